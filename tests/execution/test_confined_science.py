@@ -69,9 +69,7 @@ def test_every_kind_of_job_does_its_work_with_its_own_files_alone(store, setting
     runner.close()
     jobs = store.jobs.page(limit=50).items
     assert {job.kind for job in jobs} == set(JobKind)
-    failed = {job.kind: job.failure for job in jobs if job.state is not JobState.SUCCEEDED}
-    # An L is no log: the check of drift finds that when it has read it and paired its rays.
-    assert {kind: failure.code for kind, failure in failed.items()} == {JobKind.DRIFT: "outside-detector"}
+    assert {job.kind: job.failure for job in jobs if job.state is not JobState.SUCCEEDED} == {}
     log = "".join(capfd.readouterr())
     assert "Permission" not in log
     assert "kernel-not-kept" not in log

@@ -132,8 +132,7 @@ def test_activating_an_older_one_rolls_back(seeded, worker):
 
 
 def test_activating_needs_no_body(seeded):
-    answer = seeded.post("/v1/calibrations/example/activate")
-    assert (answer.status_code, answer.json()["active_calibration_id"]) == (200, "example")
+    assert seeded.post("/v1/calibrations/example/activate").status_code == 200
 
 
 def test_an_unfinished_calibration_cannot_be_activated(seeded):

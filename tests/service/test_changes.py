@@ -75,13 +75,10 @@ def options_of(client, example):
     return options | ({"json": example["body"]} if example["media_type"] else {})
 
 
-def test_every_request_that_changes_something_is_followed_by_an_event(changing, worker):
+def test_every_request_that_changes_something_is_followed_by_an_event(changing):
     store, examples = changing.app.state.store, changing_requests()
     assert {each["operation_id"] for each in examples} == set(FOLLOWED_BY), "name the event of each operation"
     content = changing.get("/examples/phantom-scan.npz").content
-    # Another calibration is active, so that to go back to the example's changes something.
-    store.calibrations.accept(CalibrationAsk(scan_id="example", activate=True))
-    replace(worker, store=store).finish_calibration()
     # Where the examples of a fresh data folder change nothing: no key, a job that has ended, a part that is not all.
     own = {
         "/v1/keys/example": f"/v1/keys/{store.keys.create(KeyAsk(name='example', scope=Scope.READ)).id}",

@@ -103,7 +103,7 @@ def get_calibration_file(calibration_id: Identifier, request: Request, store: Th
 )
 @repeatable
 def activate_calibration(calibration_id: Identifier, store: TheStore, activate: Activate = BY_HAND) -> StoredScanner:
-    """Reconstructions use it from now on. An older one rolls back; the active one stays. 409 without an answer."""
+    """Reconstructions use it from now on. An older one rolls back. Refused (409) without an answer."""
     return store.calibrations.activate(calibration_id, activate.reason)
 
 

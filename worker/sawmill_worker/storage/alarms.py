@@ -15,10 +15,10 @@ from sawmill_worker.contracts.jobs import JobKind
 from sawmill_worker.contracts.phantoms import SizeMeasurement
 from sawmill_worker.contracts.scanners import AlarmLimits
 from sawmill_worker.contracts.scans import ScanState
+from sawmill_worker.storage.activations import active_since
 from sawmill_worker.storage.database import Database
 from sawmill_worker.storage.events import announce
 from sawmill_worker.storage.tables import (
-    ActivationRow,
     AlarmRow,
     CalibrationRow,
     DriftChartRow,
@@ -186,14 +186,14 @@ def _known(session: Session, scanner_id: str | None) -> Iterator[_Known]:
 
 def _drifted(session: Session, scanner_id: str | None) -> dict[str, list[Any]]:
     """By scanner: what charts of its active calibration found. Another calibration ends it."""
-    newest = select(func.max(ActivationRow.number)).where(ActivationRow.scanner_id == DriftChartRow.scanner_id)
-    found = DriftChartRow.alarm.is_not(None), DriftChartRow.activation_number == newest.scalar_subquery()
-    statement = select(DriftChartRow.scanner_id, DriftChartRow.alarm).where(*found)
+    statement = select(DriftChartRow).where(DriftChartRow.alarm.is_not(None))
     if scanner_id is not None:
         statement = statement.where(DriftChartRow.scanner_id == scanner_id)
     found_of = dict[str, list[Any]]()
-    for its_id, alarm in session.execute(statement):
-        found_of.setdefault(its_id, []).append(alarm)
+    for chart in session.scalars(statement):
+        active = active_since(session, chart.scanner_id)
+        if active is not None and active.number == chart.activation_number:
+            found_of.setdefault(chart.scanner_id, []).append(chart.alarm)
     return found_of
 
 

@@ -3,13 +3,14 @@
 from sawmill_worker.contracts import calibrations
 from sawmill_worker.contracts.calibrations import CalibrationAsk, CalibrationSucceeded, CalibrationUnfinished
 from sawmill_worker.contracts.scanners import StoredScanner
+from sawmill_worker.storage.activations import activate
 from sawmill_worker.storage.asked import Asked
 from sawmill_worker.storage.database import Database
 from sawmill_worker.storage.errors import Conflict
 from sawmill_worker.storage.files import FileStore
 from sawmill_worker.storage.paging import found, hold
 from sawmill_worker.storage.places import Places
-from sawmill_worker.storage.scanners import activate, active_calibration_id, read_scanner
+from sawmill_worker.storage.scanners import read_scanner
 from sawmill_worker.storage.tables import CalibrationRow, ScannerRow
 
 
@@ -20,7 +21,7 @@ class Calibrations(Asked[CalibrationAsk, CalibrationUnfinished | CalibrationSucc
         super().__init__(database, files, places, calibrations.DECLARATION)
 
     def activate(self, calibration_id: str, reason: str) -> StoredScanner:
-        """Make a calibration its scanner's active one, or go back to an older one; of the active one nothing changes.
+        """Make a calibration its scanner's active one, or go back to an older one.
 
         Parameters
         ----------
@@ -40,8 +41,6 @@ class Calibrations(Asked[CalibrationAsk, CalibrationUnfinished | CalibrationSucc
                 msg = f"calibration {calibration_id!r} is {row.job.state}; only one that succeeded can be activated"
                 raise Conflict("calibration-without-result", msg)
             scanner = found(session, ScannerRow, "scanner", row.scanner_id, lock=True)
-            if active_calibration_id(session, scanner.id) == row.id:
-                return read_scanner(session, scanner)
             hold(session, CalibrationRow, "calibration", row.id)
             activate(session, scanner.id, row.id, reason, self._database.now())
             return read_scanner(session, scanner)

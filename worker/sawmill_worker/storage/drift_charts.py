@@ -25,10 +25,10 @@ from sawmill_worker.contracts.scanner_drift import (
     PooledDrift,
     ScannerDrift,
 )
+from sawmill_worker.storage.activations import active_since
 from sawmill_worker.storage.database import Database
 from sawmill_worker.storage.drift_looks import lock_scanner
 from sawmill_worker.storage.paging import found
-from sawmill_worker.storage.scanners import newest_activation
 from sawmill_worker.storage.tables import ActivationRow, DriftChartRow, MeasurementRow, ScannerRow
 
 # Looks at a time: less than 0.1 s of computing, and a hundredth of a second with the write lock.
@@ -105,7 +105,7 @@ class DriftCharts:
         """Its charts since the active calibration, or `NotFound`."""
         with self._database.read() as session:
             found(session, ScannerRow, "scanner", scanner_id)
-            active = newest_activation(session, scanner_id)
+            active = active_since(session, scanner_id)
             if active is None:
                 return ScannerDrift(charts=[])
             charts = _charts(session, active)
@@ -114,7 +114,7 @@ class DriftCharts:
 
 def known_baselines(session: Session, scanner_id: str, calibration_id: str) -> tuple[KnownBaseline, ...]:
     """Of a scanner's charts since it has this calibration, one for each method; none where another one is active."""
-    active = newest_activation(session, scanner_id)
+    active = active_since(session, scanner_id)
     if active is None or active.calibration_id != calibration_id:
         return ()
     known = [chart.baseline for chart in _charts(session, active) if chart.baseline is not None]

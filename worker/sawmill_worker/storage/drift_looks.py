@@ -4,7 +4,7 @@ from sqlalchemy import exists, select
 from sqlalchemy.orm import Session
 
 from sawmill_worker.contracts.drifts import DriftResult
-from sawmill_worker.storage.scanners import newest_activation
+from sawmill_worker.storage.activations import active_since
 from sawmill_worker.storage.tables import CalibrationRow, DriftRow, MeasurementRow, ScannerRow, ScanRow
 
 # The largest square of the correlation between u_c and tilt: nearer to 1, rounding decides what the inverse is.
@@ -22,7 +22,7 @@ def counts_since(session: Session, check: DriftRow, result: DriftResult) -> int 
     if check.job.answered_from is not None:
         return None
     lock_scanner(session, check.scanner_id)
-    active = newest_activation(session, check.scanner_id)
+    active = active_since(session, check.scanner_id)
     scan = session.get(ScanRow, check.scan_id)
     if active is None or scan is None or active.calibration_id != check.calibration_id:
         return None

@@ -7,8 +7,9 @@ from sqlalchemy.orm import aliased
 
 from sawmill_worker.contracts.jobs import JobState
 from sawmill_worker.contracts.scanners import StoredScanner
+from sawmill_worker.storage.activations import active_calibration
 from sawmill_worker.storage.database import Database
-from sawmill_worker.storage.scanners import active_calibration, scanner_with
+from sawmill_worker.storage.scanners import scanner_with
 from sawmill_worker.storage.tables import CalibrationRow, DriftRow, JobRow, ScannerRow, ScanRow
 
 _WITH_A_FATE = (JobState.SUCCEEDED, JobState.FAILED)

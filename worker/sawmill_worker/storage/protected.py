@@ -11,8 +11,8 @@ from sawmill_worker.contracts.jobs import UNFINISHED, JobKind
 from sawmill_worker.contracts.kinds import asked_kinds
 from sawmill_worker.contracts.retention import RetentionKind, StaysBecause
 from sawmill_worker.contracts.scans import ScanState
+from sawmill_worker.storage.activations import active_calibration
 from sawmill_worker.storage.retained import STOCKS, Stock
-from sawmill_worker.storage.scanners import active_calibration
 from sawmill_worker.storage.scheduled import last_looked_at, newest_phantom_scan, next_log
 from sawmill_worker.storage.tables import (
     ActivationRow,

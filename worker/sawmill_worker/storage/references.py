@@ -10,9 +10,9 @@ from sawmill_worker.contracts.jobs import JobState
 from sawmill_worker.contracts.kinds import Reference
 from sawmill_worker.contracts.phantoms import PhantomState
 from sawmill_worker.contracts.scans import ScanState
+from sawmill_worker.storage.activations import active_calibration_id
 from sawmill_worker.storage.errors import Conflict
 from sawmill_worker.storage.paging import found, hold
-from sawmill_worker.storage.scanners import active_calibration_id
 from sawmill_worker.storage.tables import CalibrationRow, Json, PhantomRow, ScannerRow, ScanRow
 
 

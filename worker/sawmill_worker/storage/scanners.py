@@ -2,13 +2,14 @@
 
 from datetime import datetime
 
-from sqlalchemy import Select, delete, func, select
-from sqlalchemy.orm import InstrumentedAttribute, Session
+from sqlalchemy import delete, func, select
+from sqlalchemy.orm import Session
 
 from sawmill_worker.contracts.audit import AuditAction
 from sawmill_worker.contracts.base import Page
 from sawmill_worker.contracts.events import EventKind
 from sawmill_worker.contracts.scanners import ScannerSpec, StoredScanner
+from sawmill_worker.storage.activations import active_calibration_id
 from sawmill_worker.storage.alarms import close_alarms
 from sawmill_worker.storage.audit import changed, write_audit
 from sawmill_worker.storage.database import Database
@@ -17,7 +18,6 @@ from sawmill_worker.storage.errors import Conflict
 from sawmill_worker.storage.events import announce
 from sawmill_worker.storage.paging import found, new_id, read_page, refuse_taken
 from sawmill_worker.storage.tables import (
-    ActivationRow,
     HistoryRow,
     MeasurementRow,
     ScannerRow,
@@ -25,9 +25,6 @@ from sawmill_worker.storage.tables import (
     ScheduleRow,
 )
 from sawmill_worker.storage.uses import kept_by
-
-# A scanner's id, or the column of another statement that has it.
-ScannerId = str | InstrumentedAttribute[str]
 
 
 class Scanners:
@@ -115,34 +112,6 @@ class Scanners:
 
 def _announce(session: Session, now: datetime, what: EventKind, scanner_id: str, why: str | None = None) -> None:
     announce(session, now, what, "scanner", scanner_id, scanner_id=scanner_id, why=why)
-
-
-def newest_activation(session: Session, scanner_id: str) -> ActivationRow | None:
-    """Of its active calibration."""
-    return session.scalar(active_calibration(scanner_id).with_only_columns(ActivationRow))
-
-
-def active_calibration_id(session: Session, scanner_id: str) -> str | None:
-    """The newest activation's calibration."""
-    return session.scalar(active_calibration(scanner_id))
-
-
-def active_calibration(scanner_id: ScannerId) -> Select[str]:
-    """The same, as a statement or a part of one."""
-    activated = select(ActivationRow.calibration_id).where(ActivationRow.scanner_id == scanner_id)
-    return activated.order_by(ActivationRow.number.desc()).limit(1)
-
-
-def activate(session: Session, scanner_id: str, calibration_id: str, reason: str, now: datetime) -> None:
-    """Add to the scanner's history, and to the audit."""
-    history = select(ActivationRow.calibration_id).where(ActivationRow.scanner_id == scanner_id)
-    again = calibration_id in session.scalars(history)
-    action = AuditAction.CALIBRATION_ROLLED_BACK if again else AuditAction.CALIBRATION_ACTIVATED
-    what = EventKind.CALIBRATION_ROLLED_BACK if again else EventKind.CALIBRATION_ACTIVATED
-    write_audit(session, now, action, calibration_id, {"scanner_id": scanner_id, "reason": reason})
-    announce(session, now, what, "calibration", calibration_id, scanner_id=scanner_id, detail={"reason": reason})
-    session.add(ActivationRow(scanner_id=scanner_id, calibration_id=calibration_id, activated_at=now, reason=reason))
-    session.flush()
 
 
 def read_scanner(session: Session, row: ScannerRow) -> StoredScanner:

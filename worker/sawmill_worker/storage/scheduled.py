@@ -12,8 +12,8 @@ from sawmill_worker.contracts.drifts import DriftAsk
 from sawmill_worker.contracts.jobs import JobState, Priority
 from sawmill_worker.contracts.phantoms import PhantomState
 from sawmill_worker.contracts.scans import ScanState
+from sawmill_worker.storage.activations import ScannerId, active_calibration_id
 from sawmill_worker.storage.asked import Asked
-from sawmill_worker.storage.scanners import ScannerId, active_calibration_id
 from sawmill_worker.storage.tables import CalibrationRow, DriftRow, JobRow, PhantomRow, ScanRow, ScheduleRow
 from sawmill_worker.vocabulary import FEWEST_PAIRED_VIEWS
 

@@ -11,11 +11,11 @@ from sawmill_worker.contracts.kinds import AskedKind, declaration_of
 from sawmill_worker.contracts.phantoms import PhantomState
 from sawmill_worker.contracts.scans import ScanState
 from sawmill_worker.storage.acting import THE_SERVICE, Actor, acting_as
+from sawmill_worker.storage.activations import activate
 from sawmill_worker.storage.asked_rows import found_asked
 from sawmill_worker.storage.events import announce
 from sawmill_worker.storage.measurements import record_measurement
 from sawmill_worker.storage.paging import found
-from sawmill_worker.storage.scanners import activate
 from sawmill_worker.storage.tables import CalibrationRow, Json, PhantomRow, ScanRow
 
 

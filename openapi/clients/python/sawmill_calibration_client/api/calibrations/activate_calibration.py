@@ -142,8 +142,7 @@ def sync_detailed(
 ) -> Response[Problem | StoredScanner]:
     """Make a calibration the active one
 
-     Reconstructions use it from now on. An older one rolls back; the active one stays. 409 without an
-    answer.
+     Reconstructions use it from now on. An older one rolls back. Refused (409) without an answer.
 
     Args:
         calibration_id (str): Lower-case letters, digits and hyphens.
@@ -182,8 +181,7 @@ def sync(
 ) -> Problem | StoredScanner | None:
     """Make a calibration the active one
 
-     Reconstructions use it from now on. An older one rolls back; the active one stays. 409 without an
-    answer.
+     Reconstructions use it from now on. An older one rolls back. Refused (409) without an answer.
 
     Args:
         calibration_id (str): Lower-case letters, digits and hyphens.
@@ -217,8 +215,7 @@ async def asyncio_detailed(
 ) -> Response[Problem | StoredScanner]:
     """Make a calibration the active one
 
-     Reconstructions use it from now on. An older one rolls back; the active one stays. 409 without an
-    answer.
+     Reconstructions use it from now on. An older one rolls back. Refused (409) without an answer.
 
     Args:
         calibration_id (str): Lower-case letters, digits and hyphens.
@@ -255,8 +252,7 @@ async def asyncio(
 ) -> Problem | StoredScanner | None:
     """Make a calibration the active one
 
-     Reconstructions use it from now on. An older one rolls back; the active one stays. 409 without an
-    answer.
+     Reconstructions use it from now on. An older one rolls back. Refused (409) without an answer.
 
     Args:
         calibration_id (str): Lower-case letters, digits and hyphens.
