@@ -139,33 +139,14 @@ def _circle(points: FloatArray) -> tuple[tuple[float, float], float, float]:
 
 def _corners(outline: FloatArray, tolerance: float) -> NDArray[np.intp]:
     """Indices of the outline's corners; it starts at one, so that no side is cut in two."""
+    from skimage.measure import approximate_polygon  # noqa: PLC0415 - takes a second to import, for pictures only
+
     first = int(np.argmax(((outline - outline.mean(axis=0)) ** 2).sum(axis=1)))
     closed = np.concatenate([outline[first:], outline[: first + 1]])
-    return (_simplified(closed, tolerance)[:-1] + first) % len(outline)
-
-
-def _simplified(line: FloatArray, tolerance: float) -> NDArray[np.intp]:
-    """Indices of a line's points that are kept where no other may lie further from it (Douglas and Peucker 1973).
-
-    scikit-image's `approximate_polygon` takes a second of SciPy's imports, which each command with a picture waits for.
-    """
-    kept, parts = [len(line) - 1], [(0, len(line) - 1)]
-    while parts:
-        start, end = parts.pop()
-        distances = _from_segment(line[start + 1 : end], line[start], line[end])
-        if distances.size and distances.max() > tolerance:
-            furthest = start + 1 + int(distances.argmax())
-            parts += [(furthest, end), (start, furthest)]
-        else:
-            kept.append(start)
-    return np.sort(kept)
-
-
-def _from_segment(points: FloatArray, start: FloatArray, end: FloatArray) -> FloatArray:
-    """Distances from the nearest point of a segment, which may be a point itself, (points,)."""
-    along = end - start
-    share = np.clip((points - start) @ along / max(float(along @ along), np.finfo(float).tiny), 0.0, 1.0)
-    return np.asarray(np.hypot(*(points - start - share[:, None] * along).T))
+    kept = approximate_polygon(closed, tolerance)[:-1]
+    # approximate_polygon returns some of the points themselves, in order.
+    where = [int(np.flatnonzero((closed[:-1] == corner).all(axis=1))[0]) for corner in kept]
+    return (np.array(where) + first) % len(outline)
 
 
 def _fit_sides(outline: FloatArray, corners: NDArray[np.intp], near: float) -> FloatArray:

@@ -37,8 +37,11 @@ def signal(transmission: FloatArray, pitch_mm: float, effects: Physics, tube: Fl
         spread = _halo(received, detector.glare_width_mm / pitch_mm)
         received = (1.0 - detector.glare_share) * received + detector.glare_share * spread
     if detector.lag_share:
-        for view in range(1, len(received)):
-            received[view] += detector.lag_share * (received[view - 1] - received[view])
+        # Imported here: it brings SciPy's statistics, a second of every command that simulates without lag.
+        from scipy.signal import lfilter  # noqa: PLC0415
+
+        kept = detector.lag_share
+        received = lfilter([1.0 - kept], [1.0, -kept], received, axis=0, zi=kept * received[:1])[0]
     return np.asarray(received * _gain_change(detector, transmission.shape[1]))
 
 
