@@ -245,7 +245,7 @@ def days_of(span: Span) -> list[tuple[float, datetime]]:
     length = span.end - span.start
     step = next((step for step in STEPS if length / step <= MOST_STEPS), STEPS[-1])
     midnight = span.end.astimezone().replace(hour=0, minute=0, second=0, microsecond=0)
-    at = midnight + (span.end - midnight) // step * step if step < DAY else midnight
+    at = midnight + (span.end - midnight) // step * step
     found = []
     while at >= span.start:
         found.append((span.x(at), at))
