@@ -186,14 +186,15 @@ def _known(session: Session, scanner_id: str | None) -> Iterator[_Known]:
 
 def _drifted(session: Session, scanner_id: str | None) -> dict[str, list[Any]]:
     """By scanner: what charts of its active calibration found. Another calibration ends it."""
-    statement = select(DriftChartRow).where(DriftChartRow.alarm.is_not(None))
+    columns = DriftChartRow.scanner_id, DriftChartRow.activation_number, DriftChartRow.alarm
+    statement = select(*columns).where(DriftChartRow.alarm.is_not(None))
     if scanner_id is not None:
         statement = statement.where(DriftChartRow.scanner_id == scanner_id)
     found_of = dict[str, list[Any]]()
-    for chart in session.scalars(statement):
-        active = active_since(session, chart.scanner_id)
-        if active is not None and active.number == chart.activation_number:
-            found_of.setdefault(chart.scanner_id, []).append(chart.alarm)
+    for its_id, activation_number, alarm in session.execute(statement):
+        active = active_since(session, its_id)
+        if active is not None and active.number == activation_number:
+            found_of.setdefault(its_id, []).append(alarm)
     return found_of
 
 
