@@ -9,22 +9,19 @@ after the reconstruction, and its seconds by the clock and of processors.
 
 import argparse
 import os
-import resource
 import tempfile
-import time
 from pathlib import Path
 
-import numpy as np
-from memory import CELLS, views
+from memory import make_npy
 from scanners import SCANNER
+from waiting_job import do_waiting_job
 
 from sawmill_worker.contracts.geometry import GivenTheta, ScannerConstants
 from sawmill_worker.contracts.jobs import JobKind
 from sawmill_worker.contracts.reconstructions import ReconstructionAsk
 from sawmill_worker.contracts.scanners import ScannerSpec, Tolerances
 from sawmill_worker.contracts.scans import ScanSpec
-from sawmill_worker.jobs.attempt import Attempt
-from sawmill_worker.jobs.running import run
+from sawmill_worker.execution.limits import peak_memory_bytes
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.store import Store
 from sawmill_worker.vocabulary import DataKind, ReconstructionMethod
@@ -37,22 +34,9 @@ THETA = GivenTheta(
 COUPLING = "0.4"
 
 
-def work(store: Store, kind: JobKind) -> dict[str, object]:
-    """Run the queued job of a kind, and commit it; its result."""
-    claim = store.jobs.claim("benchmark")
-    assert claim is not None
-    output = store.files.make_attempt_folder(claim.job_id, claim.attempt)
-    job = store.jobs.get(claim.job_id)
-    assert job.kind is kind
-    handed_over = store.jobs.handed_over(claim.job_id)
-    result = run(Attempt(job, handed_over, output, report=lambda _: None, announce=lambda _: None))
-    store.jobs.succeed(claim, result, output)
-    return result
-
-
 def largest_gb() -> float:
     """VmHWM of this process."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e9
+    return 1e-9 * peak_memory_bytes()
 
 
 def main() -> None:
@@ -67,10 +51,7 @@ def main() -> None:
         store = Store.open(StorageSettings(data_folder=folder / "data", database_url=None))
         spec = ScannerSpec(name="scanner", constants=ScannerConstants(**vars(SCANNER)), tolerances=Tolerances())
         path, step = folder / "log.npy", 360.0 / options.views
-        stack = np.lib.format.open_memmap(path, "w+", np.float32, (options.views, options.rows, CELLS))
-        for view, image in enumerate(views(options.rows, options.views)):
-            stack[view] = image
-        del stack
+        make_npy(path, options.rows, options.views)
         given = ScanSpec(
             scanner_id=store.scanners.create(spec).id,
             data=DataKind.LINE_INTEGRALS,
@@ -79,18 +60,19 @@ def main() -> None:
         with path.open("rb") as file:
             received = store.files.receive(iter(lambda: file.read(2**20), b""), max_bytes=2**40)
         scan = store.scans.accept(given, received)
-        work(store, JobKind.INGEST)
-        print(f"{options.views} views x {options.rows} rows, read: {largest_gb():.2f} GB at most", flush=True)
+        do_waiting_job(store, JobKind.INGEST)
+        print(
+            f"{options.views} views x {options.rows} rows, read: {largest_gb():.2f} GB at most",
+            flush=True,
+        )
         ask = ReconstructionAsk(
             scan_id=scan.id, theta=THETA, method=ReconstructionMethod.TOTAL_VARIATION, coupling=COUPLING
         )
         store.reconstructions.accept(ask)
-        started, used = time.perf_counter(), time.process_time()
-        result = work(store, JobKind.RECONSTRUCT)
-        clock, processor = time.perf_counter() - started, time.process_time() - used
+        done = do_waiting_job(store, JobKind.RECONSTRUCT)
         print(
-            f"reconstructed {result['shape']}: {largest_gb():.2f} GB at most, {clock:.0f} s by the clock, "
-            f"{processor:.0f} s of processors, {os.cpu_count()} cores; {result['method']}"
+            f"reconstructed {done.result['shape']}: {largest_gb():.2f} GB at most, {done.clock_s:.0f} s by "
+            f"the clock, {done.processor_s:.0f} s of processors, {os.cpu_count()} cores; {done.result['method']}"
         )
         store.close()
 

@@ -5,7 +5,6 @@ has imported everything and has its kernels, so neither is a part of the price.
 """
 
 import tempfile
-import time
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -14,14 +13,14 @@ from line_day import VIEWS
 from memory import make_counts
 from scanners import SCANNER
 from scans import TRUE_THETA
+from waiting_job import do_waiting_job
 
 from sawmill_worker.contracts.geometry import ScannerConstants
 from sawmill_worker.contracts.jobs import JobKind
 from sawmill_worker.contracts.reconstructions import ReconstructionAsk
 from sawmill_worker.contracts.scanners import ScannerSpec
 from sawmill_worker.contracts.scans import ScanSpec
-from sawmill_worker.jobs.attempt import Attempt
-from sawmill_worker.jobs.running import run, warm_up
+from sawmill_worker.jobs.running import warm_up
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.store import Store
 from sawmill_worker.vocabulary import DataKind, ReconstructionMethod
@@ -73,24 +72,9 @@ def _scan(store: Store, file: Path, rows: int) -> tuple[str, float, int]:
     with file.open("rb") as content:
         received = store.files.receive(iter(lambda: content.read(2**20), b""), max_bytes=UNLIMITED)
     scan = store.scans.accept(ScanSpec(scanner_id=scanner.id, data=DataKind.COUNTS), received)
-    return scan.id, _done(store), received.size_bytes
+    return scan.id, do_waiting_job(store, JobKind.INGEST).processor_s, received.size_bytes
 
 
 def _reconstructed(store: Store, scan_id: str, method: ReconstructionMethod, rows: int) -> tuple[str, float]:
     ask = ReconstructionAsk(scan_id=scan_id, theta=TRUE_THETA, method=method, rows=f"0:{rows}")
-    return store.reconstructions.accept(ask).id, _done(store)
-
-
-def _done(store: Store) -> float:
-    """Do the job that waits; its processor seconds, those of all threads."""
-    claim = store.jobs.claim("study")
-    assert claim is not None
-    assert claim.job.kind in {JobKind.INGEST, JobKind.RECONSTRUCT}
-    output = store.files.make_attempt_folder(claim.job_id, claim.attempt)
-    given = store.jobs.handed_over(claim.job_id)
-    attempt = Attempt(claim.job, given, output, report=lambda _: None, announce=lambda _: None)
-    before = time.process_time()
-    result = run(attempt)
-    spent_s = time.process_time() - before
-    store.jobs.succeed(claim, result, output)
-    return spent_s
+    return store.reconstructions.accept(ask).id, do_waiting_job(store, JobKind.RECONSTRUCT).processor_s

@@ -89,10 +89,10 @@ def make_tiff(path: Path, rows: int) -> None:
     tifffile.imwrite(path, views(rows), shape=(VIEWS, rows, CELLS), dtype=np.float32, metadata=None)
 
 
-def make_npy(path: Path, rows: int) -> None:
+def make_npy(path: Path, rows: int, number: int = VIEWS) -> None:
     """NPY, float32."""
-    stack = np.lib.format.open_memmap(path, "w+", np.float32, (VIEWS, rows, CELLS))
-    for view, image in enumerate(views(rows)):
+    stack = np.lib.format.open_memmap(path, "w+", np.float32, (number, rows, CELLS))
+    for view, image in enumerate(views(rows, number)):
         stack[view] = image
 
 

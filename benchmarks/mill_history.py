@@ -13,15 +13,17 @@ from dataclasses import dataclass, field, replace
 from datetime import UTC, date, datetime, timedelta
 from pathlib import Path
 
+from waiting_job import do_waiting_job
+
 from sawmill_worker import examples
 from sawmill_worker.contracts.calibrations import CalibrationAsk
 from sawmill_worker.contracts.drifts import DriftAsk
 from sawmill_worker.contracts.geometry import ScannerConstants
+from sawmill_worker.contracts.jobs import JobKind
 from sawmill_worker.contracts.reconstructions import ReconstructionAsk
 from sawmill_worker.contracts.scanners import ScannerSpec
 from sawmill_worker.contracts.scans import ScanSpec
 from sawmill_worker.contracts.schedules import ScheduleSpec
-from sawmill_worker.jobs.running import Attempt, run
 from sawmill_worker.storage.store import Store
 from sawmill_worker.tomography.built_in import L_SHAPE
 from sawmill_worker.tomography.geometry import FanBeamGeometry, Scanner, Theta
@@ -150,15 +152,15 @@ def _day(store: Store, clock: PastClock, scans: _Scans, day: int, *, first: bool
     clock.now += timedelta(minutes=1)
     if not phantom:
         store.drifts.accept(DriftAsk(scan_id=scan_id))
-        _run_next(store)
+        do_waiting_job(store, JobKind.DRIFT)
         return
     asked = store.calibrations.accept(CalibrationAsk(scan_id=scan_id))
-    _run_next(store)
+    do_waiting_job(store, JobKind.CALIBRATE)
     if first:
         store.calibrations.activate(asked.id, "the first calibration")
     if shown:
         store.reconstructions.accept(ReconstructionAsk(scan_id=scan_id, rows=f"{PHANTOM_ROWS}:{PHANTOM_ROWS + rows}"))
-        _run_next(store)
+        do_waiting_job(store, JobKind.RECONSTRUCT)
 
 
 def _uploaded(store: Store, scanner_id: str, content: bytes, day: date, *, phantom: bool) -> str:
@@ -171,17 +173,5 @@ def _uploaded(store: Store, scanner_id: str, content: bytes, day: date, *, phant
         phantom_rows=f"0:{PHANTOM_ROWS}" if phantom else None,
     )
     scan_id = store.scans.accept(spec, store.files.receive(io.BytesIO(content), max_bytes=2**30)).id
-    _run_next(store)
+    do_waiting_job(store, JobKind.INGEST)
     return scan_id
-
-
-def _run_next(store: Store) -> None:
-    """The oldest job, in this process."""
-    claim = store.jobs.claim("history")
-    assert claim is not None
-    output = store.files.make_attempt_folder(claim.job_id, claim.attempt)
-    job = store.jobs.get(claim.job_id)
-    attempt = Attempt(
-        job=job, given=store.jobs.handed_over(job.id), output=output, report=lambda _: None, announce=lambda _: None
-    )
-    store.jobs.succeed(claim, run(attempt), output)
