@@ -29,7 +29,7 @@ from sawmill_worker.vocabulary import Handedness, Rotation
 
 # Candidates for the truth-tuned weight, times the wood's attenuation, and those around the best of them.
 WEIGHTS, NEAR_WEIGHTS = np.geomspace(3.0, 60.0, 5), np.geomspace(0.6, 1.0 / 0.6, 5)
-# Of the yardstick: a thirtieth of what ours ends with.
+# Of the yardstick: a fiftieth of what ours ends with.
 CONVERGED = 1e-4
 # Candidates for the cut-off of the filter, as a share of the Nyquist frequency.
 CUT_OFFS = (0.15, 0.2, 0.3, 0.4, 0.55, 0.75, 1.0)

@@ -34,8 +34,8 @@ from sawmill_worker.tomography.total_variation_weights import (
 )
 
 ITERATIONS = 300
-# What a slice costs in projections forward and back, a step with each: iterations with the own pixels, and the rest
-# is worth (benchmarks/slice_price.py, 20 views).
+# Projections forward and back, with the own pixels, that a slice is worth; a step comes with each
+# (benchmarks/slice_price.py, 20 views).
 USUAL_PAIRS = 24.0
 # What lies further away changes a slice by less than the noise does.
 HALO = 2
