@@ -41,15 +41,6 @@ class Tuned:
     wall_s: float
 
 
-def astra_fan(projector: Projector) -> tuple[dict[str, Any], dict[str, Any], int]:
-    """ASTRA's volume and projection geometries of a field around the COR, and the number of its CPU projector."""
-    half, grid = 0.5 * projector.grid.field_mm, projector.grid
-    volumes = astra.create_vol_geom(grid.size, grid.size, -half, half, -half, half)
-    cells = projector.geometry.scanner.num_detector_pixels
-    rays = astra.create_proj_geom("fanflat_vec", cells, projector.geometry.astra_vectors())
-    return volumes, rays, astra.create_projector("line_fanflat", rays, volumes)
-
-
 def tuned(algorithm: str, projector: Projector, lines: Image, truth: Image, stops: Sequence[int]) -> Tuned:
     """SIRT, which keeps to attenuation of at least 0, or CGLS, whose image is clipped there.
 
@@ -89,10 +80,13 @@ class _Matrix(NamedTuple):
 
 @contextmanager
 def _matrix(projector: Projector) -> Iterator[_Matrix]:
-    """The line projector's rays as a sparse matrix."""
-    volumes, _, tracing = astra_fan(projector)
-    matrix = astra.projector.matrix(tracing)
+    """The line projector's rays as a sparse matrix, of a field around the COR."""
+    half, grid = 0.5 * projector.grid.field_mm, projector.grid
+    volumes = astra.create_vol_geom(grid.size, grid.size, -half, half, -half, half)
     views, cells = projector.geometry.sinogram_shape
+    fan = astra.create_proj_geom("fanflat_vec", cells, projector.geometry.astra_vectors())
+    tracing = astra.create_projector("line_fanflat", fan, volumes)
+    matrix = astra.projector.matrix(tracing)
     # Width of a cell and angles are not looked at: the matrix holds the rays.
     rays = astra.create_proj_geom("sparse_matrix", 1.0, cells, np.zeros(views), matrix)
     kernel = astra.create_projector("sparse_matrix", rays, volumes)
