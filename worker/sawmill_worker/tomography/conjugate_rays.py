@@ -7,7 +7,7 @@ is that of Kak and Slaney 1988, section 3.4.3). R and psi cannot be seen.
 """
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from sawmill_worker.tomography.conjugate_minimum import coarse_minimum, fine_minimum, refuse_unseen
 from sawmill_worker.tomography.disturbances import (
     ROUNDS,
+    Estimate,
     Harmonics,
     estimates_of,
     strongest,
@@ -87,18 +88,17 @@ def conjugate_fit(
         (*screening.adjustments, *without_metal),
     )
     fit = steady = _fit_without_odd_views(scan, start, rotation)
-    harmonics, estimates = Harmonics.none(), estimates_of(fit.best)
+    harmonics = Harmonics.none()
     for _ in range(ROUNDS):
-        found = strongest(estimates, start.source_distance_mm)
+        found = strongest(fit.estimates, start.source_distance_mm)
         if found is None:
             break
         harmonics = harmonics.plus(found)
         fit = _fit_without_odd_views(scan.undisturbed(harmonics, start, fit.rotation), start, fit.rotation)
-        estimates = estimates_of(fit.best)
     # A jump of the log has something of every harmonic, and no harmonics explain it.
     movement = fit.movement(angles_rad, start)
     if harmonics.values.any() and movement.beyond_chance:
-        fit, harmonics, estimates = steady, Harmonics.none(), estimates_of(steady.best)
+        fit, harmonics = steady, Harmonics.none()
         movement = fit.movement(angles_rad, start)
     best, used = fit.best, fit.scan
     disagreeing = int(np.sum(screening.views & ~used.usable))
@@ -109,7 +109,7 @@ def conjugate_fit(
         u_c,
         tau,
         sdd,
-        best.covariance + undetected_covariance(best, estimates, start.source_distance_mm),
+        best.covariance + undetected_covariance(best, fit.estimates, start.source_distance_mm),
         distance_held=best.free == WITHOUT_DISTANCE,
         rotation=fit.rotation,
         rotation_ratio=fit.ratio,
@@ -167,13 +167,19 @@ class _Scan:
         return replace(self, sinogram=sinogram, angles_rad=rotation.apply(angles))
 
 
-class _Fit(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class _Fit:
     """The fit in the better sense of rotation, how much better it is, and the scan with what was done to it."""
 
     best: Solution
     rotation: Rotation
     ratio: float
     scan: _Scan
+
+    @cached_property
+    def estimates(self) -> list[Estimate]:
+        """What disturbances of the turn the differences of its opposite rays show."""
+        return estimates_of(self.best)
 
     def movement(self, angles_rad: FloatArray, start: SourceFrame) -> LogMovement:
         """The log's jump, where the scan's angles are these."""
