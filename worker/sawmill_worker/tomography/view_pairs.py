@@ -183,8 +183,9 @@ def _fit(sums: PairSums, calibrated: FloatArray, start: FloatArray, *, disturbed
     slopes = white @ sums.slopes(vector, left - right, 3)
     remaining, shown = white @ (left - right), white @ patterns
     scaled, chi_squared, unrest = _scaled(remaining, slopes[:, :2], white @ gains, shown)
-    sensitivity: FloatArray = -np.linalg.pinv(slopes[:, :2]) @ slopes[:, 2]
-    by_encoder = np.linalg.pinv(slopes[:, :2])[0] @ white @ encoder
+    moving = np.linalg.pinv(slopes[:, :2])
+    sensitivity: FloatArray = -moving @ slopes[:, 2]
+    by_encoder = moving[0] @ white @ encoder
     largest = float(np.abs(shown.T @ remaining).max(initial=0.0))
     residual = float(np.sqrt(np.mean((left - right) ** 2) / np.mean(left**2)))
     return _Fit(
