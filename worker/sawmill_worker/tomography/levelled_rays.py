@@ -111,13 +111,14 @@ def levelled_rays(sinogram: FloatArray, deviations: FloatArray | None = None) ->
         If the log reaches an end of the detector, or there is no log.
     """
     known = np.zeros_like(sinogram) if deviations is None else deviations
-    scale = np.median(known, axis=1, keepdims=True) / np.median(known) if known.all() else 1.0
+    all_known = bool(known.all())
+    scale = np.median(known, axis=1, keepdims=True) / np.median(known) if all_known else 1.0
     air = fitted_air(sinogram, scale)
     if air is None:
         raise _no_air(sinogram)
     levelled = sinogram - air.levels[:, None] - air.of_all_views
     in_air, cell_variance = _scatter(levelled[:, air.cells])
-    if known.all():
+    if all_known:
         in_air = float(np.sqrt(np.mean(known[:, air.cells] ** 2)))
     noise = max(in_air, LEAST_NOISE * float(sinogram.max()))
     log = ~air.cells
@@ -125,7 +126,7 @@ def levelled_rays(sinogram: FloatArray, deviations: FloatArray | None = None) ->
         levelled.mean(axis=0), air.cells, air.patterns, cell_variance, noise / math.sqrt(len(levelled))
     )
     rays = levelled[:, log] - structure.expected
-    variance = known[:, log] ** 2 if known.all() else np.maximum(_variance(rays, noise), known[:, log] ** 2)
+    variance = known[:, log] ** 2 if all_known else np.maximum(_variance(rays, noise), known[:, log] ** 2)
     return LevelledRays(rays, variance, log, air.patterns[:, log], noise**2 * air.covariance, structure.covariance)
 
 
