@@ -55,7 +55,7 @@ def _within(
 ) -> Jump:
     """With each look as the first one after it, by the likelihood of all: outliers count as what is `OUTLYING`."""
     change, own = stacked(looks)
-    precision = inverse(scaled(own, np.broadcast_to(scatter.ratio, own.shape)))
+    precision = inverse(scaled(own, scatter.ratio))
     before = _bounded(change - mean, precision)
     unlikely, sizes, errors = [], [], []
     for first in range(len(looks) - FEWEST_BASELINE_LOOKS + 1):
