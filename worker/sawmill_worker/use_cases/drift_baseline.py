@@ -72,9 +72,7 @@ def baselines_of(
     """
     by_method: dict[DriftMethod, dict[str, DriftResult]] = {}
     for name, result in answers:
-        reason = _why_not(result, known)
-        if result.input_sha256 == checked_sha256:
-            reason = "is of the scan that is checked: a baseline is of earlier ones"
+        reason = _why_not(result, known, checked_sha256)
         if reason is not None:
             raise refused("baseline", f"{name} {reason}")
         if result.method is not None:  # else `_why_not` has a reason
@@ -99,8 +97,10 @@ def _look(result: DriftResult) -> Look:
     return Look(0.0, change, np.array(result.covariance)[:2, :2])
 
 
-def _why_not(result: DriftResult, known: CalibrationResult) -> str | None:
+def _why_not(result: DriftResult, known: CalibrationResult, checked_sha256: str) -> str | None:
     """What keeps an answer from being in a baseline, after its name."""
+    if result.input_sha256 == checked_sha256:
+        return "is of the scan that is checked: a baseline is of earlier ones"
     if result.method is None:
         return "does not say how views were compared, as an earlier version wrote it: check that scan again"
     frame = known.source_frame
