@@ -15,6 +15,7 @@ from collections import Counter, defaultdict
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from mill_logs import DISTANCE_ERROR_MM
 from rich.progress import track
 from scanners import SCANNER
 
@@ -39,8 +40,6 @@ KINDS = (
 )
 STEEL_PER_MM = 0.3
 VIEWS = (120, 180, 360, 720)
-# The calibration's own error of SDD, mm: the L-shaped phantom gives about this.
-DISTANCE_ERROR_MM = 0.5
 
 
 @dataclass

@@ -39,7 +39,7 @@ GAIN = 0.005
 OFF_CENTRE_MM = 20.0
 MOST_RADIUS_MM, MOST_BARK_MM = 130.0, 12.0
 BOW_MM = 1.0
-# The calibration's own error of SDD; it stays.
+# The calibration's own error of SDD: the L-shaped phantom gives about this. It stays.
 DISTANCE_ERROR_MM = 0.5
 
 
