@@ -68,6 +68,8 @@ class Tally:
 
     def line(self) -> str:
         """RMS and median errors, coverage, refusals."""
+        if not self.errors:
+            return f"{self.scans:5d}  no answers"
         error, deviation = np.array(self.errors), np.array(self.deviations)
         error[:, 1], deviation[:, 1] = np.rad2deg(error[:, 1]), np.rad2deg(deviation[:, 1])
         seen = np.isfinite(error)
