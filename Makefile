@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 WORKERS ?= 3
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --constraint constraints.txt
 
-.PHONY: install install-dev demo check test texts study study-calibration study-readers study-contract study-wheel study-run-lengths lint openapi release-contract clients bench bench-scanners bench-coverage bench-misspecified bench-mill bench-unsteady bench-seeds bench-drift bench-speed bench-http bench-upload bench-viewer bench-pages bench-job-price bench-fbp bench-memory study-load paper bench-preparing bench-iterative bench-choosing study-logs study-drift faults faults-folder screenshots bundle try-bundle clean
+.PHONY: install install-dev demo check test texts nightly study study-wheel study-run-lengths lint openapi release-contract clients bench bench-scanners bench-coverage bench-misspecified bench-mill bench-unsteady bench-seeds bench-drift bench-speed bench-http bench-upload bench-viewer bench-pages bench-job-price bench-fbp bench-memory study-load paper bench-preparing bench-iterative bench-choosing study-logs study-drift faults faults-folder screenshots bundle try-bundle clean
 
 install: $(VENV)/.installed
 install-dev: $(VENV)/.installed-dev
@@ -38,29 +38,21 @@ lint: install-dev
 	@$(BIN)/mypy
 	@$(BIN)/lint-imports
 
-# What every change is tried with, under two minutes.
+# Before a commit, one minute: the tests that take no seconds each.
 check: lint
-	@$(BIN)/python -m pytest --numprocesses $(WORKERS) -m "not slow"
+	@$(BIN)/python -m pytest --numprocesses $(WORKERS) -m "not slow and not nightly"
 
-# All tests. Those of whole services run after the others: they watch clocks.
+# Whatever a change can break: six minutes on two cores.
 test: lint
 	@$(BIN)/python -m pytest --numprocesses $(WORKERS) --dist worksteal --durations 15 --durations-min 0
 
-# Statistics over many seeds, and the wheel in an empty environment. Hours.
-study: bench study-calibration study-readers study-contract study-wheel
+# What needs many repetitions: statistics over many seeds, kills by the hundred, all of storage on both databases, a
+# long schemathesis run, every byte of a form. At most 80 minutes on two cores.
+nightly: install-dev
+	@$(BIN)/python -m pytest --numprocesses $(WORKERS) --dist worksteal --durations 15 --durations-min 0 --timeout 3600 -m nightly
 
-# The tests that try a few seeds of each statistic, with as many as make it one: some minutes.
-study-calibration: install-dev
-	@SAWMILL_CALIBRATION_SEEDS=20 SAWMILL_SLIPPED_SCANS=31 $(BIN)/python -m pytest --timeout 7200 \
-		tests/tomography/calibration/test_calibrate.py tests/benchmarks/test_unsteady.py
-
-# Readers against edited files and HDF5 of any structure, 20 000 of each: half an hour.
-study-readers: install-dev
-	@SAWMILL_READER_EXAMPLES=20000 $(BIN)/python -m pytest --timeout 7200 tests/readers/test_properties.py
-
-# schemathesis with 50 fuzzed requests an operation, of all operations in every phase.
-study-contract: install-dev
-	@SAWMILL_CONTRACT_EXAMPLES=50 $(BIN)/python -m pytest --timeout 7200 tests/service/test_schemathesis.py
+# The figures of the documents, and the wheel in an empty environment. Hours.
+study: bench study-wheel
 
 study-wheel: install-dev
 	@$(BIN)/python benchmarks/wheel.py

@@ -25,6 +25,8 @@ from sawmill_worker.execution.threading_layer import wait_passively
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.store import Store
 
+pytest_plugins = ["processor_seconds"]
+
 MEMORY, ENOUGH_BYTES = Path("/dev/shm"), 4 * 2**30  # noqa: S108 - folders of its own in it
 
 

@@ -50,6 +50,16 @@ def databases(postgres: PostgresServer, tmp_path_factory: pytest.TempPathFactory
     return EmptiedDatabases(postgres, "template_sawmill")
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Leave PostgreSQL to `make nightly`, except where a test is marked `dialect` or is about PostgreSQL alone."""
+    for item in items:
+        on_postgresql = getattr(item, "callspec", None) and item.callspec.params.get("database_url") == "postgresql"
+        alone = any(mark.args[:1] == ("database_url",) for mark in item.iter_markers("parametrize"))
+        if on_postgresql and not alone and not item.get_closest_marker("dialect"):
+            item.add_marker("nightly")
+
+
 @pytest.fixture(params=["sqlite", "postgresql"])
 def database_url(request: pytest.FixtureRequest) -> Iterator[str | None]:
     """Each database in turn."""

@@ -1,0 +1,14 @@
+"""Tiers of the suite: what `make test` runs, and what `make nightly` adds by the marker `nightly`."""
+
+from collections.abc import Iterable
+from typing import Any
+
+import pytest
+
+
+def first_by_day(number: int, values: Iterable[Any]) -> list[Any]:
+    """Give parametrised values of which `make test` runs the first ones and `make nightly` the others."""
+    return [
+        value if index < number else pytest.param(value, marks=pytest.mark.nightly)
+        for index, value in enumerate(values)
+    ]
