@@ -94,16 +94,20 @@ class Scanner:
 
 
 def described(folder: Path, url: str, scanner_id: str) -> str:
-    """The YAML."""
+    """Describe the folder in TOML."""
     return f"""\
-service: {url}
-poll_s: 0.2
-folders:
-  - folder: {folder}
-    scanner_id: {scanner_id}
-    still_for_s: 1
-    files:
-      - {{match: "*", data: line-integrals, angles_deg: "0:30"}}
+service = "{url}"
+poll_s = 0.2
+
+[[folders]]
+folder = "{folder}"
+scanner_id = "{scanner_id}"
+still_for_s = 1
+
+[[folders.files]]
+match = "*"
+data = "line-integrals"
+angles_deg = "0:30"
 """
 
 
@@ -114,7 +118,7 @@ class Processes:
         self._log = (place / "log").open("ab")
         self._environment = {name: value for name, value in os.environ.items() if not name.startswith("SAWMILL_")}
         self._environment |= {"SAWMILL_LEASE_S": "4", "SAWMILL_HEARTBEAT_S": "1", "SAWMILL_MAX_ATTEMPTS": "10"}
-        self._data, self._yaml = place / "data", place / "watch.yaml"
+        self._data, self._settings = place / "data", place / "watch.toml"
         self.port = free_port()
         self.url = f"http://127.0.0.1:{self.port}"
         self.service = self._start_service()
@@ -122,7 +126,7 @@ class Processes:
 
     def start_watcher(self, lock: Path) -> None:
         """Beside the service; it has the folder then."""
-        self.watcher = self._start("watch", str(self._yaml))
+        self.watcher = self._start("watch", str(self._settings))
         while holder_of(lock) != str(self.watcher.pid):
             if self.watcher.poll() is not None:
                 raise SystemExit(f"the watcher ended by itself with {self.watcher.returncode}")
@@ -192,7 +196,7 @@ def run(place: Path, files: int, seed: int, longest_s: float) -> dict[str, int]:
     constants = {"source_to_cor_mm": 859.46, "num_detector_pixels": CELLS, "detector_pitch_mm": PITCH_MM}
     made = httpx.post(f"{processes.url}/v1/scanners", json={"name": "line", "constants": constants}, trust_env=False)
     scanner_id = made.raise_for_status().json()["id"]
-    (place / "watch.yaml").write_text(described(folder, processes.url, scanner_id))
+    (place / "watch.toml").write_text(described(folder, processes.url, scanner_id))
     scanner = Scanner(folder, files, seed)
     scanner.thread.start()
     kills = service_kills = 0

@@ -212,7 +212,7 @@ WantedBy=multi-user.target
 
     def _watch(self) -> str:
         return f"""\
-# A watched folder: sawmill-watch@line2.service reads /etc/sawmill/line2.yaml. What it names may lie anywhere but in
+# A watched folder: sawmill-watch@line2.service reads /etc/sawmill/line2.toml. What it names may lie anywhere but in
 # homes and /tmp, so that the whole system is not read-only for it; its user must be allowed to write there. It works
 # without the service's data and settings, so that its user may be another one. It is started again without end, for a
 # share may come late.
@@ -223,7 +223,7 @@ RequiresMountsFor={_word(self.program)}
 
 [Service]
 Type=exec
-ExecStart={self._command("watch")} /etc/sawmill/%i.yaml
+ExecStart={self._command("watch")} /etc/sawmill/%i.toml
 {self._as_user()}{_LASTING}{_BOUNDED}ProtectSystem=full
 
 [Install]

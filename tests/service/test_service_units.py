@@ -89,7 +89,7 @@ def test_a_unit_starts_a_command_of_this_installation_as_its_own_user(unit):
 def test_a_watched_folder_and_a_backup_are_named_by_their_instances():
     units = {name: parsed(text) for name, text in Installation(program()).units().items()}
     watch, backup = (units[f"sawmill-{name}@.service"]["Service"] for name in ("watch", "backup"))
-    assert shlex.split(watch["ExecStart"][0])[1:] == ["watch", "/etc/sawmill/%i.yaml"]
+    assert shlex.split(watch["ExecStart"][0])[1:] == ["watch", "/etc/sawmill/%i.toml"]
     assert watch["ProtectSystem"] == ["full"], "folders that its file names are to be written to"
     assert shlex.split(backup["ExecStart"][0])[1:] == ["backup", "%f", "--keep", "30"]
     # A folder that is not there is named by the command, and not by systemd's status 226.

@@ -19,9 +19,9 @@ def no_progress(_what: str) -> Iterator[ProgressCallback]:
 
 
 @contextlib.contextmanager
-def watchers(yaml: Path, log: Path) -> Iterator[Callable[[], int]]:
+def watchers(settings: Path, log: Path) -> Iterator[Callable[[], int]]:
     """Start one whenever asked, with its log in a file; its process id. All end with the block."""
-    command = [sys.executable, __file__, str(yaml), str(log)]
+    command = [sys.executable, __file__, str(settings), str(log)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True) as origin:
 
         def start() -> int:
@@ -40,14 +40,14 @@ def kill(process_id: int) -> None:
     os.kill(process_id, signal.SIGKILL)
 
 
-def _fork_on_request(yaml: Path, log: Path) -> None:
+def _fork_on_request(settings: Path, log: Path) -> None:
     signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # none is waited for
     while sys.stdin.buffer.read(1):
         process_id = os.fork()
         if not process_id:
             with log.open("a", buffering=1) as sys.stderr:
                 configure_logs("json")
-                watch(yaml, no_progress, once=False)
+                watch(settings, no_progress, once=False)
             os._exit(0)
         sys.stdout.write(f"{process_id}\n")
         sys.stdout.flush()

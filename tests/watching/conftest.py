@@ -14,7 +14,6 @@ from typing import Any
 
 import pytest
 import uvicorn
-import yaml
 from watching_process import no_progress
 
 from sawmill_service.app import create_app
@@ -99,14 +98,21 @@ def running(place: Path, empty_data: Path) -> Iterator[Running]:
     store.close()
 
 
+def toml(value: Any) -> str:
+    """Write a value in one line of TOML."""
+    if isinstance(value, dict):
+        return f"{{{', '.join(f'{name} = {toml(each)}' for name, each in value.items())}}}"
+    return f"[{', '.join(map(toml, value))}]" if isinstance(value, list) else json.dumps(value)
+
+
 @dataclass
 class Watched:
-    """A folder, and the YAML that names it."""
+    """A folder, and the file of settings that names it."""
 
     running: Running
     scanner_id: str
     folder: Path
-    yaml: Path
+    settings: Path
     document: dict[str, Any]
 
     def scans(self) -> list[Scan]:
@@ -120,9 +126,10 @@ class Watched:
         return {scan.name: self.running.content(scan) for scan in scans}
 
     def describe(self, **changes: Any) -> None:
-        """Write the YAML with other values of the folder."""
+        """Write the settings with other values of the folder."""
         document = self.document | {"folders": [self.document["folders"][0] | changes]}
-        self.yaml.write_text(yaml.safe_dump(document))
+        lines = [f"{name} = {toml(value)}\n" for name, value in document.items()]
+        self.settings.write_text("".join(lines))
 
     def put(self, name: str, content: bytes) -> Path:
         path = self.folder / name
@@ -130,7 +137,7 @@ class Watched:
         return path
 
     def once(self) -> bool:
-        return watch(self.yaml, no_progress, once=True)
+        return watch(self.settings, no_progress, once=True)
 
     def ended(self, place: str) -> dict[str, bytes]:
         """Names and contents of the files in `done/` or `refused/`, without what is beside them."""
@@ -164,7 +171,7 @@ def watched(place: Path, running: Running) -> Watched:
     ]
     described = {"folder": str(folder), "scanner_id": scanner_id, "still_for_s": 0.03, "files": files}
     document = {"service": running.url, "poll_s": 0.02, "folders": [described]}
-    made = Watched(running, scanner_id, folder, place / f"{scanner_id}.yaml", document)
+    made = Watched(running, scanner_id, folder, place / f"{scanner_id}.toml", document)
     made.describe()
     return made
 

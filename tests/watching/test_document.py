@@ -1,4 +1,4 @@
-"""The YAML of docs/watched-folder.md works as it stands there, with this machine's paths."""
+"""The TOML of docs/watched-folder.md works as it stands there, with this machine's paths."""
 
 import re
 from pathlib import Path
@@ -12,23 +12,23 @@ from sawmill_worker.watching.settings import Files, WatchedFolder, Watching
 PAGE = Path(__file__).parents[2] / "docs/watched-folder.md"
 
 
-def test_the_page_s_yaml_takes_a_phantom_and_a_log(watched, tmp_path):
-    (text,) = re.findall(r"^```yaml\n(.*?)^```$", PAGE.read_text(), flags=re.MULTILINE | re.DOTALL)
+def test_the_page_s_toml_takes_a_phantom_and_a_log(watched, tmp_path):
+    (text,) = re.findall(r"^```toml\n(.*?)^```$", PAGE.read_text(), flags=re.MULTILINE | re.DOTALL)
     key = watched.running.store.keys.create(KeyAsk(name="folder of line 2", scope=Scope.SUBMIT))
     (tmp_path / "watch.key").write_text(key.secret)
     for documented, here in {
         "https://sawmill.example": watched.running.url,
         "/etc/sawmill/watch.key": str(tmp_path / "watch.key"),
-        "poll_s: 5": "poll_s: 0.02",
+        "poll_s = 5": "poll_s = 0.02",
         "/srv/scanner-2": str(watched.folder),
-        "scanner_id: line-2": f"scanner_id: {watched.scanner_id}",
+        '"line-2"': f'"{watched.scanner_id}"',
     }.items():
         assert documented in text
         text = text.replace(documented, here)
-    watched.yaml.write_text(text)
+    watched.settings.write_text(text)
     for name in ("phantom of week 10.h5", "log-1.h5"):
         watched.put(name, name.encode()).with_name(f"{name}.done").touch()
-    assert watch(watched.yaml, no_progress, once=True)
+    assert watch(watched.settings, no_progress, once=True)
     assert {scan.name: scan.phantom_id for scan in watched.scans()} == {
         "phantom of week 10.h5": "l-shape",
         "log-1.h5": None,

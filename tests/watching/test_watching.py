@@ -47,7 +47,7 @@ def log():
 @contextmanager
 def stepping(watched):
     """A folder that goes on step by step."""
-    watching, stop = read_settings(watched.yaml), Stop()
+    watching, stop = read_settings(watched.settings), Stop()
     with Service(watching, stop) as service:
         folder = Folder(watching.folders[0], service, News(), stop, no_progress)
 
@@ -66,7 +66,7 @@ def test_files_under_kills_are_each_taken_once(watched, tmp_path):
     for name, content in contents.items():
         watched.put(name, content)
     kills = 0
-    with watchers(watched.yaml, tmp_path / "watch.log") as start:
+    with watchers(watched.settings, tmp_path / "watch.log") as start:
         while len(watched.ended("done")) < FILES or watched.records():
             process_id = start()
             # Longer and longer, so that a busy machine gets somewhere too.
@@ -81,7 +81,7 @@ def test_files_under_kills_are_each_taken_once(watched, tmp_path):
     assert watched.left() == []
 
 
-def test_a_file_comes_to_its_end_as_the_yaml_says(watched, log):
+def test_a_file_comes_to_its_end_as_its_settings_say(watched, log):
     watched.put("phantom 1.npy", b"p" * 100)
     watched.put("log.npy", b"l" * 100)
     assert watched.once()
@@ -180,7 +180,7 @@ def test_a_file_that_grows_waits_and_a_mark_says_that_it_is_whole(watched):
 def test_a_mark_that_came_late_says_nothing_of_the_next_file_of_its_name(watched):
     watched.put("scan.npy", b"first")
     assert watched.once()
-    watched.describe(still_for_s=None)
+    watched.describe(still_for_s=False)
     late = watched.put("scan.npy.done", b"")
     half = watched.put("scan.npy", b"sec")
     os.utime(late, ns=(0, half.stat().st_mtime_ns - 1))
@@ -474,13 +474,13 @@ def command():
 def test_check_says_what_would_be_done_and_does_nothing(watched, command):
     watched.put("phantom.npy", b"p")
     (watched.folder / "taken").mkdir()
-    shown = command("--check", watched.yaml)
+    shown = command("--check", watched.settings)
     assert shown.exit_code == 0, shown.output
     assert f"scanner {watched.scanner_id} is 'Line 2'" in shown.output
     assert "phantom.npy would be sent with" in shown.output
     assert "phantom_id=l-shape" in shown.output
     watched.describe(scanner_id="line-9")
-    wrong = command("--check", watched.yaml)
+    wrong = command("--check", watched.settings)
     assert wrong.exit_code == 1
     assert "there is no scanner 'line-9'; the newest are " in wrong.output
     assert (watched.left(), list((watched.folder / "taken").iterdir())) == (["phantom.npy"], [])
@@ -488,7 +488,7 @@ def test_check_says_what_would_be_done_and_does_nothing(watched, command):
 
 def test_sigterm_ends_in_order(watched, tmp_path, until):
     watched.put("log.npy", b"log")
-    with watchers(watched.yaml, tmp_path / "watch.log") as start:
+    with watchers(watched.settings, tmp_path / "watch.log") as start:
         process_id = start()
         until(lambda: watched.ended("done") and not watched.records())
         os.kill(process_id, signal.SIGTERM)
@@ -499,14 +499,14 @@ def test_sigterm_ends_in_order(watched, tmp_path, until):
 
 def test_once_as_a_command_has_an_exit_code(watched, command):
     watched.put("log.npy", b"log")
-    assert command("--once", watched.yaml).exit_code == 0
+    assert command("--once", watched.settings).exit_code == 0
     watched.put("bad.npy", BAD)
-    assert command("--once", watched.yaml).exit_code == 1
+    assert command("--once", watched.settings).exit_code == 1
     watched.describe(folder=f"{watched.folder}-gone")
-    gone = command(watched.yaml)
+    gone = command(watched.settings)
     assert gone.exit_code == 1
     assert "is not there, or no folder" in gone.output
     watched.describe(done_sufix=".ok")
-    wrong = command(watched.yaml)
+    wrong = command(watched.settings)
     assert wrong.exit_code == 2
     assert "folders.0.done_sufix is not a known field: 'done_suffix' is" in wrong.output

@@ -478,7 +478,7 @@ def worker(
 def watch(
     file: Annotated[
         Path,
-        typer.Argument(metavar="FILE.yaml", help="Which folders, and where the service is (docs/watched-folder.md)."),
+        typer.Argument(metavar="FILE.toml", help="Which folders, and where the service is (docs/watched-folder.md)."),
     ],
     once: Annotated[
         bool, typer.Option("--once", help="End when all that is whole has been read; exit code 1 if anything is left.")
@@ -493,7 +493,7 @@ def watch(
         from sawmill_worker.execution.settings import ExecutionSettings
         from sawmill_worker.execution.variables import WrongVariableError, variables_checked
         from sawmill_worker.watching import command
-        from sawmill_worker.watching.strict_yaml import WrongYaml
+        from sawmill_worker.watching.settings import WrongFileError
 
     try:
         with variables_checked():
@@ -504,7 +504,7 @@ def watch(
                 say(sentence, trouble=None if is_well else "wrong")
             raise typer.Exit(0 if all(is_well for is_well, _ in found) else 1)
         is_well = command.watch(file, showing_progress, once=once)
-    except (WrongVariableError, WrongYaml) as error:
+    except (WrongVariableError, WrongFileError) as error:
         raise typer.BadParameter(str(error)) from error
     except command.CannotWatch as error:
         say(str(error), trouble="cannot watch")

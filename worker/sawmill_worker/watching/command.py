@@ -20,8 +20,8 @@ def check(file: Path) -> list[Finding]:
 
     Raises
     ------
-    WrongYaml
-        The file.
+    WrongFileError
+        The file describes no watched folders.
     CannotWatch
         The certificates cannot be read.
     """
@@ -38,8 +38,8 @@ def watch(file: Path, show_progress: ShowProgress, *, once: bool) -> bool:
 
     Raises
     ------
-    WrongYaml
-        The file.
+    WrongFileError
+        The file describes no watched folders.
     CannotWatch
         A folder is not there, cannot be written, or is watched by another process.
     """

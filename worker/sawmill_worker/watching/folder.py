@@ -26,7 +26,7 @@ _ANOTHER_UPLOAD = frozenset({"digest-mismatch", "upload-lost"})
 
 
 class FolderWaits(Exception):  # noqa: N818 - it passes, once somebody has looked
-    """The folder cannot be watched now, or the service refuses what the YAML says of it."""
+    """The folder cannot be watched now, or the service refuses the folder's settings."""
 
     def __init__(self, code: str, sentence: str) -> None:
         super().__init__(sentence)
@@ -212,7 +212,7 @@ class Folder:
             raise _FileRefused("empty-file", "the file is empty, though it is marked as whole")
         rule = self.settings.files_named(taking.name)
         if rule is None:
-            raise _FileWaits("no-pattern", "it was taken, and no pattern of the YAML matches its name any more")
+            raise _FileWaits("no-pattern", "it was taken, and no pattern of the settings matches its name any more")
         if taking.sha256 is None and taking.tries:
             self._check_still(taking)
         try:

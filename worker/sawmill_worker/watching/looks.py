@@ -123,7 +123,7 @@ class Looks:
             reason = "it is a link" if path.is_symlink() else "it is no file: a scan of several is one file, as a ZIP"
             return path.exists() and self._leave(name, reason)
         if self._settings.files_named(name) is None:
-            return self._leave(name, "no pattern of the YAML matches its name")
+            return self._leave(name, "no pattern of the settings matches its name")
         if len(os.fsencode(name)) > LONGEST_NAME_BYTES:
             return self._leave(name, f"its name has more than {LONGEST_NAME_BYTES} bytes")
         return True

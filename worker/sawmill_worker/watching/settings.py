@@ -1,23 +1,35 @@
-"""What the YAML of a watched folder says: where the service is, which folders there are, and what is in them."""
+"""Settings of `sawmill watch`, a TOML file: where the service is, which folders there are, and what is in them."""
 
 import re
+import tomllib
 from difflib import get_close_matches
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Annotated, Any, Self
 from urllib.parse import urlsplit
 
-from pydantic import AfterValidator, Field, StringConstraints, ValidationError, field_validator, model_validator
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    Field,
+    StringConstraints,
+    ValidationError,
+    field_validator,
+    model_validator,
+)
 
 from sawmill_worker.contracts.base import Identifier, Rows
 from sawmill_worker.contracts.given import Given, shown
 from sawmill_worker.contracts.jobs import Priority
 from sawmill_worker.contracts.scans import ScanFileOptions
-from sawmill_worker.watching.strict_yaml import Place, WrongYaml, read_yaml
 
 TAKEN = "taken"
 # What pydantic begins its sentences with.
 _ORDINARY = re.compile(r"value error, |input (?=should )", re.IGNORECASE)
+
+
+class WrongFileError(Exception):
+    """A file that describes no watched folders; the sentence names the key, or the line where it is no TOML."""
 
 
 def _absolute(text: str) -> str:
@@ -38,6 +50,8 @@ def _url(text: str) -> str:
 
 Text = Annotated[str, StringConstraints(min_length=1, max_length=4096)]
 AbsolutePath = Annotated[Text, AfterValidator(_absolute)]
+# TOML has no null.
+FalseIsNone = BeforeValidator(lambda value: None if value is False else value)
 Seconds = Annotated[float, Field(gt=0, le=86_400)]
 
 
@@ -47,8 +61,8 @@ class Files(ScanFileOptions, Given):
     match: Annotated[str, StringConstraints(min_length=1, max_length=200)] = Field(
         description="Names, with * for any letters, ? for one and [...] for one of several.", examples=["phantom-*.h5"]
     )
-    phantom_id: Identifier | None = Field(None, description="The phantom in each; null for logs.")
-    phantom_rows: Rows | None = Field(None, description="The rows that show the phantom; null: they are found.")
+    phantom_id: Identifier | None = Field(None, description="The phantom in each; left out for logs.")
+    phantom_rows: Rows | None = Field(None, description="The rows that show the phantom; left out: they are found.")
     priority: Priority = Field(Priority.WAITED_FOR, description="How urgent their reading is.")
 
     @field_validator("match")
@@ -71,12 +85,18 @@ class WatchedFolder(Given):
     folder: AbsolutePath = Field(description="Absolute path.", examples=["/srv/scanner-2"])
     scanner_id: Identifier = Field(description="Whose scans they are.", examples=["line-2"])
     files: list[Files] = Field(min_length=1, description="The first that matches a name counts.")
-    done_suffix: Annotated[str, StringConstraints(pattern=r"^[.\w-]{1,40}$")] | None = Field(
-        ".done", description="A file NAME.done beside NAME says that it is whole; null: there are none."
-    )
-    still_for_s: Seconds | None = Field(
-        10.0, description="A file whose size and time stand still for so long is whole; null: only with NAME.done."
-    )
+    done_suffix: Annotated[
+        Annotated[str, StringConstraints(pattern=r"^[.\w-]{1,40}$")] | None,
+        FalseIsNone,
+        Field(description="A file NAME.done beside NAME marks it as whole; false: there are none."),
+    ] = ".done"
+    still_for_s: Annotated[
+        Seconds | None,
+        FalseIsNone,
+        Field(
+            description="A file is whole when its size and time stand still for so long; false: with NAME.done only."
+        ),
+    ] = 10.0
     done: Text = Field("done", description="Where files go that the service has read; absolute, or in the folder.")
     refused: Text = Field("refused", description="Where the others go, with the reason.")
 
@@ -127,10 +147,10 @@ class Watching(Given):
         description="Where the service answers.", examples=["https://sawmill.example"]
     )
     key_file: AbsolutePath | None = Field(
-        None, description="A file with a key of scope submit; null: the service asks for none on this machine."
+        None, description="A file with a key of scope submit; left out: the service asks for none on this machine."
     )
     ca_file: AbsolutePath | None = Field(
-        None, description="Certificates (PEM) that vouch for the service; null: those that this machine trusts."
+        None, description="Certificates (PEM) that vouch for the service; left out: those that this machine trusts."
     )
     poll_s: Seconds = Field(5.0, description="How often folders are looked at.")
     folders: list[WatchedFolder] = Field(min_length=1, description="One each scanner, or more.")
@@ -153,32 +173,32 @@ def scan_name(name: str) -> str:
 
 
 def read_settings(path: Path) -> Watching:
-    """The settings in a file.
+    """Read the settings in a file.
 
     Raises
     ------
-    WrongYaml
-        A sentence a line: the line's number, the place, what is there and what would be right.
+    WrongFileError
+        A sentence a line: the key, what is there and what would be right; or where the file is no TOML.
     """
+    if path.suffix.lower() in {".yaml", ".yml"}:
+        toml = path.with_suffix(".toml")
+        raise WrongFileError(f"{path}: write {toml} instead, in TOML as docs/watched-folder.md shows")
     try:
-        text = path.read_text(encoding="utf-8")
+        given = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
-        raise WrongYaml(f"{path} cannot be read: {error.strerror}") from error
+        raise WrongFileError(f"{path} cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
-        raise WrongYaml(f"{path} is no text in UTF-8: byte {error.start}") from error
+        raise WrongFileError(f"{path} is no text in UTF-8: byte {error.start}") from error
+    except tomllib.TOMLDecodeError as error:
+        raise WrongFileError(f"{path} is no TOML: {error}") from error
     try:
-        document = read_yaml(text)
-    except WrongYaml as error:
-        raise WrongYaml(f"{path}: {error}") from error
-    try:
-        return Watching.model_validate(document.value)
+        return Watching.model_validate(given)
     except ValidationError as error:
-        faults = sorted((document.line_of(fault["loc"]), _sentence(fault)) for fault in error.errors())
-        raise WrongYaml("\n".join(f"{path}, line {line}: {sentence}" for line, sentence in faults)) from error
+        raise WrongFileError("\n".join(f"{path}: {_sentence(fault)}" for fault in error.errors())) from error
 
 
 def _sentence(fault: Any) -> str:  # noqa: ANN401 - pydantic's own type of a fault
-    place: Place = fault["loc"]
+    place: tuple[str | int, ...] = fault["loc"]
     name = ".".join(str(part) for part in place)
     if fault["type"] == "extra_forbidden":
         known = _KNOWN.get(len(place), ())

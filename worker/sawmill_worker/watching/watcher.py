@@ -49,7 +49,7 @@ def _is_at(lock: TextIO) -> bool:
 
 
 class Watcher:
-    """All folders of one YAML.
+    """All folders of one file of settings.
 
     Parameters
     ----------
