@@ -75,7 +75,10 @@ clients: install-dev
 
 # New texts of the pages into the catalogues, where a person translates them.
 texts: install-dev
-	@$(BIN)/python -m sawmill_service.pages.catalogues
+	@cd service && ../$(BIN)/pybabel --quiet extract --mapping-file ../pyproject.toml --add-location file --sort-output \
+		--output-file ../$(VENV)/sawmill.pot sawmill_service ../worker/sawmill_worker/contracts
+	@cd service && ../$(BIN)/pybabel update --input-file ../$(VENV)/sawmill.pot --output-dir sawmill_service/locale \
+		--domain sawmill --width 120 --no-fuzzy-matching --ignore-obsolete --ignore-pot-creation-date
 
 # Studies, minutes each; every figure in the documents names the one it is from.
 bench: bench-speed bench-seeds bench-scanners bench-coverage bench-misspecified bench-drift

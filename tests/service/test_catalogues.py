@@ -1,36 +1,47 @@
 """The catalogues hold every text of the pages, in each language."""
 
+from pathlib import Path
+
 import pytest
 from babel.messages.checkers import checkers
+from babel.messages.frontend import CommandLineInterface
+from babel.messages.pofile import read_po
 
-from sawmill_service.pages.catalogues import found_texts, read_catalogue, untranslated
-from sawmill_service.pages.languages import ENGLISH, LANGUAGES
+from sawmill_service.pages.languages import ENGLISH, LANGUAGES, catalogue
 
+ROOT = Path(__file__).parents[2]
 OTHERS = LANGUAGES.keys() - {ENGLISH}
 
 
 @pytest.fixture(scope="module")
-def found():
-    return found_texts()
+def texts_of_the_pages(tmp_path_factory):
+    template = tmp_path_factory.mktemp("texts") / "sawmill.pot"
+    places = [str(ROOT / "service/sawmill_service"), str(ROOT / "worker/sawmill_worker/contracts")]
+    options = ["--mapping-file", str(ROOT / "pyproject.toml"), "--output-file", str(template)]
+    CommandLineInterface().run(["pybabel", "--quiet", "extract", *options, *places])
+    with template.open("rb") as file:
+        return {message.id for message in read_po(file) if message.id}
 
 
 @pytest.mark.parametrize("language", OTHERS)
-def test_a_catalogue_has_the_texts_of_the_pages_and_no_others(language, found):
-    stored, written = (
-        {message.id for message in catalogue if message.id} for catalogue in (read_catalogue(language), found)
-    )
-    assert stored == written, "make texts brings the catalogues up to date"
+def test_a_catalogue_has_the_texts_of_the_pages_and_no_others(language, texts_of_the_pages):
+    stored = catalogue(language)
+    assert {message.id for message in stored if message.id} == texts_of_the_pages, "run make texts"
+    assert not stored.obsolete
 
 
 @pytest.mark.parametrize("language", OTHERS)
 def test_every_text_is_translated(language):
-    assert not [message.id for message in untranslated(read_catalogue(language))]
+    for message in catalogue(language):
+        forms = [message.string] if isinstance(message.string, str) else message.string
+        assert all(forms), message.id
+        assert not message.fuzzy, message.id
 
 
 @pytest.mark.parametrize("language", OTHERS)
 def test_translations_have_the_places_of_their_texts(language):
-    catalogue = read_catalogue(language)
-    for message in catalogue:
-        if message.id and all([message.string] if isinstance(message.string, str) else message.string):
+    stored = catalogue(language)
+    for message in stored:
+        if message.id:
             for check in checkers:
-                check(catalogue, message)
+                check(stored, message)

@@ -6,10 +6,11 @@ from functools import cache
 from pathlib import Path
 
 from babel import Locale, negotiate_locale
+from babel.messages.catalog import Catalog
 from babel.messages.mofile import write_mo
 from babel.messages.pofile import read_po
 
-CATALOGUES = Path(__file__).parent.parent / "locale"
+_CATALOGUES = Path(__file__).parent.parent / "locale"
 ENGLISH = "en"
 # By their own names, for whoever looks for theirs.
 LANGUAGES = {ENGLISH: "English", "fi": "Suomi"}
@@ -22,14 +23,19 @@ def marked(text: str) -> str:
     return text
 
 
+def catalogue(language: str) -> Catalog:
+    """Read the translations into a language, which is not English."""
+    with (_CATALOGUES / language / "LC_MESSAGES" / "sawmill.po").open("rb") as file:
+        return read_po(file, locale=language)
+
+
 @cache
 def texts(language: str) -> gettext.NullTranslations:
     """The catalogue of a language; English is what the pages are written in and needs none."""
     if language == ENGLISH:
         return gettext.NullTranslations()
     compiled = io.BytesIO()
-    with (CATALOGUES / language / "LC_MESSAGES" / "sawmill.po").open("rb") as file:
-        write_mo(compiled, read_po(file, locale=language))
+    write_mo(compiled, catalogue(language))
     compiled.seek(0)
     return gettext.GNUTranslations(compiled)
 
