@@ -20,7 +20,6 @@ from pathlib import Path
 
 import astra
 import numpy as np
-from astra_rivals import astra_fan
 from majorising import Counted, Tracked, memory_gradient, reweighted
 from scanners import SCANNER
 from scipy.optimize import minimize
@@ -68,8 +67,11 @@ class AstraProjector(Projector):
 
     def __post_init__(self) -> None:
         """Make ASTRA's operator."""
-        _, _, kernel = astra_fan(self)
-        object.__setattr__(self, "operator", astra.OpTomo(kernel))
+        half = 0.5 * self.grid.field_mm
+        volumes = astra.create_vol_geom(self.grid.size, self.grid.size, -half, half, -half, half)
+        _, cells = self.geometry.sinogram_shape
+        rays = astra.create_proj_geom("fanflat_vec", cells, self.geometry.astra_vectors())
+        object.__setattr__(self, "operator", astra.OpTomo(astra.create_projector("line_fanflat", rays, volumes)))
 
     def forward(self, image: Images) -> Images:
         """As ours."""

@@ -25,7 +25,7 @@ from sawmill_worker.storage.store import Store
 SEED = 12
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.timeout(400)
 def test_jobs_under_kills_are_each_done_once_and_right(tmp_path):
     (kill,) = (fault for fault in FAULTS if fault.name == "kill")

@@ -28,7 +28,7 @@ def test_another_figure_changes_the_page_and_a_lost_place_is_an_error():
         line_day.rendered(page.replace("<!-- day -->", ""), figures)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_quick_study_measures_everything_and_keeps_what_was_measured_before(tmp_path, capsys):
     kept = {"database": "postgresql", "workers": 2, "queued": 100, "finished_per_s": 1.0}
     (tmp_path / "load.json").write_text(json.dumps({"cells": [kept]}))

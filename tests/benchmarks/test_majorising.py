@@ -8,8 +8,6 @@ from sawmill_worker.tomography.iterative.descent import minimise
 from sawmill_worker.tomography.iterative.penalised import InverseCurvature, Objective
 from sawmill_worker.tomography.iterative.priors import CauchyPrior
 
-pytestmark = pytest.mark.slow
-
 
 @pytest.fixture
 def objective():

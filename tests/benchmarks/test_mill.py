@@ -21,7 +21,7 @@ FEW_VIEWS = 90
 pytestmark = pytest.mark.usefixtures("one_thread")
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("place", range(4), ids=["clean", "one effect", "another", "two effects"])
 def test_no_scan_of_a_mill_passes_wrongly(place, monkeypatch):
     """Four of each kind with up to 90 views, of which a scan takes half a second; the study itself has thousands."""
@@ -133,7 +133,6 @@ def test_causes_are_read_up_to_the_remedy():
     assert not names_it("slip", frozenset({"slip", "wood", "blur", "lag"}))
 
 
-@pytest.mark.slow
 def test_the_study_goes_on_where_it_stopped(tmp_path, monkeypatch, capsys):
     out = tmp_path / "results.jsonl"
     done = {"number": 0, "kind": "clean", "sizes": {}, "refused": "flat-scan"}

@@ -10,7 +10,7 @@ from mill_history import Line, PastClock, write_history
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.store import Store
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.nightly
 
 
 def test_a_day_is_computed_at_its_time_in_the_past(tmp_path, empty_data):

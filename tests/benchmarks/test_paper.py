@@ -20,8 +20,6 @@ from scans import TRUE_THETA
 
 from sawmill_worker.tomography.geometry import to_vector
 
-pytestmark = pytest.mark.slow
-
 MOST_BYTES = 150_000
 PAGE = Path(__file__).parents[2] / "docs/paper.md"
 
@@ -56,6 +54,7 @@ def tiny():
     )
 
 
+@pytest.mark.nightly
 def test_the_whole_command_made_small_writes_the_page_and_does_nothing_twice(tiny, tmp_path):
     places = Places(tmp_path / "work", tmp_path / "docs" / "paper.md")
     units = distinct(EXPERIMENTS, tiny)

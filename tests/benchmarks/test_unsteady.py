@@ -6,18 +6,19 @@ from functools import cache
 import numpy as np
 import pytest
 from counted import Slip, counted_scan
+from tiers import first_by_day
 from unsteady import Outcomes, slipped, slipped_with_a_fault, steady
 
 from sawmill_worker.tomography.calibration.calibrate import calibrate
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("one_thread")]
+pytestmark = pytest.mark.usefixtures("one_thread")
 
 VIEWS = (20, 45, 90)
 # As many as an independent simulator found to pass wrongly by `make study-calibration`.
 SCANS = int(os.environ.get("SAWMILL_SLIPPED_SCANS", "5"))
 # Of the other kinds; twelve by the study.
 OTHERS = min(SCANS, 12)
-RINGS = pytest.mark.parametrize("remove_rings", [False, True], ids=["rings-kept", "rings-removed"])
+RINGS = pytest.mark.parametrize("remove_rings", first_by_day(1, [False, True]))
 
 
 @cache
@@ -45,6 +46,7 @@ def test_slips_are_named_and_fitted(remove_rings):
     assert np.median(found.errors) < 0.02
 
 
+@pytest.mark.nightly
 @RINGS
 def test_a_slip_beside_another_fault_never_passes_where_its_rays_are_off(remove_rings):
     found = outcomes_of(slipped_with_a_fault, OTHERS, seed=1502, remove_rings=remove_rings)
@@ -52,6 +54,7 @@ def test_a_slip_beside_another_fault_never_passes_where_its_rays_are_off(remove_
     assert np.median(found.errors) < 0.03
 
 
+@pytest.mark.nightly
 @RINGS
 def test_steady_scans_are_judged_by_their_precision_alone(remove_rings):
     found = outcomes_of(steady, OTHERS, seed=1503, remove_rings=remove_rings)
