@@ -69,9 +69,9 @@ openapi: install
 release-contract: openapi
 	@$(BIN)/python openapi/contract_changes.py --release
 
-# openapi/clients/python from the contract as it is committed.
+# The wheel of the Python client, made from the contract, in dist/.
 clients: install-dev
-	@$(BIN)/python openapi/clients/generate.py
+	@$(BIN)/python openapi/clients/generate.py dist
 
 # New texts of the pages into the catalogues, where a person translates them.
 texts: install-dev

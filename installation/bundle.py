@@ -1,8 +1,8 @@
 """One archive with everything that an installation needs, for a machine without a network (`make bundle`).
 
-`dist/sawmill-VERSION-PLATFORM-PYTHON.tar.gz` holds the wheels of the product and of all that it runs with, as
-constraints.txt pins them, `install.sh`, the documents, and a list of what is inside. It is made of the commit that is
-checked out: the same commit and the same wheels give the same bytes.
+`dist/sawmill-VERSION-PLATFORM-PYTHON.tar.gz` holds the wheels of the product, of the generated Python client and of
+all that they need, as constraints.txt pins them, `install.sh`, the documents, and a list of what is inside. It is made
+of the commit that is checked out: the same commit and the same wheels give the same bytes.
 """
 
 import gzip
@@ -35,6 +35,8 @@ DOCUMENTS = (
     *("README.md", "CHANGELOG.md", "LICENSE", "constraints.txt", "docker-compose.yml"),
     *("docs", "examples", "openapi", "installation/install.sh"),
 )
+# The generated client needs them (openapi/clients/templates/pyproject.toml.jinja).
+CLIENT_NEEDS = ("attrs", "httpx")
 # What an installation takes beyond its unpacked wheels: bytecode, compiled kernels, pip.
 ROOM = 1.5
 
@@ -82,7 +84,7 @@ def build(root: Path, target: Path, kept: Path) -> Path:
             copy = shutil.copytree if (source / name).is_dir() else shutil.copy
             copy(source / name, content / Path(name).name)
         fetch(pinned(source), kept, content / "wheels")
-        make_wheel(source, content / "wheels", committed_at)
+        make_wheels(source, content / "wheels", committed_at)
         wheels = sorted((content / "wheels").glob("*.whl"))
         facts = described(wheels)
         (content / "BUNDLE").write_text("".join(f"{name}={value}\n" for name, value in facts.items()))
@@ -97,7 +99,7 @@ def build(root: Path, target: Path, kept: Path) -> Path:
 
 
 def pinned(root: Path) -> dict[str, str]:
-    """Every package that the product runs with, PostgreSQL's driver included, and its version in constraints.txt.
+    """List the packages that product and client need, PostgreSQL's driver included, with their pinned versions.
 
     Raises
     ------
@@ -107,7 +109,7 @@ def pinned(root: Path) -> dict[str, str]:
     pins = dict(line.split("==") for line in (root / "constraints.txt").read_text().split())
     versions = {canonicalize_name(name): version for name, version in pins.items()}
     project = tomllib.loads((root / "pyproject.toml").read_text())["project"]
-    texts = (*project["dependencies"], *project["optional-dependencies"]["postgresql"])
+    texts = (*project["dependencies"], *project["optional-dependencies"]["postgresql"], *CLIENT_NEEDS)
     asked = list(of_this_machine(texts, ()))
     found: dict[tuple[str, frozenset[str], bool], str] = {}
     while asked:
@@ -169,10 +171,11 @@ def held(asked: Mapping[str, Version], folder: Path) -> dict[str, Path]:
     return {name: wheel for wheel, (name, version, _, _) in names.items() if asked.get(name) == version}
 
 
-def make_wheel(source: Path, folder: Path, committed_at: int) -> None:
-    """The product's own wheel."""
+def make_wheels(source: Path, folder: Path, committed_at: int) -> None:
+    """Build the wheels of the product and of its generated client."""
     os.environ["SOURCE_DATE_EPOCH"] = str(committed_at)
     pip("wheel", "--no-deps", "--wheel-dir", folder, source)
+    subprocess.run([sys.executable, source / "openapi/clients/generate.py", folder], check=True)  # noqa: S603 - our own
 
 
 def pip(*arguments: str | Path) -> None:

@@ -38,6 +38,7 @@ else:
 SERVE_AND_CALIBRATE = """\
 python -c {loopback}
 python -c {unreachable}
+python -c 'import sawmill_calibration_client.api'
 sawmill serve --no-examples 2> service.log &
 service=$!
 trap 'kill $service 2> /dev/null' EXIT

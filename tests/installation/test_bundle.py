@@ -34,12 +34,15 @@ FACTS = {
 Install = Callable[..., str]
 
 
-def test_the_packages_are_those_of_the_product_and_of_all_that_they_need():
+def test_the_packages_are_those_of_product_and_client_and_of_all_that_they_need():
     packed = bundle.pinned(ROOT)
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     of_the_product = {canonicalize_name(Requirement(text).name) for text in project["dependencies"]}
-    # What they need themselves, and the driver of the extra.
-    assert of_the_product - {"tbb"} | {"llvmlite", "starlette", "psycopg-binary"} <= packed.keys()
+    # What they need themselves, the driver of the extra, and what the client needs.
+    template = (ROOT / "openapi/clients/templates/pyproject.toml.jinja").read_text()
+    of_the_client = {Requirement(text).name for text in tomllib.loads(template)["project"]["dependencies"]}
+    needed = of_the_product - {"tbb"} | {"llvmlite", "starlette", "psycopg-binary"} | of_the_client
+    assert needed <= packed.keys()
     of_tests = {canonicalize_name(Requirement(text).name) for text in project["optional-dependencies"]["dev"]}
     assert packed.keys() & of_tests <= of_the_product
     # Needed before Python 3.11.3, whatever this one is.

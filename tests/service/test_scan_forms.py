@@ -3,11 +3,8 @@
 import asyncio
 import gzip
 import hashlib
-import importlib
-import io
 import threading
 from base64 import b64encode
-from pathlib import Path
 
 import httpx
 import numpy as np
@@ -178,18 +175,6 @@ def test_a_form_as_dotnet_writes_it_is_taken(seeded, store):
     )
     scan = send(seeded, body, **{"Content-Type": 'multipart/form-data; boundary="5c9d-01"'}).json()
     assert (scan["name"], kept(store, scan)) == ("mill.h5", CONTENT)
-
-
-def test_the_generated_client_sends_a_form(seeded, store, monkeypatch):
-    monkeypatch.syspath_prepend(Path(__file__).parents[2] / "openapi/clients/python")
-    sending = importlib.import_module("sawmill_calibration_client.api.scans.upload_scan_form")
-    models, types = (importlib.import_module(f"sawmill_calibration_client.{name}") for name in ("models", "types"))
-    file = types.File(payload=io.BytesIO(CONTENT), file_name="mill.npz")
-    form = models.ScanForm(scanner_id="example", data=models.DataKind.COUNTS, file=file)
-    request = sending._get_kwargs(body=form)
-    answer = seeded.request(request.pop("method"), request.pop("url"), **request)
-    assert (answer.status_code, answer.json()["name"]) == (202, "mill.npz")
-    assert kept(store, answer.json()) == CONTENT
 
 
 def test_a_form_may_be_cut_anywhere(seeded, store):

@@ -1,9 +1,0 @@
-from enum import StrEnum
-
-
-class Axis(StrEnum):
-    X = "x"
-    Y = "y"
-
-    def __str__(self) -> str:
-        return str(self.value)

@@ -1,9 +1,0 @@
-from enum import StrEnum
-
-
-class DriftReference(StrEnum):
-    BASELINE = "baseline"
-    CALIBRATION = "calibration"
-
-    def __str__(self) -> str:
-        return str(self.value)
