@@ -1,5 +1,4 @@
 import math
-import os
 from dataclasses import replace
 from functools import cache
 
@@ -33,10 +32,9 @@ from sawmill_worker.vocabulary import Adjustment, Handedness, Rotation
 
 pytestmark = pytest.mark.slow
 
-# Twenty of each by `make study-calibration`.
-SEEDS = range(int(os.environ.get("SAWMILL_CALIBRATION_SEEDS", "6")))
-# Of searches in the same data.
-SEARCH_SEEDS = range(int(os.environ.get("SAWMILL_CALIBRATION_SEEDS", "2")))
+nightly = pytest.mark.nightly
+seeds_2_or_20 = pytest.mark.parametrize("seeds", [range(2), pytest.param(range(20), marks=nightly)], ids=len)
+seeds_6_or_20 = pytest.mark.parametrize("seeds", [range(6), pytest.param(range(20), marks=nightly)], ids=len)
 both_phantoms = pytest.mark.parametrize("phantom", BUILT_IN.values(), ids=BUILT_IN)
 
 
@@ -59,9 +57,10 @@ def errors(calibration, theta, *, radius_mm=150.0):
     return ray_error(scanner, true, calibration.frame, radius_mm=radius_mm).rms_mm, abs(math.degrees(psi))
 
 
-def test_the_published_scan_is_calibrated_from_every_seed(scanner, theta, full_turn, l_phantom_sinogram):
+@seeds_2_or_20
+def test_the_published_scan_is_calibrated_from_every_seed(scanner, theta, full_turn, l_phantom_sinogram, seeds):
     task = CalibrationTask(scanner, L_SHAPE, l_phantom_sinogram, full_turn(360))
-    for seed in SEARCH_SEEDS:
+    for seed in seeds:
         found = calibrate(task, seed=seed)
         rays, psi = errors(found, theta)
         # The requirement; 0.05 to 0.06 mm of it is the data's own pixel phantom.
@@ -74,25 +73,23 @@ def test_the_published_scan_is_calibrated_from_every_seed(scanner, theta, full_t
 
 @pytest.fixture(scope="module")
 def repeats(scanner, theta, full_turn):
-    """Calibrations of noisy scans, noise and search seeded alike: (phantom, views) -> list."""
+    """Calibrate noisy scans, noise and search seeded alike: (phantom, views, seeds) -> list."""
 
     @cache
-    def run(name, views):
+    def one(name, views, seed):
         geometry = FanBeamGeometry(scanner, theta, full_turn(views))
-        found = []
-        for seed in SEEDS:
-            sinogram = simulate_sinogram(BUILT_IN[name], geometry, noise=0.02, seed=seed)
-            task = CalibrationTask(scanner, BUILT_IN[name], sinogram, geometry.angles_rad)
-            found.append(calibrate(task, seed=seed))
-        return found
+        sinogram = simulate_sinogram(BUILT_IN[name], geometry, noise=0.02, seed=seed)
+        task = CalibrationTask(scanner, BUILT_IN[name], sinogram, geometry.angles_rad)
+        return calibrate(task, seed=seed)
 
-    return run
+    return lambda name, views, seeds: [one(name, views, seed) for seed in seeds]
 
 
 @pytest.mark.parametrize("name", BUILT_IN)
 @pytest.mark.parametrize(("views", "allowed_mm"), [(360, 0.02), (20, 0.06)])
-def test_simulated_scans_are_calibrated_from_every_seed(repeats, theta, name, views, allowed_mm):
-    for seed, found in enumerate(repeats(name, views)):
+@seeds_2_or_20
+def test_simulated_scans_are_calibrated_from_every_seed(repeats, theta, name, views, allowed_mm, seeds):
+    for seed, found in zip(seeds, repeats(name, views, seeds), strict=True):
         rays, psi = errors(found, theta)
         # The requirement.
         assert rays < allowed_mm, seed
@@ -105,9 +102,10 @@ def test_simulated_scans_are_calibrated_from_every_seed(repeats, theta, name, vi
 
 
 @pytest.mark.parametrize("name", BUILT_IN)
-@pytest.mark.parametrize("views", [360, 20])
-def test_the_predicted_ray_error_is_the_actual_one_on_average(repeats, theta, name, views):
-    found = repeats(name, views)
+@pytest.mark.parametrize("views", [20, pytest.param(360, marks=nightly)])
+@seeds_6_or_20
+def test_the_predicted_ray_error_is_the_actual_one_on_average(repeats, theta, name, views, seeds):
+    found = repeats(name, views, seeds)
     actual = math.sqrt(np.mean([errors(one, theta)[0] ** 2 for one in found]))
     predicted = math.sqrt(np.mean([one.error_bars.predicted_ray_error.rms_mm**2 for one in found]))
     # An RMS of 20 has 15 % of scatter, one of 6 has 30 %, and an inflation from 20 views' residuals errs to the
@@ -128,12 +126,14 @@ def test_the_predicted_ray_error_without_inflation_is_that_of_thirty_noisy_fits(
     assert np.mean(predictions) == pytest.approx(math.sqrt(np.mean(squares)), rel=0.3)
 
 
-def test_the_covariance_of_the_frame_is_its_scatter(repeats, theta, scanner):
+@pytest.mark.parametrize("views", [20, pytest.param(360, marks=nightly)])
+@seeds_6_or_20
+def test_the_covariance_of_the_frame_is_its_scatter(repeats, theta, scanner, views, seeds):
     true = theta.source_frame(scanner.source_to_cor_mm)
     pulls = np.array(
         [
             (to_vector(one.frame) - to_vector(true)) / np.sqrt(np.diag(one.error_bars.covariance.values))
-            for one in repeats("l-shape", 360)
+            for one in repeats("l-shape", views, seeds)
         ]
     )
     # The RMS of n standard normal numbers is 1 to 1 / sqrt(2 n), and three times that is allowed.
@@ -512,7 +512,7 @@ def test_a_parallelogram_may_be_half_a_turn_off_and_that_is_reported(scan, full_
 
 
 @pytest.mark.parametrize("body", [L_SHAPE, RECTANGLE_WITH_HOLE])
-@pytest.mark.parametrize("noise", [0.1, 0.3])
+@pytest.mark.parametrize("noise", [0.1, pytest.param(0.3, marks=nightly)])
 def test_noise_does_not_make_a_wrong_hypothesis_win(scan, theta, full_turn, body, noise):
     """What cannot win is ranked by its residual on the same data as what can, the noise not averaged away."""
     found = calibrate(scan(body, full_turn(360), seed=1170, noise=noise))
