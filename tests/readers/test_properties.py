@@ -1,7 +1,6 @@
 """Whatever the bytes, a reader reads them or refuses them with one sentence: no other error, and no advice to trust."""
 
 import io
-import os
 from zipfile import ZipFile
 
 import h5py
@@ -18,16 +17,11 @@ from sawmill_worker.readers.angles import AngleSteps
 from sawmill_worker.readers.picture import read_picture
 from sawmill_worker.readers.reading import reading_scan
 
-# Some seconds in all by default; `make study-readers` tries more.
-EXAMPLES = int(os.environ.get("SAWMILL_READER_EXAMPLES", "60"))
 STACK = np.random.default_rng(20261122).integers(100, 60_000, (6, 3, 8)).astype(np.uint16)
-PROPERTY = settings(
-    max_examples=EXAMPLES,
-    deadline=None,
-    database=None,
-    derandomize="SAWMILL_READER_EXAMPLES" not in os.environ,
-    suppress_health_check=list(HealthCheck),
+QUICK = settings(
+    max_examples=60, deadline=None, database=None, derandomize=True, suppress_health_check=list(HealthCheck)
 )
+THOROUGH = settings(QUICK, max_examples=2_000, derandomize=False)
 MEMORY_BYTES = 64 * 2**20
 
 
@@ -59,6 +53,7 @@ WHOLE = {
 # Numbers that parsers trip over, in either order of bytes, and a few bytes of anything.
 NUMBERS = [n.to_bytes(w, e) for n in (0, 1, 2**16 - 1, 2**31, 2**32 - 1) for w in (4, 8) for e in ("little", "big")]
 EDITS = st.lists(st.tuples(st.floats(0, 1), st.sampled_from(NUMBERS) | st.binary(max_size=8)), min_size=1, max_size=4)
+KEPT_SHARES = st.just(1.0) | st.floats(0, 1)
 
 
 def read_or_refused(read):
@@ -79,9 +74,21 @@ def read_scan(path):
 
 
 @pytest.mark.parametrize("kind", WHOLE)
-@PROPERTY
-@given(edits=EDITS, keep=st.just(1.0) | st.floats(0, 1))
+@QUICK
+@given(edits=EDITS, keep=KEPT_SHARES)
 def test_edited_files_are_read_or_refused(tmp_path, kind, edits, keep):
+    check_edited(tmp_path, kind, edits, keep)
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("kind", WHOLE)
+@THOROUGH
+@given(edits=EDITS, keep=KEPT_SHARES)
+def test_thousands_of_edited_files_are_read_or_refused(tmp_path, kind, edits, keep):
+    check_edited(tmp_path, kind, edits, keep)
+
+
+def check_edited(tmp_path, kind, edits, keep):
     data = bytearray(WHOLE[kind])
     for where, new in edits:
         at = int(where * len(data))
@@ -105,9 +112,23 @@ VALUES = st.one_of(
 ATTRIBUTES = st.dictionaries(st.sampled_from(["units", "axes", "MATLAB_class", "MATLAB_empty"]), VALUES, max_size=2)
 
 
-@PROPERTY
-@given(members=st.lists(st.tuples(PATHS, VALUES, ATTRIBUTES), max_size=6))
+MEMBERS = st.lists(st.tuples(PATHS, VALUES, ATTRIBUTES), max_size=6)
+
+
+@QUICK
+@given(members=MEMBERS)
 def test_hdf5_of_any_structure_is_read_or_refused(tmp_path, members):
+    check_structure(tmp_path, members)
+
+
+@pytest.mark.nightly
+@THOROUGH
+@given(members=MEMBERS)
+def test_thousands_of_hdf5_structures_are_read_or_refused(tmp_path, members):
+    check_structure(tmp_path, members)
+
+
+def check_structure(tmp_path, members):
     file = tmp_path / "upload"
     with h5py.File(file, "w") as h5:
         for path, value, attributes in members:
