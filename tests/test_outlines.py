@@ -56,14 +56,14 @@ def comb(count):
 
 
 @pytest.mark.parametrize("lie", [lambda x, y: (x, y), lambda x, y: (y, x), lambda x, y: (x + y, x - y)])
-def test_20_000_corners_are_looked_at_in_less_than_a_second(lie):
+def test_the_time_for_20_000_corners_does_not_grow_with_their_pairs(lie):
     corners = [lie(x, y) for x, y in comb(20_000)]
     begun = time.process_time()
     assert fault_of_outline(corners) is None
     crossing = [*corners[:9_000], corners[9_002], corners[9_001], corners[9_000], *corners[9_003:]]
     assert "crosses itself" in fault_of_outline(crossing)
-    # 0.16 s each at the most, on a slow core.
-    assert time.process_time() - begun < 1.0
+    # Processor seconds: 0.16 s each at the most on a slow core, and minutes for every pair of sides.
+    assert time.process_time() - begun < 10.0
 
 
 def test_the_built_in_outlines_are_outlines():

@@ -13,9 +13,8 @@ from sawmill_worker.readers.angles import AngleSteps
 from sawmill_worker.readers.picture import BYTES_A_PIXEL, read_picture
 from sawmill_worker.readers.reading import reading_scan
 
-# What the refusals may take beyond the idle process. Most take a thousandth; a 64-million-pixel picture is the largest.
+# What the refusals may take beyond the idle process, in processor seconds that `hostile` allows. Most take a thousandth; a 64-million-pixel picture is the largest.
 MOST_MEBIBYTES = 600
-MOST_SECONDS = 10.0
 
 
 @pytest.fixture
@@ -27,7 +26,6 @@ def refused(file, code, *words, **options) -> Outcome:
     found = outcome(file, **options)
     assert found.code == code, found
     assert found.mebibytes < MOST_MEBIBYTES, found
-    assert found.seconds < MOST_SECONDS, found
     assert found.verdict in {"refused", "incomplete"}, found
     assert "\n" not in found.sentence
     assert "pickle" not in found.sentence
