@@ -13,7 +13,8 @@ from sawmill_worker.readers.angles import AngleSteps
 from sawmill_worker.readers.picture import BYTES_A_PIXEL, read_picture
 from sawmill_worker.readers.reading import reading_scan
 
-# What the refusals may take beyond the idle process, in processor seconds that `hostile` allows. Most take a thousandth; a 64-million-pixel picture is the largest.
+# What the refusals may take beyond the idle process. Most take a thousandth; a 64-million-pixel picture is the largest.
+# `hostile` limits their processor seconds.
 MOST_MEBIBYTES = 600
 
 
