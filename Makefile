@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 WORKERS ?= 3
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --constraint constraints.txt
 
-.PHONY: install install-dev demo check test texts nightly study study-wheel study-run-lengths lint openapi release-contract clients bench bench-scanners bench-coverage bench-misspecified bench-mill bench-unsteady bench-seeds bench-drift bench-speed bench-http bench-upload bench-viewer bench-pages bench-job-price bench-fbp bench-memory study-load paper bench-preparing bench-iterative bench-choosing study-logs study-drift faults faults-folder screenshots bundle try-bundle clean
+.PHONY: install install-dev demo check test texts nightly study study-wheel study-run-lengths lint openapi release-contract clients bench bench-scanners bench-coverage bench-misspecified bench-mill bench-unsteady bench-seeds bench-drift bench-speed bench-http bench-upload bench-viewer bench-pages bench-job-price bench-fbp bench-memory study-load paper figures bench-preparing bench-iterative bench-choosing study-logs study-drift faults faults-folder screenshots bundle try-bundle clean
 
 install: $(VENV)/.installed
 install-dev: $(VENV)/.installed-dev
@@ -105,7 +105,7 @@ bench-viewer: install-dev
 bench-pages: install-dev
 	@$(BIN)/python benchmarks/pages.py
 
-# What docs/scale.md shows, in ten minutes on an idle machine. OPTIONS: --quick, --parts, --databases, --workers, --queued.
+# What docs/scale.md shows. OPTIONS: --quick, --parts, --databases, --workers, --queued.
 study-load: install-dev
 	@$(BIN)/python benchmarks/load.py $(OPTIONS)
 
@@ -139,9 +139,13 @@ study-drift: install-dev
 bench-drift: install-dev
 	@$(BIN)/python benchmarks/drift.py
 
-# The paper's own experiments into docs/paper.md; resumable. OPTIONS: --only EXPERIMENT, --full (hours).
+# The paper's own experiments for docs/paper.md; resumable. OPTIONS: --only EXPERIMENT, --full (hours).
 paper: install-dev
 	@$(BIN)/python benchmarks/paper_experiments.py $(OPTIONS)
+
+# The figures of all pages from benchmarks/results, which the commands that measure write.
+figures:
+	@$(PYTHON) benchmarks/figures.py
 
 bench-preparing: install-dev
 	@$(BIN)/python benchmarks/preparing.py

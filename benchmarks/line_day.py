@@ -1,16 +1,10 @@
-"""A line's day as docs/scale.md counts it: what its logs mean for disk, network and processors, from measured figures.
+"""A line's day as docs/scale.md counts it: what its logs mean for disk, network and processors.
 
-`python benchmarks/line_day.py` writes the tables of the page anew from `benchmarks/load.json`, which `make study-load`
-measures.
+The tables of the page from the values that `benchmarks/load.py` measures.
 """
 
-import json
 from collections.abc import Iterable, Sequence
-from pathlib import Path
 from typing import Any
-
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "scale.md"
-FIGURES = Path(__file__).with_name("load.json")
 
 LOGS, VIEWS, ROWS, CELLS, SAMPLE_BYTES = 2000, 20, 2500, 768, 2
 SHIFT_H = 16.0  # two shifts
@@ -101,7 +95,7 @@ def stay_table(log: Figures) -> list[list[str]]:
     return [[str(days), *(f"{days * each:.1f} TB" for each in (scans, volumes, scans + volumes))] for days in DAYS_KEPT]
 
 
-def ends_table(figures: Figures) -> list[list[str]]:
+def ends_table(figures: Figures, cores: int) -> list[list[str]]:
     """What a day's logs need of one machine, what the measured one has, and the number of lines for which it does."""
     read_h, fbp_h, few_h = hours_of(figures["log"])
     per_s = 2 * LOGS / (3600.0 * SHIFT_H)
@@ -116,11 +110,11 @@ def ends_table(figures: Figures) -> list[list[str]]:
             min(cell["finished_per_s"] for cell in working),
             "jobs/s",
         ),
-        ("processors, reading and `fbp`", (read_h + fbp_h) / SHIFT_H, figures["cores"], "cores"),
+        ("processors, reading and `fbp`", (read_h + fbp_h) / SHIFT_H, cores, "cores"),
         (
             f"processors, reading and `{figures['log']['few_method']}`",
             (read_h + few_h) / SHIFT_H,
-            figures["cores"],
+            cores,
             "cores",
         ),
     ]
@@ -143,44 +137,20 @@ def load_table(cells: Sequence[Figures], database: str) -> list[list[str]]:
     ]
 
 
-def blocks(figures: Figures) -> dict[str, str]:
-    """The page's tables by the names of their marks."""
-    runs = dict.fromkeys(tuple(cell["by"]) for cell in figures["cells"])
-    of_parts = {"the log": [figures["log"]["by"]], "the queue": runs}
+def tables(figures: Figures, cores: int) -> dict[str, str]:
+    """Write the tables of what was measured, by the names that the page's marks have."""
+    log, cells = figures.get("log"), figures["cells"]
+    made = {}
+    if log is not None:
+        made["day"] = _markdown(["what", "computed", "amount"], day_table(log))
+        made["stay"] = _markdown(["days", "scans", "volumes of all of them", "both"], stay_table(log))
+    if log is not None and any(cell["workers"] for cell in cells):
+        made["ends"] = _markdown(["what", "a line needs", "this machine has", "lines"], ends_table(figures, cores))
     heads = ["workers", "queued", "accepted/s", "finished/s", "claim, ms", "first page, ms", "deep page, ms"]
-    return {
-        "run": _markdown(
-            ["what", "by", "on"],
-            [[what, f"`{by[0]}`", by[1]] for what, runs in of_parts.items() for by in runs],
-        ),
-        "day": _markdown(["what", "computed", "amount"], day_table(figures["log"])),
-        "stay": _markdown(["days", "scans", "volumes of all of them", "both"], stay_table(figures["log"])),
-        "ends": _markdown(["what", "a line needs", "this machine has", "lines"], ends_table(figures)),
-        **{
-            database: _markdown(
-                [*heads, "API, MiB", "workers, MiB"], load_table(figures["cells"], database), numbers=True
-            )
-            for database in dict.fromkeys(cell["database"] for cell in figures["cells"])
-        },
-    }
-
-
-def rendered(page: str, figures: Figures) -> str:
-    """The page with its tables written anew.
-
-    Raises
-    ------
-    ValueError
-        It has no place for one of them.
-    """
-    for name, text in blocks(figures).items():
-        begin, end = f"<!-- {name} -->\n", "\n<!-- end -->"
-        before, *after = page.split(begin)
-        if len(after) != 1 or end not in after[0]:
-            msg = f"docs/scale.md must have one place for {name!r}, not {len(after)}"
-            raise ValueError(msg)
-        page = before + begin + text + end + after[0].partition(end)[2]
-    return page
+    heads += ["API, MiB", "workers, MiB"]
+    for database in dict.fromkeys(cell["database"] for cell in cells):
+        made[database] = _markdown(heads, load_table(cells, database), numbers=True)
+    return made
 
 
 def _markdown(heads: Sequence[str], rows: Iterable[Sequence[str]], *, numbers: bool = False) -> str:
@@ -194,7 +164,3 @@ def _mb(size_bytes: float) -> str:
 
 def _thousands(number: int) -> str:
     return f"{number:,}".replace(",", " ")
-
-
-if __name__ == "__main__":
-    PAGE.write_text(rendered(PAGE.read_text(), json.loads(FIGURES.read_text())))

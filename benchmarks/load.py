@@ -1,21 +1,18 @@
 """The load of a line: what a service does while many jobs wait, by the length of the queue, workers and database.
 
     python benchmarks/load.py [--quick] [--parts log load] [--databases sqlite postgresql] [--workers 0 1 2 3 4]
-        [--queued 10 100 1000 10000] [--out FILE]
+        [--queued 10 100 1000 10000] [--results FOLDER]
 
 `sawmill serve` runs as users start it, with an empty data folder, for each database and number of workers. The queue is
 filled to a length with plans of a calibration, which are short jobs. Measured are finished jobs a second, by the
 events; then, while the workers go on, asks a second by four clients over HTTP, the first and a deep page of
 `GET /v1/jobs` (50 jobs), a claim beside those of the workers, and the proportional set size of the API and of all
-other processes. `log` is the price of one log of a line: it is sent, read and reconstructed. All figures go to
-`benchmarks/load.json`, where a later run replaces those that it measures anew, and into the tables of docs/scale.md.
+other processes. `log` is the price of one log of a line: it is sent, read and reconstructed. A run of both parts on
+both databases writes `benchmarks/results/load.json`, from which docs/scale.md has its tables. A smaller one only
+prints, unless `--results` names a folder.
 """
 
 import argparse
-import json
-import os
-import shlex
-import sys
 import tempfile
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
@@ -28,8 +25,9 @@ import httpx
 from faults.servers import Postgres
 from filled_line import Line
 from job_price import name_of, processes, pss_mib
-from line_day import FIGURES, PAGE, ROWS, rendered
+from line_day import ROWS, tables
 from log_price import FEW, FEW_ROWS, price_of_a_log
+from measurement import RESULTS, Measurement, reference_s
 
 from sawmill_worker import demo_client
 from sawmill_worker.storage.settings import StorageSettings
@@ -101,17 +99,6 @@ def urls(stack: ExitStack, folder: Path) -> Callable[[], str]:
     return lambda: server.new_database(f"load-{next(numbers)}")
 
 
-def machine() -> str:
-    """What it is."""
-    models = [
-        line.partition(":")[2].strip()
-        for line in Path("/proc/cpuinfo").read_text().splitlines()
-        if "model name" in line
-    ]
-    busy = os.getloadavg()[0]
-    return f"{os.cpu_count()} cores ({models[0]}), at a load of {busy:.1f} when it began"
-
-
 def print_cell(cell: Figures) -> None:
     """A line."""
     finished = "" if cell["finished_per_s"] is None else f"{cell['finished_per_s']:.1f}"
@@ -123,21 +110,7 @@ def print_cell(cell: Figures) -> None:
     )
 
 
-def keep(path: Path | None, new: Figures) -> None:
-    """Write figures as soon as they are there, in place of older ones of the same."""
-    if path is None:
-        return
-
-    def key(cell: Figures) -> tuple[bool, int, int]:
-        return cell["database"] != "sqlite", cell["workers"], cell["queued"]
-
-    old = json.loads(path.read_text()) if path.exists() else {"cells": []}
-    cells = {key(cell): cell for cell in [*old["cells"], *new["cells"]]}
-    kept = {**old, **new, "cores": os.cpu_count(), "cells": [cells[each] for each in sorted(cells)]}
-    path.write_text(json.dumps(kept, indent=2) + "\n")
-
-
-def main(arguments: list[str] | None = None) -> None:
+def main(arguments: list[str] | None = None, reference: Callable[[], float] = reference_s) -> None:
     """Measure, print and write."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument(
@@ -149,28 +122,29 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--queued", nargs="+", type=int, default=(10, 100, 1000, 10_000))
     parser.add_argument("--jobs", type=int, default=40, help="whose ends are waited for, for each figure")
     parser.add_argument("--asks", type=int, default=20, help="repeats of each question")
-    parser.add_argument("--out", type=Path, help="instead of benchmarks/load.json and the page; --quick writes neither")
-    given = sys.argv[1:] if arguments is None else arguments
-    chosen = parser.parse_args(given)
+    parser.add_argument("--results", type=Path, help="where results are written, also those of a part")
+    chosen = parser.parse_args(arguments)
     if chosen.quick:
         chosen.databases, chosen.workers, chosen.queued, chosen.jobs, chosen.asks = ("sqlite",), (1,), (10,), 3, 2
     log = (8, (2, 4), ReconstructionMethod.FBP) if chosen.quick else (ROWS, FEW_ROWS, FEW)
+    complete = not chosen.quick and len({*chosen.parts}) == len({*chosen.databases}) == 2
+    folder = chosen.results or (RESULTS if complete else None)
+    measurement = Measurement.begin(reference)
+    values: Figures = {"cells": []}
+    if "log" in chosen.parts:
+        values["log"] = price_of_a_log(*log)
     print("database   workers  queued accepted/s finished/s claim, ms page, ms  deep, ms  API MiB workers MiB")
     with ExitStack() as stack:
-        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="sawmill-load-")))
-        folder.chmod(0o755)  # as root, the server of PostgreSQL runs as another user
-        by = [" ".join(["python benchmarks/load.py", *map(shlex.quote, given)]), machine()]
-        out = chosen.out or (None if chosen.quick else FIGURES)
-        if "log" in chosen.parts:
-            keep(out, {"cells": [], "log": price_of_a_log(*log) | {"by": by}})
+        temporary = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="sawmill-load-")))
+        temporary.chmod(0o755)  # as root, the server of PostgreSQL runs as another user
         for database in chosen.databases if "load" in chosen.parts else ():
-            new_url = urls(stack, folder) if database == "postgresql" else lambda: None
+            new_url = urls(stack, temporary) if database == "postgresql" else lambda: None
             for workers in chosen.workers:
                 for cell in measured_cells(new_url(), database, workers, chosen.queued, chosen.jobs, chosen.asks):
                     print_cell(cell)
-                    keep(out, {"cells": [cell | {"by": by}]})
-    if out == FIGURES:
-        PAGE.write_text(rendered(PAGE.read_text(), json.loads(FIGURES.read_text())))
+                    values["cells"].append(cell)
+    if folder is not None:
+        measurement.write({"load": values | tables(values, measurement.conditions["cores"])}, folder)
 
 
 if __name__ == "__main__":

@@ -2,6 +2,8 @@
 
     python benchmarks/speed.py [--full]
 
+Writes `benchmarks/results/speed.json`.
+
 Without --full the published search is not run to its end: the time of one evaluation is measured and multiplied by the
 evaluations that such a search took when it was run (4 389 with 360 views, 3 498 with 20). The product's time is
 `timing_s.total`, from the sinogram in memory to the complete answer with its uncertainty, warm; and from the shell.
@@ -11,10 +13,13 @@ import argparse
 import os
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from measurement import Measurement
 from published_pipeline import PublishedObjective, search
 from scanners import SCANNER
 from scipy.io import loadmat
@@ -82,10 +87,13 @@ def product_seconds(sinogram: FloatArray, angles: FloatArray) -> tuple[dict[str,
     return stages, max(ray_error(SCANNER, true, run.frame).rms_mm for run in runs)
 
 
-def from_the_shell(path: Path) -> float:
-    """Median seconds of `sawmill calibrate` as a process, start and file included."""
+def from_the_shell(sinogram: FloatArray, folder: Path) -> float:
+    """Measure the median seconds of `sawmill calibrate` as a process, start and file included."""
+    path = folder / f"{len(sinogram)}.npy"
+    np.save(path, sinogram)
+    step_deg = 360 // len(sinogram)
     command = [str(Path(sys.executable).parent / "sawmill"), "calibrate", str(path), "--data", "line-integrals"]
-    command += ["--angles-deg", "0.5:1", "--source-to-cor-mm", str(SCANNER.source_to_cor_mm)]
+    command += ["--angles-deg", f"0.5:{step_deg}", "--source-to-cor-mm", str(SCANNER.source_to_cor_mm)]
     command += ["--detector-pitch-mm", str(SCANNER.detector_pitch_mm), "--phantom", "l-shape", "--json"]
     laps = []
     for _ in range(4):
@@ -111,11 +119,13 @@ def one_fbp(sinogram: FloatArray, angles: FloatArray) -> tuple[float, float]:
 
 
 def main() -> None:
-    """Print the table."""
+    """Print the table and write the results."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--full", action="store_true", help="run the published search to its end (about half an hour)")
     options = parser.parse_args()
+    measurement = Measurement.begin()
     name, whole = l_phantom()
+    values: dict[str, Any] = {"data": name}
     for views in (360, 20):
         step = 360 // views
         sinogram, angles = whole[::step], ((np.arange(360) + 0.5) * TAU / 360)[::step]
@@ -129,8 +139,20 @@ def main() -> None:
         odl_seconds, our_seconds = one_fbp(sinogram, angles)
         print(f"  one 256 x 256 FBP: ODL {odl_seconds:.4f} s, ours {our_seconds:.4f} s", end="")
         print(f", ratio {odl_seconds / our_seconds:.1f}")
-    if published_file().is_file():
-        print(f"from the shell, 360 views: {from_the_shell(published_file()):.2f} s")
+        with tempfile.TemporaryDirectory() as folder:
+            shell = from_the_shell(sinogram, Path(folder))
+        print(f"  from the shell: {shell:.2f} s")
+        values[f"views_{views}"] = {
+            "product_s": stages["total"],
+            "published_s": published,
+            "published_how": how,
+            "ratio": published / stages["total"],
+            "ray_error_mm": error,
+            "shell_s": shell,
+            "shell_ratio": published / shell,
+            "fbp_ratio": odl_seconds / our_seconds,
+        }
+    measurement.write({"speed": values})
 
 
 if __name__ == "__main__":

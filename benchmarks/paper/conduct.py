@@ -1,22 +1,23 @@
-"""Does the units that are not done yet, in a pool of processes, and writes the page from all results."""
+"""Does the units that are not done yet, in a pool of processes, and writes the figures of the page from all results."""
 
 import multiprocessing
 import os
+import shutil
+import tempfile
 import textwrap
 from collections.abc import Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from dataclasses import dataclass
 from pathlib import Path
-from string import Template
 
 import numba
+from measurement import Measurement
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from paper.experiment import Experiment, Plan, Result, Unit, Values
 from paper.store import load, save
 
-TEMPLATES = Path(__file__).with_name("templates")
 LINE = 120
 # What a paragraph begins with that is none: headings, tables, pictures, code.
 KEPT = ("#", "|", "!", "```")
@@ -24,15 +25,11 @@ KEPT = ("#", "|", "!", "```")
 
 @dataclass(frozen=True)
 class Places:
-    """Where results are kept, and where the page and its pictures go."""
+    """Folders: of the units' results, of the figures for the page, and of its pictures."""
 
     work: Path
-    page: Path
-
-    @property
-    def pictures(self) -> Path:
-        """The folder beside the page that its links name."""
-        return self.page.parent / "paper"
+    results: Path
+    pictures: Path
 
 
 def one_thread() -> None:
@@ -108,10 +105,6 @@ def gather(units: Sequence[Unit], work: Path) -> dict[str, Result]:
     return {name: result for name, result in results.items() if result is not None}
 
 
-def _filled(template: str, values: Values) -> str:
-    return Template((TEMPLATES / f"{template}.md").read_text()).substitute(values)
-
-
 def wrapped(text: str) -> str:
     """Markdown with its paragraphs broken into lines of at most LINE characters; the rest stays as it is."""
     parts = text.split("\n\n")
@@ -123,25 +116,22 @@ def wrapped(text: str) -> str:
     )
 
 
-def write_page(experiments: Sequence[Experiment], plan: Plan, places: Places) -> None:
-    """The page and its pictures, from the results alone; an experiment whose results are missing is left out."""
-    sections = []
-    for experiment in experiments:
-        try:
-            results = gather(experiment.units(plan), places.work)
-        except LookupError as error:
-            Console(stderr=True).print(f"{experiment.name} is left out: {error}")
-            continue
-        text = _filled(experiment.name, experiment.section(plan, results, places.pictures))
-        command = f"Made by `make paper OPTIONS='--only {experiment.name}'`."
-        sections.append(f"## {experiment.title}\n\n{command}\n\n{text}")
-    places.page.parent.mkdir(parents=True, exist_ok=True)
-    page = _filled("page", {"sections": "\n".join(sections)})
-    places.page.write_text(wrapped(page).rstrip("\n") + "\n")
+def figures(experiments: Sequence[Experiment], plan: Plan, work: Path, pictures: Path) -> dict[str, Values]:
+    """Compute the figures of each experiment, by the name of its results file, and draw its pictures."""
+    return {
+        f"paper-{experiment.name}": {
+            key: wrapped(text) if "\n" in text else text
+            for key, text in experiment.section(plan, gather(experiment.units(plan), work), pictures).items()
+        }
+        for experiment in experiments
+    }
 
 
-def conduct(experiments: Sequence[Experiment], wanted: Sequence[str], plan: Plan, places: Places) -> None:
-    """Do the wanted experiments, then write the page of all whose results are there."""
-    chosen = [experiment for experiment in experiments if experiment.name in wanted]
-    work_through(distinct(chosen, plan), places.work, processes=os.cpu_count() or 1)
-    write_page(experiments, plan, places)
+def conduct(experiments: Sequence[Experiment], plan: Plan, places: Places) -> None:
+    """Run the experiments and write their figures and pictures, where the machine was equally fast all the time."""
+    measurement = Measurement.begin()
+    work_through(distinct(experiments, plan), places.work, processes=os.cpu_count() or 1)
+    with tempfile.TemporaryDirectory() as drawn:
+        values = figures(experiments, plan, places.work, Path(drawn))
+        measurement.write(values, places.results)
+        shutil.copytree(drawn, places.pictures, dirs_exist_ok=True)

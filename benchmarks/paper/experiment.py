@@ -1,4 +1,4 @@
-"""What an experiment is: units of work whose results are kept, and a section of the page written from them."""
+"""What an experiment is: units of work whose results are kept, and the figures of a section of the page."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -87,19 +87,18 @@ class Unit:
 
 @dataclass(frozen=True)
 class Experiment:
-    """One section of the page.
+    """One section of docs/paper.md.
 
     Attributes
     ----------
     name : str
-        Also that of its template, which has the section's words.
+        The results file is `benchmarks/results/paper-NAME.json`.
     units : callable
         Plan -> the units that it needs.
     section : callable
-        (plan, results by unit name, folder for pictures) -> the template's values; it draws the section's pictures.
+        (plan, results by unit name, folder for pictures) -> the section's figures; it draws its pictures.
     """
 
     name: str
-    title: str
     units: Callable[[Plan], list[Unit]]
     section: Callable[[Plan, Results, Path], Values]

@@ -262,4 +262,4 @@ def section(plan: Plan, results: Results, folder: Path) -> Values:
     }
 
 
-EXPERIMENT = Experiment("methods", "Methods and views", units, section)
+EXPERIMENT = Experiment("methods", units, section)

@@ -128,4 +128,4 @@ def _range(values: list[float], form: str) -> str:
     return least if least == most else f"{least} to {most}"
 
 
-EXPERIMENT = Experiment("misspecification", "Misspecified parameters", units, section)
+EXPERIMENT = Experiment("misspecification", units, section)

@@ -224,4 +224,4 @@ def section(plan: Plan, results: Results, folder: Path) -> Values:
     }
 
 
-EXPERIMENT = Experiment("objectives", "The objective on images and the one on sinograms", units, section)
+EXPERIMENT = Experiment("objectives", units, section)

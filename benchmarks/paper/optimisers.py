@@ -194,4 +194,4 @@ def section(plan: Plan, results: Results, folder: Path) -> Values:
     }
 
 
-EXPERIMENT = Experiment("optimisers", "Differential evolution and its rivals", units, section)
+EXPERIMENT = Experiment("optimisers", units, section)

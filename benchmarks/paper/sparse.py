@@ -102,4 +102,4 @@ def section(plan: Plan, results: Results, folder: Path) -> Values:
     }
 
 
-EXPERIMENT = Experiment("sparse", "Full against sparse calibration", units, section)
+EXPERIMENT = Experiment("sparse", units, section)

@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 import numpy as np
+from measurement import commit
 
 from paper.experiment import Result, Unit
 
@@ -20,19 +21,19 @@ def save(folder: Path, unit: Unit, result: Result) -> None:
     plain = {key: value for key, value in result.items() if key not in arrays}
     if arrays:
         np.savez_compressed(folder / f"{unit.name}.npz", allow_pickle=False, **arrays)
-    text = json.dumps({"settings": _settings(unit), "result": plain}, indent=1)
+    text = json.dumps({"commit": commit(), "settings": _settings(unit), "result": plain}, indent=1)
     beside = folder / f"{unit.name}.json.part"
     beside.write_text(text)
     beside.rename(folder / f"{unit.name}.json")
 
 
 def load(folder: Path, unit: Unit) -> Result | None:
-    """A unit's result, or None where there is none that was made with its settings."""
+    """A unit's result, or None where this commit has made none with its settings."""
     path = folder / f"{unit.name}.json"
     if not path.is_file():
         return None
     kept = json.loads(path.read_text())
-    if kept["settings"] != _settings(unit):
+    if (kept.get("commit"), kept["settings"]) != (commit(), _settings(unit)):
         return None
     result: Result = kept["result"]
     arrays = folder / f"{unit.name}.npz"

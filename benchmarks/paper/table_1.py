@@ -145,4 +145,4 @@ def _shows(method: str, made: list[Result]) -> str:
     )
 
 
-EXPERIMENT = Experiment("table-1", "Table 1", units, section)
+EXPERIMENT = Experiment("table-1", units, section)

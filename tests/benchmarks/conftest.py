@@ -1,6 +1,0 @@
-"""The benchmarks import one another by the names that their scripts see."""
-
-import sys
-from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))

@@ -1,0 +1,140 @@
+"""Figures of the pages are those of `benchmarks/results`, and a measurement records its conditions."""
+
+import json
+import re
+
+import pytest
+from figures import PAGES, PLACE, ROOT, filled, read_results
+from measurement import RESULTS, Measurement
+
+RESULTS_FILES = read_results()
+FAST_S = 1.0
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_a_page_shows_the_figures_of_the_results(page):
+    text = page.read_text()
+    assert filled(text, RESULTS_FILES) == text, "stale: run `make figures`"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_each_mark_is_complete_and_no_prose_begins_with_one(page):
+    text = page.read_text()
+    assert len(PLACE.findall(text)) == text.count("<!-- figure") == text.count("<!-- end -->")
+    # Markdown takes a line that begins with a comment for HTML, to the line's end.
+    assert not re.search(r"^ *<!-- (?:figure [^\n]*|end) -->.", text, re.MULTILINE)
+
+
+def test_each_results_file_is_shown_by_a_page():
+    assert RESULTS_FILES.keys() == {place[2] for page in PAGES for place in PLACE.finditer(page.read_text())}
+
+
+def test_each_benchmark_is_named_by_a_page_or_a_target_or_is_part_of_one_that_is():
+    scripts = {path.stem: path.read_text() for path in RESULTS.parent.glob("*.py")}
+    parts = [path.read_text() for path in RESULTS.parent.glob("*/*.py")]
+    namers = "".join(path.read_text() for path in (ROOT / "Makefile", *PAGES))
+    reached = set(re.findall(r"(?<!tests/)benchmarks/(\w+)\.py", namers))
+    assert reached <= scripts.keys()
+    while more := imported([scripts[name] for name in reached] + parts) & scripts.keys() - reached:
+        reached |= more
+    assert reached == scripts.keys()
+
+
+def imported(sources):
+    """The modules that they import."""
+    return set(re.findall(r"^ *(?:from|import) (\w+)", "\n".join(sources), re.MULTILINE))
+
+
+RESULT = {
+    "command": "make a",
+    "commit": "012-dirty",
+    "date": "2026-11-23T18:40+00:00",
+    "machine": "a processor",
+    "cores": 2,
+    "load": 0.1,
+    "busy": False,
+    "values": {
+        "total_s": 0.4237,
+        "ratio": 2934.2,
+        "error_mm": 0.0,
+        "rows": 2500,
+        "table": "| a |\n|---|\n| 1 |",
+        "of": {"x_ms": 3},
+    },
+}
+
+
+@pytest.mark.parametrize(
+    ("mark", "shown"),
+    [
+        ("total_s 2 s", "0.42 s"),
+        ("total_s", "0.4237"),
+        ("ratio 2", "2 900"),
+        ("ratio 5", "2 934.2"),
+        ("error_mm 2 mm", "0.0 mm"),
+        ("rows", "2500"),
+        ("of.x_ms 1 ms of 8", "3 ms of 8"),
+        ("table", "\n| a |\n|---|\n| 1 |\n"),
+        (
+            "run",
+            "`make a`, commit 012 with changes, 2026-11-23, 2 cores (a processor) at a load of 0.1 before the start",
+        ),
+    ],
+)
+def test_a_figure_is_rounded_and_has_its_unit(mark, shown):
+    page = f"| before <!-- figure speed.{mark} -->old\n1<!-- end --> | after |"
+    assert filled(page, {"speed": RESULT}) == f"| before <!-- figure speed.{mark} -->{shown}<!-- end --> | after |"
+
+
+@pytest.mark.parametrize(
+    ("mark", "shown"),
+    [
+        ("total_s 2 s", "0.42 s (measured on a busy machine)"),
+        ("of.x_ms", "3 (measured on a busy machine)"),
+        ("ratio 2", "2 900"),
+        ("table", "\n| a |\n|---|\n| 1 |\n\n*Measured on a busy machine.*\n"),
+    ],
+)
+def test_times_and_tables_of_a_busy_machine_are_marked(mark, shown):
+    page = filled(f"<!-- figure speed.{mark} --><!-- end -->", {"speed": RESULT | {"busy": True}})
+    assert page == f"<!-- figure speed.{mark} -->{shown}<!-- end -->"
+
+
+@pytest.mark.parametrize("mark", ["speed.lost", "lost.total_s", "speed.total_s.x"])
+def test_a_mark_without_a_figure_is_named(mark):
+    with pytest.raises(LookupError, match=f"benchmarks/results has no {re.escape(mark)}, which a page shows"):
+        filled(f"<!-- figure {mark} --><!-- end -->", {"speed": RESULT})
+
+
+def measured(folder, *, before_s, after_s):
+    """The file that a measurement writes while the reference computation takes so long."""
+    times = iter((before_s, after_s))
+    Measurement.begin(lambda: next(times)).write({"speed": {"total_s": 2.0}}, folder)
+    return json.loads((folder / "speed.json").read_text())
+
+
+def test_a_measurement_records_its_conditions(tmp_path, capsys):
+    file = measured(tmp_path, before_s=FAST_S, after_s=1.1 * FAST_S)
+    assert file["values"] == {"total_s": 2.0}
+    assert file["reference_s"] == {"before": FAST_S, "after": 1.1 * FAST_S, "best": FAST_S}
+    assert not file["busy"]
+    assert re.fullmatch(r"[0-9a-f]{12}(-dirty)?", file["commit"])
+    assert {"command", "date", "machine", "cores", "load"} <= file.keys()
+    assert "speed.json. `make figures`" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("after_s", [0.8 * FAST_S, 1.2 * FAST_S])
+def test_nothing_is_written_where_the_machine_s_speed_changed(tmp_path, after_s):
+    with pytest.raises(SystemExit, match="Nothing is written: the reference computation took"):
+        measured(tmp_path, before_s=FAST_S, after_s=after_s)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_machine_that_is_slower_than_its_best_before_and_after_is_busy(tmp_path):
+    measured(tmp_path, before_s=FAST_S, after_s=FAST_S)
+    assert not measured(tmp_path, before_s=1.1 * FAST_S, after_s=1.2 * FAST_S)["busy"]
+    busy = measured(tmp_path, before_s=1.2 * FAST_S, after_s=1.3 * FAST_S)
+    assert busy["busy"]
+    assert busy["reference_s"]["best"] == FAST_S
+    (tmp_path / "speed.json").write_text(json.dumps(busy | {"cores": 1000}))
+    assert not measured(tmp_path, before_s=1.2 * FAST_S, after_s=1.3 * FAST_S)["busy"]
