@@ -17,7 +17,6 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import httpx
-from floods import memory_mib
 
 from sawmill_worker import demo_client, examples
 
@@ -25,6 +24,12 @@ PAUSE_S = 0.02
 QUIET_S = 20.0
 BLOCK_BYTES = 2**20
 LONGEST_S = 600.0
+
+
+def memory_mib(process_id: int) -> float:
+    """Return the resident memory of a process."""
+    pages = int(Path(f"/proc/{process_id}/statm").read_text().split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE") / 2**20
 
 
 def blocks(size: int) -> Iterator[bytes]:

@@ -77,7 +77,7 @@ class Admission:
                 self._check_rates(scope)
                 self._take_places(scope, headers, place)
             except Refused as refused:
-                await _answer(scope, refused)(scope, receive, send)
+                await refusal_response(scope["path"], refused)(scope, receive, send)
                 return
 
             async def send_started(message: Message) -> None:
@@ -127,10 +127,3 @@ def _has_body(headers: Headers) -> bool:
 
 def _is_stream(scope: Scope) -> bool:
     return str(scope["path"]).endswith("/events")
-
-
-def _answer(scope: Scope, refused: Refused) -> ASGIApp:
-    # What follows on the connection, the rest of a body or more requests, would have to be listened to.
-    answer = refusal_response(scope["path"], refused)
-    answer.headers["Connection"] = "close"
-    return answer

@@ -18,7 +18,6 @@ from sawmill_service.event_feed import EventFeed
 from sawmill_service.forms import check_csrf
 from sawmill_service.gate import Gate, ProtectiveHeaders
 from sawmill_service.heads import Heads
-from sawmill_service.lingering import EarlyAnswers
 from sawmill_service.measures import Measures
 from sawmill_service.observer import Observer
 from sawmill_service.openapi_document import Application
@@ -181,7 +180,6 @@ def create_app(
     app.add_middleware(ProblemPages)
     app.add_middleware(ProtectiveHeaders)
     app.add_middleware(RequestIds)
-    app.add_middleware(EarlyAnswers)
     return app
 
 

@@ -4,12 +4,6 @@ import errno
 import socket
 from ipaddress import IPv6Address, ip_address
 
-# Connections that the system keeps until they are accepted.
-_QUEUE = 2048
-# Of an answer, in the system's memory for each connection: it would keep 4 MB for a client that does not read.
-_UNSENT_BYTES = 2**18
-_FIRST_PROBE_S, _PROBE_S = 60, 15
-
 
 class ListenError(Exception):
     """The service cannot or must not listen there; the sentence names what would be right."""
@@ -50,24 +44,6 @@ def listen(host: str, port: int, *, guarded: bool) -> socket.socket:
         listening.close()
         raise
     return listening
-
-
-def expect_floods(listening: socket.socket, silence_s: float) -> None:
-    """Have a long queue, little memory a connection, and an end of those whose client has gone without a word.
-
-    Connections inherit all but the queue.
-
-    Parameters
-    ----------
-    silence_s
-        How long sent bytes may remain unacknowledged.
-    """
-    listening.setsockopt(socket.IPPROTO_TCP, socket.TCP_NOTSENT_LOWAT, _UNSENT_BYTES)
-    listening.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, round(1000 * silence_s))
-    listening.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
-    listening.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, _FIRST_PROBE_S)
-    listening.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPINTVL, _PROBE_S)
-    listening.listen(_QUEUE)
 
 
 def is_loopback(address: str) -> bool:

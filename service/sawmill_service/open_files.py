@@ -2,7 +2,7 @@
 
 import resource
 
-from sawmill_service.listening import ListenError
+import structlog
 
 # A connection, and the file that it sends or fetches.
 _PER_CONNECTION = 2
@@ -11,24 +11,36 @@ _OTHERS = 256
 
 
 def files_needed(connections: int) -> int:
-    """The number of files that the process opens for this number of connections."""
+    """Return the number of files that the process opens for this number of connections."""
     return _PER_CONNECTION * connections + _OTHERS
 
 
-def open_files_for(connections: int) -> None:
-    """Raise the limit of this process as far as its connections need it; its children inherit that.
+def possible_connections(connections: int) -> int:
+    """Raise the process's limit of open files as far as its connections need it; its children inherit that.
 
-    Raises
-    ------
-    ListenError
-        The system allows fewer.
+    Returns
+    -------
+    int
+        `connections`, or fewer where the system allows fewer files.
     """
     needed = files_needed(connections)
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if hard != resource.RLIM_INFINITY:
+        connections = min(connections, max(1, (hard - _OTHERS) // _PER_CONNECTION))
+        needed = min(needed, hard)
     if soft != resource.RLIM_INFINITY and soft < needed:
-        if hard != resource.RLIM_INFINITY and hard < needed:
-            raise ListenError(
-                f"{connections} connections need {needed} open files, and the system allows {hard}: raise its limit "
-                f"(ulimit -n), or set SAWMILL_MAX_CONNECTIONS to at most {max(1, (hard - _OTHERS) // _PER_CONNECTION)}"
-            )
         resource.setrlimit(resource.RLIMIT_NOFILE, (needed, hard))
+    return connections
+
+
+def connections_of(most: int) -> int:
+    """Return the number of connections that the service serves, and warn where the system allows fewer than `most`."""
+    possible = possible_connections(most)
+    if possible < most:
+        structlog.get_logger().warning(
+            "fewer-connections",
+            connections=possible,
+            reason=f"{most} connections need {files_needed(most)} open files, and the system allows fewer: raise its "
+            f"limit (ulimit -n), or set SAWMILL_MAX_CONNECTIONS to {possible}",
+        )
+    return possible

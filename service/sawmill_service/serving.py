@@ -4,22 +4,18 @@ import signal
 import threading
 from collections.abc import Callable
 from contextlib import ExitStack, closing
-from functools import partial
 from types import FrameType
-from typing import cast
 
 import structlog
 import uvicorn
 
 from sawmill_service.app import create_app
-from sawmill_service.connections import ClientConnection, Connections
 from sawmill_service.dependencies import Wake
 from sawmill_service.listening import ListenError, is_loopback, listen
-from sawmill_service.open_files import open_files_for
+from sawmill_service.open_files import connections_of
 from sawmill_service.service_manager import ServiceManager
 from sawmill_service.settings import ServiceSettings
 from sawmill_service.stopping import Server
-from sawmill_service.unreadable import log_each_once
 from sawmill_service.webhooks.destinations import AllowedDestinations
 from sawmill_service.webhooks.sender import WebhookSender
 from sawmill_worker.execution.clock_keeper import ClockKeeper
@@ -34,10 +30,19 @@ from sawmill_worker.storage.software import software
 from sawmill_worker.storage.store import Store
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
+# A connection without a request ends after this time. Browsers and proxies open another.
+_IDLE_S = 5
+# The first line and the headers, or the head of a chunk, while they have not come whole.
+_HEAD_BYTES = 2**14
 
 BEHIND_A_PROXY = (
     "SAWMILL_PUBLIC_URL or SAWMILL_TRUSTED_PROXIES means that requests come through a proxy, so each must bring a key: "
     "make one with sawmill key create --name NAME --scope admin, or set SAWMILL_TOKEN (at least 32 characters)"
+)
+WITHOUT_A_PROXY = (
+    "other machines reach the service without a proxy: nothing encrypts keys and scans on the line (TLS), and nothing "
+    "ends connections of slow clients; put Caddy or nginx in front, as examples/proxy/ has it, and declare it with "
+    "SAWMILL_PUBLIC_URL and SAWMILL_TRUSTED_PROXIES"
 )
 
 
@@ -65,14 +70,12 @@ def serve_until_stopped(
     StorageError, OSError
         The data folder cannot be used, or another process serves it.
     ListenError
-        The address or the port cannot be used, or `max_connections` exceeds what the system allows.
+        The address or the port cannot be used.
     """
     configure_logs(execution.log_format)
-    log_each_once()
     software()  # read now: after an upgrade the files are no longer those that this process has loaded
     for number in _SIGNALS:
         signal.signal(number, _end_start)
-    open_files_for(settings.max_connections)
     with ExitStack() as stack:
         refuse_second(storage)
         guarded = settings.token is not None or (settings.may_be_reached and _has_key(storage))
@@ -98,12 +101,16 @@ def serve_until_stopped(
         if seed is not None:
             threading.Thread(target=_seed, args=(seed, store), name="examples", daemon=True).start()
         address, port = listening.getsockname()[:2]
+        if not is_loopback(address) and not settings.behind_proxy:
+            structlog.get_logger().warning("no-proxy", reason=WITHOUT_A_PROXY)
         app = create_app(settings, store, wake, exposed=not is_loopback(address), broker_url=execution.broker_url)
-        connections = Connections(settings, app.state.metrics)
         config = uvicorn.Config(
             app,
-            http=cast("type[ClientConnection]", partial(ClientConnection, connections=connections)),
+            http="h11",
             ws="none",
+            limit_concurrency=connections_of(settings.max_connections),
+            timeout_keep_alive=_IDLE_S,
+            h11_max_incomplete_event_size=_HEAD_BYTES,
             log_config=None,
             access_log=False,
             server_header=False,
@@ -112,7 +119,7 @@ def serve_until_stopped(
         structlog.get_logger().info(
             "serving", url=f"http://{settings.host}:{port}", data_folder=str(storage.data_folder)
         )
-        Server(config, app.state.stopping, connections, ServiceManager()).run(sockets=[listening])
+        Server(config, app.state.stopping, ServiceManager()).run(sockets=[listening])
         _ignore_signals()
 
 

@@ -3,7 +3,7 @@
 import re
 from ipaddress import ip_address, ip_network
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Self
 from urllib.parse import urlsplit
 
 from pydantic import AfterValidator, Field, SecretStr, model_validator
@@ -113,24 +113,14 @@ class ServiceSettings(BaseSettings):
     )
 
     max_connections: Annotated[int, Field(ge=1, le=MOST_CONNECTIONS)] = Field(
-        512,
-        description="Connections open at once. For another one the client that has kept the service waiting longest "
-        "gives way.",
+        1024,
+        description="From this number of open connections on, idle ones and streams included, requests get a plain "
+        "503. One caller at its bounds has 416 (`max_requests_at_once`, `max_bodies_at_once`, `max_waits_at_once`), "
+        "and `max_streams` come on top: two such callers and their idle connections have room.",
     )
-    max_connections_per_address: Annotated[int, Field(ge=1)] = Field(
-        64,
-        description="Of these, from one address (one /64 of IPv6); loopback and trusted proxies have no bound of "
-        "their own.",
-    )
-    head_timeout_s: Annotated[float, Field(gt=0)] = Field(
-        10.0, description="For a request's head to come whole; browsers send theirs at once."
-    )
-    client_silence_s: Annotated[float, Field(gt=0)] = Field(
-        60.0, description="How long a body may stand still, and over which the rate of reading an answer is taken."
-    )
+    client_silence_s: Annotated[float, Field(gt=0)] = Field(60.0, description="How long a body may stand still.")
     min_client_bytes_per_s: Annotated[float, Field(ge=0)] = Field(
-        1000.0,
-        description="Least mean rate of a body, once it was awaited for `body_grace_s`, and of reading an answer.",
+        1000.0, description="Least mean rate of a body, once it was awaited for `body_grace_s`."
     )
     body_grace_s: Annotated[float, Field(ge=0)] = Field(
         30.0, description="A body is awaited for that long before its rate counts."
@@ -170,6 +160,13 @@ class ServiceSettings(BaseSettings):
         except (OSError, UnicodeDecodeError) as error:
             msg = f"SAWMILL_TOKEN_FILE cannot be read: {error}"
             raise ValueError(msg) from error
+
+    @model_validator(mode="after")
+    def _check_streams_leave_connections(self) -> Self:
+        if self.max_connections <= self.max_streams:
+            msg = f"max_connections must be above max_streams ({self.max_streams}): each stream is a connection"
+            raise ValueError(msg)
+        return self
 
     @property
     def max_form_file_bytes(self) -> int:

@@ -8,8 +8,6 @@ from types import FrameType
 import uvicorn
 from starlette.types import Message, Receive
 
-from sawmill_service.connections import Connections
-from sawmill_service.listening import expect_floods
 from sawmill_service.problems import Refused
 from sawmill_service.service_manager import ServiceManager
 
@@ -19,10 +17,6 @@ SHUTDOWN_S = 3.0
 # For what waits for the database then, which is given up after five seconds (`storage/database.py`).
 _ANSWERS_S = 9
 _LOOK_S = 0.25
-# Of uvicorn's ticks of a tenth of a second, between two looks at slow clients.
-_TICKS = 5
-# More would keep the requests of open connections waiting while a flood of new ones is accepted.
-_ACCEPTED_AT_ONCE = 64
 
 
 class Stopping:
@@ -81,34 +75,26 @@ class Server(uvicorn.Server):
     Parameters
     ----------
     config
-        Its time limit of a graceful shutdown and its backlog are set here.
+        Its time limit of a graceful shutdown is set here.
     stopping
         The application's.
-    connections
-        Those of `config`'s protocol.
     manager
         Hears when the service answers, that it lives, and when it begins to end.
     """
 
-    def __init__(
-        self, config: uvicorn.Config, stopping: Stopping, connections: Connections, manager: ServiceManager
-    ) -> None:
-        config.timeout_graceful_shutdown, config.backlog = _ANSWERS_S, _ACCEPTED_AT_ONCE
+    def __init__(self, config: uvicorn.Config, stopping: Stopping, manager: ServiceManager) -> None:
+        config.timeout_graceful_shutdown = _ANSWERS_S
         super().__init__(config)
-        self._stopping, self._connections, self._manager = stopping, connections, manager
+        self._stopping, self._manager = stopping, manager
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        """Listen with a long queue; asyncio would accept all of it between two looks at open connections."""
+        """Listen, and report that the service answers."""
         await super().startup(sockets)
-        for listening in sockets or ():
-            expect_floods(listening, self._connections.patience.silence_s)
         self._manager.report("READY=1")
 
     async def on_tick(self, counter: int) -> bool:
-        """Look at slow clients now and then."""
+        """Show the service manager that the service lives."""
         self._manager.show_life()
-        if counter % _TICKS == 0:
-            self._connections.look()
         return await super().on_tick(counter)
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:  # noqa: ARG002 - uvicorn's names

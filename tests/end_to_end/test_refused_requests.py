@@ -1,18 +1,24 @@
-"""What is refused before it is a request, and while its body still comes: by raw sockets and clients as they are."""
+"""Requests that are refused by their head, or before they are requests: raw sockets and clients as they are."""
 
 import http.client
 import json
+import shutil
 import socket
-import time
-from collections.abc import Iterator
+import subprocess
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import httpx
 import pytest
 from live_service import Offline, Service, serving
 
-LIMIT = 1_000_000
-SENT = 50_000_000
+pytestmark = pytest.mark.slow
+
+LIMIT_BYTES = 10_000
+LARGE_BYTES = 50_000_000
+LARGEST_UPLOAD_BYTES, BEYOND_THE_DISK_BYTES = 10**16, 10**15
+QUOTA_BYTES = 10**6
+WAIT_S = 120.0
 POST = b"POST /v1/scanners HTTP/1.1\r\nHost: 127.0.0.1\r\n"
 GET = b"GET /health/live HTTP/1.1\r\n"
 HOST = b"Host: 127.0.0.1\r\n"
@@ -20,8 +26,13 @@ HOST = b"Host: 127.0.0.1\r\n"
 
 @pytest.fixture(scope="module")
 def live(tmp_path_factory: pytest.TempPathFactory, offline: Offline) -> Iterator[Service]:
-    environment = {**offline.variables, "SAWMILL_MAX_JSON_BYTES": str(LIMIT), "SAWMILL_LOG_FORMAT": "json"}
-    with serving(tmp_path_factory.mktemp("refusing"), environment, "--no-examples", "--workers", "0") as service:
+    limits = {
+        "SAWMILL_MAX_JSON_BYTES": str(LIMIT_BYTES),
+        "SAWMILL_MAX_UPLOAD_BYTES": str(LARGEST_UPLOAD_BYTES),
+        "SAWMILL_MAX_WAITING_UPLOAD_BYTES": str(QUOTA_BYTES),
+    }
+    folder, flags = tmp_path_factory.mktemp("refusing"), ("--no-examples", "--workers", "0")
+    with serving(folder, offline.variables | limits, *flags) as service:
         yield service
 
 
@@ -31,109 +42,141 @@ def scanner_id(live: Service) -> str:
 
 
 def connect(service: Service) -> socket.socket:
-    return socket.create_connection((service.client.base_url.host, service.client.base_url.port), timeout=20)
+    return socket.create_connection((service.client.base_url.host, service.client.base_url.port), timeout=WAIT_S)
 
 
-def read_answer(connection: socket.socket) -> tuple[int, dict[str, str], Any]:
-    """Until the service closes, which it does in order: a reset raises."""
-    received = b""
-    while part := connection.recv(2**16):
-        received += part
-    head, _, body = received.partition(b"\r\n\r\n")
-    lines = head.decode().split("\r\n")
-    headers = {name.lower(): value for name, value in (line.split(": ", 1) for line in lines[1:])}
-    return int(lines[0].split()[1]), headers, json.loads(body)
+def read_problem(connection: socket.socket) -> tuple[int, str]:
+    """Read one answer, and return its status and its code."""
+    answer = http.client.HTTPResponse(connection)
+    answer.begin()
+    assert answer.headers["Content-Type"] == "application/problem+json"
+    problem = json.load(answer)
+    assert problem["status"] == answer.status
+    return answer.status, problem["code"]
 
 
 @pytest.mark.parametrize(
-    ("sent", "status", "code"),
+    "sent",
     [
-        (b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03\r\n\r\n", 400, "bad-request-line"),
-        (b"GET /health/live\r\n\r\n", 400, "bad-request-line"),
-        (b"GET /a b HTTP/1.1\r\n" + HOST + b"\r\n", 400, "bad-request-line"),
-        (b"G(T / HTTP/1.1\r\n" + HOST + b"\r\n", 400, "bad-request-line"),
-        (GET + HOST + b"no colon\r\n\r\n", 400, "bad-header"),
-        (GET + HOST + b"a: \x00\r\n\r\n", 400, "bad-header"),
-        (GET + b"\r\n", 400, "bad-host"),
-        (GET + HOST + HOST + b"\r\n", 400, "bad-host"),
-        (POST + b"Content-Length: many\r\n\r\n", 400, "bad-length"),
-        (POST + b"Content-Length: 1\r\nContent-Length: 2\r\n\r\nab", 400, "bad-length"),
-        (POST + b"Transfer-Encoding: gzip\r\n\r\n", 501, "transfer-encoding-unsupported"),
-        (POST + b"Transfer-Encoding: chunked\r\n\r\nzz\r\n", 400, "bad-chunk"),
-        (POST + b"Transfer-Encoding: chunked\r\n\r\n3\r\nabcde\r\n", 400, "bad-chunk"),
-        (GET + HOST + b"a: " + b"b" * 100_000 + b"\r\n\r\n", 431, "head-too-large"),
-        (b"GET /" + b"a" * 100_000 + b" HTTP/1.1\r\n" + HOST + b"\r\n", 431, "head-too-large"),
-        (b"PRI * HTTP/2.0\r\nConnection: close\r\n\r\nSM\r\n\r\n", 505, "http-version-unsupported"),
+        b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03\r\n\r\n",
+        GET + b"\r\n",
+        GET + HOST + HOST + b"\r\n",
+        POST + b"Content-Length: many\r\n\r\n",
+        POST + b"Content-Length: 1\r\nContent-Length: 2\r\n\r\nab",
+        POST + b"Transfer-Encoding: chunked\r\n\r\nzz\r\n",
+        GET + HOST + b"a: " + b"b" * 20_000,
     ],
+    ids=["TLS", "no host", "two hosts", "no length", "two lengths", "no chunk", "a head without an end"],
 )
-def test_what_is_no_http_of_ours_is_a_problem(live, sent, status, code):
+def test_what_is_no_http_gets_a_plain_400(live, sent):
     with connect(live) as connection:
         connection.sendall(sent)
-        answered, headers, problem = read_answer(connection)
-    assert (answered, problem["status"], problem["code"]) == (status, status, code)
-    assert headers["content-type"] == "application/problem+json"
-    assert headers["x-request-id"] == problem["request_id"]
-    assert headers["connection"] == "close"
-    assert live.get(problem["type"]).json()["status"] == status
-    log = (live.data.parent / "service.log").read_text().splitlines()
-    lines = [line for line in map(json.loads, log) if line.get("request_id") == problem["request_id"]]
-    assert [line["event"] for line in lines] == ["request"]
+        received = b""
+        while part := connection.recv(2**16):
+            received += part
+    head, _, body = received.partition(b"\r\n\r\n")
+    assert head.startswith(b"HTTP/1.1 400 ")
+    assert b"connection: close" in head.lower()
+    assert b"Invalid HTTP request received." in body
+    assert live.client.get("/health/live").is_success
 
 
-def test_a_refusal_reaches_a_client_that_sends_all_before_it_reads(live):
-    client = http.client.HTTPConnection(live.client.base_url.host, live.client.base_url.port, timeout=30)
-    client.request("POST", "/v1/scanners", body=bytes(SENT), headers={"Content-Type": "application/json"})
+def test_another_version_of_http_is_a_problem(live):
+    with connect(live) as connection:
+        connection.sendall(b"PRI * HTTP/2.0\r\nConnection: close\r\n\r\nSM\r\n\r\n")
+        assert read_problem(connection) == (505, "http-version-unsupported")
+
+
+def by_httpx(url: httpx.URL, body: bytes) -> tuple[int, str]:
+    answer = httpx.post(url, content=body, timeout=WAIT_S, trust_env=False)
+    return answer.status_code, answer.json()["code"]
+
+
+def by_http_client(url: httpx.URL, body: bytes) -> tuple[int, str]:
+    client = http.client.HTTPConnection(url.host, url.port, timeout=WAIT_S)
+    client.request("POST", url.raw_path.decode(), body=body)
     answer = client.getresponse()
-    assert (answer.status, json.load(answer)["code"]) == (413, "body-too-large")
+    problem = json.load(answer)
     client.close()
+    return answer.status, problem["code"]
 
 
-def test_a_refusal_reaches_a_client_that_sends_chunks(live):
-    parts = (bytes(1_000_000) for _ in range(SENT // 1_000_000))
-    answer = httpx.post(f"{live.client.base_url}/v1/scanners", content=parts, timeout=30, trust_env=False)
-    assert (answer.status_code, answer.json()["code"]) == (413, "body-too-large")
+def by_curl(url: httpx.URL, body: bytes, *options: str) -> tuple[int, str]:
+    program = shutil.which("curl") or pytest.skip("needs curl")
+    form = "Content-Type: application/octet-stream"
+    command = [program, "-sS", "-q", "--noproxy", "*", "-H", form, *options, "--data-binary", "@-", str(url)]
+    done = subprocess.run([*command, "-w", "\n%{size_upload}"], input=body, capture_output=True, check=True)
+    problem, _, sent_bytes = done.stdout.decode().rpartition("\n")
+    assert bool(int(sent_bytes)) != bool(options)
+    return json.loads(problem)["status"], json.loads(problem)["code"]
 
 
-def test_a_body_whose_chunks_break_off_is_refused_while_it_is_sent(live):
-    with connect(live) as connection:
-        connection.sendall(POST + b"Transfer-Encoding: chunked\r\n\r\nzz\r\n")
-        for _ in range(50):
-            connection.sendall(bytes(100_000))
-        assert read_answer(connection)[2]["code"] == "bad-chunk"
+@pytest.mark.parametrize("send", [by_httpx, by_http_client, by_curl])
+@pytest.mark.parametrize(
+    ("path", "status", "code"),
+    [
+        ("/v1/scanners", 413, "body-too-large"),
+        ("/v1/scans?scanner_id=nobody&data=counts", 404, "scanner-not-found"),
+    ],
+)
+def test_a_refusal_reaches_a_client_that_has_sent_a_small_body(
+    live: Service, send: Callable[..., Any], path: str, status: int, code: str
+):
+    url = live.client.base_url.join(path)
+    assert [send(url, bytes(LIMIT_BYTES + 1)) for _ in range(5)] == [(status, code)] * 5
 
 
-def test_a_client_that_waits_for_the_go_ahead_sends_nothing(live):
-    with connect(live) as connection:
-        connection.sendall(POST + b"Expect: 100-continue\r\nContent-Length: %d\r\n\r\n" % SENT)
-        status, headers, _ = read_answer(connection)
-    assert (status, headers["connection"]) == (413, "close")
+@pytest.mark.parametrize("send", [by_httpx, by_http_client])
+def test_a_refusal_by_length_reaches_a_client_that_sends_all_before_it_reads(live, send):
+    assert send(live.client.base_url.join("/v1/scanners"), bytes(LARGE_BYTES)) == (413, "body-too-large")
 
 
+def test_curl_asks_for_the_go_ahead_and_sends_nothing_of_a_large_body_that_is_refused(live):
+    url = live.client.base_url.join("/v1/scans?scanner_id=nobody&data=counts")
+    assert by_curl(url, bytes(LARGE_BYTES), "-H", "Expect: 100-continue") == (404, "scanner-not-found")
+
+
+@pytest.mark.parametrize("go_ahead", [b"Expect: 100-continue\r\n", b""])
 @pytest.mark.parametrize(
     ("path", "media_type", "length", "status", "code"),
     [
-        ("/v1/scans?scanner_id=nobody&data=counts", "application/octet-stream", SENT, 404, "scanner-not-found"),
-        ("/v1/scans?scanner_id={scanner}&data=counts", "text/html", SENT, 415, "unsupported-media-type"),
-        ("/v1/scans?scanner_id={scanner}&data=counts", "application/octet-stream", 10**12, 413, "body-too-large"),
-        ("/v1/scans?scanner_id={scanner}", "application/octet-stream", SENT, 422, "invalid-request"),
+        ("/v1/scanners", "application/json", LIMIT_BYTES + 1, 413, "body-too-large"),
+        ("/v1/scans?scanner_id=nobody&data=counts", "application/octet-stream", 10**7, 404, "scanner-not-found"),
+        ("/v1/scans?scanner_id={scanner}&data=counts", "text/html", 10**7, 415, "unsupported-media-type"),
+        (
+            "/v1/scans?scanner_id={scanner}&data=counts",
+            "application/octet-stream",
+            LARGEST_UPLOAD_BYTES + 1,
+            413,
+            "body-too-large",
+        ),
+        (
+            "/v1/scans?scanner_id={scanner}&data=counts",
+            "application/octet-stream",
+            BEYOND_THE_DISK_BYTES,
+            507,
+            "storage-full",
+        ),
+        ("/v1/scans?scanner_id={scanner}", "application/octet-stream", 10**7, 422, "invalid-request"),
         ("/v1/scans/form", "multipart/form-data; boundary=x", 2**27, 413, "body-too-large"),
-        ("/v1/scans/form", "application/octet-stream", SENT, 415, "unsupported-media-type"),
+        ("/v1/scans/form", "application/octet-stream", 10**7, 415, "unsupported-media-type"),
         ("/v1/phantoms/pictures?name=ell&width_mm=400", "text/html", 1000, 415, "unsupported-media-type"),
-        ("/v1/inspections", "text/html", SENT, 415, "unsupported-media-type"),
+        ("/v1/inspections", "text/html", 10**7, 415, "unsupported-media-type"),
     ],
 )
-def test_an_upload_that_its_head_refuses_gets_no_go_ahead(live, scanner_id, path, media_type, length, status, code):
-    head = (
-        f"POST {path.format(scanner=scanner_id)} HTTP/1.1",
-        "Host: 127.0.0.1",
-        "Expect: 100-continue",
-        f"Content-Type: {media_type}",
-        f"Content-Length: {length}",
-    )
+def test_an_upload_that_its_head_refuses_is_answered_before_a_byte_of_it_is_sent(
+    live, scanner_id, go_ahead, path, media_type, length, status, code
+):
+    target = path.format(scanner=scanner_id)
     with connect(live) as connection:
-        connection.sendall("\r\n".join((*head, "\r\n")).encode())
-        answered, _, problem = read_answer(connection)
-    assert (answered, problem["code"]) == (status, code)
+        connection.sendall(f"POST {target} HTTP/1.1\r\nContent-Type: {media_type}\r\n".encode() + HOST + go_ahead)
+        connection.sendall(f"Content-Length: {length}\r\n\r\n".encode())
+        assert read_problem(connection) == (status, code)
+
+
+def test_an_upload_beyond_the_quota_is_refused_when_it_is_declared(live):
+    answer = live.client.post("/v1/uploads", json={"size_bytes": QUOTA_BYTES + 1})
+    assert (answer.status_code, answer.json()["code"]) == (409, "upload-quota")
 
 
 def test_an_upload_that_its_head_allows_gets_the_go_ahead(live, scanner_id):
@@ -146,24 +189,9 @@ def test_an_upload_that_its_head_allows_gets_the_go_ahead(live, scanner_id):
         assert connection.recv(2**16).startswith(b"HTTP/1.1 202 Accepted\r\n")
 
 
-def test_a_client_that_never_ends_is_cut_off(live):
+def test_a_refused_body_keeps_the_connection(live):
     with connect(live) as connection:
-        connection.sendall(POST + b"Content-Length: %d\r\n\r\n" % SENT)
-        status, _, _ = read_answer(connection)
-        assert status == 413
-        time.sleep(2.5)  # longer than the service waits for a part that nobody wants
-        with pytest.raises(OSError, match=r"reset|Broken"):
-            send_for(connection, 10.0)
-
-
-def send_for(connection: socket.socket, seconds: float) -> None:
-    began = time.monotonic()
-    while time.monotonic() - began < seconds:
-        connection.sendall(bytes(1000))
-        time.sleep(0.05)
-
-
-def test_a_small_body_keeps_the_connection(live):
-    answer = live.client.post("/v1/scanners", json={})
-    assert answer.status_code == 422
-    assert "connection" not in answer.headers
+        for _ in range(2):
+            connection.sendall(POST + b"Content-Length: %d\r\n\r\n" % (LIMIT_BYTES + 1))
+            assert read_problem(connection) == (413, "body-too-large")
+            connection.sendall(bytes(LIMIT_BYTES + 1))

@@ -6,8 +6,8 @@ import ssl
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,7 +19,7 @@ pytestmark = pytest.mark.slow
 EXAMPLES = Path(__file__).parents[2] / "examples/proxy"
 NAME, BACKEND = "calibration.mill.example", "127.0.0.1:8000"
 CERTIFICATE, SECRET_KEY = f"/etc/ssl/certs/{NAME}.pem", f"/etc/ssl/private/{NAME}.key"
-START_S, STOP_S = 60.0, 25.0
+START_S = STOP_S = WAIT_S = 120.0
 # Another address of this machine: what a proxy on 127.0.0.1 sees is then not its own.
 CLIENT = "127.0.0.7"
 NGINX_MAIN = """\
@@ -32,6 +32,10 @@ http {{
   {site}
 }}
 """
+SHORTENED = {
+    "nginx.conf": {"client_header_timeout 10s": "client_header_timeout 2s", "body_timeout 60s": "body_timeout 5s"},
+    "Caddyfile": {"read_header 10s": "read_header 2s", "read_body 1h": "read_body 5s"},
+}
 # What Debian's nginx does with a bare proxy_pass: no header shows that it was there.
 BARE_SITE = "server {{ listen 127.0.0.1:{port}; location / {{ proxy_pass http://127.0.0.1:{backend}; }} }}"
 
@@ -110,6 +114,15 @@ class Mill:
         text = text.replace(CERTIFICATE, f"{self.folder}/certificate.pem").replace(SECRET_KEY, f"{self.folder}/key.pem")
         return text.replace(BACKEND, f"127.0.0.1:{self.backend}")
 
+    def shortened(self, name: str) -> str:
+        """Return an example whose limits are reached in seconds: those of clients that wait in tests."""
+        text = self.example(name)
+        limits = SHORTENED[name]
+        for line, short in limits.items():
+            assert text.count(line) == 1
+            text = text.replace(line, short)
+        return text
+
     @contextmanager
     def nginx(self, site: str) -> Iterator[None]:
         configuration = self.folder / "nginx.conf"
@@ -119,9 +132,11 @@ class Mill:
 
     @contextmanager
     def caddy(self) -> Iterator[None]:
-        options = "{\n\tadmin off\n\tgrace_period 2s\n\tauto_https disable_redirects\n\tdefault_bind 127.0.0.1\n}\n"
+        options = "{\n\tadmin off\n\tgrace_period 2s\n\tauto_https disable_redirects\n\tdefault_bind 127.0.0.1\n"
+        site = self.shortened("Caddyfile").replace(f"{NAME} {{", f"https://{NAME}:{self.port} {{")
+        assert site.count("\n{\n") == 1
         file = self.folder / "Caddyfile"
-        file.write_text(options + self.example("Caddyfile").replace(f"{NAME} {{", f"https://{NAME}:{self.port} {{"))
+        file.write_text(site.replace("\n{\n", f"\n{options}"))
         homes = {"HOME": str(self.folder), "XDG_DATA_HOME": str(self.folder), "XDG_CONFIG_HOME": str(self.folder)}
         with running(
             [program("caddy"), "run", "--config", str(file)],
@@ -140,7 +155,7 @@ class Mill:
             transport=transport,
             base_url=f"{scheme}://127.0.0.1:{self.port}",
             headers={"Host": f"{NAME}:{self.port}"},
-            timeout=30.0,
+            timeout=WAIT_S,
         ) as client:
             yield client
 
@@ -178,7 +193,7 @@ def guarded(tmp_path_factory: pytest.TempPathFactory, offline) -> Iterator[tuple
 
 @contextmanager
 def in_front(mill: Mill, proxy: str) -> Iterator[None]:
-    site = mill.example("nginx.conf").replace("listen 443 ssl", f"listen 127.0.0.1:{mill.port} ssl")
+    site = mill.shortened("nginx.conf").replace("listen 443 ssl", f"listen 127.0.0.1:{mill.port} ssl")
     with mill.nginx(site) if proxy == "nginx" else mill.caddy():
         yield
 
@@ -224,6 +239,56 @@ def test_behind_the_documented_proxy_keys_are_needed_and_clients_have_their_own_
         assert {"Secure", "HttpOnly"} <= {part.strip() for part in cookie.split(";")}
         assert client.get("/").status_code == 200
     assert secret not in (mill.folder / "service.log").read_text()
+
+
+def tls(mill: Mill) -> ssl.SSLSocket:
+    trusted = ssl.create_default_context(cafile=f"{mill.folder}/certificate.pem")
+    connection = socket.create_connection(("127.0.0.1", mill.port), timeout=WAIT_S)
+    return trusted.wrap_socket(connection, server_hostname=NAME)
+
+
+def read_until_the_end(connection: ssl.SSLSocket) -> bytes:
+    """What comes until the proxy has ended the connection, in order or not."""
+    received = b""
+    with suppress(ConnectionError, ssl.SSLError):
+        while part := connection.recv(2**16):
+            received += part
+    return received
+
+
+@pytest.mark.parametrize("proxy", ["nginx", "caddy"])
+def test_the_documented_proxy_ends_half_heads_and_bodies_that_stand_still(guarded, proxy):
+    program(proxy)
+    mill, admin = guarded
+    head = f"Host: {NAME}:{mill.port}\r\nAuthorization: {admin['Authorization']}\r\nContent-Length: 1000\r\n\r\n"
+    incoming = mill.data / "incoming"
+    with in_front(mill, proxy):
+        with mill.client() as client:
+            scanner = client.post("/v1/scanners", json=SCANNER, headers=admin).json()["id"]
+        with tls(mill) as connection:
+            connection.sendall(b"GET /health/live HTTP/1.1\r\nHost: ")
+            assert b"alive" not in read_until_the_end(connection)
+        with tls(mill) as connection:
+            connection.sendall(f"POST /v1/scans?scanner_id={scanner}&data=counts HTTP/1.1\r\n{head}half".encode())
+            wait_for(lambda: list(incoming.iterdir()))
+            assert b" 202 " not in read_until_the_end(connection)
+        wait_for(lambda: not list(incoming.iterdir()))
+
+
+@pytest.mark.parametrize("proxy", ["nginx", "caddy"])
+def test_a_refusal_reaches_a_client_of_the_documented_proxy_that_still_sends(guarded, proxy):
+    program(proxy)
+    mill, admin = guarded
+    with in_front(mill, proxy), mill.client() as client:
+        answer = client.post("/v1/scanners", content=bytes(20_000_000), headers=admin)
+        assert (answer.status_code, answer.json()["code"]) == (413, "body-too-large")
+
+
+def wait_for(condition: Callable[[], object]) -> None:
+    deadline = time.monotonic() + WAIT_S
+    while not condition():
+        assert time.monotonic() < deadline, "waited in vain"
+        time.sleep(0.05)
 
 
 def test_a_service_that_knows_of_no_proxy_is_not_open_through_one(mill):

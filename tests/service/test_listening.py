@@ -7,19 +7,20 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import httpx
 import pytest
 
 from sawmill_service.listening import ListenError, is_loopback, listen
+from sawmill_service.settings import ServiceSettings
 
 pytestmark = pytest.mark.slow
 
 TOKEN = "Zm9yIHRlc3RzIGFsb25lLCBub3QgYSBzZWNyZXQ"  # noqa: S105 - for tests alone
 EVERYWHERE = "0.0.0.0"  # noqa: S104 - what is tested
-START_S, STOP_S = 60.0, 25.0
+START_S, STOP_S = 120.0, 120.0
 
 
 def command(folder: Path, *flags: str) -> list[str]:
@@ -136,6 +137,61 @@ def test_a_folder_is_served_once_and_by_the_next_as_soon_as_its_service_was_kill
     assert "Traceback" not in second.stderr
     with serving(tmp_path):
         pass
+
+
+@pytest.mark.parametrize(("proxies", "warnings"), [("[]", 1), ('["127.0.0.1"]', 0)])
+def test_a_start_beyond_loopback_names_once_what_a_proxy_would_add(tmp_path, proxies, warnings):
+    with serving(tmp_path, "--host", EVERYWHERE, SAWMILL_TOKEN=TOKEN, SAWMILL_TRUSTED_PROXIES=proxies):
+        pass
+    lines = [json.loads(line) for line in (tmp_path / "service.log").read_text().splitlines()]
+    reasons = [line["reason"] for line in lines if line["event"] == "no-proxy"]
+    assert len(reasons) == warnings
+    assert all("TLS" in reason and "slow clients" in reason for reason in reasons)
+
+
+def test_requests_beyond_the_connections_get_a_plain_503_until_some_have_ended(tmp_path):
+    with (
+        serving(tmp_path, SAWMILL_MAX_CONNECTIONS="5", SAWMILL_MAX_STREAMS="4") as port,
+        httpx.Client(base_url=f"http://127.0.0.1:{port}", trust_env=False, headers={"Connection": "close"}) as client,
+    ):
+        with ExitStack() as idle:
+            for _ in range(4):
+                idle.enter_context(socket.create_connection(("127.0.0.1", port)))
+            refused = answered_with(client, 503)
+            assert refused.text == "Service Unavailable"
+        assert answered_with(client, 200).text == "alive"
+
+
+def answered_with(client: httpx.Client, status: int) -> httpx.Response:
+    """Ask until the service answers with a status: connections are opened and ended in its own time."""
+    deadline = time.monotonic() + START_S
+    while time.monotonic() < deadline:
+        answer = client.get("/health/live", timeout=START_S)
+        if answer.status_code == status:
+            return answer
+        time.sleep(0.05)
+    raise AssertionError(answer.status_code)
+
+
+def test_more_connections_than_files_may_be_open_are_fewer_connections(tmp_path):
+    limited = ["bash", "-c", 'ulimit -n 400; exec "$@"', "-", *command(tmp_path, "--port", "0")]
+    log = tmp_path / "service.log"
+    with log.open("wb") as sink:
+        process = subprocess.Popen(limited, env=environment(SAWMILL_LOG_FORMAT="json"), stdout=sink, stderr=sink)
+    try:
+        port_of(process, log)
+    finally:
+        process.terminate()
+        process.wait(STOP_S)
+    lines = [json.loads(line) for line in log.read_text().splitlines()]
+    (warning,) = [line for line in lines if line["event"] == "fewer-connections"]
+    assert warning["connections"] == 72
+    assert "1024 connections need 2304 open files" in warning["reason"]
+
+
+def test_streams_must_leave_connections_to_others():
+    with pytest.raises(ValueError, match="max_connections must be above max_streams"):
+        ServiceSettings(max_connections=64, max_streams=64)
 
 
 def test_beyond_loopback_requests_need_the_token(tmp_path):

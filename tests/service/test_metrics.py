@@ -9,9 +9,7 @@ import pytest
 import results
 from prometheus_client.parser import text_string_to_metric_families
 
-from sawmill_service.connections import Connections
 from sawmill_service.measures import Measures
-from sawmill_service.settings import ServiceSettings
 from sawmill_worker.contracts.calibrations import CalibrationAsk
 from sawmill_worker.contracts.drifts import DriftAsk
 from sawmill_worker.contracts.jobs import Failure, FailureKind
@@ -37,7 +35,6 @@ def scrape(client):
 def labels_by_name(client) -> dict[str, set[str]]:
     """Of a real scrape, by the names of the page: a histogram has one."""
     client.get("/health/live")
-    Connections(ServiceSettings(), client.app.state.metrics).note("refused")  # as `serve` does
     families = list(text_string_to_metric_families(client.get("/metrics").text))
     counters = {family.name for family in families if family.type == "counter"}
     return {

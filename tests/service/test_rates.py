@@ -71,7 +71,7 @@ def test_changes_have_a_rate_of_their_own(limited):
     client = limited(change_rate_limit="1/hour")
     assert client.post("/v1/scanners", json=SPEC).status_code == 201
     refused = client.post("/v1/scanners", json=SPEC)
-    assert (refused.status_code, refused.headers["Connection"]) == (429, "close")
+    assert refused.status_code == 429
     assert client.get("/v1/scanners").status_code == 200
 
 

@@ -1,7 +1,7 @@
 """Bodies that come slowly, part by part, without a network."""
 
 import asyncio
-from collections.abc import Sequence
+from collections.abc import AsyncIterator, Callable
 from typing import Any
 
 import httpx
@@ -10,39 +10,53 @@ import pytest
 from sawmill_service.app import create_app
 from sawmill_service.settings import ServiceSettings
 
-LENGTH = 40_000
-
 
 @pytest.fixture
-def hurried(seeded, store):
-    """A service that waits for bodies for tenths of a second, where it waits for minutes otherwise."""
-    settings = ServiceSettings(client_silence_s=0.3, body_grace_s=0.2, min_client_bytes_per_s=50_000.0)
-    seeded.app = create_app(settings, store, print)
-    return seeded
+def waiting(seeded, store) -> Callable[..., Any]:
+    """Make a service that waits for bodies as the bounds say."""
+
+    def make(**bounds: float) -> Any:
+        seeded.app = create_app(ServiceSettings(**bounds), store, print)
+        return seeded
+
+    return make
 
 
-def upload(client: Any, parts: Sequence[bytes], pause_s: float) -> httpx.Response:
-    async def body():
-        for part in parts:
-            yield part
-            await asyncio.sleep(pause_s)
+def upload(client: Any, body: AsyncIterator[bytes]) -> httpx.Response:
+    return client.post("/v1/scans", params={"scanner_id": "example", "data": "counts"}, content=body)
 
-    return client.post("/v1/scans", params={"scanner_id": "example", "data": "counts"}, content=body())
+
+async def standing_still() -> AsyncIterator[bytes]:
+    yield b"half"
+    await asyncio.Event().wait()
+
+
+async def byte_by_byte() -> AsyncIterator[bytes]:
+    for _ in range(20):
+        await asyncio.sleep(0.01)
+        yield b"a"
 
 
 @pytest.mark.parametrize(
-    ("parts", "pause_s", "reason"),
-    [([b"half", b"half"], 5.0, "nothing came for 0.3 s"), ([b"a"] * 20, 0.1, "bytes came in")],
+    ("bounds", "body", "reason"),
+    [
+        ({"client_silence_s": 0.3}, standing_still, "nothing came for 0.3 s"),
+        ({"body_grace_s": 0.05, "min_client_bytes_per_s": 1e6}, byte_by_byte, "bytes came in"),
+    ],
     ids=["stands still", "a byte now and then"],
 )
-def test_a_body_that_comes_too_slowly_is_refused(hurried, store, parts, pause_s, reason):
-    answer = upload(hurried, parts, pause_s)
+def test_a_body_that_comes_too_slowly_is_refused(waiting, store, bounds, body, reason):
+    answer = upload(waiting(**bounds), body())
     assert (answer.status_code, answer.json()["code"]) == (408, "slow-body")
     assert reason in answer.json()["detail"]
     assert answer.headers["Connection"] == "close"
     assert list((store.files.folder / "incoming").iterdir()) == []
 
 
-def test_a_slow_line_is_fast_enough(hurried):
-    # 80 kB/s for half a second, where at least 50 kB/s are asked for after 0.2 s.
-    assert upload(hurried, [bytes(LENGTH // 5)] * 5, 0.1).status_code == 202
+@pytest.mark.parametrize(
+    "bounds",
+    [{"body_grace_s": 600.0, "min_client_bytes_per_s": 1e6}, {"body_grace_s": 0.0, "min_client_bytes_per_s": 1e-3}],
+    ids=["within the grace", "above the rate"],
+)
+def test_a_slow_line_is_fast_enough(waiting, bounds):
+    assert upload(waiting(**bounds), byte_by_byte()).status_code == 202

@@ -13,7 +13,7 @@ from packaging.requirements import Requirement
 
 from sawmill_service.doctor.findings import Finding, State
 from sawmill_service.listening import ListenError, listen
-from sawmill_service.open_files import open_files_for
+from sawmill_service.open_files import files_needed, possible_connections
 from sawmill_service.pages.system_parts import Disk
 from sawmill_service.settings import ServiceSettings
 from sawmill_worker.execution import landlock
@@ -60,12 +60,16 @@ def _wrong_packages() -> Iterator[Finding]:
 
 def limits_of_system(settings: ServiceSettings, execution: ExecutionSettings) -> Iterator[Finding]:
     """Whether the system allows what the settings ask for."""
-    try:
-        open_files_for(settings.max_connections)
-        yield Finding("open files", State.GOOD, f"enough for {settings.max_connections} connections")
-    except ListenError as error:
-        wrong, _, cure = str(error).partition(": ")
-        yield Finding("open files", State.BAD, wrong, cure)
+    most, possible = settings.max_connections, possible_connections(settings.max_connections)
+    if possible == most:
+        yield Finding("open files", State.GOOD, f"enough for {most} connections")
+    else:
+        yield Finding(
+            "open files",
+            State.WATCH,
+            f"{most} connections need {files_needed(most)} open files; the system allows {possible} connections",
+            f"raise its limit (ulimit -n), or set SAWMILL_MAX_CONNECTIONS to {possible}",
+        )
     if not execution.confine_attempts:
         yield Finding(
             "confinement",

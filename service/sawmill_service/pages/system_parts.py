@@ -34,7 +34,6 @@ LIMITS = (
     "max_picture_bytes",
     "max_json_bytes",
     "max_connections",
-    "max_connections_per_address",
     "max_requests_at_once",
     "max_bodies_at_once",
     "max_waits_at_once",
@@ -42,7 +41,6 @@ LIMITS = (
     "rate_limit",
     "change_rate_limit",
     "failed_login_rate_limit",
-    "head_timeout_s",
     "client_silence_s",
     "min_client_bytes_per_s",
 )
