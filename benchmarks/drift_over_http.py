@@ -4,8 +4,8 @@
 
 A service with a folder of its own, as users start it, and one simulated scanner, calibrated from a phantom. A log is
 sent as the float32 mean of its rows' line integrals, and once as uint16 counts. Of each the scan is posted, the drift
-check is asked for, and its answer is waited for: three requests. Every log differs, so that none is answered from an
-earlier one. The log has 8 different rows, over and over with noise of their own.
+check is asked for, and its answer is waited for: three requests. The log has 8 different rows,
+over and over with noise of their own.
 """
 
 import argparse

@@ -40,8 +40,8 @@ class Line:
         self._numbers = count()
 
     def ask(self) -> str:
-        """Ask for a plan that nobody has asked for; the id of its job."""
-        body = {"scanner_id": self.scanner_id, "views": 20, "theta": vars(TRUE_THETA), "fresh": True}
+        """Ask for a plan; the id of its job."""
+        body = {"scanner_id": self.scanner_id, "views": 20, "theta": vars(TRUE_THETA)}
         return str(demo_client.post(self.client, "/v1/phantoms/l-shape/plans", json=body)["job_id"])
 
     def queued(self) -> int:
@@ -62,7 +62,7 @@ class Line:
             names = [f"filled-{number}" for number in numbers]
             jobs = [
                 {"id": name, "subject_id": name, "created_at": at, "kind": JobKind.PLAN, "state": JobState.QUEUED}
-                | {"short": True, "fresh": True}
+                | {"short": True}
                 for name, at in zip(names, made, strict=True)
             ]
             plans = [

@@ -41,7 +41,7 @@ def by_asking(client: httpx.Client, job_id: str) -> None:
 def answered(client: httpx.Client, scan_id: str, wait: Wait) -> Json:
     """Seconds from the request to the answer, by what they were spent on."""
     started = time.time()
-    asked = demo_client.post(client, "/v1/calibrations", json={"scan_id": scan_id, "fresh": True})
+    asked = demo_client.post(client, "/v1/calibrations", json={"scan_id": scan_id})
     wait(client, asked["job_id"])
     answer = demo_client.get(client, f"/v1/calibrations/{asked['id']}")
     ended = time.time()

@@ -147,14 +147,12 @@ def main() -> None:
         run_to_the_end(store, runner, store.scans.get(scan_id).job_id)
 
         def search() -> str:
-            asked = CalibrationAsk(
-                scan_id=scan_id, method=CalibrationMethod.PAPER, paper=SEARCH, rows="0:16", fresh=True
-            )
+            asked = CalibrationAsk(scan_id=scan_id, method=CalibrationMethod.PAPER, paper=SEARCH, rows="0:16")
             return store.calibrations.accept(asked).job_id
 
         def volume() -> str:
             method = ReconstructionMethod.TOTAL_VARIATION
-            asked = ReconstructionAsk(scan_id=scan_id, theta=THETA, method=method, size=128, field_mm=420.0, fresh=True)
+            asked = ReconstructionAsk(scan_id=scan_id, theta=THETA, method=method, size=128, field_mm=420.0)
             return store.reconstructions.accept(asked).job_id
 
         def theta_of(job: Job) -> bytes:

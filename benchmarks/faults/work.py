@@ -123,18 +123,18 @@ class Asker:
             case "log scan":
                 return "/v1/scans", "scans", {"params": {**scan, "angles_deg": "1.5:3"}, "content": log_scan()}
             case "calibration":
-                ask = {"scan_id": base["phantom scan"], "fresh": True}
+                ask = {"scan_id": base["phantom scan"]}
             case "drift check":
-                ask = {"scan_id": base["log scan"], "calibration_id": base["calibration"], "fresh": True}
+                ask = {"scan_id": base["log scan"], "calibration_id": base["calibration"]}
                 return "/v1/drifts", "drifts", {"json": ask}
             case "reconstruction":
                 return (
                     "/v1/reconstructions",
                     "reconstructions",
-                    {"json": {"scan_id": base["log scan"], "theta": theta, "size": 64, "fresh": True}},
+                    {"json": {"scan_id": base["log scan"], "theta": theta, "size": 64}},
                 )
             case _:
-                ask = {"scanner_id": base["scanner"], "views": 12 + number % PLANS, "theta": theta, "fresh": True}
+                ask = {"scanner_id": base["scanner"], "views": 12 + number % PLANS, "theta": theta}
                 return "/v1/phantoms/l-shape/plans", "plans", {"json": ask}
         return "/v1/calibrations", "calibrations", {"json": ask}
 

@@ -26,7 +26,6 @@ from sawmill_worker.execution.sole_service import refuse_second, sole_service
 from sawmill_worker.execution.supervise import WorkerSupervisor
 from sawmill_worker.storage.errors import StorageError
 from sawmill_worker.storage.settings import StorageSettings
-from sawmill_worker.storage.software import software
 from sawmill_worker.storage.store import Store
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
@@ -73,7 +72,6 @@ def serve_until_stopped(
         The address or the port cannot be used.
     """
     configure_logs(execution.log_format)
-    software()  # read now: after an upgrade the files are no longer those that this process has loaded
     for number in _SIGNALS:
         signal.signal(number, _end_start)
     with ExitStack() as stack:

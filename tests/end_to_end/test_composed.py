@@ -125,7 +125,7 @@ def test_what_compose_starts_does_a_mill_s_work(composed, mill, write_phantom_sc
     # Redis dies with a job on its way, and the wake-up of the next one is lost; then a worker, with a schedule due.
     composed.kill("redis")
     schedule = mill.post("/v1/schedules", json={"scanner_id": scanner.json()["id"], "cron": "0 0 1 1 *"}).json()
-    lost = mill.post("/v1/calibrations", json={"scan_id": scan["id"], "fresh": True}).json()
+    lost = mill.post("/v1/calibrations", json={"scan_id": scan["id"]}).json()
     assert not composed.is_healthy("redis")
     composed.kill("worker")
     with composed.database() as connection:

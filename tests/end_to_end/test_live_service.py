@@ -292,7 +292,7 @@ def test_scheduled_recalibrations_tell_what_moved(live, mill, tmp_path, write_ph
 def ask_for_work(live, scanner_id: str, content: bytes) -> list[dict]:
     """Two scans, each read anew, and a calibration that is computed anew."""
     scans = [live.upload(content, scanner_id=scanner_id, data="counts", phantom_id="l-shape") for _ in range(2)]
-    return [*scans, live.post("/v1/calibrations", json={"scan_id": scans[0]["id"], "fresh": True})]
+    return [*scans, live.post("/v1/calibrations", json={"scan_id": scans[0]["id"]})]
 
 
 def sum_of_arrays(path: Path) -> str:

@@ -180,7 +180,7 @@ def read_back(store, calibration_id):
 def test_the_science_answers_alike_to_the_bit_in_a_child_and_in_a_fresh_process(store, settings, stop, tmp_path):
     unhurried = settings.model_copy(update={"memory_limit_bytes": None, "start_timeout_s": 250})
     scan, first = small_calibration(store, tmp_path)
-    second = store.calibrations.accept(CalibrationAsk(scan_id=scan.id, fresh=True))
+    second = store.calibrations.accept(CalibrationAsk(scan_id=scan.id))
     forked = Runner(store, unhurried, stop, command=ATTEMPT_COMMAND)
     assert [forked.run_next(), forked.run_next()] == [JobState.SUCCEEDED] * 2
     made = template_of(forked)

@@ -10,14 +10,11 @@ import pytest
 from documented import check_documented, committed
 from example_requests import with_file
 from page_text import text_of
-from results import plan_result
 
 from sawmill_service.app import create_app
 from sawmill_service.settings import ServiceSettings
 from sawmill_worker.contracts.keys import KeyAsk, Scope
 from sawmill_worker.contracts.plans import PlanAsk
-from sawmill_worker.storage.origins import origin_of
-from sawmill_worker.storage.software import software
 from sawmill_worker.storage.store import Store
 
 REQUESTS = Path(__file__).parents[2] / "openapi" / "requests"
@@ -164,19 +161,6 @@ def test_a_repeat_of_what_was_accepted_gets_its_answer(seeded, store, settings):
         assert (repeated.status_code, repeated.headers["Idempotency-Replayed"]) == (202, "true")
         other = options | {"headers": options["headers"] | {"Idempotency-Key": "another"}}
         assert seeded.post(path, **other).status_code == 429
-    again.close()
-
-
-def test_an_earlier_result_answers_though_no_place_is_free(seeded, store, settings, worker):
-    first = seeded.post(PLANS, json=plan(1)).json()
-    claim = worker.claim()
-    origin = origin_of(claim.job.kind, store.jobs.handed_over(claim.job_id), software())
-    store.jobs.succeed(claim, plan_result(), store.files.make_attempt_folder(claim.job_id, 1), origin=origin)
-    seeded.post(PLANS, json=plan(2))
-    seeded.app, again = limited(store, settings, **{"": 1})
-    answer = seeded.post(PLANS, json=plan(1))
-    assert (answer.status_code, answer.json()["answered_from"]) == (202, first["id"])
-    assert seeded.post(PLANS, json=plan(3)).status_code == 429
     again.close()
 
 

@@ -14,10 +14,8 @@ from sawmill_worker.contracts.schedules import ScheduleSpec
 from sawmill_worker.storage.acting import Actor, acting_as
 from sawmill_worker.storage.errors import QueueFull
 from sawmill_worker.storage.jobs import Retries
-from sawmill_worker.storage.origins import origin_of
 from sawmill_worker.storage.places import LONGEST_RETRY_S, RETRY_IF_UNKNOWN_S, Waiting
 from sawmill_worker.storage.settings import StorageSettings
-from sawmill_worker.storage.software import software
 from sawmill_worker.storage.tables import ScheduleRow
 from sawmill_worker.vocabulary import Theta
 
@@ -75,20 +73,6 @@ def test_a_place_is_free_when_a_job_starts_and_not_taken_from_one_that_comes_bac
         assert store.jobs.fail(claim, lost, retries=Retries(loss_wait_s=1000.0)) is JobState.QUEUED
         assert store.places.waiting().in_all == 7  # its delay is a wait like any other
         with pytest.raises(QueueFull, match="7 jobs wait, and 6 may"):
-            plan(27)
-
-
-def test_what_is_answered_from_an_earlier_result_needs_no_place(store, plan):
-    with acting_as(SOMEBODY):
-        first = plan()
-        claim = store.jobs.claim("test")
-        origin = origin_of(claim.job.kind, store.jobs.handed_over(claim.job_id), software())
-        output = store.files.make_attempt_folder(claim.job_id, claim.attempt)
-        store.jobs.succeed(claim, plan_result(), output, origin=origin)
-        for views in range(21, 27):
-            plan(views)
-        assert plan().answered_from == first.id
-        with pytest.raises(QueueFull):
             plan(27)
 
 

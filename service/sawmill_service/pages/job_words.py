@@ -59,8 +59,6 @@ class JobView:
         Where it stands in the queue; empty for one that runs or has ended.
     made, made_label : str
         Where its result is; empty without one.
-    earlier : str
-        Where the earlier result is that answered it; empty where it was computed.
     """
 
     job: Job
@@ -71,13 +69,12 @@ class JobView:
     place: str
     made: str
     made_label: str
-    earlier: str
 
 
 def job_view(job: Job, page: PageFrame) -> JobView:
     """In the page's language."""
     tone, word = STATES[job.state]
-    made, label = _made(job, job.subject_id)
+    made, label = _made(job)
     return JobView(
         job=job,
         what=page.text.gettext(KINDS.get(job.kind, job.kind.value)),
@@ -87,15 +84,14 @@ def job_view(job: Job, page: PageFrame) -> JobView:
         place=_place(job, page),
         made=made,
         made_label=page.text.gettext(label) if label else "",
-        earlier=_made(job, job.answered_from)[0] if job.answered_from else "",
     )
 
 
-def _made(job: Job, subject_id: str) -> tuple[str, str]:
+def _made(job: Job) -> tuple[str, str]:
     if job.state is not JobState.SUCCEEDED:
         return "", ""
     path, label = _MADE.get(job.kind, (f"/v1/{job.kind.plural}/{{}}", _NUMBERS))
-    return path.format(subject_id), label
+    return path.format(job.subject_id), label
 
 
 def _left(job: Job, page: PageFrame) -> str:

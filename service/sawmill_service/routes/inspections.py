@@ -14,14 +14,14 @@ from sawmill_service.repeats import TheRepeatableWithFile
 from sawmill_service.routes.asked import linked
 from sawmill_service.uploads import InspectionId, UploadId, received_file
 from sawmill_worker.contracts.base import Identifier, Name
-from sawmill_worker.contracts.given import FreshAsk, Queried
+from sawmill_worker.contracts.given import Queried
 from sawmill_worker.contracts.inspections import DECLARATION, Inspection, InspectionOptions
 from sawmill_worker.contracts.jobs import Priority
 
 router = APIRouter(prefix="/v1/inspections", tags=["inspections"])
 
 
-class InspectionUpload(Queried, FreshAsk, InspectionOptions):
+class InspectionUpload(Queried, InspectionOptions):
     """What is given with a file."""
 
     name: Name = Field("file", description="What people call the file.", examples=["mill.h5"])
@@ -72,9 +72,7 @@ async def inspect_file(
         )
 
     def accepted() -> Inspection:
-        inspection = store.inspections.accept_file(
-            upload.options, received, name=upload.name, priority=upload.priority, fresh=upload.fresh
-        )
+        inspection = store.inspections.accept_file(upload.options, received, name=upload.name, priority=upload.priority)
         wake(inspection.job_id)
         accept(response, f"/v1/inspections/{inspection.id}", settings.retry_after_s)
         return linked(DECLARATION, inspection)  # type: ignore[no-any-return]

@@ -8,7 +8,7 @@ from uuid import uuid4
 from pydantic import Field
 from typing_extensions import TypeAliasType
 
-from sawmill_worker.contracts.base import Contract, Identifier, PositiveMm, Rows
+from sawmill_worker.contracts.base import Contract, Identifier, PositiveMm, Rows, Stamped
 from sawmill_worker.contracts.choices import (
     Axis,
     PaperCorrelation,
@@ -25,8 +25,8 @@ from sawmill_worker.contracts.geometry import (
     SourceFrameDeviation,
     ThetaDeviation,
 )
-from sawmill_worker.contracts.given import FreshAsk, Given
-from sawmill_worker.contracts.jobs import Answerable, Failure, JobKind
+from sawmill_worker.contracts.given import Given
+from sawmill_worker.contracts.jobs import Failure, JobKind
 from sawmill_worker.contracts.keys import Scope
 from sawmill_worker.contracts.kinds import AskedKind, Operation, Reference
 from sawmill_worker.contracts.phantoms import SizeTolerancePercent
@@ -134,7 +134,7 @@ class GivenCalibrationOptions(CalibrationOptions, Given):
     """How to calibrate, as somebody asks for it; an earlier version took what is refused here."""
 
 
-class CalibrationAsk(GivenCalibrationOptions, FreshAsk):
+class CalibrationAsk(GivenCalibrationOptions, Given):
     """Ask for a calibration."""
 
     scan_id: Identifier = Field(examples=["example"], description="Id of the scan that shows the phantom.")
@@ -502,7 +502,7 @@ class CalibrationLinks(Contract):
     )
 
 
-class CalibrationHeader(Answerable):
+class CalibrationHeader(Stamped):
     """What every calibration carries from the moment it was asked for."""
 
     scanner_id: Identifier = Field(description="Id of the scanner that is calibrated.", examples=["example"])
@@ -559,7 +559,6 @@ DECLARATION = AskedKind(
     answer=Calibration,
     read=calibration_from,
     links=CalibrationLinks,
-    leaves=("result.h5",),
     files={"report": "report.png", "overlay": "overlay.png", "hdf5": "result.h5"},
     references=(Reference.SCAN, Reference.PHANTOM),
     is_short=lambda options: options.method is CalibrationMethod.DEFAULT,

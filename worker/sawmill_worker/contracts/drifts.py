@@ -5,13 +5,13 @@ from typing import Self
 
 from pydantic import Field
 
-from sawmill_worker.contracts.base import Contract, Identifier, Rows, Time
+from sawmill_worker.contracts.base import Contract, Identifier, Rows, Stamped, Time
 from sawmill_worker.contracts.choices import DisturbedPart, DriftMethod, DriftReference
 from sawmill_worker.contracts.detector_values import DetectorDeviation, DetectorGeometry
 from sawmill_worker.contracts.drift_baselines import DriftBaseline
 from sawmill_worker.contracts.geometry import ScannerConstants
-from sawmill_worker.contracts.given import FreshAsk
-from sawmill_worker.contracts.jobs import Answerable, Failure, JobKind, JobState
+from sawmill_worker.contracts.given import Given
+from sawmill_worker.contracts.jobs import Failure, JobKind, JobState
 from sawmill_worker.contracts.kinds import AskedKind, Operation, Reference, stored_as
 from sawmill_worker.vocabulary import Rotation
 
@@ -27,7 +27,7 @@ class DriftOptions(Contract):
     )
 
 
-class DriftAsk(DriftOptions, FreshAsk):
+class DriftAsk(DriftOptions, Given):
     """Ask whether a scanner has moved since a calibration. The scan needs 8 views or more, of any log."""
 
     scan_id: Identifier = Field(examples=["example"], description="Id of the scan to look at.")
@@ -176,7 +176,7 @@ class DriftLinks(Contract):
     )
 
 
-class Drift(Answerable):
+class Drift(Stamped):
     """A drift check as it stands."""
 
     state: JobState = Field(description="State of its job.", examples=["succeeded"])

@@ -106,7 +106,7 @@ class Event(Contract):
     detail: dict[str, Any] | None = Field(
         None,
         description="As the failure of an attempt and, where its process could tell, `peak_memory_bytes`; "
-        "`answered_from`, the id of the earlier one whose result answered a job; `reason` of an activation, a refusal, "
+        "`reason` of an activation, a refusal, "
         "a paused webhook or a missed due time, which is `due_at`; `used_by`, the address of what was made of an "
         "upload, or the `reason` of its end; an alarm as `/v1/alarms` has it; the name of a backup and when it was "
         "taken; `number`, `freed_bytes`, `first_at` and `last_at` of what went by rules of retention; or seconds of "

@@ -11,7 +11,6 @@ from pydantic import (
     AwareDatetime,
     BaseModel,
     BeforeValidator,
-    Field,
     GetCoreSchemaHandler,
     ValidationError,
     model_validator,
@@ -103,17 +102,6 @@ class Given(Contract):
         if faults:
             raise ValidationError.from_exception_data(cls.__name__, faults)
         return given
-
-
-class FreshAsk(Given):
-    """What is asked of a kind whose result depends on its input alone, and so may have been computed before."""
-
-    fresh: bool = Field(
-        default=False,
-        description="Compute it even where the same was computed before, of the same input, with the same parameters "
-        "and the same version of the software. Otherwise that result answers at once, and `answered_from` names it.",
-        examples=[False],
-    )
 
 
 class Queried(Given):

@@ -22,8 +22,6 @@ class HandedOver(Contract):
         The job's row, of the contract that its kind answers with; null: the job reads an upload.
     picture
         What came with the picture that the job traces.
-    scan_origin
-        What the scan's file was read from (`storage/origins.py`); the scan's id where an earlier version read it.
     active
         The scanner's active calibration, for a job on a scan that names none.
     baselines
@@ -36,7 +34,6 @@ class HandedOver(Contract):
 
     asked_json: str | None = None
     scan: Scan | None = None
-    scan_origin: str | None = None
     scanner: StoredScanner | None = None
     phantom: StoredPhantom | None = None
     picture: PhantomPicture | None = None

@@ -7,9 +7,9 @@ from typing import Any
 
 from pydantic import Field
 
-from sawmill_worker.contracts.base import Contract, Identifier, Name, Time
-from sawmill_worker.contracts.given import FreshAsk
-from sawmill_worker.contracts.jobs import Answerable, Failure, JobKind, JobState
+from sawmill_worker.contracts.base import Contract, Identifier, Name, Stamped, Time
+from sawmill_worker.contracts.given import Given
+from sawmill_worker.contracts.jobs import Failure, JobKind, JobState
 from sawmill_worker.contracts.kinds import AskedKind, Operation
 from sawmill_worker.contracts.scans import AnglesText, Dataset, ScanShape
 from sawmill_worker.vocabulary import DataKind
@@ -166,7 +166,7 @@ class InspectedFile(InspectionOptions):
     )
 
 
-class InspectionAsk(InspectedFile, FreshAsk):
+class InspectionAsk(InspectedFile, Given):
     """A file that was sent to be inspected."""
 
 
@@ -177,7 +177,7 @@ class InspectionLinks(Contract):
     job: str = Field(description="Path of its job.", examples=["/v1/jobs/example"])
 
 
-class Inspection(Answerable):
+class Inspection(Stamped):
     """An inspection as it stands. It succeeds for a file that cannot be read too: its result has the reason."""
 
     state: JobState = Field(description="State of its job.", examples=["succeeded"])

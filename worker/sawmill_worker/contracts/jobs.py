@@ -88,19 +88,7 @@ class Failure(Contract):
     )
 
 
-class Answerable(Stamped):
-    """What may be answered from an earlier result."""
-
-    answered_from: Identifier | None = Field(
-        None,
-        description="Id of the earlier one of its kind whose result it has: computed of the same input, with the same "
-        "parameters and the same version of the software. The seconds in the result are those of that computation. "
-        "Null: it was computed itself, or has no result.",
-        examples=["example"],
-    )
-
-
-class Job(Answerable):
+class Job(Stamped):
     """A job as it stands."""
 
     kind: JobKind = Field(description="What it does.", examples=["calibrate"])
@@ -171,8 +159,7 @@ class Job(Answerable):
     )
     started_at: datetime | None = Field(
         None,
-        description="When its last attempt started, RFC 3339, UTC. Null: it has not started, or an earlier result "
-        "answered it at once.",
+        description="When its last attempt started, RFC 3339, UTC. Null: it has not started.",
         examples=["2026-03-02T05:31:00Z"],
     )
     finished_at: datetime | None = Field(

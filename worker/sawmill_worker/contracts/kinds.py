@@ -107,20 +107,16 @@ class UploadedKind(KindDeclaration):
 class AskedKind(KindDeclaration, Generic[Ask, Answer]):
     """A job that somebody asks for, and whose answer is stored. The route of one with an upload is written by hand.
 
-    The result depends on what the job is handed over alone, so that an earlier one may answer (`storage/origins.py`).
-
     Attributes
     ----------
     ask, options : type of Contract
-        The body of the request, a `FreshAsk`; the part of it that is stored for the job.
+        The body of the request, a `Given`; the part of it that is stored for the job.
     answer
         The contract of the stored thing, or a union of contracts.
     read : callable
         From a stored record to the answer (`stored_as`).
     links : type of Contract
         Where the answer and its files are: `self`, `job`, the names of `files`, and references such as `calibration`.
-    leaves : tuple of str
-        The names of the files that every job of this kind leaves.
     files : mapping
         A link's name -> its path below /v1/<plural>/<id>/.
     references : tuple of Reference
@@ -146,7 +142,6 @@ class AskedKind(KindDeclaration, Generic[Ask, Answer]):
     answer: Any
     read: Callable[[Mapping[str, Any]], Answer]
     links: type[Contract]
-    leaves: tuple[str, ...] = ()
     files: Mapping[str, str] = field(default_factory=dict)
     references: tuple[Reference, ...] = ()
     blocks_deletion: bool = True

@@ -4,11 +4,11 @@ from typing import Annotated
 
 from pydantic import Field
 
-from sawmill_worker.contracts.base import Contract, Identifier
+from sawmill_worker.contracts.base import Contract, Identifier, Stamped
 from sawmill_worker.contracts.calibrations import PredictedRayError, StandardDeviation
 from sawmill_worker.contracts.geometry import GivenTheta, ReportedSourceFrame, ScannerConstants
-from sawmill_worker.contracts.given import FreshAsk
-from sawmill_worker.contracts.jobs import Answerable, Failure, JobKind, JobState
+from sawmill_worker.contracts.given import Given
+from sawmill_worker.contracts.jobs import Failure, JobKind, JobState
 from sawmill_worker.contracts.kinds import AskedKind, Operation, Reference, stored_as
 from sawmill_worker.contracts.phantoms import SizeTolerancePercent
 from sawmill_worker.vocabulary import Theta
@@ -41,7 +41,7 @@ class PlanAsked(PlanOptions):
     )
 
 
-class PlanAsk(PlanAsked, FreshAsk):
+class PlanAsk(PlanAsked, Given):
     """Ask what precision a phantom will give on a scanner."""
 
     theta: GivenTheta | None = Field(
@@ -100,7 +100,7 @@ class PlanLinks(Contract):
     phantom: str = Field(description="Path of the phantom.", examples=["/v1/phantoms/l-shape"])
 
 
-class Plan(Answerable):
+class Plan(Stamped):
     """A plan as it stands."""
 
     state: JobState = Field(description="State of its job.", examples=["succeeded"])

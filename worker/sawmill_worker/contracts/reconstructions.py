@@ -8,12 +8,12 @@ from pydantic import BeforeValidator, ConfigDict, Field, ValidationInfo, model_v
 from pydantic.fields import FieldInfo
 
 from sawmill_worker.contracts import patterns
-from sawmill_worker.contracts.base import Contract, Identifier, PositiveMm, SteppedRows
+from sawmill_worker.contracts.base import Contract, Identifier, PositiveMm, Stamped, SteppedRows
 from sawmill_worker.contracts.choices import MetalTreatment, Weighting
 from sawmill_worker.contracts.conditions import Schema, bounded, one_of, require, without
 from sawmill_worker.contracts.geometry import GivenTheta
-from sawmill_worker.contracts.given import FreshAsk
-from sawmill_worker.contracts.jobs import Answerable, Failure, JobKind, JobState
+from sawmill_worker.contracts.given import Given
+from sawmill_worker.contracts.jobs import Failure, JobKind, JobState
 from sawmill_worker.contracts.kinds import AskedKind, Operation, Reference, stored_as
 from sawmill_worker.contracts.old_names import OutOfUse
 from sawmill_worker.vocabulary import (
@@ -270,7 +270,7 @@ def _state_conditions(schema: Schema, ask: type[ReconstructionOptions]) -> None:
         require(schema, name, without(name), {"properties": {"theta": {"type": "object"}}, "required": ["theta"]})
 
 
-class ReconstructionAsk(ReconstructionAsked, FreshAsk):
+class ReconstructionAsk(ReconstructionAsked, Given):
     """Ask for a reconstruction with a calibration (the scanner's active one unless named) or with a theta."""
 
     model_config = ConfigDict(json_schema_extra=_state_conditions)
@@ -424,7 +424,7 @@ class ReconstructionLinks(Contract):
     )
 
 
-class Reconstruction(Answerable):
+class Reconstruction(Stamped):
     """A reconstruction and its state."""
 
     state: JobState = Field(description="State of its job.", examples=["succeeded"])
@@ -451,7 +451,6 @@ DECLARATION = AskedKind(
     answer=Reconstruction,
     read=stored_as(Reconstruction),
     links=ReconstructionLinks,
-    leaves=("volume.h5",),
     files={
         "volume": "volume.h5",
         "first_slice": "slices/0.png",

@@ -55,7 +55,7 @@ def _attempt(channel: BinaryIO, settings: ExecutionSettings) -> None:
     """Wait for the assignment on standard input, and answer it."""
     supervisor = open(0, "rb", buffering=0, closefd=False)  # noqa: SIM115 - lives as long as the process
     try:
-        channel.write(to_line(Ready(software=software())))
+        channel.write(to_line(Ready()))
     except BrokenPipeError:  # the supervisor was killed meanwhile
         return
     line = _line_from(supervisor)

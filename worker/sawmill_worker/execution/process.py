@@ -69,8 +69,6 @@ class AttemptProcess:
         self._unread = b""
         self._ready = False
         self.hung_up = False
-        # Known once it is ready.
-        self.software: str | None = None
 
     @property
     def alive(self) -> bool:
@@ -92,7 +90,7 @@ class AttemptProcess:
                 raise AttemptNotStarted(f"a process was not ready after {timeout_s:g} s")
             for message in self.receive(left_s):
                 if isinstance(message, Ready):
-                    self._ready, self.software = True, message.software
+                    self._ready = True
             if self.hung_up:
                 raise AttemptNotStarted(f"a process ended with exit code {self._process.wait()} before it was ready")
 

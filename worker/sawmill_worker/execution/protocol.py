@@ -27,10 +27,9 @@ class Assignment(Contract):
 
 
 class Ready(Contract):
-    """Everything is imported; `software` is that which was, null where results must answer no other job."""
+    """Everything is imported: the process waits for its assignment."""
 
     kind: Literal["ready"] = "ready"
-    software: str | None = None
 
 
 class ProgressMade(Contract):

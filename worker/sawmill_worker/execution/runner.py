@@ -9,7 +9,6 @@ from pathlib import Path
 import structlog
 from pydantic import ValidationError
 
-from sawmill_worker.contracts.handed_over import HandedOver
 from sawmill_worker.contracts.jobs import Failure, FailureKind, JobState
 from sawmill_worker.execution import sharing
 from sawmill_worker.execution.environment import environment_of_attempts
@@ -25,7 +24,6 @@ from sawmill_worker.execution.template import Template, template_library
 from sawmill_worker.execution.threading_layer import wait_passively
 from sawmill_worker.storage.errors import LeaseLost, NotFound, StorageFull, StorageUnavailable
 from sawmill_worker.storage.jobs import Claim
-from sawmill_worker.storage.origins import origin_of
 from sawmill_worker.storage.store import Store
 from sawmill_worker.vocabulary import Progress
 
@@ -233,8 +231,6 @@ class _Supervision:
         self._last_beat = time.monotonic()
         self._give_back_at: float | None = None
         self._last_look = self._last_beat
-        self._origin: str | None = None
-        self._answered_from: str | None = None
 
     def run(self, output: Path) -> JobState:
         answer: Succeeded | Failed | JobState | None = self._begin(output)
@@ -256,8 +252,8 @@ class _Supervision:
             )
         return answer
 
-    def _begin(self, output: Path) -> Succeeded | Failed | None:
-        """Hand the job over, or the answer of one that has an earlier result, or that cannot be handed over."""
+    def _begin(self, output: Path) -> Failed | None:
+        """Hand the job over to the process, or return why it cannot be handed over."""
         try:
             given = self._store.jobs.handed_over(self._claim.job_id)
         except NotFound as error:
@@ -265,21 +261,8 @@ class _Supervision:
         except ValidationError as error:
             structlog.get_logger().exception("row-not-read")
             return Failed(failure=failure_of(error))
-        earlier = self._earlier(given, output)
-        if earlier is None:
-            self._process.assign(Assignment(job=self._claim.job, given=given, output=output))
-        return earlier
-
-    def _earlier(self, given: HandedOver, output: Path) -> Succeeded | None:
-        """An earlier result of the same origin, with its files in the attempt's folder."""
-        if self._process.software is None:
-            return None
-        self._origin = origin_of(self._claim.job.kind, given, self._process.software)
-        earlier = None if self._origin is None else self._store.jobs.earlier(self._claim, self._origin)
-        if earlier is None or not self._store.files.take_over(self._claim.job.kind, earlier.kept_with, output):
-            return None
-        self._answered_from = earlier.computed_id
-        return Succeeded(result=earlier.result)
+        self._process.assign(Assignment(job=self._claim.job, given=given, output=output))
+        return None
 
     def _publish(self, answer: Succeeded, output: Path) -> None:
         """Publish as soon as the database answers: what was computed is not computed again for an outage."""
@@ -290,8 +273,6 @@ class _Supervision:
                     answer.result,
                     output,
                     peak_memory_bytes=answer.peak_memory_bytes,
-                    origin=self._origin,
-                    answered_from=self._answered_from,
                 )
             except StorageUnavailable as error:
                 # Without its folder it was published, and the row's commit failed: the job is run again.

@@ -17,7 +17,6 @@ from sawmill_worker.contracts.jobs import JobState, Priority
 from sawmill_worker.contracts.kinds import Answer, Ask, AskedKind
 from sawmill_worker.storage.asked_rows import found_asked, read_asked
 from sawmill_worker.storage.database import Database
-from sawmill_worker.storage.earlier import answer_at_once
 from sawmill_worker.storage.files import FileStore
 from sawmill_worker.storage.paging import created_between, narrowed, new_id, read_page, refuse_taken
 from sawmill_worker.storage.places import Places
@@ -55,7 +54,7 @@ class Asked(Generic[Ask, Answer]):
         priority: Priority = Priority.WAITED_FOR,
         given: Mapping[str, str] = NOTHING,
     ) -> Answer:
-        """Queue a job, or answer it from an earlier result; while others make what it refers to, it waits for them.
+        """Queue a job, which waits while other jobs make what it refers to.
 
         Parameters
         ----------
@@ -103,7 +102,7 @@ class Asked(Generic[Ask, Answer]):
         priority: Priority = Priority.WAITED_FOR,
         given: Mapping[str, str] = NOTHING,
     ) -> Answered:
-        """Write a row and its job inside the caller's transaction, or answer it; the rest as in `accept`."""
+        """Write a row and its job inside the caller's transaction; the rest is as in `accept`."""
         declared = self._declared
         table, identifier = table_of(declared.kind), identifier or new_id()
         refuse_taken(session, table, declared.noun, identifier)
@@ -121,7 +120,6 @@ class Asked(Generic[Ask, Answer]):
             needs=needs,
             job_id=job_id,
             priority=priority,
-            fresh=known.get("fresh", False),
         )
         row = table(
             id=identifier,
@@ -133,8 +131,6 @@ class Asked(Generic[Ask, Answer]):
         session.add(row)
         session.flush()
         session.refresh(row, ["job"])
-        if not needs and not job.fresh:
-            answer_at_once(session, self._files, job, now)
         self._places.take(session, job)
         return row
 

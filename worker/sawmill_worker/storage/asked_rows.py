@@ -26,5 +26,5 @@ def found_asked(session: Session, declared: AskedKind[Any, Any], identifier: str
 def read_asked(declared: AskedKind[Any, Answer], row: Answered) -> Answer:
     """The row as its kind answers, with what its job's row has of it."""
     columns = {column.key: getattr(row, column.key) for column in row.__table__.columns}
-    of_job = {name: getattr(row.job, name) for name in ("state", "failure", "answered_from")}
+    of_job = {name: getattr(row.job, name) for name in ("state", "failure")}
     return declared.read(columns | of_job)

@@ -16,11 +16,8 @@ def counts_since(session: Session, check: DriftRow, result: DriftResult) -> int 
 
     It counts if it compared with the active calibration a log that was scanned after that one's phantom and turned in
     the same sense, and if its scan has not been counted. The scanner's row is locked, so that of several checks that
-    end at once each has its number, in the order in which they are committed. A check that was answered from an earlier
-    one shows nothing new, and may end in a transaction that has locked a scan before its scanner.
+    end at once each has its number, in the order in which they are committed.
     """
-    if check.job.answered_from is not None:
-        return None
     lock_scanner(session, check.scanner_id)
     active = active_since(session, check.scanner_id)
     scan = session.get(ScanRow, check.scan_id)

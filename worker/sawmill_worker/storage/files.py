@@ -35,14 +35,10 @@ from pathlib import Path
 from typing import NamedTuple
 from uuid import uuid4
 
-import structlog
-
 from sawmill_worker.contracts.jobs import JobKind
-from sawmill_worker.contracts.kinds import AskedKind, declaration_of
 from sawmill_worker.storage.arriving import Arriving, AsSent, Content, Received, check_free, receive_in_threads
 from sawmill_worker.storage.errors import (
     NotFound,
-    StorageFull,
     StorageMisconfigured,
     StorageUnavailable,
     disk_full_reported,
@@ -164,45 +160,6 @@ class FileStore:
             self.remove(final)
             output.rename(final)
             flush(final.parent)
-
-    def take_over(self, kind: JobKind, subject_id: str, output: Path) -> bool:
-        """Give the files that a job left a second name in an attempt's folder, and flush it.
-
-        Parameters
-        ----------
-        kind, subject_id
-            Of the job that left them.
-        output
-            Holds all of them afterwards, or none.
-
-        Returns
-        -------
-        bool
-            Whether all of them have one: one may be gone, or its file system has no second names.
-
-        Raises
-        ------
-        StorageFull
-            The disk is full.
-        """
-        declared = declaration_of(kind)
-        names = declared.leaves if isinstance(declared, AskedKind) else ()
-        try:
-            for name in names:
-                source = self.results(kind, subject_id) / name
-                (output / name).hardlink_to(source)
-                if (note := note_of(source)).is_file():
-                    note_of(output / name).hardlink_to(note)
-            flush_tree(output)
-        except OSError as error:
-            for name in names:
-                (output / name).unlink(missing_ok=True)
-                note_of(output / name).unlink(missing_ok=True)
-            if means_disk_full(error):
-                raise StorageFull("there is no room for a result that is taken over") from error
-            structlog.get_logger().warning("earlier-result-not-taken-over", subject_id=subject_id, reason=str(error))
-            return False
-        return True
 
     def remove(self, path: Path) -> None:
         """Remove a file or folder in one step, as others see it; nothing happens if there is none."""

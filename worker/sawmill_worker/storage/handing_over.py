@@ -47,7 +47,6 @@ def _of_asked(session: Session, files: FileStore, declared: AskedKind[Any, Any],
     if hasattr(asked, "scan_id"):
         scan = found(session, ScanRow, "scan", asked.scan_id)
         fields["scan"] = read_scan(scan)
-        fields["scan_origin"] = found(session, JobRow, "job", scan.job_id).origin or scan.id
         fields["file"] = files.results(JobKind.INGEST, scan.id) / SCAN_FILE
     if hasattr(asked, "phantom_id"):
         fields["phantom"] = read_phantom(found(session, PhantomRow, "phantom", asked.phantom_id))

@@ -31,7 +31,6 @@ class Inspections(Asked[InspectionAsk, Inspection]):
         name: str = "file",
         identifier: str | None = None,
         priority: Priority = Priority.WAITED_FOR,
-        fresh: bool = False,
     ) -> Inspection:
         """Keep an upload and queue the job that inspects it.
 
@@ -47,8 +46,6 @@ class Inspections(Asked[InspectionAsk, Inspection]):
             A fixed id; null for a new one.
         priority
             Which jobs go before it.
-        fresh
-            Look at it even where the same file was looked at before.
 
         Raises
         ------
@@ -62,7 +59,6 @@ class Inspections(Asked[InspectionAsk, Inspection]):
             name=name,
             size_bytes=received.size_bytes,
             sha256=received.sha256,
-            fresh=fresh,
         )
         identifier = identifier or new_id()
         with kept_upload(self._files, received, JobKind.INSPECT, identifier) as keep, self._database.write() as session:

@@ -23,7 +23,6 @@ from sawmill_worker.contracts.handed_over import HandedOver
 from sawmill_worker.contracts.jobs import ENDED, Failure, FailureKind, Job, JobKind, JobState, Priority
 from sawmill_worker.storage.audit import write_audit
 from sawmill_worker.storage.database import Database, after_commit, lock_files_of
-from sawmill_worker.storage.earlier import Earlier, earlier_result
 from sawmill_worker.storage.errors import Conflict, LeaseLost, StorageFull, StorageUnavailable
 from sawmill_worker.storage.events import PEAK_MEMORY, record, record_cancel_requested
 from sawmill_worker.storage.files import FileStore
@@ -232,13 +231,6 @@ class Jobs:
         with self._database.read() as session:
             return handed_over(session, self._files, found(session, JobRow, "job", job_id))
 
-    def earlier(self, claim: Claim, origin: str) -> Earlier | None:
-        """A result of the same origin that may answer the job; None where there is none, or it must be computed."""
-        with self._database.read() as session:
-            if found(session, JobRow, "job", claim.job_id).fresh:
-                return None
-            return earlier_result(session, self._files, claim.job.kind, origin)
-
     def keep(self, claim: Claim, output: Path, names: Sequence[str]) -> None:
         """Keep an attempt's checkpoints with the job: it has made progress, so that its losses are counted anew.
 
@@ -269,8 +261,6 @@ class Jobs:
         output: Path,
         *,
         peak_memory_bytes: int | None = None,
-        origin: str | None = None,
-        answered_from: str | None = None,
     ) -> None:
         """Publish an attempt's files and result, both or neither.
 
@@ -284,10 +274,6 @@ class Jobs:
             The attempt's folder, flushed (`flush_tree`) by whoever wrote it; renamed to its subject's.
         peak_memory_bytes
             The most memory that the attempt's process held, for its event.
-        origin
-            What the result depends on (`storage/origins.py`): it may answer other jobs. Null: it never does.
-        answered_from
-            Id of the subject for which the result was computed; null: for this one.
 
         Raises
         ------
@@ -300,9 +286,7 @@ class Jobs:
         checked = checked_result(kind, result)
         with self._ending() as session:
             row = _held(session, claim)
-            row.origin, row.answered_from = origin, answered_from
-            detail = _measured(peak_memory_bytes) if answered_from is None else {"answered_from": answered_from}
-            self._end(session, row, JobState.SUCCEEDED, EventKind.SUCCEEDED, detail=detail)
+            self._end(session, row, JobState.SUCCEEDED, EventKind.SUCCEEDED, detail=_measured(peak_memory_bytes))
             record_success(session, kind, subject_id, checked, self._database.now())
             session.flush()
             # Renamed while the row is locked: a late attempt cannot replace a newer one's files. When the commit fails
@@ -586,6 +570,5 @@ def _read(row: JobRow, outlook: Outlook = NOTHING_KNOWN) -> Job:
             "started_at": row.started_at,
             "finished_at": row.finished_at,
             "failure": row.failure,
-            "answered_from": row.answered_from,
         }
     )

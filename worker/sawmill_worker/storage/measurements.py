@@ -114,8 +114,8 @@ def _typical(scanner_id: str, since: datetime, until: datetime) -> ColumnElement
 def record_measurement(session: Session, subject: Answered, now: datetime) -> None:
     """Add what a calibration or a drift check with its result measured, and enter it in its scanner's history.
 
-    A drift check's result gets the time of its end, and so the age of its baseline; one that was answered from an
-    earlier check has that one's. Other kinds measure nothing of a scanner.
+    A drift check's result gets the time of its end, and so the age of its baseline. Other kinds measure nothing of a
+    scanner.
     """
     if isinstance(subject, CalibrationRow):
         calibrated = CalibrationResult.model_validate(subject.result)

@@ -92,7 +92,7 @@ class Outlooks:
 
 def _durations(session: Session) -> Durations:
     columns = (JobRow.kind, JobRow.short, JobRow.started_at, JobRow.finished_at)
-    succeeded = select(*columns).where(JobRow.state == JobState.SUCCEEDED, JobRow.answered_from.is_(None))
+    succeeded = select(*columns).where(JobRow.state == JobState.SUCCEEDED)
     newest = succeeded.order_by(JobRow.created_at.desc(), JobRow.id.desc()).limit(_RECENT)
     taken_s: defaultdict[Line, list[float]] = defaultdict(list)
     for kind, short, started_at, finished_at in session.execute(newest):

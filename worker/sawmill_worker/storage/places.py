@@ -12,7 +12,6 @@ from sqlalchemy import func, literal_column, select
 from sqlalchemy.orm import Session
 
 from sawmill_worker.contracts.events import EventKind
-from sawmill_worker.contracts.jobs import JobState
 from sawmill_worker.storage.acting import actor
 from sawmill_worker.storage.database import Database, lock_files_of
 from sawmill_worker.storage.errors import QueueFull
@@ -84,16 +83,13 @@ class Places:
     def take(self, session: Session, job: JobRow) -> None:
         """Take a place for a job that was queued in this transaction: last of all, for others wait until its end.
 
-        A job that was answered at once needs none. One of the service itself waits beside the places, and its event
-        says so.
+        A job of the service itself waits beside the places, and its event says so.
 
         Raises
         ------
         QueueFull
             There is none.
         """
-        if job.state is not JobState.QUEUED:
-            return
         if actor().of_service:
             full = self._full(session, None, own=1)
             if full is not None:

@@ -24,12 +24,10 @@ def queue_job(
     needs: Sequence[str] = (),
     job_id: str | None = None,
     priority: Priority = Priority.WAITED_FOR,
-    fresh: bool = False,
 ) -> JobRow:
     """Queue a job that starts only when the jobs it needs have ended.
 
-    Jobs that it needs are brought forward where they stand behind it. A `fresh` one is not answered from an earlier
-    result.
+    Jobs that it needs are brought forward where they stand behind it.
     """
     job_id = job_id or new_id()
     refuse_taken(session, JobRow, "job", job_id)
@@ -42,7 +40,6 @@ def queue_job(
         subject_id=subject_id,
         priority=priority,
         short=short,
-        fresh=fresh,
         attempt=0,
         beats=0,
         losses=0,

@@ -183,11 +183,6 @@ class JobRow(Resource):
     cancel_requested: Mapped[bool] = mapped_column(default=False)
     progress: Mapped[Json | None]
     failure: Mapped[Json | None]
-    # What its result depends on, known with the result (`storage/origins.py`); the subject that was computed, where its
-    # result was taken over; whether that must not be done.
-    origin: Mapped[str | None] = mapped_column(String(64), index=True)
-    answered_from: Mapped[str | None] = mapped_column(String(64))
-    fresh: Mapped[bool] = mapped_column(default=False)
     # Whose request queued it; null where none did.
     request_id: Mapped[str | None] = mapped_column(String(64))
     key_id: Mapped[str | None] = mapped_column(String(64))

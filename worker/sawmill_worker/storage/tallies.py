@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Any, NamedTuple
 
-from sqlalchemy import ColumnElement, Select, and_, case, func, select
+from sqlalchemy import ColumnElement, Select, case, func, select
 from sqlalchemy.orm import Session
 
 from sawmill_worker.contracts.events import EventKind
@@ -159,8 +159,8 @@ def _fates(session: Session, *which: ColumnElement[bool]) -> dict[Fate, Amount]:
 
 def _ended(dialect: str, *which: ColumnElement[bool]) -> Select[Any]:
     """A row an attempt that a worker has ended; its seconds are known where it ended the job with a result."""
-    computed = and_(EventRow.what == EventKind.SUCCEEDED, JobRow.answered_from.is_(None))
-    seconds = case((computed, seconds_between(dialect, JobRow.started_at, JobRow.finished_at)))
+    succeeded = EventRow.what == EventKind.SUCCEEDED
+    seconds = case((succeeded, seconds_between(dialect, JobRow.started_at, JobRow.finished_at)))
     return (
         select(
             EventRow.what,

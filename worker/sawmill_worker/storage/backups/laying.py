@@ -40,7 +40,7 @@ class Laying:
         self._earlier_folder, self._earlier = earlier if has_links(into) else (into, {})
         self._on_progress = on_progress
         self._laid: dict[str, Entry] = {}
-        # Of files with several names in the data folder, as an answer from an earlier result has them.
+        # Entries of files with several names in the data folder, as an inspected upload and its scan have.
         self._names: dict[tuple[int, int], Entry] = {}
 
     def lay(self, found: list[Found]) -> tuple[bool, list[str]]:

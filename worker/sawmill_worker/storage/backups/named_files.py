@@ -97,7 +97,7 @@ def look_for(folder: Path, named: list[Named]) -> tuple[list[Found], list[str]]:
 
 def _leaves_files(kind: JobKind) -> bool:
     declared = declaration_of(kind)
-    return kind is JobKind.INGEST or (isinstance(declared, AskedKind) and bool(declared.leaves))
+    return kind is JobKind.INGEST or (isinstance(declared, AskedKind) and bool(declared.files))
 
 
 def _is_there(ids: Select[str], tables: Collection[str]) -> bool:
