@@ -5,6 +5,7 @@ from base64 import b64decode
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import cache
 from ipaddress import ip_address
 from urllib.parse import urlsplit
 
@@ -20,6 +21,7 @@ from sawmill_service.problems import Refused
 from sawmill_service.rates import FailedLogins
 from sawmill_service.session_cookie import SessionCookie, csrf_token
 from sawmill_worker.contracts.keys import Scope
+from sawmill_worker.contracts.kinds import asked_kinds
 from sawmill_worker.storage.acting import Actor
 from sawmill_worker.storage.errors import StorageError
 from sawmill_worker.storage.keys import KeyStore, hash_of
@@ -55,7 +57,7 @@ FORWARDED = (
     "x-real-ip",
 )
 LOOPBACK = frozenset({"127.0.0.1", "localhost", "[::1]"})
-# What a route needs where its method does not tell.
+# What a route needs where its method does not tell. A POST without a line here is for administrators alone.
 NEEDED = {
     ("GET", "/v1/audit"): Scope.ADMIN,
     ("GET", "/v1/audit.jsonl"): Scope.ADMIN,
@@ -91,6 +93,19 @@ NEEDED = {
     ("POST", "/phantoms/{phantom_id}/delete"): Scope.ADMIN,
     ("POST", "/scans/{scan_id}/delete"): Scope.ADMIN,
     ("DELETE", "/v1/uploads/{upload_id}"): Scope.SUBMIT,
+    ("PATCH", "/v1/uploads/{upload_id}"): Scope.SUBMIT,
+    ("POST", "/v1/uploads"): Scope.SUBMIT,
+    ("POST", "/v1/phantoms"): Scope.SUBMIT,
+    ("POST", "/v1/phantoms/pictures"): Scope.SUBMIT,
+    ("POST", "/v1/phantoms/{phantom_id}/measurements"): Scope.SUBMIT,
+    ("POST", "/v1/scans"): Scope.SUBMIT,
+    ("POST", "/v1/scans/form"): Scope.SUBMIT,
+    ("POST", "/v1/jobs/{job_id}/cancel"): Scope.SUBMIT,
+    ("POST", "/calibrate"): Scope.SUBMIT,
+    ("POST", "/calibrate/dataset"): Scope.SUBMIT,
+    ("POST", "/jobs/{job_id}/cancel"): Scope.SUBMIT,
+    ("POST", "/phantoms/preview"): Scope.SUBMIT,
+    ("POST", "/scans/{scan_id}/reconstruct"): Scope.SUBMIT,
     ("POST", LOGIN): Scope.READ,
     ("POST", LOGOUT): Scope.READ,
 }
@@ -98,16 +113,20 @@ BY_METHOD = {
     "GET": Scope.READ,
     "HEAD": Scope.READ,
     "OPTIONS": Scope.READ,
-    "POST": Scope.SUBMIT,
-    "PATCH": Scope.SUBMIT,
     "PUT": Scope.ACTIVATE,
-    "DELETE": Scope.ADMIN,
 }
 
 
 def needed_scope(method: str, path: str) -> Scope:
-    """What a route needs of whoever calls it; `path` as it is declared, with the names of its parameters."""
+    """Return the scope that a route needs; `path` as it is declared, with the names of its parameters."""
+    if method == "POST" and path in _paths_of_asks():
+        return Scope.SUBMIT
     return NEEDED.get((method, path)) or BY_METHOD.get(method, Scope.ADMIN)
+
+
+@cache
+def _paths_of_asks() -> frozenset[str]:
+    return frozenset(declared.asked_at or f"/v1/{declared.kind.plural}" for declared in asked_kinds())
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,8 @@ from typing import Any
 from pydantic import Field
 
 from sawmill_worker.contracts.base import Contract
-from sawmill_worker.contracts.jobs import FailureKind
+from sawmill_worker.contracts.jobs import FailureKind, JobKind
+from sawmill_worker.contracts.kinds import declaration_of
 
 PATH = "/problems/"
 CODE_PATTERN = r"^[a-z0-9]+(-[a-z0-9]+)*$"
@@ -87,7 +88,12 @@ def _codes_of(status: int) -> str:
 
 def _read(path: Path) -> list[ProblemType]:
     entries = tomllib.loads(path.read_text())["problem"]
-    return [ProblemType(code=code, type=type_of(code), **entry) for entry in entries for code in entry.pop("codes")]
+    return [
+        ProblemType(code=code, type=type_of(code), **entry)
+        for entry in entries
+        for pattern in entry.pop("codes")
+        for code in dict.fromkeys(pattern.replace("{noun}", declaration_of(kind).noun) for kind in JobKind)
+    ]
 
 
 if __name__ == "__main__":

@@ -16,7 +16,8 @@ OTHERS = LANGUAGES.keys() - {ENGLISH}
 @pytest.fixture(scope="module")
 def texts_of_the_pages(tmp_path_factory):
     template = tmp_path_factory.mktemp("texts") / "sawmill.pot"
-    places = [str(ROOT / "service/sawmill_service"), str(ROOT / "worker/sawmill_worker/contracts")]
+    folders = ("service/sawmill_service", "worker/sawmill_worker/contracts", "worker/sawmill_worker/vocabulary")
+    places = [str(ROOT / folder) for folder in folders]
     options = ["--mapping-file", str(ROOT / "pyproject.toml"), "--output-file", str(template)]
     CommandLineInterface().run(["pybabel", "--quiet", "extract", *options, *places])
     with template.open("rb") as file:

@@ -2,12 +2,13 @@
 
 import pytest
 
-from sawmill_service.access import BY_METHOD, NEEDED, OPEN_PATHS, needed_scope
+from sawmill_service.access import NEEDED, OPEN_PATHS, needed_scope
 from sawmill_service.app import create_app
 from sawmill_service.pages.all_pages import PAGES
 from sawmill_service.routes import console, login
 from sawmill_service.settings import ServiceSettings
 from sawmill_worker.contracts.keys import KeyAsk, Scope
+from sawmill_worker.contracts.kinds import asked_kinds
 from sawmill_worker.storage.errors import StorageFull, StorageUnavailable
 from sawmill_worker.storage.tables import JobRow
 
@@ -66,12 +67,16 @@ def test_what_decides_or_removes_needs_more_than_work(keyed):
     assert not {path for (method, path), scope in needs.items() if method == "GET" and scope is Scope.SUBMIT}
 
 
-def test_every_exception_names_a_route_that_exists(keyed):
+def test_every_route_that_changes_something_has_a_scope_and_no_other_has_a_row(keyed):
     routers = (*PAGES, console.router, login.router)
     pages = {(method, route.path) for router in routers for route in router.routes for method in route.methods}
     declared = {*operations(keyed.app), *pages}
     assert set(NEEDED) <= declared
-    assert {method for method, _ in declared} <= set(BY_METHOD)
+    asked = {("POST", declaration.asked_at or f"/v1/{declaration.kind.plural}") for declaration in asked_kinds()}
+    without = {(method, path) for method, path in declared - asked - set(NEEDED) if method in {"POST", "PATCH"}}
+    assert not without, "add the scope of each to NEEDED in service/sawmill_service/access.py"
+    assert all(needed_scope(*operation) is Scope.SUBMIT for operation in asked)
+    assert needed_scope("POST", "/v1/levels") is Scope.ADMIN
 
 
 def test_activation_on_pass_cannot_be_asked_for_by_who_may_not_activate(keyed):

@@ -7,18 +7,10 @@ from babel.dates import format_timedelta
 
 from sawmill_service.pages.frame import PageFrame
 from sawmill_service.pages.languages import marked
+from sawmill_worker.contracts.events import EventKind
 from sawmill_worker.contracts.jobs import Job, JobKind, JobState
+from sawmill_worker.contracts.kinds import declaration_of
 
-# By what a person would call it; a kind that is missing here is called by its name.
-KINDS = {
-    JobKind.INGEST: marked("Reading a scan"),
-    JobKind.TRACE_PHANTOM: marked("Tracing a phantom's picture"),
-    JobKind.CALIBRATE: marked("Calibration"),
-    JobKind.RECONSTRUCT: marked("Reconstruction of a log"),
-    JobKind.PLAN: marked("Plan of a calibration"),
-    JobKind.DRIFT: marked("Drift check"),
-    JobKind.INSPECT: marked("Looking into a file"),
-}
 STATES = {
     JobState.QUEUED: ("idle", marked("Waits")),
     JobState.RUNNING: ("idle", marked("Runs")),
@@ -27,13 +19,13 @@ STATES = {
     JobState.CANCELLED: ("idle", marked("Cancelled")),
 }
 FATES = {
-    "started": marked("started"),
-    "succeeded": marked("succeeded"),
-    "failed": marked("failed for good"),
-    "lost": marked("lost: its worker ended without an answer"),
-    "put-off": marked("put off: an outage ended it"),
-    "given-back": marked("given back: its worker stopped, or another job went first"),
-    "cancelled": marked("cancelled"),
+    EventKind.STARTED: marked("started"),
+    EventKind.SUCCEEDED: marked("succeeded"),
+    EventKind.FAILED: marked("failed for good"),
+    EventKind.LOST: marked("lost: its worker ended without an answer"),
+    EventKind.PUT_OFF: marked("put off: an outage ended it"),
+    EventKind.GIVEN_BACK: marked("given back: its worker stopped, or another job went first"),
+    EventKind.CANCELLED: marked("cancelled"),
 }
 # Of what a job made: a page where there is one, else the numbers.
 _MADE = {
@@ -77,7 +69,7 @@ def job_view(job: Job, page: PageFrame) -> JobView:
     made, label = _made(job)
     return JobView(
         job=job,
-        what=page.text.gettext(KINDS.get(job.kind, job.kind.value)),
+        what=page.text.gettext(declaration_of(job.kind).label),
         word=page.text.gettext(word),
         tone=tone,
         left=_left(job, page),

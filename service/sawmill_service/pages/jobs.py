@@ -9,9 +9,10 @@ from fastapi.responses import HTMLResponse, RedirectResponse
 from sawmill_service.answers import Paging
 from sawmill_service.dependencies import TheStore
 from sawmill_service.pages.frame import PageFrame, ThePage
-from sawmill_service.pages.job_words import FATES, KINDS, STATES, JobView, job_view
+from sawmill_service.pages.job_words import FATES, STATES, JobView, job_view
 from sawmill_worker.contracts.base import Identifier, Page
 from sawmill_worker.contracts.jobs import Job, JobKind, JobState
+from sawmill_worker.contracts.kinds import declaration_of
 from sawmill_worker.storage.errors import Conflict
 from sawmill_worker.storage.store import Store
 
@@ -85,7 +86,8 @@ def cancel(job_id: Identifier, store: TheStore) -> RedirectResponse:
 
 def _answer(template: str, page: PageFrame, store: Store, wanted: JobFilter) -> HTMLResponse:
     shown = _shown(page, store, wanted)
-    return page.answer(template, shown=shown, kinds=KINDS, states=STATES, kind=wanted.kind, state=wanted.state)
+    kinds = {kind: declaration_of(kind).label for kind in JobKind}
+    return page.answer(template, shown=shown, kinds=kinds, states=STATES, kind=wanted.kind, state=wanted.state)
 
 
 def _shown(page: PageFrame, store: Store, wanted: JobFilter) -> JobsShown:

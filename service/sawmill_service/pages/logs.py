@@ -8,7 +8,7 @@ from fastapi import APIRouter, Query, Response
 from sawmill_service.dependencies import TheStore
 from sawmill_service.pages.frame import ThePage
 from sawmill_service.pages.lists import TheFilter
-from sawmill_service.pages.words import COLOR_MAPS, LOG_STATES, METHODS
+from sawmill_service.pages.words import COLOR_MAPS, LOG_STATES
 from sawmill_worker.contracts.base import Identifier
 from sawmill_worker.contracts.jobs import JobState
 from sawmill_worker.contracts.reconstructions import Reconstruction
@@ -34,7 +34,6 @@ def logs(page: ThePage, store: TheStore, chosen: TheFilter) -> Response:
         scans=store.scans.several({log.scan_id for log in found.items}),
         scanners=store.scanners.names(),
         states=LOG_STATES,
-        methods=METHODS,
         method_of=method_of,
     )
 
@@ -63,7 +62,6 @@ def log(
         scanner=store.scanners.get(log.scanner_id).name,
         calibration=store.calibrations.get(log.calibration_id) if log.calibration_id else None,
         state=LOG_STATES[JobState(log.state)],
-        methods=METHODS,
         method_of=method_of,
         color_maps=COLOR_MAPS,
         name_of=_name_of,

@@ -32,7 +32,7 @@ KINDS = {
     HistoryKind.SCHEDULE: marked("Schedule"),
     HistoryKind.SCAN: marked("Scan"),
 }
-_WORDS = {
+EVENT_WORDS = {
     EventKind.FAILED: Word("bad", marked("Failed")),
     EventKind.CANCELLED: Word("idle", marked("Cancelled")),
     EventKind.CALIBRATION_ACTIVATED: Word("good", marked("Accepted")),
@@ -147,5 +147,5 @@ def word_of(entry: HistoryEntry) -> Word:
     """What became of it, in a word with its colour."""
     measured = entry.measured
     if measured is None:
-        return _WORDS.get(entry.what) or Word("idle", entry.what)
+        return EVENT_WORDS.get(entry.what) or Word("idle", entry.what)
     return _DRIFTS[measured.within_tolerance] if measured.verdict is None else _VERDICTS[measured.verdict]

@@ -8,13 +8,14 @@ from sawmill_service.dependencies import TheStore, TheWake
 from sawmill_service.forms import TheForm
 from sawmill_service.pages.frame import PageFrame, ThePage
 from sawmill_service.pages.lists import TheFilter, phantom_names
-from sawmill_service.pages.words import METHODS, SCAN_STATES
+from sawmill_service.pages.words import SCAN_STATES
 from sawmill_service.problems import STATUS
 from sawmill_worker.contracts.base import Identifier, placed_complaint
 from sawmill_worker.contracts.given import Queried
 from sawmill_worker.contracts.reconstructions import ReconstructionAsk, ReconstructionOptions
 from sawmill_worker.storage.errors import Conflict, Invalid, QueueFull
 from sawmill_worker.storage.store import Store
+from sawmill_worker.vocabulary import ReconstructionMethod
 
 SIZES_PX = (256, 512, 1024, 2048)
 
@@ -91,7 +92,7 @@ def _scan_page(
         state=SCAN_STATES[scan.state],
         logs=logs,
         calibrations=calibrations,
-        methods=METHODS,
+        methods=sorted(ReconstructionMethod, key=lambda method: method is not ReconstructionMethod.AUTO),
         sizes=SIZES_PX,
         defaults={name: field.default for name, field in ReconstructionOptions.model_fields.items()},
         problem=problem,

@@ -1,11 +1,11 @@
-"""What pages call the states and methods that programs know by other names, each text marked for the catalogues."""
+"""What pages call the states that programs know by other names, each text marked for the catalogues."""
 
 from typing import NamedTuple
 
 from sawmill_service.pages.languages import marked
 from sawmill_worker.contracts.jobs import JobState
 from sawmill_worker.contracts.scans import ScanState
-from sawmill_worker.vocabulary import ColorMap, ReconstructionMethod
+from sawmill_worker.vocabulary import ColorMap
 
 
 class Word(NamedTuple):
@@ -13,13 +13,6 @@ class Word(NamedTuple):
 
     tone: str
     word: str
-
-
-class Method(NamedTuple):
-    """A method of reconstruction: its name, and when to take it."""
-
-    name: str
-    sentence: str
 
 
 SCAN_STATES = {
@@ -33,21 +26,6 @@ LOG_STATES = {
     JobState.SUCCEEDED: Word("good", marked("Ready")),
     JobState.FAILED: Word("bad", marked("Failed")),
     JobState.CANCELLED: Word("idle", marked("Cancelled")),
-}
-METHODS = {
-    ReconstructionMethod.AUTO: Method(
-        marked("Automatic"), marked("Takes the method that suits the scan's number of views and its noise.")
-    ),
-    ReconstructionMethod.FBP: Method(
-        marked("Filtered back-projection"), marked("The fastest, for scans with many views all round.")
-    ),
-    ReconstructionMethod.TOTAL_VARIATION: Method(
-        marked("Total variation"), marked("Sharp edges and little noise, also from few views; takes longer.")
-    ),
-    ReconstructionMethod.CAUCHY_MAP: Method(
-        marked("Cauchy MAP"), marked("Keeps edges from as few as 20 views; takes the longest.")
-    ),
-    ReconstructionMethod.TIKHONOV: Method(marked("Tikhonov"), marked("A smooth picture, to compare the others with.")),
 }
 COLOR_MAPS = {
     ColorMap.GREY: marked("Grey"),

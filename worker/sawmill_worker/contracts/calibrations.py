@@ -42,6 +42,7 @@ from sawmill_worker.vocabulary import (
     Rotation,
     Theta,
 )
+from sawmill_worker.vocabulary.texts import N_
 
 
 class PaperOptions(Contract):
@@ -552,6 +553,7 @@ def calibration_from(record: Mapping[str, Any]) -> CalibrationUnfinished | Calib
 DECLARATION = AskedKind(
     kind=JobKind.CALIBRATE,
     noun="calibration",
+    label=N_("Calibration"),
     lighter="ask for fewer rows or views, or for fewer generations of the published search",
     ask=CalibrationAsk,
     options=CalibrationOptions,

@@ -14,6 +14,7 @@ from sawmill_worker.contracts.given import Given
 from sawmill_worker.contracts.jobs import Failure, JobKind, JobState
 from sawmill_worker.contracts.kinds import AskedKind, Operation, Reference, stored_as
 from sawmill_worker.vocabulary import Rotation
+from sawmill_worker.vocabulary.texts import N_
 
 
 class DriftOptions(Contract):
@@ -195,6 +196,7 @@ class Drift(Stamped):
 DECLARATION = AskedKind(
     kind=JobKind.DRIFT,
     noun="drift",
+    label=N_("Drift check"),
     lighter="ask for fewer rows",
     ask=DriftAsk,
     options=DriftOptions,

@@ -13,6 +13,7 @@ from sawmill_worker.contracts.jobs import Failure, JobKind, JobState
 from sawmill_worker.contracts.kinds import AskedKind, Operation
 from sawmill_worker.contracts.scans import AnglesText, Dataset, ScanShape
 from sawmill_worker.vocabulary import DataKind
+from sawmill_worker.vocabulary.texts import N_
 
 # A day's work: whoever comes back after it sends the file again.
 FILE_KEPT = timedelta(days=1)
@@ -199,6 +200,7 @@ def _read(record: Mapping[str, Any]) -> Inspection:
 DECLARATION = AskedKind(
     kind=JobKind.INSPECT,
     noun="inspection",
+    label=N_("Looking into a file"),
     upload="file",
     lighter="give a smaller file",
     ask=InspectionAsk,

@@ -63,6 +63,8 @@ class KindDeclaration:
         Its line of the table.
     noun : str
         What a job of this kind works on, in sentences and codes: `plan` gives `plan-not-found`.
+    label : str
+        What people call the work, marked for the catalogues.
     result : type of Contract
         What `run` answers with.
     processor_s : int
@@ -80,6 +82,7 @@ class KindDeclaration:
 
     kind: JobKind
     noun: str
+    label: str
     result: type[Contract]
     processor_s: int
     time_limit_s: int

@@ -15,6 +15,7 @@ from sawmill_worker.contracts.given import Given
 from sawmill_worker.contracts.jobs import JobKind
 from sawmill_worker.contracts.kinds import UploadedKind
 from sawmill_worker.vocabulary import STANDARD_SIZE_TOLERANCE, Disc, Point, Shape, TrueAxis, fault_of_outline
+from sawmill_worker.vocabulary.texts import N_
 
 # The smallest body that can be drawn, and the least and the largest density against wood's: the science squares them.
 SMALLEST_RADIUS_MM, SMALLEST_AREA_MM2 = 0.1, 0.01
@@ -373,6 +374,7 @@ class StoredPhantom(Stamped):
 DECLARATION = UploadedKind(
     kind=JobKind.TRACE_PHANTOM,
     noun="phantom",
+    label=N_("Tracing a phantom's picture"),
     result=PhantomDrawing,
     upload="picture",
     lighter="give a picture of fewer pixels",

@@ -12,6 +12,7 @@ from sawmill_worker.contracts.jobs import Failure, JobKind, JobState
 from sawmill_worker.contracts.kinds import AskedKind, Operation, Reference, stored_as
 from sawmill_worker.contracts.phantoms import SizeTolerancePercent
 from sawmill_worker.vocabulary import Theta
+from sawmill_worker.vocabulary.texts import N_
 
 
 class PlanOptions(Contract):
@@ -116,6 +117,7 @@ class Plan(Stamped):
 DECLARATION = AskedKind(
     kind=JobKind.PLAN,
     noun="plan",
+    label=N_("Plan of a calibration"),
     lighter="ask for fewer views, or draw the phantom with fewer corners",
     ask=PlanAsk,
     options=PlanAsked,

@@ -28,6 +28,7 @@ from sawmill_worker.vocabulary import (
     Rotation,
     Theta,
 )
+from sawmill_worker.vocabulary.texts import N_
 
 
 def _one_number(value: object, info: ValidationInfo) -> object:
@@ -443,6 +444,7 @@ class Reconstruction(Stamped):
 DECLARATION = AskedKind(
     kind=JobKind.RECONSTRUCT,
     noun="reconstruction",
+    label=N_("Reconstruction of a log"),
     # A fitted method reports each iteration, and needs fifty or more of them within its day: half an hour at most.
     stall_s=2 * 3600,
     ask=ReconstructionAsk,

@@ -13,6 +13,7 @@ from sawmill_worker.contracts.jobs import JobKind
 from sawmill_worker.contracts.kinds import UploadedKind
 from sawmill_worker.contracts.preparing import PrepareOptions
 from sawmill_worker.vocabulary import DataKind, RowAlignment
+from sawmill_worker.vocabulary.texts import N_
 
 # Of any detector, or of all rows of a log along its length.
 MOST_AVERAGED_ROWS = 100_000
@@ -175,4 +176,6 @@ class Scan(Stamped, ScanSpec):
     job_id: Identifier = Field(description="Id of the job that reads it.", examples=["example"])
 
 
-DECLARATION = UploadedKind(kind=JobKind.INGEST, noun="scan", result=ScanReading, upload="file")
+DECLARATION = UploadedKind(
+    kind=JobKind.INGEST, noun="scan", label=N_("Reading a scan"), result=ScanReading, upload="file"
+)

@@ -14,14 +14,10 @@ from sawmill_worker.contracts.calibrations import CalibrationLimits, Calibration
 from sawmill_worker.contracts.plans import PlanResult
 from sawmill_worker.contracts.scanners import Tolerances
 from sawmill_worker.vocabulary import CalibrationStatus, Verdict
+from sawmill_worker.vocabulary.texts import N_
 
 Words = Callable[[str], str]
 Written = Callable[[float], str]
-
-
-def N_(text: str) -> str:  # noqa: N802 - Babel's word for a text that is translated where it is shown
-    """The text as it is."""
-    return text
 
 
 # What a verdict means, in a sentence.

@@ -52,7 +52,7 @@ def enter(
     measurement_number: int | None = None,
 ) -> None:
     """Add what happened to a scanner's history, if it belongs there; the fields are those of `HistoryEntry`."""
-    kind = None if what in _LEFT_OUT else _BY_EVENT.get(what) or _BY_SUBJECT.get(subject)
+    kind = kind_of(what, subject)
     if kind is None or scanner_id is None:
         return
     session.add(
@@ -70,6 +70,11 @@ def enter(
             measurement_number=measurement_number,
         )
     )
+
+
+def kind_of(what: EventKind, subject: str) -> HistoryKind | None:
+    """Return the kind of entry that an event makes; None where it is no part of a scanner's history."""
+    return None if what in _LEFT_OUT else _BY_EVENT.get(what) or _BY_SUBJECT.get(subject)
 
 
 def changes_in_words(difference: Mapping[str, Any]) -> str:

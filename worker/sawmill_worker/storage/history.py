@@ -25,7 +25,7 @@ from sawmill_worker.storage.tables import (
 
 _BATCH = 500
 # Where what an entry is about is stored, and listed below /v1/.
-_SUBJECTS: dict[str, tuple[type[Resource], str]] = {
+SUBJECTS: dict[str, tuple[type[Resource], str]] = {
     "calibration": (CalibrationRow, "calibrations"),
     "drift": (DriftRow, "drifts"),
     "scanner": (ScannerRow, "scanners"),
@@ -132,9 +132,9 @@ def _place(cursor: str) -> _Place:
 
 def _entries(scanner_id: str, kind: HistoryKind | None, since: datetime | None, until: datetime | None) -> Select[Any]:
     """The rows with what they measured, and with the ids of what they are about where that is stored still."""
-    columns: list[Any] = [HistoryRow, MeasurementRow, *(row.id.label(noun) for noun, (row, _) in _SUBJECTS.items())]
+    columns: list[Any] = [HistoryRow, MeasurementRow, *(row.id.label(noun) for noun, (row, _) in SUBJECTS.items())]
     statement = select(*columns).outerjoin(MeasurementRow, MeasurementRow.number == HistoryRow.measurement_number)
-    for noun, (row, _) in _SUBJECTS.items():
+    for noun, (row, _) in SUBJECTS.items():
         statement = statement.outerjoin(row, and_(HistoryRow.subject == noun, row.id == HistoryRow.subject_id))
     bounds = [
         HistoryRow.scanner_id == scanner_id,
@@ -151,6 +151,6 @@ def _read(found: Row[Any]) -> HistoryEntry:
     names = HistoryEntry.model_fields.keys() - {"link", "measured"}
     return HistoryEntry(
         **{name: getattr(entry, name) for name in names},
-        link=f"/v1/{_SUBJECTS[entry.subject][1]}/{entry.subject_id}" if stored else None,
+        link=f"/v1/{SUBJECTS[entry.subject][1]}/{entry.subject_id}" if stored else None,
         measured=None if measured is None else read_measurement(measured),
     )

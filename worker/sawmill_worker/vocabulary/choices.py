@@ -3,6 +3,8 @@
 from enum import StrEnum
 from typing import Literal, Protocol, Self, TypeVar
 
+from sawmill_worker.vocabulary.texts import N_
+
 
 class _Negatable(Protocol):
     def __neg__(self) -> Self: ...
@@ -149,11 +151,25 @@ PaperStop = Literal["published", "tight"]
 class ReconstructionMethod(StrEnum):
     """Filtered back-projection, the iterative methods, or whichever of them suits the scan's views and noise."""
 
-    FBP = "fbp"
-    TIKHONOV = "tikhonov"
-    CAUCHY_MAP = "cauchy_map"
-    TOTAL_VARIATION = "total_variation"
-    AUTO = "auto"
+    # A line a method: its name, what pages call it, and when to use it.
+    FBP = "fbp", N_("Filtered back-projection"), N_("The fastest, for scans with many views all round.")
+    TIKHONOV = "tikhonov", N_("Tikhonov"), N_("A smooth picture, to compare the others with.")
+    CAUCHY_MAP = "cauchy_map", N_("Cauchy MAP"), N_("Keeps edges from as few as 20 views; takes the longest.")
+    TOTAL_VARIATION = (
+        *("total_variation", N_("Total variation")),
+        N_("Sharp edges and little noise, also from few views; takes longer."),
+    )
+    AUTO = "auto", N_("Automatic"), N_("Takes the method that suits the scan's number of views and its noise.")
+
+    label: str
+    advice: str
+
+    def __new__(cls, name: str, *texts: str) -> Self:
+        """Make a word that carries the texts of the pages."""
+        method = str.__new__(cls, name)
+        method._value_ = name
+        method.label, method.advice = texts
+        return method
 
 
 class MetalHandling(StrEnum):

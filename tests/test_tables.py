@@ -1,0 +1,144 @@
+"""Every table that is keyed by the members of an enum, or by the words of a closed set, has a row for each of them."""
+
+import ast
+import importlib
+from collections.abc import Collection, Iterator
+from enum import Enum, StrEnum
+from pathlib import Path
+from typing import NamedTuple, get_args
+
+import jinja2
+
+from sawmill_service.pages.scanner_history import EVENT_WORDS
+from sawmill_worker.contracts.events import JOB_ENDS, EventKind
+from sawmill_worker.contracts.jobs import JobKind
+from sawmill_worker.contracts.kinds import declaration_of
+from sawmill_worker.storage.entering import kind_of
+from sawmill_worker.storage.history import SUBJECTS
+from sawmill_worker.vocabulary import ReconstructionMethod
+
+ROOT = Path(__file__).parents[1]
+# Tables that lack members, each with what becomes of a member that it lacks.
+PARTIAL = {
+    "service/sawmill_service/drawing.py: _LOGS": "the other pictures of a calibration show no log",
+    "service/sawmill_service/pages/job_words.py: _MADE": "a kind without a page of results links to its numbers",
+    "service/sawmill_service/pages/job_words.py: FATES": "the other events are not of an attempt at a job",
+    "service/sawmill_service/pages/scanner_history.py: EVENT_WORDS": "the other events are in no history",
+    "worker/sawmill_worker/pictures/calibration_report.py: BY_METHOD": "the other methods need no remark",
+    "worker/sawmill_worker/storage/entering.py: _BY_EVENT": "the subject decides for the other events",
+    "worker/sawmill_worker/storage/references.py: _WITHOUT_RESULT": "the other states have a result or will have one",
+    "worker/sawmill_worker/storage/tables.py: OWN_TABLES": "the rows of other kinds are in the table `asked`",
+    "worker/sawmill_worker/tomography/calibration/scan_model.py: LARGEST": "the other terms may have any size",
+    "worker/sawmill_worker/tomography/calibration/steps.py: arms": "the other terms do not move the phantom's rim",
+    "worker/sawmill_worker/tomography/choosing.py: EXPECTED_ERRORS": "`auto` takes only methods that were measured",
+    "worker/sawmill_worker/use_cases/inspect.py: GIVEN_ELSEWHERE": "the other files are given nowhere else",
+    "worker/sawmill_worker/use_cases/inspect.py: NO_SCAN": "a scan is one",
+}
+# Members that belong to no table of their enum but to those of other code.
+LEFT_OUT = {"worker/sawmill_worker/tomography/methods.py: METHODS": {ReconstructionMethod.AUTO}}
+
+
+class Table(NamedTuple):
+    """A dictionary in the sources: `file: name`, and the members of its enum for which it has no row."""
+
+    place: str
+    lacks: frozenset[str]
+
+
+def sources() -> Iterator[tuple[Path, ast.Module]]:
+    for folder in ("service/sawmill_service", "worker/sawmill_worker", "worker/sawmill_calibration"):
+        for path in sorted((ROOT / folder).rglob("*.py")):
+            if "migrations" not in path.parts:
+                yield path, ast.parse(path.read_text())
+
+
+def attribute(path: Path, name: str) -> object:
+    """What a name means in a module."""
+    parts = path.relative_to(ROOT).with_suffix("").parts[1:]
+    return getattr(importlib.import_module(".".join(parts).removesuffix(".__init__")), name, None)
+
+
+def closed_sets() -> Iterator[frozenset[str]]:
+    """The words of each enum of words and of each named Literal."""
+    for path, tree in sources():
+        for node in tree.body:
+            if isinstance(node, ast.ClassDef) and [ast.unparse(base) for base in node.bases] == ["StrEnum"]:
+                enum = attribute(path, node.name)
+                assert isinstance(enum, type)
+                assert issubclass(enum, StrEnum)
+                yield frozenset(member.value for member in enum)
+            if isinstance(node, ast.Assign) and ast.unparse(node.value).startswith("Literal["):
+                yield frozenset(map(str, get_args(attribute(path, ast.unparse(node.targets[0])))))
+
+
+def dictionaries(node: ast.AST, name: str) -> Iterator[tuple[str, ast.Dict]]:
+    """Each one below a node, by the name that it is assigned to, or by that of its function."""
+    if isinstance(node, ast.Dict):
+        yield name, node
+    if isinstance(node, ast.Assign | ast.AnnAssign):
+        name = ast.unparse(node.targets[0] if isinstance(node, ast.Assign) else node.target)
+    if isinstance(node, ast.FunctionDef | ast.ClassDef):
+        name = node.name
+    for child in ast.iter_child_nodes(node):
+        yield from dictionaries(child, name)
+
+
+def member(path: Path, key: ast.expr | None) -> object:
+    """What a key means, where it is a text or an enum's member."""
+    if isinstance(key, ast.Constant):
+        return key.value
+    if isinstance(key, ast.Attribute) and isinstance(key.value, ast.Name) and key.attr.isupper():
+        return getattr(attribute(path, key.value.id), key.attr, None)
+    return None
+
+
+def lacking(keys: Collection[object], word_sets: Collection[frozenset[str]]) -> frozenset[str] | None:
+    """The members without a row; None where the keys are of no enum. Texts count where they are half of a set."""
+    enums = {type(key) for key in keys if isinstance(key, Enum)}
+    if enums and all(isinstance(key, Enum) for key in keys):
+        return frozenset(str(each) for enum in enums for each in set(enum) - set(keys))
+    words = {key for key in keys if isinstance(key, str)}
+    if enums or len(words) != len(keys) or len(words) < 2:
+        return None
+    near = [each for each in word_sets if words <= each and 2 * len(words) >= len(each)]
+    return min((each - words for each in near), key=len, default=None)
+
+
+def tables() -> Iterator[Table]:
+    word_sets = set(closed_sets())
+    for path, tree in sources():
+        for name, found in dictionaries(tree, ""):
+            keys = [member(path, key) for key in found.keys]
+            if keys and (lacks := lacking(keys, word_sets)) is not None:
+                place = f"{path.relative_to(ROOT)}: {name}"
+                yield Table(place, lacks - LEFT_OUT.get(place, set()))
+    environment = jinja2.Environment(extensions=["jinja2.ext.i18n"], autoescape=True)
+    for path in (
+        path for folder in ("service", "worker") for path in sorted((ROOT / folder).rglob("templates/**/*.*"))
+    ):
+        for found in environment.parse(path.read_text()).find_all(jinja2.nodes.Dict):
+            keys = [pair.key.value for pair in found.items if isinstance(pair.key, jinja2.nodes.Const)]
+            if keys and (lacks := lacking(keys, word_sets)) is not None:
+                yield Table(f"{path.relative_to(ROOT)}: line {found.lineno}", lacks)
+
+
+def test_every_table_has_a_row_for_each_member():
+    found = list(tables())
+    assert len(found) > 30  # else the search finds nothing
+    faults = [f"{place} lacks {', '.join(sorted(lacks))}" for place, lacks in found if lacks and place not in PARTIAL]
+    assert not faults, "\n".join(("add the missing rows:", *faults))
+    assert PARTIAL.keys() <= {place for place, lacks in found if lacks}, "these are complete, or gone"
+
+
+def test_every_event_of_a_scanner_s_history_has_its_word():
+    nouns = {declaration_of(kind).noun for kind in JobKind} | {"scanner", "schedule"}
+    shown = {
+        (event, noun)
+        for event in EventKind
+        for noun in nouns
+        if (event in JOB_ENDS or event.startswith((f"{noun}-", "alarm-"))) and kind_of(event, noun)
+    }
+    without = {event for event, _ in shown} - EVENT_WORDS.keys() - {EventKind.SUCCEEDED}  # which shows a verdict
+    assert not without, "add them to EVENT_WORDS in service/sawmill_service/pages/scanner_history.py"
+    unknown = {noun for event, noun in shown if not event.startswith("alarm-")} - SUBJECTS.keys()
+    assert not unknown, "add them to SUBJECTS in worker/sawmill_worker/storage/history.py"
