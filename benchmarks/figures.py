@@ -28,7 +28,7 @@ PLACE = re.compile(
     r"(<!-- figure ([\w-]+)\.([\w.-]+)(?: (\d+))?(?: ([^\s<>][^<>]*?))? -->)(.*?)(<!-- end -->)", re.DOTALL
 )
 TIME = re.compile(r"_(?:h|min|s|ms|per_s)$")
-BUSY = "measured on a busy machine"
+BUSY = "busy machine"
 
 Results = Mapping[str, Mapping[str, Any]]
 
@@ -58,7 +58,7 @@ def _shown(place: re.Match[str], results: Results) -> str:
         raise LookupError(f"benchmarks/results has no {name}.{key}, which a page shows") from None
     busy = file["busy"]
     if "\n" in str(value):
-        return f"\n{value}\n" + (f"\n*{BUSY.capitalize()}.*\n" if busy else "")
+        return f"\n{value}\n" + (f"\n*Measured on a {BUSY}.*\n" if busy else "")
     text = " ".join(filter(None, (rounded(value, digits), unit)))
     return f"{text} ({BUSY})" if busy and TIME.search(key) else text
 
@@ -74,7 +74,7 @@ def rounded(value: object, digits: str | None) -> str:
 
 def conditions(file: Mapping[str, Any]) -> str:
     """Say how a results file was measured."""
-    busy = f", {BUSY}" if file["busy"] else ""
+    busy = f", on a {BUSY}" if file["busy"] else ""
     commit = file["commit"].replace("-dirty", " with changes")
     machine = f"{file['cores']} cores ({file['machine']}) at a load of {file['load']} before the start"
     return f"`{file['command']}`, commit {commit}, {file['date'][:10]}, {machine}{busy}"

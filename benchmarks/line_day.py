@@ -137,10 +137,10 @@ def load_table(cells: Sequence[Figures], database: str) -> list[list[str]]:
     ]
 
 
-def tables(figures: Figures, cores: int) -> dict[str, str]:
-    """Write the tables of what was measured, by the names that the page's marks have."""
+def derived(figures: Figures, cores: int) -> Figures:
+    """Derive the tables and ratios of the page from what was measured, by the names that its marks have."""
     log, cells = figures.get("log"), figures["cells"]
-    made = {}
+    made: Figures = {}
     if log is not None:
         made["day"] = _markdown(["what", "computed", "amount"], day_table(log))
         made["stay"] = _markdown(["days", "scans", "volumes of all of them", "both"], stay_table(log))
@@ -148,6 +148,8 @@ def tables(figures: Figures, cores: int) -> dict[str, str]:
         made["ends"] = _markdown(["what", "a line needs", "this machine has", "lines"], ends_table(figures, cores))
     heads = ["workers", "queued", "accepted/s", "finished/s", "claim, ms", "first page, ms", "deep page, ms"]
     heads += ["API, MiB", "workers, MiB"]
+    for name in ("claim_ms", "first_page_ms"):
+        made[f"{name.removesuffix('_ms')}_growth"] = _growth(cells, name)
     for database in dict.fromkeys(cell["database"] for cell in cells):
         made[database] = _markdown(heads, load_table(cells, database), numbers=True)
     return made
@@ -156,6 +158,16 @@ def tables(figures: Figures, cores: int) -> dict[str, str]:
 def _markdown(heads: Sequence[str], rows: Iterable[Sequence[str]], *, numbers: bool = False) -> str:
     line = "|".join("--:" if numbers else "---" for _ in heads)
     return "\n".join([f"| {' | '.join(heads)} |", f"|{line}|", *(f"| {' | '.join(row)} |" for row in rows)])
+
+
+def _growth(cells: Sequence[Figures], name: str) -> float:
+    """Compute by what factor a time grows from the shortest queue to the longest, at most."""
+    services = {(cell["database"], cell["workers"]) for cell in cells}
+    lengths = [
+        sorted((cell["queued"], cell[name]) for cell in cells if (cell["database"], cell["workers"]) == service)
+        for service in services
+    ]
+    return max((times[-1][1] / times[0][1] for times in lengths), default=1.0)
 
 
 def _mb(size_bytes: float) -> str:

@@ -25,7 +25,7 @@ import httpx
 from faults.servers import Postgres
 from filled_line import Line
 from job_price import name_of, processes, pss_mib
-from line_day import ROWS, tables
+from line_day import ROWS, derived
 from log_price import FEW, FEW_ROWS, price_of_a_log
 from measurement import RESULTS, Measurement, reference_s
 
@@ -144,7 +144,7 @@ def main(arguments: list[str] | None = None, reference: Callable[[], float] = re
                     print_cell(cell)
                     values["cells"].append(cell)
     if folder is not None:
-        measurement.write({"load": values | tables(values, measurement.conditions["cores"])}, folder)
+        measurement.write({"load": values | derived(values, measurement.conditions["cores"])}, folder)
 
 
 if __name__ == "__main__":

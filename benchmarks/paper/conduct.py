@@ -5,18 +5,18 @@ import os
 import shutil
 import tempfile
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from dataclasses import dataclass
 from pathlib import Path
 
 import numba
-from measurement import Measurement
+from measurement import Measurement, reference_s
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from paper.experiment import Experiment, Plan, Result, Unit, Values
-from paper.store import load, save
+from paper.store import forget, load, save
 
 LINE = 120
 # What a paragraph begins with that is none: headings, tables, pictures, code.
@@ -127,11 +127,20 @@ def figures(experiments: Sequence[Experiment], plan: Plan, work: Path, pictures:
     }
 
 
-def conduct(experiments: Sequence[Experiment], plan: Plan, places: Places) -> None:
-    """Run the experiments and write their figures and pictures, where the machine was equally fast all the time."""
-    measurement = Measurement.begin()
-    work_through(distinct(experiments, plan), places.work, processes=os.cpu_count() or 1)
+def conduct(
+    experiments: Sequence[Experiment], plan: Plan, places: Places, reference: Callable[[], float] = reference_s
+) -> None:
+    """Run the experiments and write figures and pictures; where nothing may be written, forget the runs."""
+    measurement = Measurement.begin(reference)
+    units = distinct(experiments, plan)
+    done_now = [unit for unit in units if load(places.work, unit) is None]
+    work_through(units, places.work, processes=os.cpu_count() or 1)
     with tempfile.TemporaryDirectory() as drawn:
         values = figures(experiments, plan, places.work, Path(drawn))
-        measurement.write(values, places.results)
+        try:
+            measurement.write(values, places.results)
+        except SystemExit:
+            for unit in done_now:
+                forget(places.work, unit)
+            raise
         shutil.copytree(drawn, places.pictures, dirs_exist_ok=True)

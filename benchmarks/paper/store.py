@@ -27,6 +27,11 @@ def save(folder: Path, unit: Unit, result: Result) -> None:
     beside.rename(folder / f"{unit.name}.json")
 
 
+def forget(folder: Path, unit: Unit) -> None:
+    """Remove a unit's result, so that the next command does it again."""
+    (folder / f"{unit.name}.json").unlink(missing_ok=True)
+
+
 def load(folder: Path, unit: Unit) -> Result | None:
     """A unit's result, or None where this commit has made none with its settings."""
     path = folder / f"{unit.name}.json"

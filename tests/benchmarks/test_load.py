@@ -22,5 +22,5 @@ def test_the_quick_study_measures_everything(tmp_path, capsys):
     assert log["upload_bytes"] > log["rows"] * 22 * 768 * 2
     assert min(log["scan_bytes"], log["volume_bytes"], log["read_processor_s"], log["fbp_processor_s"]) > 0
     assert "| samples of a day | 2000 logs x 76.8 MB | 154 GB |" in values["day"]
-    assert values.keys() == {"cells", "log", "day", "stay", "ends", "sqlite"}
+    assert values.keys() == {"cells", "log", "day", "stay", "ends", "sqlite", "claim_growth", "first_page_growth"}
     assert "sqlite           1      10" in capsys.readouterr().out

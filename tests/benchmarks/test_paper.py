@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from figures import PAGES, PLACE, filled, read_results
 from measurement import commit
-from paper.conduct import LINE, distinct, figures, gather, work_through
-from paper.experiment import Plan, Unit
+from paper.conduct import LINE, Places, conduct, distinct, figures, gather, work_through
+from paper.experiment import Experiment, Plan, Unit
 from paper.methods import SSIM, contradictions
 from paper.misspecification import GALLERY
 from paper.objectives import half_width, optimum
@@ -80,6 +80,27 @@ def test_the_whole_command_made_small_gives_the_page_all_figures_and_does_nothin
         assert path.stat().st_size < MOST_BYTES, path.name
         with Image.open(path) as picture:
             assert picture.width >= 600, path.name
+
+
+@pytest.mark.nightly
+def test_runs_are_forgotten_where_the_machine_s_speed_changed(tiny, tmp_path):
+    unit = Unit("one", dict, {"error": 0.5})
+    experiment = Experiment("made", lambda _: [unit], lambda _, results, folder: draw(results["one"], folder))
+    places = Places(tmp_path / "work", tmp_path / "results", tmp_path / "pictures")
+    times = iter((1.0, 2.0, 1.0, 1.0))
+    with pytest.raises(SystemExit, match="Nothing is written"):
+        conduct([experiment], tiny, places, reference=lambda: next(times))
+    assert load(places.work, unit) is None
+    assert not places.pictures.exists()
+    conduct([experiment], tiny, places, reference=lambda: next(times))
+    assert load(places.work, unit) == {"error": 0.5}
+    assert (places.pictures / "made.png").exists()
+    assert '"error": "0.5"' in (places.results / "paper-made.json").read_text()
+
+
+def draw(result, folder):
+    (folder / "made.png").touch()
+    return {"error": str(result["error"])}
 
 
 def sections_of(page: str, phantom: str) -> str:
