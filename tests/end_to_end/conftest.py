@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from live_service import JOB_S, SCANNER, Offline, Service, process, serving
+from tiers import first_by_day
 
 from sawmill_worker.tomography.built_in import L_SHAPE
 from sawmill_worker.tomography.geometry import FanBeamGeometry, Scanner, Theta
@@ -47,7 +48,7 @@ def embedded(tmp_path_factory: pytest.TempPathFactory, offline: Offline) -> Iter
         yield service
 
 
-@pytest.fixture(params=["embedded", "celery"])
+@pytest.fixture(params=first_by_day(1, ["celery", "embedded"]))
 def engine(request: pytest.FixtureRequest, tmp_path: Path, offline: Offline) -> Iterator[Service]:
     """A service on each engine in turn: with workers of its own, and with a Celery worker woken through Redis."""
     if request.param == "embedded":
@@ -56,13 +57,6 @@ def engine(request: pytest.FixtureRequest, tmp_path: Path, offline: Offline) -> 
     broker = {"SAWMILL_BROKER_URL": request.getfixturevalue("redis_url"), "SAWMILL_DATA_FOLDER": str(tmp_path / "data")}
     environment = {**offline.variables, **broker}
     with celery_worker(tmp_path, environment), serving(tmp_path, environment, "--no-examples") as service:
-        yield service
-
-
-@pytest.fixture(scope="module")
-def live(tmp_path_factory: pytest.TempPathFactory, offline: Offline) -> Iterator[Service]:
-    """One embedded service for a module's tests, with its examples."""
-    with serving(tmp_path_factory.mktemp("live"), offline.variables) as service:
         yield service
 
 

@@ -3,19 +3,17 @@
 import os
 import signal
 import socket
-import time
 from random import Random
 
 import pytest
-from live_service import Service
+from live_service import ANSWER_S, Service, wait_until
+from tiers import first_by_day
 
 pytestmark = pytest.mark.slow
 
-BREAKS = 200
-
 
 def connect(service: Service) -> socket.socket:
-    return socket.create_connection((service.client.base_url.host, service.client.base_url.port), timeout=30)
+    return socket.create_connection((service.client.base_url.host, service.client.base_url.port), timeout=ANSWER_S)
 
 
 def head(method: str, service: Service, path: str, offset: int, length: int) -> bytes:
@@ -39,12 +37,12 @@ def stored(service: Service, path: str, scanner_id: str) -> bytes:
     return (service.data / "uploads/scans" / scan["id"] / "original").read_bytes()
 
 
-def send_in_broken_parts(service: Service, scanner_id: str) -> None:
-    """A part is cut off at 200 random bytes, and the file is bit-exact."""
+def send_in_broken_parts(service: Service, scanner_id: str, breaks: int) -> None:
+    """Cut a part off at random bytes: the file is bit-exact."""
     random = Random(15)  # noqa: S311 - no secret
     content = random.randbytes(400_000)
     path, known = begin(service, content), 0
-    for cut in sorted(random.sample(range(1, len(content)), BREAKS)):
+    for cut in sorted(random.sample(range(1, len(content)), breaks)):
         with connect(service) as line:
             line.sendall(head("PATCH", service, path, known, len(content) - known) + content[known:cut])
             if cut % 2:  # a reset, and not an end, for every other one
@@ -62,21 +60,21 @@ def send_in_broken_parts(service: Service, scanner_id: str) -> None:
     assert list((service.data / "incoming").iterdir()) == []
 
 
+@pytest.mark.parametrize("breaks", first_by_day(1, [20, 200]))
 def test_parts_are_cut_off_and_a_killed_service_goes_on_where_its_disk_is_and_leaves_nothing_else(
-    tmp_path, offline, serve
+    tmp_path, offline, serve, breaks
 ):
     content = Random(16).randbytes(300_000)  # noqa: S311
     with serve(tmp_path, offline.variables, "--no-examples", "--workers", "0") as service:
         scanner_id = service.create_scanner()
-        send_in_broken_parts(service, scanner_id)
+        send_in_broken_parts(service, scanner_id, breaks)
         path = begin(service, content)
         service.client.patch(path, content=content[:100_000], headers={"Upload-Offset": "0"})
         with connect(service) as line, connect(service) as raw:
             line.sendall(head("PATCH", service, path, 100_000, 200_000) + content[100_000:150_000])
             query = f"scanner_id={scanner_id}&data=counts"
             raw.sendall(head("POST", service, f"/v1/scans?{query}", 0, 200_000) + content[:100_000])
-            while not list((service.data / "incoming").iterdir()):
-                time.sleep(0.05)
+            wait_until(lambda: list((service.data / "incoming").iterdir()))
             os.kill(service.process_id, signal.SIGKILL)
     with serve(tmp_path, offline.variables, "--no-examples", "--workers", "0") as service:
         assert list((service.data / "incoming").iterdir()) == []

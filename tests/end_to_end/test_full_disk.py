@@ -2,14 +2,14 @@
 
 import os
 import signal
-import sqlite3
 import subprocess
 import time
-from contextlib import closing, suppress
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import pytest
+from live_service import stop_outside_a_transaction, workers
 
 from sawmill_worker.tomography.geometry import Theta
 
@@ -42,36 +42,6 @@ def leave_free(ballast: Path, free_bytes: int) -> None:
         file.truncate(file.tell() - free_bytes)
 
 
-def workers(process_id: int) -> set[int]:
-    """The embedded workers of a service."""
-    found = set()
-    for stat in Path("/proc").glob("[0-9]*/stat"):
-        try:
-            parent = int(stat.read_text().rpartition(")")[2].split()[1])
-            command = (stat.parent / "cmdline").read_bytes()
-        except (FileNotFoundError, ProcessLookupError):
-            continue
-        if parent == process_id and b"sawmill_worker.execution.poller" in command:
-            found.add(int(stat.parent.name))
-    return found
-
-
-def stop_outside_a_transaction(worker: int, database: Path) -> None:
-    """Stop a worker while it does not hold the lock for writing, which nobody else would get then."""
-    while True:
-        os.kill(worker, signal.SIGSTOP)
-        with closing(sqlite3.connect(database, timeout=0.0, isolation_level=None)) as connection:
-            try:
-                connection.execute("BEGIN IMMEDIATE")
-            except sqlite3.OperationalError:
-                os.kill(worker, signal.SIGCONT)
-                time.sleep(0.01)
-            else:
-                connection.execute("ROLLBACK")
-                return
-
-
-@pytest.mark.timeout(180)
 def test_an_accepted_job_waits_for_room_and_the_worker_stays(tmp_path, offline, serve, small_disk, write_phantom_scan):
     write_phantom_scan(tmp_path / "scan.h5", Theta(0.7, 728.0, -254.0, -37.0, -0.21))
     environment = {**offline.variables, "SAWMILL_DISK_RESERVE_BYTES": "1000000", "SAWMILL_OUTAGE_WAIT_S": "0.2"}
@@ -99,7 +69,7 @@ def test_an_accepted_job_waits_for_room_and_the_worker_stays(tmp_path, offline, 
         assert job()["attempt"] <= 1, "not even a claim can be written"
 
         reasons = set()
-        deadline = time.monotonic() + 60
+        deadline = time.monotonic() + 120
         while job()["attempt"] <= 3:
             assert time.monotonic() < deadline, job()
             leave_free(disk / "ballast", 120_000)  # room for rows, and none for results

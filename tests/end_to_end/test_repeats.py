@@ -9,7 +9,7 @@ import httpx
 import pytest
 
 pytestmark = pytest.mark.slow
-AT_ONCE = 50
+AT_ONCE = 50  # more than the API has threads
 
 
 def send(service, scanner_id, key, start):

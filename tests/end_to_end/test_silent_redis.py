@@ -1,22 +1,19 @@
 """The API beside a Redis that accepts connections and never answers."""
 
-import time
-
 import pytest
 
 pytestmark = pytest.mark.slow
 
+POSTS = 8
 
-def test_every_post_is_answered_within_half_a_second(tmp_path, offline, serve, silent_redis_url):
-    with serve(tmp_path, {**offline.variables, "SAWMILL_BROKER_URL": silent_redis_url}, "--no-examples") as service:
+
+def test_no_post_waits_for_redis(tmp_path, offline, serve, silent_redis_url):
+    """Each wake-up is given up after seconds. One that a request waited for is in the log before its answer."""
+    environment = {**offline.variables, "SAWMILL_BROKER_URL": silent_redis_url}
+    with serve(tmp_path, environment, "--no-examples") as service:
         scanner_id = service.create_scanner()
-        seconds = []
-        for _ in range(8):
-            started = time.monotonic()
+        for _ in range(POSTS):
             scan = service.upload(b"a scan", scanner_id=scanner_id, data="counts", phantom_id="l-shape")
-            asked = time.monotonic()
             service.post("/v1/calibrations", json={"scan_id": scan["id"]})
-            seconds += [asked - started, time.monotonic() - asked]
-        stopping = time.monotonic()
-    assert max(seconds) < 0.5, seconds
-    assert time.monotonic() - stopping < 10
+        given_up = (tmp_path / "service.log").read_text().count("wake-up-not-sent")
+    assert given_up < POSTS

@@ -29,7 +29,6 @@ def opened(content: bytes) -> Image.Image:
     return picture
 
 
-@pytest.mark.timeout(180)
 def test_from_a_stack_of_counts_to_a_theta_and_a_log(engine, mill_scan, events, offline):
     scanner_id = engine.create_scanner(mill_scan.scanner)
     scan = engine.upload(

@@ -4,11 +4,12 @@ import os
 import secrets
 import signal
 import socket
+import sqlite3
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,8 @@ import httpx
 from sawmill_worker.tomography.geometry import Scanner
 
 SCANNER = Scanner(source_to_cor_mm=859.46, num_detector_pixels=512, detector_pitch_mm=2.25)
-START_S, STOP_S, JOB_S = 60.0, 25.0, 90.0
+# Limits that only a hang reaches.
+START_S, STOP_S, JOB_S, ANSWER_S = 120.0, 120.0, 240.0, 120.0
 WAIT_S = 20  # in one answer
 
 # Python imports this file at the start of every process that has its folder on PYTHONPATH.
@@ -126,6 +128,35 @@ def descendants(process_id: int) -> set[int]:
     return found
 
 
+def workers(process_id: int) -> set[int]:
+    """Find the embedded workers of a service."""
+    found = set()
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            parent = int(stat.read_text().rpartition(")")[2].split()[1])
+            command = (stat.parent / "cmdline").read_bytes()
+        except (FileNotFoundError, ProcessLookupError):
+            continue
+        if parent == process_id and b"sawmill_worker.execution.poller" in command:
+            found.add(int(stat.parent.name))
+    return found
+
+
+def stop_outside_a_transaction(worker: int, database: Path) -> None:
+    """Stop a worker while it does not hold the lock for writing, which nobody else would get then."""
+    while True:
+        os.kill(worker, signal.SIGSTOP)
+        with closing(sqlite3.connect(database, timeout=0.0, isolation_level=None)) as connection:
+            try:
+                connection.execute("BEGIN IMMEDIATE")
+            except sqlite3.OperationalError:
+                os.kill(worker, signal.SIGCONT)
+                time.sleep(0.01)
+            else:
+                connection.execute("ROLLBACK")
+                return
+
+
 def running(process_id: int) -> bool:
     try:
         return Path(f"/proc/{process_id}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
@@ -151,6 +182,14 @@ def process(command: list[str], environment: dict[str, str], log: Path) -> Itera
     assert not left, f"still running after the end of {command}: {left}\n{log.read_text()[-3000:]}"
 
 
+def wait_until(holds: Callable[[], object], limit_s: float = 120.0) -> None:
+    """Wait for an event; only a hang reaches the limit."""
+    deadline = time.monotonic() + limit_s
+    while not holds():
+        assert time.monotonic() < deadline, "waited in vain"
+        time.sleep(0.02)
+
+
 def free_port() -> int:
     """Below those that the system gives to outgoing connections, one of which may take any other before its server."""
     lowest = int(Path("/proc/sys/net/ipv4/ip_local_port_range").read_text().split()[0])
@@ -170,7 +209,7 @@ def serving(folder: Path, environment: dict[str, str], *flags: str, prefix: Sequ
     address = f"http://127.0.0.1:{port}"
     with (
         process(command, environment, log) as server,
-        httpx.Client(base_url=address, timeout=30, trust_env=False) as client,
+        httpx.Client(base_url=address, timeout=ANSWER_S, trust_env=False) as client,
     ):
         wait_until_ready(client, server, log)
         yield Service(client, data, server.pid)
