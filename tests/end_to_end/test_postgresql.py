@@ -7,6 +7,7 @@ import threading
 
 import pytest
 from live_service import wait_until
+from postgres_server import own_server
 
 from sawmill_worker.contracts.calibrations import CalibrationSucceeded
 from sawmill_worker.tomography.ray_error import ray_error
@@ -19,6 +20,13 @@ PROCESSES = {
     "worker": ["sawmill_worker.execution.poller"],
     "celery": ["celery", "-A", "sawmill_worker.execution.celery_app", "worker"],
 }
+
+
+@pytest.fixture(scope="module")
+def postgres():
+    """A server that is stopped, which others must not notice."""
+    with own_server() as server:
+        yield server
 
 
 def refused(service, method, path, **options):

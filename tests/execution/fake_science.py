@@ -73,10 +73,10 @@ def stumble(attempt: Attempt) -> dict[str, Any]:
 
 
 def outlast(attempt: Attempt) -> dict[str, Any]:
-    """Talk until two workers have been stopped, then stumble once."""
-    if attempt.job.attempt <= 2:
+    """Talk until a worker has been stopped, then stumble once."""
+    if attempt.job.attempt == 1:
         return talk(attempt)
-    if attempt.job.attempt == 3:
+    if attempt.job.attempt == 2:
         raise JobFailure(FailureKind.PASSING, "busy", "something was busy")
     return succeed(attempt)
 
@@ -194,10 +194,10 @@ def write_process_id(attempt: Attempt) -> None:
 
 
 def talk(attempt: Attempt) -> dict[str, Any]:
-    """For a minute."""
+    """For ten minutes."""
     write_process_id(attempt)
-    for step in range(600):
-        attempt.report(Progress(fraction=step / 600, stage="search", generation=step))
+    for step in range(6000):
+        attempt.report(Progress(fraction=step / 6000, stage="search", generation=step))
         time.sleep(0.1)
     return {}
 
@@ -205,7 +205,7 @@ def talk(attempt: Attempt) -> dict[str, Any]:
 def hang(_: Attempt) -> dict[str, Any]:
     """Without a word, and deaf to SIGTERM."""
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
-    time.sleep(60)
+    time.sleep(600)
     return {}
 
 
@@ -218,9 +218,9 @@ def hang_once(attempt: Attempt) -> dict[str, Any]:
 
 
 def repeat(attempt: Attempt) -> dict[str, Any]:
-    """Say the same for a minute."""
-    for second in range(600):
-        attempt.report(Progress(fraction=0.5, stage="search", seconds_left=600 - second))
+    """Say the same for ten minutes."""
+    for second in range(6000):
+        attempt.report(Progress(fraction=0.5, stage="search", seconds_left=6000 - second))
         time.sleep(0.1)
     return {}
 

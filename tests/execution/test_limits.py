@@ -18,6 +18,11 @@ from sawmill_worker.vocabulary import Disc, Theta
 pytestmark = pytest.mark.slow
 
 both_ways = pytest.mark.parametrize("settings", [True, False], ids=["forked", "fresh"], indirect=True)
+fresh_by_night = pytest.mark.parametrize(
+    "settings",
+    [pytest.param(True, id="forked"), pytest.param(False, id="fresh", marks=pytest.mark.nightly)],
+    indirect=True,
+)
 
 CRASHES = [signal.SIGSEGV, signal.SIGBUS, signal.SIGFPE, signal.SIGILL, signal.SIGABRT]
 SCANNER = ScannerSpec(
@@ -37,7 +42,7 @@ def test_no_crash_is_tried_again(number):
         assert f"({number.name})" in failure.detail
 
 
-@both_ways
+@fresh_by_night
 def test_an_upload_that_crashes_its_reader_is_refused_once(store, start, queue):
     runner = start()
     for crash in ("SIGSEGV", "SIGBUS"):
@@ -88,7 +93,7 @@ TOO_MUCH = (
 )
 
 
-@both_ways
+@fresh_by_night
 def test_a_job_that_takes_more_than_it_may_is_refused_once(store, start, settings, queue):
     runner = start()
     # Of fresh processes, which take a second each, one that answers and one that a signal ends.

@@ -47,7 +47,7 @@ def test_a_child_leads_a_session_of_its_own(runner, talking, stop):
     assert os.getsid(child) == os.getpgid(child) == child
     assert os.getsid(template_of(runner)) == template_of(runner)
     stop.set()
-    assert outcome.result(timeout=20) is JobState.QUEUED
+    assert outcome.result(timeout=60) is JobState.QUEUED
 
 
 def test_the_limits_of_a_child_are_not_the_templates(runner, queue):
@@ -65,7 +65,7 @@ def test_a_running_child_outlives_its_template_which_is_replaced(runner, queue, 
     wait_for(lambda: store.jobs.get(job.id).state is JobState.RUNNING)
     first = template_of(runner)
     os.kill(first, signal.SIGKILL)
-    assert outcome.result(timeout=20) is JobState.SUCCEEDED
+    assert outcome.result(timeout=60) is JobState.SUCCEEDED
     assert runner.run_next() is JobState.SUCCEEDED
     runner.warm_up()
     assert template_of(runner) != first
@@ -75,7 +75,7 @@ def test_a_child_killed_after_its_template_is_a_lost_attempt(runner, talking, st
     outcome, child = talking
     os.kill(template_of(runner), signal.SIGKILL)
     os.killpg(child, signal.SIGKILL)
-    assert outcome.result(timeout=20) is JobState.QUEUED
+    assert outcome.result(timeout=60) is JobState.QUEUED
     (job,) = store.jobs.page().items
     assert job.losses == 1
     wait_for(lambda: not is_running(child))
@@ -86,7 +86,7 @@ def test_a_stopped_template_keeps_no_job_from_its_end(runner, talking, store, mo
     outcome, child = talking
     os.kill(template_of(runner), signal.SIGSTOP)
     os.kill(child, signal.SIGSEGV)
-    assert outcome.result(timeout=20) is JobState.QUEUED, "nobody knows how it ended"
+    assert outcome.result(timeout=60) is JobState.QUEUED, "nobody knows how it ended"
     assert store.jobs.page().items[0].losses == 1
 
 
@@ -151,7 +151,7 @@ def test_a_fork_that_the_system_refuses_is_a_process_that_never_was():
     assignment, book = os.pipe()[1], os.pipe()
     os.close(book[1])
     refused = ForkedProcess(assignment, book[0])
-    assert refused.wait(1) == template.NOT_FORKED
+    assert refused.wait(60) == template.NOT_FORKED
     refused.stdin.close()
 
 

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 import results
 from plain_logs import log_plainly
-from postgres_server import PostgresServer
+from postgres_server import PostgresDatabases
 
 from sawmill_service.app import create_app
 from sawmill_service.openapi_document import Application
@@ -116,7 +116,7 @@ def store(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Store]:
 
 
 @pytest.fixture
-def postgresql_store(postgres: PostgresServer, tmp_path: Path) -> Iterator[Store]:
+def postgresql_store(postgres: PostgresDatabases, tmp_path: Path) -> Iterator[Store]:
     """A store with the examples on PostgreSQL."""
     with postgres.database() as url:
         opened = Store.open(StorageSettings(data_folder=tmp_path / "beside-postgresql", database_url=url))

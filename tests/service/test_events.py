@@ -59,7 +59,7 @@ def follow(seeded, store) -> Callable[..., list[dict[str, Any]]]:
 
 
 def wait_until(holds: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + 30.0
+    deadline = time.monotonic() + 60.0
     while not holds():
         assert time.monotonic() < deadline
         time.sleep(0.005)
@@ -138,7 +138,7 @@ def test_no_stream_calls_a_database_alive_that_another_waits_for(store, monkeypa
 
     def away(_: EventReader) -> list:
         slow.set()
-        goes_on.wait(30.0)
+        goes_on.wait(60.0)
         raise StorageUnavailable("the database does not answer: away")
 
     async def after() -> str:
@@ -157,7 +157,7 @@ def test_no_stream_calls_a_database_alive_that_another_waits_for(store, monkeypa
             goes_on.clear()
             slow.clear()
         looking = asyncio.create_task(after())
-        await asyncio.to_thread(slow.wait, 30.0)
+        await asyncio.to_thread(slow.wait, 60.0)
         heard.append(await after())
         goes_on.set()
         heard.append(await looking)
@@ -177,7 +177,7 @@ class Held:
     def __call__(self, *given: Any, **named: Any) -> Any:
         answer = self.function(*given, **named)
         self.done.set()
-        assert self.goes_on.wait(30.0)
+        assert self.goes_on.wait(60.0)
         return answer
 
 
@@ -191,7 +191,7 @@ def test_a_stream_far_behind_misses_nothing_when_the_feed_starts_anew(store, mon
         with monkeypatch.context() as patched:
             patched.setattr(store.events, "following", slow)
             behind = asyncio.create_task(feed.after(0))
-            await asyncio.to_thread(slow.done.wait, 30.0)
+            await asyncio.to_thread(slow.done.wait, 60.0)
         store.calibrations.activate("example", "again")
         await feed.after(store.events.newest_number())
         slow.goes_on.set()
@@ -216,7 +216,7 @@ def test_a_stream_misses_nothing_of_what_another_s_look_has_not_handed_over(stor
         with monkeypatch.context() as patched:
             patched.setattr(EventReader, "read", slowly)
             looking = asyncio.create_task(feed.after(begins_at))
-            await asyncio.to_thread(slow.done.wait, 30.0)
+            await asyncio.to_thread(slow.done.wait, 60.0)
         number, heard = await feed.after(begins_at)
         slow.goes_on.set()
         await looking

@@ -31,7 +31,7 @@ def listen(seeded, job_id) -> Callable[..., str]:
 
     def text(last_id: str | None = None) -> str:
         headers = {} if last_id is None else {"Last-Event-ID": last_id}
-        answer = seeded.get(f"/v1/jobs/{job_id}/events", headers=headers, timeout=40)
+        answer = seeded.get(f"/v1/jobs/{job_id}/events", headers=headers, timeout=60)
         assert answer.status_code == (200 if answer.text else 204)
         return answer.text
 

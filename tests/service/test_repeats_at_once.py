@@ -50,9 +50,9 @@ def test_all_that_use_one_upload_under_one_key_get_one_answer(seeded, each_store
         kept = find(request)
         if not hasattr(again, "is"):
             setattr(again, "is", True)
-            looked.wait(20)
+            looked.wait(60)
             if not in_time.acquire(blocking=False):
-                assert answered.wait(20)
+                assert answered.wait(60)
         return kept
 
     monkeypatch.setattr(each_store.repeats, "find", find_together)

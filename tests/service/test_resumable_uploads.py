@@ -178,14 +178,14 @@ def test_the_sum_of_a_large_file_keeps_no_other_part_waiting(seeded, monkeypatch
 
     def slow_sum(_):
         summing.release()
-        assert go_on.wait(20)
+        assert go_on.wait(60)
         return hashlib.sha256(CONTENT).hexdigest()
 
     monkeypatch.setattr(Part, "_sha256", slow_sum)
     paths = [begin(seeded) for _ in range(3)]
     with ThreadPoolExecutor(2) as pool:
         whole = [pool.submit(patch, seeded, path, 0, CONTENT) for path in paths[:2]]
-        assert all(summing.acquire(timeout=20) for _ in whole)
+        assert all(summing.acquire(timeout=60) for _ in whole)
         assert patch(seeded, paths[2], 0, CONTENT[:9]).json()["offset_bytes"] == 9
         go_on.set()
         assert [answer.result().headers["Upload-Complete"] for answer in whole] == ["?1", "?1"]

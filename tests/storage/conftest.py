@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 from emptied_databases import EmptiedDatabases
-from postgres_server import PostgresServer
+from postgres_server import PostgresDatabases
 from results import CONSTANTS, RESULTS
 
 from sawmill_worker.contracts.geometry import ScannerConstants
@@ -42,12 +42,8 @@ def clock() -> TestClock:
 
 
 @pytest.fixture(scope="session")
-def databases(postgres: PostgresServer, tmp_path_factory: pytest.TempPathFactory) -> EmptiedDatabases:
-    """With all tables and the built-in phantoms: that is quicker than migrating."""
-    postgres.run("CREATE DATABASE template_sawmill")
-    data = tmp_path_factory.mktemp("template")
-    Store.open(StorageSettings(data_folder=data, database_url=postgres.url("template_sawmill"))).close()
-    return EmptiedDatabases(postgres, "template_sawmill")
+def databases(postgres: PostgresDatabases, tmp_path_factory: pytest.TempPathFactory) -> EmptiedDatabases:
+    return EmptiedDatabases(postgres, tmp_path_factory.mktemp("template"))
 
 
 @pytest.hookimpl(tryfirst=True)

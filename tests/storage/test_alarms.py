@@ -144,6 +144,7 @@ def test_a_phantom_whose_measurement_expired_is_named_until_another_one_is_scann
     assert [what.value for what, _ in store.alarms.check()] == ["alarm-closed"]
 
 
+@pytest.mark.dialect
 def test_several_schedulers_open_and_close_each_alarm_once_over_a_quarter(store, scanner, limited, log, clock):
     """A log every Monday, silence from Tuesday on; two services are started anew each month."""
     limited(quiet_after_hours=24, phantom_scan_every_days=30)
@@ -164,6 +165,7 @@ def test_several_schedulers_open_and_close_each_alarm_once_over_a_quarter(store,
     assert [alarm.what for alarm in store.alarms.open(scanner_id=scanner.id)] == ["no-phantom-scan", "scanner-quiet"]
 
 
+@pytest.mark.dialect
 def test_alarms_go_with_their_scanner(store, scanner, limited, clock):
     limited(quiet_after_hours=1)
     clock.advance(hours=2)

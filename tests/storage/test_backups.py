@@ -116,6 +116,7 @@ def files_of(settings: StorageSettings) -> dict[str, tuple[int, str]]:
     }
 
 
+@pytest.mark.dialect
 def test_what_is_restored_elsewhere_is_all_there_and_goes_on(
     store, settings, upload, finish, ready_scan, scanner, into, target
 ):
@@ -200,6 +201,7 @@ def test_a_second_backup_copies_what_is_new_alone(store, settings, work, into):
     assert check_backup(second.path, silent)[1] == []
 
 
+@pytest.mark.dialect
 def test_what_is_deleted_meanwhile_is_in_neither_rows_nor_files(store, settings, work, into):
     scans = sorted(work() for _ in range(3))
     steps = []
@@ -392,6 +394,7 @@ def test_a_backup_of_a_later_version_is_refused(backup, elsewhere):
         read_manifest(backup)
 
 
+@pytest.mark.dialect
 def test_a_backup_of_an_earlier_version_is_brought_up_to_date(empty_url, into, elsewhere, tmp_path):
     database = Database(make_engine(empty_url))
     database.upgrade("0004")

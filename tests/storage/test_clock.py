@@ -7,7 +7,7 @@ import pytest
 from databases import sqlite_alone
 
 from sawmill_worker.contracts.events import EventKind
-from sawmill_worker.execution.clock_keeper import ClockKeeper
+from sawmill_worker.execution.clock_keeper import LASTING_S, ClockKeeper, _Step
 from sawmill_worker.storage import clock
 from sawmill_worker.storage.store import Store
 from sawmill_worker.storage.tables import ClockRow
@@ -25,18 +25,20 @@ def now(store: Store) -> datetime:
     return store._database.now()
 
 
+@pytest.mark.dialect
 def test_it_is_the_machine_s_at_first(store):
-    assert abs(now(store) - datetime.now(UTC)) < timedelta(seconds=1)
-    assert abs(store.clock_off_s()) < 1.0
+    assert abs(now(store) - datetime.now(UTC)) < timedelta(minutes=1)
+    assert abs(store.clock_off_s()) < 60.0
 
 
+@pytest.mark.dialect
 @pytest.mark.parametrize("hours", [2, -2])
 def test_a_process_whose_clock_is_off_has_the_store_s_time(store, settings, monkeypatch, hours):
     right = now(store)
     off_by(monkeypatch, hours)
     other = Store.open(settings)
-    assert abs(now(other) - right) < timedelta(seconds=5)
-    assert abs(other.clock_off_s() - 3600.0 * hours) < 1.0
+    assert abs(now(other) - right) < timedelta(minutes=1)
+    assert abs(other.clock_off_s() - 3600.0 * hours) < 60.0
     other.close()
 
 
@@ -46,30 +48,45 @@ def test_an_old_boot_s_time_is_written_over(store, settings):
         row = session.get(ClockRow, 1)
         row.boot, row.offset_s = "an earlier one", 0.0
     again = Store.open(settings)
-    assert abs(now(again) - datetime.now(UTC)) < timedelta(seconds=1)
+    assert abs(now(again) - datetime.now(UTC)) < timedelta(minutes=1)
     again.close()
 
 
-@pytest.mark.slow
 @sqlite_alone
 def test_a_lasting_step_is_taken_over_with_an_event_and_a_short_one_is_not(store, monkeypatch):
-    with ClockKeeper(store, lasting_s=1.0, look_s=0.05):
-        time.sleep(0.3)
-        with monkeypatch.context() as stepped:
-            off_by(stepped, 2)
-            time.sleep(0.4)
-        time.sleep(0.3)
-        assert store.events.of_clock() == []
-        before = now(store)
-        off_by(monkeypatch, 2)
-        deadline = time.monotonic() + 20.0
-        while not store.events.of_clock():
-            assert time.monotonic() < deadline
-            time.sleep(0.05)
-        (event,) = store.events.of_clock()
+    keeper, passed_s = ClockKeeper(store), [0.0]
+    monkeypatch.setattr(keeper, "_step", _Step(lambda: passed_s[-1]))
+
+    def look(*moments_s: float) -> None:
+        for moment_s in moments_s:
+            passed_s.append(moment_s)
+            keeper._look(lasting_s=LASTING_S)
+
+    with monkeypatch.context() as stepped:
+        off_by(stepped, 2)
+        look(1.0, LASTING_S + 0.5)
+    look(100.0, 100.0 + LASTING_S)
+    off_by(monkeypatch, 2)
+    look(200.0, 199.5 + LASTING_S)
+    assert store.events.of_clock() == []
+    before = now(store)
+    look(200.0 + LASTING_S)
+    (event,) = store.events.of_clock()
     assert (event.what, round(event.detail["off_s"])) == (EventKind.CLOCK_STEPPED, 7200)
-    assert HOURS - timedelta(seconds=5) < now(store) - before < HOURS + timedelta(seconds=30)
-    assert abs(store.clock_off_s()) < 1.0
+    assert HOURS - timedelta(minutes=1) < now(store) - before < HOURS + timedelta(minutes=1)
+    assert abs(store.clock_off_s()) < 60.0
+
+
+@sqlite_alone
+def test_the_keeper_looks_again_and_again(store, monkeypatch):
+    looks = []
+    monkeypatch.setattr(ClockKeeper, "_look", lambda _, *, lasting_s: looks.append(lasting_s))
+    with ClockKeeper(store, lasting_s=5.0, look_s=0.01):
+        deadline = time.monotonic() + 60.0
+        while len(looks) < 3:
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+    assert looks[:3] == [0.0, 5.0, 5.0], "a step before the start counts at once"
 
 
 def test_no_wall_clock_has_a_part_in_it_once_it_is_known(store, monkeypatch):

@@ -22,18 +22,21 @@ from sawmill_worker.storage.tables import Base
 pytestmark = pytest.mark.slow
 
 
+@pytest.mark.dialect
 def test_the_migrations_make_the_tables_of_the_models(store):
     with store._database.engine.connect() as connection:
         context = MigrationContext.configure(connection, opts={"compare_type": True})
         assert compare_metadata(context, Base.metadata) == []
 
 
+@pytest.mark.dialect
 def test_the_newest_revision_is_alembics_head_and_not_migrated_again(store, monkeypatch):
     assert newest_revision() == ScriptDirectory(_MIGRATIONS).get_current_head()
     monkeypatch.setattr("sawmill_worker.storage.database._migrate", pytest.fail)
     store._database.upgrade()
 
 
+@pytest.mark.dialect
 def test_jobs_from_before_are_kept_and_may_start_whatever_version_left_them(settings, empty_url):
     database = Database(make_engine(empty_url))
     revisions = sorted(path.name[:4] for path in (_MIGRATIONS / "versions").glob("0*.py"))[:-1]
@@ -92,6 +95,7 @@ def test_a_commit_is_durable_and_references_are_checked(store):
     assert foreign_keys == 1
 
 
+@pytest.mark.dialect
 def test_several_processes_may_open_a_new_store_at_once(tmp_path, empty_url):
     imports = (
         "from pathlib import Path\nfrom threading import Event\nimport alembic.command\n"

@@ -171,6 +171,7 @@ def short_portions(monkeypatch):
     monkeypatch.setattr(drift_charts, "PORTION", 20)
 
 
+@pytest.mark.dialect
 @pytest.mark.usefixtures("short_portions")
 def test_each_look_goes_into_its_chart_once_whoever_looks_and_after_a_kill(store, scanner, calibrated, charted):
     calibrated()
@@ -203,6 +204,7 @@ def looks_of(store, since):
     return [_counted(row, since) for row in rows(store)]
 
 
+@pytest.mark.dialect
 @pytest.mark.usefixtures("short_portions")
 def test_a_chart_that_cannot_be_read_is_begun_anew_in_portions_and_nobody_waits_for_it(
     store, scanner, calibrated, charted

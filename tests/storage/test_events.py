@@ -39,6 +39,7 @@ def announced(session: Session, store, scanner_id: str) -> None:
     session.flush()
 
 
+@pytest.mark.dialect
 def test_a_scan_and_its_calibration_are_announced_from_acceptance_to_activation(store, scanner, upload, finish, reader):
     scan = upload(store)
     finish(store)
@@ -140,6 +141,7 @@ def test_a_job_that_runs_is_asked_to_stop_and_that_is_no_fate_of_its_attempt(sto
     assert [event.what.value for event in store.events.of_job(running)] == ["started"]
 
 
+@pytest.mark.dialect
 def test_a_change_that_fails_is_not_announced(store, reader, monkeypatch):
     key = store.keys.create(KeyAsk(name="gate", scope=Scope.READ))
     monkeypatch.setattr("sawmill_worker.storage.keys._with_secret", lambda *_: 1 / 0)
@@ -152,6 +154,7 @@ def test_a_change_that_fails_is_not_announced(store, reader, monkeypatch):
     assert words(reader.read()) == [("key-created", "key", None)]
 
 
+@pytest.mark.dialect
 def test_events_behind_a_number_are_those_of_one_scanner_or_of_all(store, scanner, reader):
     other = store.scanners.create(scanner.model_copy(update={"name": "Line 9"}))
     store.scanners.delete(other.id)
@@ -174,7 +177,7 @@ def write_pair(store, reader) -> tuple[Session, list[str]]:
 
 def read_until(reader, wanted: list[str]) -> list[str]:
     read = []
-    for _ in range(200):
+    for _ in range(1200):
         read += [event.scanner_id for event in reader.read()]
         if len(read) >= len(wanted):
             break

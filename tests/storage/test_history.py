@@ -102,6 +102,7 @@ def test_a_calibration_is_entered_with_what_it_says_and_measured(store, scanner)
     assert store.history.activation_of(scanner.id, "second") is None
 
 
+@pytest.mark.dialect
 @pytest.mark.usefixtures("calibrated")
 def test_pages_batches_and_bounds_leave_nothing_out(store, scanner, clock):
     # Several of one time.

@@ -1,6 +1,4 @@
-import time
 from concurrent.futures import ThreadPoolExecutor
-from datetime import UTC, datetime
 
 import pytest
 from pydantic import ValidationError
@@ -45,6 +43,7 @@ def claim_all(settings: StorageSettings) -> list[str]:
     return taken
 
 
+@pytest.mark.dialect
 def test_each_job_is_claimed_once_by_threads(store, upload):
     jobs = {upload(store).job_id for _ in range(24)}
     with ThreadPoolExecutor(8) as pool:
@@ -68,6 +67,7 @@ def test_each_job_is_claimed_once_by_processes(store, upload):
     assert set(taken) == jobs
 
 
+@pytest.mark.dialect
 def test_the_oldest_job_comes_first_and_knows_its_place(store, upload):
     jobs = [upload(store).job_id for _ in range(3)]
     assert [store.jobs.get(job_id).queue_position for job_id in jobs] == [0, 1, 2]
@@ -79,6 +79,7 @@ def test_the_oldest_job_comes_first_and_knows_its_place(store, upload):
     assert store.jobs.claim("test") is None
 
 
+@pytest.mark.dialect
 def test_a_job_waits_for_what_it_needs(store, upload, finish):
     scan = upload(store)
     calibration = store.calibrations.accept(CalibrationAsk(scan_id=scan.id))
@@ -111,6 +112,7 @@ def test_a_result_and_its_files_appear_together(store, upload, finish):
     assert list((store.files.folder / "attempts").iterdir()) == []
 
 
+@pytest.mark.dialect
 def test_an_attempt_that_lost_its_lease_changes_nothing(store, upload, finish):
     scan = upload(store)
     late = claim(store)
@@ -151,6 +153,7 @@ def test_files_that_cannot_be_published_leave_the_row_as_it_was(store, upload):
     assert store.jobs.get(held.job_id).state is JobState.RUNNING
 
 
+@pytest.mark.dialect
 def test_a_heartbeat_keeps_the_lease_and_carries_progress_out(store, upload):
     upload(store)
     held = claim(store)
@@ -165,6 +168,7 @@ def test_a_heartbeat_keeps_the_lease_and_carries_progress_out(store, upload):
     assert store.jobs.get(held.job_id).progress == progress, "no news is not news"
 
 
+@pytest.mark.dialect
 def test_a_lost_worker_s_job_is_tried_three_times(store, upload):
     scan = upload(store)
     states = []
@@ -203,13 +207,13 @@ def test_an_outage_is_waited_out_however_long_it_lasts(store, upload, outage):
     assert store.jobs.fail(claim(store), PASSING, retries=AT_ONCE) is JobState.FAILED
 
 
-def test_waits_double_up_to_a_minute_and_are_spread(store, upload):
+def test_waits_double_up_to_a_minute_and_are_spread(clocked_store, clock, upload):
+    store = clocked_store
     scan = upload(store)
     waits = []
     for _ in range(6):
-        before = datetime.now(UTC)
         store.jobs.fail(claim(store), FULL)
-        waits.append((store.jobs.get(scan.job_id).not_before - before).total_seconds())
+        waits.append((store.jobs.get(scan.job_id).not_before - clock.now).total_seconds())
         assert store.jobs.claim("test") is None
         assert list(store.jobs.queued_job_ids()) == []
         with store._database.write() as session:
@@ -233,11 +237,14 @@ def test_a_cancelled_job_is_not_waited_for(store, upload):
     assert store.jobs.fail(held, FULL) is JobState.CANCELLED
 
 
-def test_a_wait_ends(store, upload):
+@pytest.mark.dialect
+def test_a_wait_ends(clocked_store, clock, upload):
+    store = clocked_store
     upload(store)
-    store.jobs.fail(claim(store), PASSING, retries=Retries(loss_wait_s=0.2))
+    store.jobs.fail(claim(store), PASSING, retries=Retries(loss_wait_s=20.0))
+    clock.advance(seconds=10)
     assert store.jobs.claim("test") is None
-    time.sleep(0.3)
+    clock.advance(seconds=20)
     assert claim(store).job.not_before is None
 
 
@@ -259,6 +266,7 @@ def test_a_queued_job_is_cancelled_at_once(store, upload):
         store.jobs.request_cancel(scan.job_id)
 
 
+@pytest.mark.dialect
 def test_a_running_job_hears_of_its_cancellation(store, upload):
     scan = upload(store)
     held = claim(store)
@@ -276,6 +284,7 @@ def test_a_cancelled_job_of_a_lost_worker_is_not_tried_again(store, upload):
     assert [job.state for job in take_back_all(store)] == [JobState.CANCELLED]
 
 
+@pytest.mark.dialect
 def test_a_released_job_goes_back_to_its_place(store, upload):
     first, second = upload(store), upload(store)
     store.jobs.release(claim(store))
@@ -310,6 +319,7 @@ def test_a_background_job_that_was_brought_forward_is_in_nobody_s_way(store, upl
     assert not store.jobs.is_in_the_way(held)
 
 
+@pytest.mark.dialect
 def test_background_jobs_come_last(store, upload, scanner):
     spec = ScanSpec(scanner_id=scanner.id, data=DataKind.COUNTS)
     examples = [
@@ -339,6 +349,7 @@ def test_a_job_brings_forward_what_it_needs(store, scanner):
     assert claim(store).job_id == scans[1].job_id
 
 
+@pytest.mark.dialect
 def test_jobs_are_counted_and_listed_by_state(store, upload):
     for _ in range(3):
         upload(store)
@@ -366,6 +377,7 @@ def test_the_fate_of_each_attempt_is_kept(store, upload, finish):
     assert (lost.worker, lost.detail["code"]) == ("test", "worker-lost")
 
 
+@pytest.mark.dialect
 def test_only_jobs_that_have_waited_are_swept(store, upload):
     scan = upload(store)
     assert list(store.jobs.queued_job_ids(older_than_s=60)) == []

@@ -57,6 +57,7 @@ def test_an_outage_after_progress_is_the_first_one_again(store, upload):
             session.connection().exec_driver_sql("UPDATE jobs SET not_before_s = 0")
 
 
+@pytest.mark.dialect
 def test_a_late_attempt_keeps_nothing(store, upload):
     upload(store)
     late, late_output = begin(store, "late")

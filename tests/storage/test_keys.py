@@ -71,6 +71,7 @@ def test_a_rotated_key_opens_by_its_old_secret_for_the_grace_alone(store, clock)
     assert (opens(store, new), opens(store, newest)) == (False, True)
 
 
+@pytest.mark.dialect
 def test_the_last_use_is_kept_to_a_minute(store, clock):
     key = store.keys.create(ASK)
     first = clock()
@@ -86,6 +87,7 @@ def test_a_display_only_reads():
         KeyAsk(name="tablet", scope=Scope.SUBMIT, display=True)
 
 
+@pytest.mark.dialect
 def test_the_audit_names_who_and_only_grows(store):
     with acting_as(Actor("anna", key_id="k1", address="192.0.2.7", request_id="r1")):
         key = store.keys.create(ASK)

@@ -51,6 +51,7 @@ def test_the_columns_of_an_asked_kind_can_hold_what_it_refers_to(declared: Asked
     assert declared.files.keys() <= declared.links.model_fields.keys()
 
 
+@pytest.mark.dialect
 @pytest.mark.usefixtures("as_new_kinds")
 def test_a_new_kind_s_rows_stand_in_the_common_table(store, scanner, ready_scan, calibration, finish):
     plan = store.plans.accept(PlanAsk(scanner_id=scanner.id, theta=NOMINAL), given={"phantom_id": "l-shape"})

@@ -118,17 +118,18 @@ def test_an_upload_that_was_given_up_is_refused_when_it_comes_after_all(store, u
     assert store.scans.page().items == []
 
 
+@pytest.mark.dialect
 def test_what_is_named_and_not_yet_committed_stays(store, observer, upload):
     named, goes_on = threading.Event(), threading.Event()
 
     def linger(_):
         named.set()
-        goes_on.wait(10.0)
+        goes_on.wait(60.0)
 
     accepting = threading.Thread(target=upload, args=(store,), kwargs={"scan_id": "mine"})
     event.listen(store._database.engine, "commit", linger, once=True)
     accepting.start()
-    named.wait(10.0)
+    named.wait(60.0)
     folder = store.files.upload(JobKind.INGEST, "mine").parent
     assert folder.exists()
     threading.Timer(0.3, goes_on.set).start()
@@ -183,6 +184,7 @@ def test_a_result_whose_commit_failed_goes_when_its_job_never_succeeds(store, ob
     assert observer.look(GRACE_S) == [store.files.results(JobKind.INGEST, claimed.job.subject_id)]
 
 
+@pytest.mark.dialect
 def test_a_scan_that_was_deleted_by_half_goes_wholly(store, observer, ready_scan, monkeypatch):
     with monkeypatch.context() as killed:
         killed.setattr(store.files, "remove", lambda _: 1 / 0)

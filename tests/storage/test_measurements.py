@@ -76,6 +76,7 @@ def test_what_fails_measures_nothing(store, scanner, ready_scan):
     assert store.measurements.page(scanner.id).items == []
 
 
+@pytest.mark.dialect
 @pytest.mark.usefixtures("measured")
 def test_they_come_in_pages_from_a_time_on_and_in_bulk(store, scanner):
     page = store.measurements.page(scanner.id, limit=2)
@@ -95,6 +96,7 @@ def test_they_come_in_pages_from_a_time_on_and_in_bulk(store, scanner):
         store.measurements.page(scanner.id, after="x")
 
 
+@pytest.mark.dialect
 def test_of_very_many_a_chart_reads_the_newest_and_the_farthest_of_each_part_of_the_time(store, scanner):
     start, step, many = BEFORE, timedelta(minutes=5), 3000
     rows = [

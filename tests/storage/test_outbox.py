@@ -95,6 +95,7 @@ def test_a_webhook_that_is_moved_or_asks_for_more_is_looked_at_again(store, outb
     assert not outbox.is_wanted()
 
 
+@pytest.mark.dialect
 def test_a_failure_holds_back_what_follows_until_it_is_delivered(store, outbox, clock):
     webhook = store.webhooks.create(WebhookAsk(url=URL))
     first, second = happen(store, EventKind.ALARM_OPENED, EventKind.ALARM_CLOSED)
@@ -196,6 +197,7 @@ def test_an_id_is_the_same_in_every_attempt_and_another_for_whatever_else(store,
     assert all("." not in each for each in ids)
 
 
+@pytest.mark.dialect
 def test_one_process_sends_at_a_time(store, clock):
     mine, other = store.outbox(), store.outbox()
     assert [mine.hold(), other.hold(), mine.hold()] == [True, False, True]
@@ -211,6 +213,7 @@ def test_one_process_sends_at_a_time(store, clock):
     assert other.hold()
 
 
+@pytest.mark.dialect
 def test_what_was_delivered_is_forgotten_after_a_week(store, outbox, clock):
     webhook = store.webhooks.create(WebhookAsk(url=URL))
     happen(store, *[EventKind.ALARM_OPENED] * 2)

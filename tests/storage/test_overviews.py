@@ -10,6 +10,7 @@ from sawmill_worker.contracts.scanners import ScannerSpec
 pytestmark = pytest.mark.slow
 
 
+@pytest.mark.dialect
 def test_each_scanner_has_what_is_newest_of_it(store, scanner, ready_scan, finish):
     other = store.scanners.create(ScannerSpec(name="Line 9", constants=scanner.constants))
     ask = CalibrationAsk(scan_id=ready_scan.id, phantom_id="l-shape", activate=True)

@@ -41,6 +41,7 @@ def plan(store, scanner):
     return ask
 
 
+@pytest.mark.dialect
 def test_one_key_has_its_own_number_of_places_and_all_together_theirs(store, plan):
     with acting_as(LINE_1):
         for views in range(20, 24):

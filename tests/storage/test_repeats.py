@@ -34,6 +34,7 @@ def scanners(store):
     return [scanner.id for scanner in store.scanners.page(limit=200).items]
 
 
+@pytest.mark.dialect
 def test_of_forty_at_once_one_is_made_and_all_get_it(store):
     together = threading.Barrier(40)
 
@@ -49,6 +50,7 @@ def test_of_forty_at_once_one_is_made_and_all_get_it(store):
     assert scanners(store) == [first[0].id]
 
 
+@pytest.mark.dialect
 def test_a_refusal_leaves_no_trace_and_the_key_free(store):
     afterwards = []
 
@@ -84,6 +86,7 @@ def test_the_key_of_another_request_or_file_is_refused(store):
     assert len(scanners(store)) == 2
 
 
+@pytest.mark.dialect
 def test_an_answer_is_kept_for_its_time_and_then_removed(clocked_store, clock):
     first = made(clocked_store)
     clock.now += KEPT - (step := KEPT / 1000)

@@ -3,6 +3,8 @@
 from contextlib import closing
 from datetime import timedelta
 
+import pytest
+
 from sawmill_worker.contracts.jobs import JobKind, JobState
 from sawmill_worker.storage.acting import Actor, acting_as
 from sawmill_worker.storage.database import newest_revision
@@ -34,6 +36,7 @@ def test_jobs_that_have_ended_are_listed_however_they_did(store, upload, finish)
     assert [job.id for job in store.jobs.ended_page(after=older.next).items] == [done]
 
 
+@pytest.mark.dialect
 def test_workers_are_known_by_their_last_attempt(store, upload, clock):
     upload(store)
     upload(store)
@@ -47,6 +50,7 @@ def test_workers_are_known_by_their_last_attempt(store, upload, clock):
         assert list(ticking.events.workers_since(begun + timedelta(seconds=1))) == ["mill-2"]
 
 
+@pytest.mark.dialect
 def test_a_database_reports_what_it_is(store, database_url, upload):
     report = store.database_report()
     assert report.system.startswith("PostgreSQL" if database_url else "SQLite")

@@ -29,17 +29,20 @@ def test_a_scanner_reads_back_as_it_was_described(store, scanner):
         store.scanners.get(scanner.id)
 
 
+@pytest.mark.dialect
 def test_an_id_is_given_once(store, scanner):
     with pytest.raises(Conflict, match="choose another id"):
         store.scanners.create(ScannerSpec(name="x", constants=scanner.constants), scanner_id=scanner.id)
 
 
+@pytest.mark.dialect
 def test_a_used_scanner_stays(store, scanner, upload):
     upload(store)
     with pytest.raises(Conflict, match="is used by 1 scans"):
         store.scanners.delete(scanner.id)
 
 
+@pytest.mark.dialect
 def test_a_list_is_read_newest_first_page_by_page(store):
     constants = ScannerConstants(source_to_cor_mm=859, num_detector_pixels=768, detector_pitch_mm=1.5)
     made = [store.scanners.create(ScannerSpec(name=f"Line {n}", constants=constants)).id for n in range(5)]
@@ -80,6 +83,7 @@ def test_a_scan_that_is_not_accepted_leaves_nothing(store, scanner, changes, sen
     assert store.jobs.page().items == []
 
 
+@pytest.mark.dialect
 def test_a_taken_scan_id_leaves_the_older_scan_s_file_alone(store, upload):
     upload(store, scan_id="mine")
     before = store.files.upload(JobKind.INGEST, "mine").stat()

@@ -166,6 +166,7 @@ def full_mill(mill, clock, scanner, upload, finish):
     }
 
 
+@pytest.mark.dialect
 def test_each_protection_keeps_what_it_is_for_and_nothing_else_does(mill, full_mill, monkeypatch):
     def shown(kind):
         rules = RetentionRules(**{f"{kind.replace('-', '_')}_days": 1})
@@ -252,6 +253,7 @@ def test_bytes_with_a_second_name_are_free_when_the_last_goes(mill, clock, uploa
     assert freed == [9, 1018]
 
 
+@pytest.mark.dialect
 def test_old_events_go_but_for_the_last_scans_and_numbers_go_on(mill, clock, upload, finish):
     clock.advance(days=-60)
     log(mill, upload, finish)
@@ -351,12 +353,12 @@ def test_an_activation_and_a_removal_at_one_time_wait_for_one_another(mill, sett
 
     def linger(_):
         about_to_commit.set()
-        goes_on.wait(10.0)
+        goes_on.wait(60.0)
 
     event.listen(other._database.engine, "commit", linger, once=True)
     activating = threading.Thread(target=other.calibrations.activate, args=(activated, "at this moment"))
     activating.start()
-    about_to_commit.wait(10.0)
+    about_to_commit.wait(60.0)
     threading.Timer(0.2, goes_on.set).start()
     assert carried_out(mill) == {RetentionKind.CALIBRATIONS: 1}
     activating.join()
@@ -382,14 +384,14 @@ def test_what_is_asked_of_a_scan_that_is_about_to_go_keeps_it(mill, settings, cl
 
     def linger(*_):
         has_locked.set()
-        goes_on.wait(10.0)
+        goes_on.wait(60.0)
 
     event.listen(ReconstructionRow, "before_insert", linger, once=True)
     asked = []
     ask = ReconstructionAsk(scan_id=scan_id, calibration_id=calibration_id)
     asking = threading.Thread(target=lambda: asked.append(other.reconstructions.accept(ask)))
     asking.start()
-    has_locked.wait(10.0)
+    has_locked.wait(60.0)
     lock = retiring._lock
 
     def lock_both(*given):

@@ -253,6 +253,7 @@ def test_a_schedule_that_cannot_run_is_missed_once_and_stops_no_other(store, sca
     assert (due_at, "not 'Mars/Olympus'" in reason) == (due.isoformat(), True)
 
 
+@pytest.mark.dialect
 def test_an_edit_keeps_a_due_time_that_has_come_or_says_that_it_is_missed(store, scanner, schedule, clock):
     spec = ScheduleSpec(scanner_id=scanner.id, cron="*/30 * * * *")
     clock.advance(minutes=31)
@@ -299,6 +300,7 @@ def assert_each_time_ran_once(store, schedule, ran: int) -> None:
     assert times[0] == START.replace(hour=8)
 
 
+@pytest.mark.dialect
 def test_each_due_time_runs_once_however_many_threads_look(store, schedule):
     moments = [START.replace(hour=hour) for hour in (6, 7, 8) for _ in range(4)]
     with ThreadPoolExecutor(4) as pool:
@@ -328,7 +330,7 @@ def test_a_year_of_sundays_in_finland_runs_each_once_under_two_schedulers(store,
     assert [run.due_at for run in ran] == [datetime.combine(day, wall[day], zone).astimezone(UTC) for day in sundays]
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_each_due_time_runs_once_however_many_processes_look(store, schedule):
     imports = (
         "from datetime import UTC, datetime\n"

@@ -61,6 +61,7 @@ def test_a_lasting_session_has_no_end_of_its_own(store, clock):
     assert store.sessions.find(secret).expires_at is None
 
 
+@pytest.mark.dialect
 def test_a_login_removes_the_sessions_that_have_ended(store, clock):
     ask = KeyAsk(name="tablet", scope=Scope.READ, display=True)
     kept, revoked, rotated = (store.keys.create(ask) for _ in range(3))

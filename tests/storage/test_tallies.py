@@ -38,6 +38,7 @@ def of_ingest(what: EventKind, fault: str | None = None, code: str | None = None
     return Fate(what, JobKind.INGEST, fault, code, duration)
 
 
+@pytest.mark.dialect
 def test_ends_are_classed_by_how_long_they_took_and_what_went_wrong(store, end):
     end(0.5, peak_memory_bytes=3_000_000_000)
     end(0.75, peak_memory_bytes=1_000_000_000)
@@ -50,6 +51,7 @@ def test_ends_are_classed_by_how_long_they_took_and_what_went_wrong(store, end):
     assert (failed.fault, failed.code, fates[failed].number) == ("input", "broken-file", 1)
 
 
+@pytest.mark.dialect
 def test_what_is_counted_grows_whether_it_was_counted_before_or_not(store, end, clock):
     """What has settled is read once, and what has not each time: together each attempt counts once."""
     counts = []
@@ -69,6 +71,7 @@ def test_an_event_that_is_committed_late_counts_too(store, end):
     assert store.tallies._counted_to == 0
 
 
+@pytest.mark.dialect
 def test_jobs_are_counted_by_kind_and_state_with_the_age_of_the_oldest(store, upload, clock):
     for _ in range(2):
         upload(store)

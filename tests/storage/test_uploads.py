@@ -61,6 +61,7 @@ def test_parts_become_a_file_that_is_used_once_with_the_scan_that_is_made_of_it(
     assert list((store.files.folder / "incoming").iterdir()) == []
 
 
+@pytest.mark.dialect
 def test_one_part_comes_at_a_time_and_what_was_not_counted_never_came(store):
     upload = create(store)
     part = store.uploads.begin_part(upload.id, 0)
@@ -165,6 +166,7 @@ def test_an_upload_whose_file_is_lost_says_so(store):
         store.uploads.received(upload.id)
 
 
+@pytest.mark.dialect
 def test_what_a_key_and_all_may_leave_waiting_is_bounded(store):
     with acting_as(Actor("one", "one")):
         uploads = [create(store) for _ in range(2)]

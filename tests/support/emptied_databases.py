@@ -2,9 +2,13 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from uuid import uuid4
 
-from postgres_server import PostgresServer
+from postgres_server import PostgresDatabases
+
+from sawmill_worker.storage.settings import StorageSettings
+from sawmill_worker.storage.store import Store
 
 END_OTHERS = """
 SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE datname = current_database() AND pid <> pg_backend_pid()
@@ -22,18 +26,20 @@ FROM_THE_FIRST = "SELECT setval(format('%I', sequencename)::regclass, start_valu
 
 
 class EmptiedDatabases:
-    """One at a time.
+    """One at a time, with all tables and the built-in phantoms.
 
     Parameters
     ----------
-    template
-        What a new one is a copy of; rows that it holds now are in each.
+    data
+        An empty data folder, for the template that each is a copy of.
     """
 
-    def __init__(self, server: PostgresServer, template: str) -> None:
-        self._server, self._template = server, template
+    def __init__(self, server: PostgresDatabases, data: Path) -> None:
+        self._server, self._template = server, f"template_{uuid4().hex}"
         self._free: list[str] = []
-        with server.connected(template) as connection:
+        server.run(f"CREATE DATABASE {self._template}")
+        Store.open(StorageSettings(data_folder=data, database_url=server.url(self._template))).close()
+        with server.connected(self._template) as connection:
             self._tables = [name for (name,) in connection.execute(TABLES, ("public",))]
             connection.execute("CREATE SCHEMA at_first")
             for name in self._tables:

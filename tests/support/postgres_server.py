@@ -1,5 +1,7 @@
-"""A PostgreSQL server of the tests' own, from a wheel: on a free loopback port, with nothing durable."""
+"""PostgreSQL servers of the tests' own, from a wheel: on free loopback ports, with nothing durable."""
 
+import ctypes
+import fcntl
 import os
 import shutil
 import signal
@@ -10,10 +12,13 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from subprocess import CalledProcessError
 from typing import Any
 from uuid import uuid4
 
-START_S = 60.0
+import pytest
+
+START_S = 120.0
 # Tests lose nothing that they would miss, and `file_copy` makes a database in 25 ms.
 OPTIONS = {
     "fsync": "off",
@@ -22,13 +27,53 @@ OPTIONS = {
     "listen_addresses": "127.0.0.1",
     "io_method": "sync",
     "shared_buffers": "16MB",
+    "max_connections": "300",  # of every process of a run
 }
 # Trusts its owner, and asks everybody else for a password.
 ACCESS = "host all postgres 127.0.0.1/32 trust\nhost all all 127.0.0.1/32 scram-sha-256\n"
+END_WITH_PARENT = 1  # PR_SET_PDEATHSIG of prctl(2)
+LIBC = ctypes.CDLL(None)
 
 
-class PostgresServer:
-    """Its process can be stopped, killed and paused; its port stays the same."""
+class PostgresDatabases:
+    """Those of a server that runs, perhaps as another process's child."""
+
+    def __init__(self, port: int) -> None:
+        self.port = port
+
+    def url(self, database: str = "postgres", user: str = "postgres") -> str:
+        return f"postgresql://{user}@127.0.0.1:{self.port}/{database}"
+
+    @contextmanager
+    def database(self, *, template: str = "template1") -> Iterator[str]:
+        """The URL of a new database, which goes at the end of the block."""
+        name = f"test_{uuid4().hex}"
+        self.run(f"CREATE DATABASE {name} TEMPLATE {template} STRATEGY file_copy")
+        yield self.url(name)
+        self.run(f"DROP DATABASE {name} WITH (FORCE)")
+
+    def run(self, statement: str) -> None:
+        with self.connected() as connection:
+            connection.execute(statement.encode())
+
+    def connected(self, database: str = "postgres") -> Any:
+        """A connection of psycopg's that commits each statement."""
+        import psycopg  # noqa: PLC0415
+
+        return psycopg.connect(self.url(database), autocommit=True)
+
+    def answers(self) -> bool:
+        import psycopg  # noqa: PLC0415
+
+        try:
+            psycopg.connect(self.url(), connect_timeout=60).close()
+        except psycopg.OperationalError:
+            return False
+        return True
+
+
+class PostgresServer(PostgresDatabases):
+    """Its process can be stopped, killed and paused, and ends with this one; its port stays the same."""
 
     def __init__(self) -> None:
         # Not in pytest's folder, which only its owner may enter: as root, the server runs as another user.
@@ -41,19 +86,23 @@ class PostgresServer:
         (made.pgdata / "pg_hba.conf").write_text(ACCESS)
         self.data, self._postgres, self._user = made.pgdata, made.bin_path / "postgres", made.system_user
         with socket.create_server(("127.0.0.1", 0)) as free:
-            self.port = free.getsockname()[1]
+            super().__init__(free.getsockname()[1])
         self.process: subprocess.Popen[bytes] | None = None
-
-    def url(self, database: str = "postgres", user: str = "postgres") -> str:
-        return f"postgresql://{user}@127.0.0.1:{self.port}/{database}"
 
     def start(self) -> None:
         options = [part for name, value in OPTIONS.items() for part in ("-c", f"{name}={value}")]
         command = [str(self._postgres), "-D", str(self.data), "-p", str(self.port), *options]
         with (self.data / "log").open("ab") as log:
-            self.process = subprocess.Popen(command, stdout=log, stderr=log, user=self._user, start_new_session=True)
+            self.process = subprocess.Popen(
+                command,
+                stdout=log,
+                stderr=log,
+                user=self._user,
+                start_new_session=True,
+                preexec_fn=lambda: LIBC.prctl(END_WITH_PARENT, signal.SIGINT),  # noqa: PLW1509 - takes no lock
+            )
         deadline = time.monotonic() + START_S
-        while not self._answers():
+        while not self.answers():
             assert self.process.poll() is None, (self.data / "log").read_text()
             assert time.monotonic() < deadline, "PostgreSQL does not start"
             time.sleep(0.05)
@@ -86,32 +135,50 @@ class PostgresServer:
             for member in members:
                 os.kill(member, signal.SIGCONT)
 
-    @contextmanager
-    def database(self, *, template: str = "template1") -> Iterator[str]:
-        """The URL of a new database, which goes at the end of the block."""
-        name = f"test_{uuid4().hex}"
-        self.run(f"CREATE DATABASE {name} TEMPLATE {template} STRATEGY file_copy")
-        yield self.url(name)
-        self.run(f"DROP DATABASE {name} WITH (FORCE)")
 
-    def run(self, statement: str) -> None:
-        with self.connected() as connection:
-            connection.execute(statement.encode())
+@contextmanager
+def own_server() -> Iterator[PostgresServer]:
+    """One that a test may stop."""
+    server = _started()
+    yield server
+    server.close()
 
-    def connected(self, database: str = "postgres") -> Any:
-        """A connection of psycopg's that commits each statement."""
-        import psycopg  # noqa: PLC0415
 
-        return psycopg.connect(self.url(database), autocommit=True)
+@contextmanager
+def shared_server(folder: Path) -> Iterator[PostgresDatabases]:
+    """One for all processes of a run: the first that asks starts it, and stops it when the others have ended.
 
-    def _answers(self) -> bool:
-        import psycopg  # noqa: PLC0415
+    Parameters
+    ----------
+    folder
+        Of the run, with what its processes must know of one another.
+    """
+    port = folder / "postgres-port"
+    with (folder / "postgres-starts").open("w") as starts, (folder / "postgres-used").open("w") as used:
+        server: PostgresServer | None = None
+        fcntl.flock(starts, fcntl.LOCK_EX)
+        # Whoever started it may have been killed, and it with them.
+        if not port.exists() or not PostgresDatabases(int(port.read_text())).answers():
+            server = _started()
+            port.write_text(str(server.port))
+        fcntl.flock(used, fcntl.LOCK_SH)
+        fcntl.flock(starts, fcntl.LOCK_UN)
+        yield server or PostgresDatabases(int(port.read_text()))
+        if server is not None:
+            fcntl.flock(starts, fcntl.LOCK_EX)  # who comes now starts another one
+            fcntl.flock(used, fcntl.LOCK_EX)
+            server.close()
 
-        try:
-            psycopg.connect(self.url(), connect_timeout=2).close()
-        except psycopg.OperationalError:
-            return False
-        return True
+
+def _started() -> PostgresServer:
+    try:
+        server = PostgresServer()
+        server.start()
+    except (ImportError, OSError, CalledProcessError) as error:
+        if os.environ.get("CI") == "true":
+            raise
+        pytest.skip(f"no PostgreSQL server can be started here: {error}")
+    return server
 
 
 def _children(process_id: int) -> list[int]:

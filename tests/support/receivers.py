@@ -78,7 +78,7 @@ def dripping(handler: BaseHTTPRequestHandler) -> None:
 
 def hanging(handler: BaseHTTPRequestHandler) -> None:
     """No answer until the receiver ends."""
-    handler.server.let_go.wait(30)
+    handler.server.let_go.wait(600)
 
 
 @dataclass
