@@ -16,7 +16,7 @@ from sawmill_service.conditional import CACHING, check_conditions, spans_of
 from sawmill_service.digests import Digests, key_of, repr_digest, tag_of
 from sawmill_service.problems import Refused
 from sawmill_worker.contracts import patterns
-from sawmill_worker.contracts.given import GivenTime, Queried
+from sawmill_worker.contracts.given import Given, GivenTime
 from sawmill_worker.contracts.jobs import Priority
 
 
@@ -47,7 +47,7 @@ AskedPriority = Annotated[
 ]
 
 
-class Paging(Queried):
+class Paging(Given):
     """Which page of a list."""
 
     after: str | None = Field(

@@ -16,7 +16,7 @@ from starlette.datastructures import Headers
 from sawmill_service.problems import STATED, Place, Refused
 from sawmill_service.queries import near_name
 from sawmill_service.sent_content import FirstBytes, SentContent, check_media_type
-from sawmill_worker.contracts.given import Queried, shown
+from sawmill_worker.contracts.given import Given, shown
 
 MEDIA_TYPE, FILE = "multipart/form-data", "file"
 _LONGEST_BOUNDARY = 70  # by RFC 2046, 5.1.1
@@ -26,7 +26,7 @@ _AS_IT_IS = {b"binary", b"8bit", b"7bit"}
 _MOST_DELIMITERS, _MOST_PADDING_BYTES = 100, 64
 _LONGEST_NAME = 200
 
-Form = TypeVar("Form", bound=Queried)
+Form = TypeVar("Form", bound=Given)
 
 
 class SentForm(Generic[Form]):

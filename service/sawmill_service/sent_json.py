@@ -1,17 +1,23 @@
-"""Bodies of JSON: a field that stands in an object again is refused; Python's reader would take the last one."""
+"""Bodies of JSON: each value is of its type, and no field stands in an object twice.
+
+FastAPI would take "1" and true for 1, and the last of two equal fields.
+"""
 
 import json
 from collections import Counter, deque
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import Annotated, Any, TypeVar
 
 from fastapi import Request
 from fastapi.concurrency import run_in_threadpool
 from fastapi.exceptions import RequestValidationError
 from fastapi.routing import APIRoute
+from pydantic import GetCoreSchemaHandler, TypeAdapter, ValidationError
+from pydantic_core import CoreSchema, ErrorDetails, core_schema, from_json, to_json
 
-from sawmill_service.problems import Place
+from sawmill_service.problems import STATED, Place
 from sawmill_service.queries import repeated
+from sawmill_worker.contracts.given import hidden_characters
 
 Pairs = list[tuple[str, Any]]
 
@@ -25,31 +31,74 @@ class _Repeating(dict[str, Any]):
 
 
 async def check_body(request: Request) -> None:
-    """Refuse a field that stands twice in an object; a dependency of every route.
+    """Refuse a field that stands twice in an object, and texts that cannot be shown; a dependency of every route.
 
     The body of a DELETE, which no route reads, is read where it has a digest: the gate checks that as it comes.
 
     Raises
     ------
     RequestValidationError
-        With the outermost of them and its values: one is a fault of whatever wrote the body.
+        With the outermost of those fields and its values, since one is a fault of whatever wrote the body; or with each
+        of those texts.
     """
     route: APIRoute = request.scope["route"]
     if route.body_field is None:
         if request.method == "DELETE" and "content-digest" in request.headers:
             await request.body()
         return
+    # A thread is less deep than FastAPI was when it read this: what it could nest, the thread can.
+    await run_in_threadpool(_check, await request.body())
+
+
+def _check(body: bytes) -> None:
     try:
-        # A thread is less deep than FastAPI was when it read this: what it could nest, the thread can.
-        sent = await run_in_threadpool(_read, await request.body())
+        repeating = _read(body)
     except ValueError:  # it is not declared as JSON, else FastAPI would have refused it: the route does
         return
-    if sent is not None:
-        raise RequestValidationError([_first_repeated(sent)], body=sent)
+    if repeating is not None:
+        raise RequestValidationError([_first_repeated(repeating)], body=repeating)
+    try:
+        sent = from_json(body)
+    except ValueError as error:  # half a surrogate, or hundreds of lists in lists
+        unread = {"type": STATED, "loc": (Place.BODY,), "msg": f"cannot be read: {error}", "input": None}
+        raise RequestValidationError([unread]) from error
+    found = hidden_characters(sent) if isinstance(sent, dict | list) else ()
+    if hidden := [fault | {"loc": (Place.BODY, *fault["loc"])} for fault in found]:
+        raise RequestValidationError(hidden, body=sent)
+
+
+class Strictly:
+    """Has pydantic read a body as strict JSON, in which "1" and true are not 1, and a time is a text."""
+
+    def __get_pydantic_core_schema__(self, contract: Any, handler: GetCoreSchemaHandler) -> CoreSchema:  # noqa: ANN401
+        """Wrap the contract's schema, which takes what is read as it is."""
+        strict = TypeAdapter(contract)
+
+        def read(sent: object) -> object:
+            if isinstance(sent, bytes):  # of another media type, which the contract refuses
+                return sent
+            try:
+                return strict.validate_json(to_json(sent, inf_nan_mode="constants"), strict=True)
+            except ValidationError as error:
+                if all(_is_whole_number(fault) for fault in error.errors(include_url=False)):
+                    return sent
+                raise
+
+        return core_schema.no_info_before_validator_function(read, handler(contract))
+
+
+def _is_whole_number(fault: ErrorDetails) -> bool:
+    """Look for 20.0 as an integer: JSON Schema has it as one, and some programs write every number so."""
+    return fault["type"] == "int_type" and isinstance(fault["input"], float) and fault["input"].is_integer()
+
+
+Body = TypeVar("Body")
+# The type of a route's parameter that is its body.
+Sent = Annotated[Body, Strictly()]
 
 
 def _read(body: bytes) -> Any:  # noqa: ANN401 - JSON
-    """What was sent, where a field stands in it again; None: in no object."""
+    """Read what was sent, if a field stands in it twice; None: in no object does one."""
     found = False
 
     def made(pairs: Pairs) -> dict[str, Any]:

@@ -63,7 +63,7 @@ def test_what_is_given_is_held_against_what_a_scanner_can_be_even_where_it_is_a_
     wide = ThetaBounds(detector_tilt=(-11.0, 1.0))
     assert TypeAdapter(ThetaBounds).validate_python(wide) == wide
     with pytest.raises(ValidationError, match="greater than or equal to -10"):
-        TypeAdapter(GivenThetaBounds).validate_python(wide)
+        TypeAdapter(GivenThetaBounds).validate_python(vars(wide))
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf")])

@@ -4,7 +4,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TypeVar
 
+import numpy as np
 from pydantic import TypeAdapter, ValidationError
+from pydantic_core import to_json
 
 from sawmill_worker.contracts.base import placed_complaint
 from sawmill_worker.contracts.jobs import FailureKind
@@ -42,14 +44,19 @@ def input_errors() -> Iterator[None]:
 
 
 def options_of(contract: type[Options], given: object) -> Options:
-    """Options as their contract, a model or a dataclass of pydantic, checks them.
+    """Read options as their contract, a model or a dataclass of pydantic, takes them in JSON: True is not 1 there.
 
     Raises
     ------
     InputError
         An option is unknown, or its value is none that it may have.
     """
+    sent = to_json(given, inf_nan_mode="constants", fallback=_plain)
     try:
-        return TypeAdapter(contract).validate_python(given)
+        return TypeAdapter(contract).validate_json(sent, strict=True)
     except ValidationError as error:
         raise InputError("options", placed_complaint(error)) from error
+
+
+def _plain(value: object) -> object:
+    return value.tolist() if isinstance(value, np.generic | np.ndarray) else repr(value)

@@ -23,7 +23,7 @@ from sawmill_service.pages.frame import PageFrame, ThePage
 from sawmill_service.problems import STATUS, complaint
 from sawmill_worker.contracts.base import Identifier
 from sawmill_worker.contracts.calibrations import CalibrationAsk, CalibrationSucceeded, CalibrationUnfinished
-from sawmill_worker.contracts.given import Queried
+from sawmill_worker.contracts.given import Given
 from sawmill_worker.contracts.inspections import Inspection, InspectionOptions
 from sawmill_worker.contracts.jobs import JobKind
 from sawmill_worker.contracts.scans import Scan, ScanSpec, ScanState
@@ -37,7 +37,7 @@ ASKED = ("scanner_id", "phantom_id", "data", "angles_deg")
 router = APIRouter(include_in_schema=False)
 
 
-class _Answers(Queried, ScanSpec):
+class _Answers(Given, ScanSpec):
     """What the form's fields say of the scan: texts, as in a query."""
 
     phantom_id: Identifier

@@ -11,7 +11,7 @@ from sawmill_service.pages.lists import TheFilter, phantom_names
 from sawmill_service.pages.words import SCAN_STATES
 from sawmill_service.problems import STATUS
 from sawmill_worker.contracts.base import Identifier, placed_complaint
-from sawmill_worker.contracts.given import Queried
+from sawmill_worker.contracts.given import Given
 from sawmill_worker.contracts.reconstructions import ReconstructionAsk, ReconstructionOptions
 from sawmill_worker.storage.errors import Conflict, Invalid, QueueFull
 from sawmill_worker.storage.store import Store
@@ -22,7 +22,7 @@ SIZES_PX = (256, 512, 1024, 2048)
 router = APIRouter(include_in_schema=False)
 
 
-class AskedLog(Queried, ReconstructionOptions):
+class AskedLog(Given, ReconstructionOptions):
     """What the form for a log sends: texts."""
 
 

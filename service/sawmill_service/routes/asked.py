@@ -12,6 +12,7 @@ from sawmill_service.old_names import announce, announced
 from sawmill_service.openapi_document import trying
 from sawmill_service.refusals import Responses, refuses, refuses_ask
 from sawmill_service.repeats import repeatable
+from sawmill_service.sent_json import Strictly
 from sawmill_service.waiting import TheWaiting
 from sawmill_worker.contracts.base import Contract, Identifier, Page
 from sawmill_worker.contracts.jobs import JobState, Priority
@@ -54,7 +55,7 @@ def _router(declared: AskedKind[Any, Any]) -> APIRouter:
         return linked(declared, await waiting.read(lambda: store.asked(declared).get(identifier)))
 
     # What FastAPI reads as the types of body and query is known only here.
-    ask.__annotations__["ask"] = declared.ask
+    ask.__annotations__["ask"] = Annotated[declared.ask, Strictly()]
     list_all.__annotations__["query"] = Annotated[_filter(declared), Query()]
     one, many = declared.answer, Page.__class_getitem__(declared.answer)
     if declared.upload is None:

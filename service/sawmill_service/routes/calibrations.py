@@ -11,6 +11,7 @@ from sawmill_service.openapi_document import trying
 from sawmill_service.problems import Refused
 from sawmill_service.refusals import refuses
 from sawmill_service.repeats import repeatable
+from sawmill_service.sent_json import Sent
 from sawmill_worker.contracts.base import Identifier, Name
 from sawmill_worker.contracts.calibrations import CalibrationSucceeded
 from sawmill_worker.contracts.given import Given
@@ -102,7 +103,9 @@ def get_calibration_file(calibration_id: Identifier, request: Request, store: Th
     responses=refuses("calibration-not-found", "calibration-without-result"),
 )
 @repeatable
-def activate_calibration(calibration_id: Identifier, store: TheStore, activate: Activate = BY_HAND) -> StoredScanner:
+def activate_calibration(
+    calibration_id: Identifier, store: TheStore, activate: Sent[Activate] = BY_HAND
+) -> StoredScanner:
     """Reconstructions use it from now on. An older one rolls back. Refused (409) without an answer."""
     return store.calibrations.activate(calibration_id, activate.reason)
 

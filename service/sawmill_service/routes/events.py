@@ -17,7 +17,7 @@ from sawmill_service.openapi_document import trying
 from sawmill_service.problems import Refused
 from sawmill_worker.contracts.base import Identifier
 from sawmill_worker.contracts.events import EventKind
-from sawmill_worker.contracts.given import Queried
+from sawmill_worker.contracts.given import Given
 from sawmill_worker.storage.errors import StorageUnavailable
 
 # A page that hears nothing for three of these shows that its data may be old.
@@ -49,7 +49,7 @@ DESCRIBED = events(
 router = APIRouter(prefix="/v1/events", tags=["events"])
 
 
-class EventFilter(Queried):
+class EventFilter(Given):
     """Which events to send."""
 
     scanner_id: Identifier | None = Field(None, description="Those that concern this scanner; nothing: all.")

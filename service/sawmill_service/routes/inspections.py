@@ -14,14 +14,14 @@ from sawmill_service.repeats import TheRepeatableWithFile
 from sawmill_service.routes.asked import linked
 from sawmill_service.uploads import InspectionId, UploadId, received_file
 from sawmill_worker.contracts.base import Identifier, Name
-from sawmill_worker.contracts.given import Queried
+from sawmill_worker.contracts.given import Given
 from sawmill_worker.contracts.inspections import DECLARATION, Inspection, InspectionOptions
 from sawmill_worker.contracts.jobs import Priority
 
 router = APIRouter(prefix="/v1/inspections", tags=["inspections"])
 
 
-class InspectionUpload(Queried, InspectionOptions):
+class InspectionUpload(Given, InspectionOptions):
     """What is given with a file."""
 
     name: Name = Field("file", description="What people call the file.", examples=["mill.h5"])

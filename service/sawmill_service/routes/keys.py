@@ -7,6 +7,7 @@ from sawmill_service.dependencies import TheCaller, TheStore
 from sawmill_service.openapi_document import trying
 from sawmill_service.refusals import refuses
 from sawmill_service.repeats import repeatable
+from sawmill_service.sent_json import Sent
 from sawmill_worker.contracts.base import Contract, Identifier, Name
 from sawmill_worker.contracts.keys import Key, KeyAsk, KeyRotation, Keys, NewKey, Scope
 
@@ -39,7 +40,7 @@ def get_own_key(caller: TheCaller) -> OwnKey:
     responses=refuses("key-expired", "secret-not-repeated"),
 )
 @repeatable
-def create_key(ask: KeyAsk, store: TheStore, response: Response) -> NewKey:
+def create_key(ask: Sent[KeyAsk], store: TheStore, response: Response) -> NewKey:
     """Its secret is in this answer and nowhere else."""
     response.headers["Cache-Control"] = "no-store"
     return store.keys.create(ask)
@@ -58,7 +59,9 @@ def list_keys(store: TheStore) -> Keys:
     responses=refuses("key-not-found", "key-ended", "secret-not-repeated"),
 )
 @repeatable
-def rotate_key(key_id: Identifier, store: TheStore, response: Response, rotation: KeyRotation = AT_ONCE) -> NewKey:
+def rotate_key(
+    key_id: Identifier, store: TheStore, response: Response, rotation: Sent[KeyRotation] = AT_ONCE
+) -> NewKey:
     """The old secret opens for the grace alone. The new one is in this answer and nowhere else."""
     response.headers["Cache-Control"] = "no-store"
     return store.keys.rotate(key_id, grace_s=rotation.grace_s)

@@ -12,10 +12,11 @@ from sawmill_service.openapi_document import trying, trying_file
 from sawmill_service.problems import Refused
 from sawmill_service.refusals import OF_QUEUE, OF_UPLOAD_ID, refuses, refuses_upload
 from sawmill_service.repeats import TheRepeatableWithFile, repeatable
+from sawmill_service.sent_json import Sent
 from sawmill_service.uploads import UploadId, received_file
 from sawmill_service.waiting import TheWaiting
 from sawmill_worker.contracts.base import Identifier, Page
-from sawmill_worker.contracts.given import Queried
+from sawmill_worker.contracts.given import Given
 from sawmill_worker.contracts.jobs import Priority
 from sawmill_worker.contracts.phantoms import MeasurementsAsk, PhantomAsk, PhantomPicture, StoredPhantom
 from sawmill_worker.pictures.phantom_drawing import phantom_svg
@@ -46,7 +47,7 @@ MEASURED = {
 }
 
 
-class PictureUpload(Queried, PhantomPicture):
+class PictureUpload(Given, PhantomPicture):
     """What is given with a picture, and how urgent its tracing is."""
 
     priority: AskedPriority = Priority.WAITED_FOR
@@ -60,7 +61,7 @@ class PictureUpload(Queried, PhantomPicture):
 
 @router.post("", status_code=201, summary="Draw a phantom", openapi_extra=trying(body=EXAMPLE), responses=LOCATED)
 @repeatable
-def create_phantom(drawing: PhantomAsk, store: TheStore, response: Response) -> StoredPhantom:
+def create_phantom(drawing: Sent[PhantomAsk], store: TheStore, response: Response) -> StoredPhantom:
     """Polygons and discs in mm, the rotation centre at the origin. Ready at once."""
     phantom = store.phantoms.create(drawing)
     response.headers["Location"] = f"/v1/phantoms/{phantom.id}"
@@ -147,7 +148,7 @@ def get_drawing(phantom_id: Identifier, request: Request, store: TheStore) -> Re
 )
 @repeatable
 def measure_phantom(
-    phantom_id: Identifier, measured: MeasurementsAsk, store: TheStore, response: Response
+    phantom_id: Identifier, measured: Sent[MeasurementsAsk], store: TheStore, response: Response
 ) -> StoredPhantom:
     """Makes a phantom of the size measured now, which `follows` this one; this one stays for what refers to it.
 

@@ -20,9 +20,9 @@ from sawmill_service.openapi_document import trying
 from sawmill_service.problems import Refused
 from sawmill_service.refusals import OF_RESULT
 from sawmill_worker.contracts import patterns
-from sawmill_worker.contracts.base import Identifier, parse_span
+from sawmill_worker.contracts.base import LARGEST_NUMBER, Identifier, parse_span
 from sawmill_worker.contracts.choices import Axis
-from sawmill_worker.contracts.given import Queried
+from sawmill_worker.contracts.given import Given
 from sawmill_worker.vocabulary import ColorMap
 
 Window = tuple[float, float]
@@ -39,13 +39,16 @@ class Bits(IntEnum):
     SIXTEEN = 16
 
 
-class WindowQuery(Queried):
+ValueOfVolume = Annotated[float, Field(ge=-LARGEST_NUMBER, le=LARGEST_NUMBER)]
+
+
+class WindowQuery(Given):
     """Which values to draw, and how."""
 
-    window_low: float | None = Field(
+    window_low: ValueOfVolume | None = Field(
         None, description="Value at the dark end, in the volume's unit; null: its low end.", examples=[0.0]
     )
-    window_high: float | None = Field(
+    window_high: ValueOfVolume | None = Field(
         None, description="Value at the bright end, in the volume's unit; null: its high end.", examples=[0.03]
     )
     color_map: ColorMap = Field(ColorMap.GREY, description="Grey, or colours in which equal steps look equal.")

@@ -7,6 +7,7 @@ from fastapi import APIRouter, Query
 from sawmill_service.dependencies import TheStore
 from sawmill_service.openapi_document import trying
 from sawmill_service.refusals import refuses
+from sawmill_service.sent_json import Sent
 from sawmill_worker.contracts.retention import (
     Retention,
     RetentionAsk,
@@ -40,7 +41,7 @@ def preview_retention(tried: Annotated[RetentionQuery, Query()], store: TheStore
     openapi_extra=trying(body={"log_scans_days": 14, "reconstructions_days": 30}),
     responses=refuses("retention-unconfirmed"),
 )
-def replace_retention(ask: RetentionAsk, store: TheStore) -> Retention:
+def replace_retention(ask: Sent[RetentionAsk], store: TheStore) -> Retention:
     """They hold from now on, if no more goes by them than a preview has shown whose `confirmed` comes with them.
 
     What they reach goes at once, a few at a time, and later as it becomes too old or too much.

@@ -14,9 +14,10 @@ from sawmill_service.old_names import ACTIVATIONS, OLD
 from sawmill_service.openapi_document import trying
 from sawmill_service.refusals import refuses
 from sawmill_service.repeats import repeatable
+from sawmill_service.sent_json import Sent
 from sawmill_worker.contracts import patterns
 from sawmill_worker.contracts.base import Identifier, Page
-from sawmill_worker.contracts.given import GivenTime, Queried
+from sawmill_worker.contracts.given import Given, GivenTime
 from sawmill_worker.contracts.history import Activation, HistoryEntry, HistoryKind
 from sawmill_worker.contracts.measurements import Measurement
 from sawmill_worker.contracts.scanner_drift import ScannerDrift
@@ -33,7 +34,7 @@ class Since(NumberedPaging):
     )
 
 
-class HistoryFilter(Queried):
+class HistoryFilter(Given):
     """Which entries of a history."""
 
     kind: HistoryKind | None = Field(None, description="Entries of this kind alone.", examples=["calibration"])
@@ -80,7 +81,7 @@ EXAMPLE = {
 
 @router.post("", status_code=201, summary="Describe a scanner", openapi_extra=trying(body=EXAMPLE), responses=LOCATED)
 @repeatable
-def create_scanner(spec: ScannerAsk, store: TheStore, response: Response) -> StoredScanner:
+def create_scanner(spec: Sent[ScannerAsk], store: TheStore, response: Response) -> StoredScanner:
     """Known constants, search bounds, tolerances. Everything but name and constants has a default."""
     scanner = store.scanners.create(spec)
     response.headers["Location"] = f"/v1/scanners/{scanner.id}"
@@ -105,7 +106,7 @@ def get_scanner(scanner_id: Identifier, store: TheStore) -> StoredScanner:
     openapi_extra=trying(scanner_id="example-spare", body=EXAMPLE),
     responses=refuses("scanner-not-found"),
 )
-def replace_scanner(scanner_id: Identifier, spec: ScannerAsk, store: TheStore) -> StoredScanner:
+def replace_scanner(scanner_id: Identifier, spec: Sent[ScannerAsk], store: TheStore) -> StoredScanner:
     """Results that exist keep the constants they were made with."""
     return store.scanners.update(scanner_id, spec)
 

@@ -18,8 +18,8 @@ from sawmill_service.repeats import TheRepeatableWithFile
 from sawmill_service.settings import ServiceSettings
 from sawmill_service.uploads import InspectionId, UploadId, received_file
 from sawmill_service.waiting import TheWaiting
-from sawmill_worker.contracts.base import Identifier, Page
-from sawmill_worker.contracts.given import Queried
+from sawmill_worker.contracts.base import LARGEST_NUMBER, Identifier, Page
+from sawmill_worker.contracts.given import Given
 from sawmill_worker.contracts.jobs import Priority
 from sawmill_worker.contracts.scans import Scan, ScanSpec, ScanState
 from sawmill_worker.storage.arriving import Received
@@ -35,7 +35,7 @@ class ScanFilter(Dated):
     state: ScanState | None = None
 
 
-class GivenScan(Queried, ScanSpec):
+class GivenScan(Given, ScanSpec):
     """What is given with a file, and how urgent its reading is."""
 
     priority: AskedPriority = Priority.WAITED_FOR
@@ -67,10 +67,10 @@ class ScanUpload(GivenScan):
         return self.inspection_id is None and self.upload_id is None
 
 
-class SinogramQuery(Queried):
+class SinogramQuery(Given):
     """Which sinogram to draw."""
 
-    row: Annotated[int, Field(ge=0)] = Field(0, description="Detector row.")
+    row: Annotated[int, Field(ge=0, le=LARGEST_NUMBER)] = Field(0, description="Detector row.")
 
 
 @router.post(

@@ -10,6 +10,7 @@ from sawmill_service.described_answers import LOCATED
 from sawmill_service.openapi_document import trying
 from sawmill_service.refusals import refuses
 from sawmill_service.repeats import repeatable
+from sawmill_service.sent_json import Sent
 from sawmill_worker.contracts.base import Identifier, Page
 from sawmill_worker.contracts.schedules import Schedule, ScheduleAsk, ScheduleRun
 
@@ -26,7 +27,7 @@ EXAMPLE = {"scanner_id": "example", "cron": "30 5 * * 1-6", "time_zone": "Europe
     responses=LOCATED | refuses("scanner-not-found", "invalid-cron", "invalid-zone"),
 )
 @repeatable
-def create_schedule(spec: ScheduleAsk, store: TheStore, response: Response) -> Schedule:
+def create_schedule(spec: Sent[ScheduleAsk], store: TheStore, response: Response) -> Schedule:
     """At each due time it calibrates the newest phantom scan that no schedule has used, or looks for drift.
 
     A drift check takes the newest log scan of 8 views or more that no drift check has looked at.
@@ -54,7 +55,7 @@ def get_schedule(schedule_id: Identifier, store: TheStore) -> Schedule:
     openapi_extra=trying(body=EXAMPLE),
     responses=refuses("schedule-not-found", "scanner-not-found", "invalid-cron", "invalid-zone"),
 )
-def replace_schedule(schedule_id: Identifier, spec: ScheduleAsk, store: TheStore) -> Schedule:
+def replace_schedule(schedule_id: Identifier, spec: Sent[ScheduleAsk], store: TheStore) -> Schedule:
     """The next due time is counted from now, unless one has come, has not run, and `cron` and `time_zone` stay."""
     return store.schedules.update(schedule_id, spec)
 

@@ -16,6 +16,7 @@ from sawmill_service.problems import Refused
 from sawmill_service.refusals import refuses, refuses_upload
 from sawmill_service.repeats import repeatable
 from sawmill_service.sent_content import BYTES, SentContent
+from sawmill_service.sent_json import Sent
 from sawmill_service.settings import ServiceSettings
 from sawmill_worker.contracts.base import Identifier
 from sawmill_worker.contracts.uploads import Upload, UploadAsk, UploadState
@@ -38,7 +39,7 @@ _SUMS = ThreadPoolExecutor(2, "sums-of-uploads")
     openapi_extra=trying(body={"size_bytes": 65536, "name": "mill.h5"}),
 )
 @repeatable
-def create_upload(ask: UploadAsk, store: TheStore, settings: TheSettings, response: Response) -> Upload:
+def create_upload(ask: Sent[UploadAsk], store: TheStore, settings: TheSettings, response: Response) -> Upload:
     """Declares a file; its bytes follow with `PATCH`. Room for them is kept free; a day after the last part it goes."""
     if ask.size_bytes > settings.max_upload_bytes:
         raise UploadTooLarge(settings.max_upload_bytes)

@@ -20,7 +20,7 @@ from sawmill_service.openapi_document import trying
 from sawmill_service.refusals import OF_RESULT
 from sawmill_worker.contracts.base import Identifier
 from sawmill_worker.contracts.choices import Axis
-from sawmill_worker.contracts.given import Queried
+from sawmill_worker.contracts.given import Given
 from sawmill_worker.vocabulary import ColorMap
 
 _FLOAT32_BYTES = 4
@@ -44,7 +44,7 @@ _HEADERS: dict[str, Any] = {
 }
 
 
-class ArrayQuery(Queried):
+class ArrayQuery(Given):
     """How large an array to send."""
 
     max_size: Annotated[int, Field(ge=16, le=4096)] | None = Field(
@@ -55,7 +55,7 @@ class ArrayQuery(Queried):
     )
 
 
-class SideArrayQuery(Queried):
+class SideArrayQuery(Given):
     """From where to look at the log, and how large an array to send."""
 
     max_size: Annotated[int, Field(ge=16, le=4096)] | None = Field(

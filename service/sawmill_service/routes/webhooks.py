@@ -13,6 +13,7 @@ from sawmill_service.openapi_document import trying
 from sawmill_service.problems import Refused
 from sawmill_service.refusals import refuses
 from sawmill_service.repeats import TheRepeatable, repeatable
+from sawmill_service.sent_json import Sent
 from sawmill_service.settings import ServiceSettings
 from sawmill_service.webhooks.destinations import AllowedDestinations, RefusedDestinationError
 from sawmill_service.webhooks.testing import send_test
@@ -47,7 +48,7 @@ FOR_A_DAY = WebhookRotation()
     responses=LOCATED | refuses("destination-not-allowed", "too-many-webhooks", "secret-not-repeated"),
 )
 @repeatable
-def create_webhook(ask: WebhookAsk, store: TheStore, settings: TheSettings, response: Response) -> NewWebhook:
+def create_webhook(ask: Sent[WebhookAsk], store: TheStore, settings: TheSettings, response: Response) -> NewWebhook:
     """Events are posted to its URL, signed as Standard Webhooks has it. Its secret is in this answer and nowhere else.
 
     The destination must be one that `SAWMILL_WEBHOOK_DESTINATIONS` allows, which is empty at first.
@@ -77,7 +78,7 @@ def get_webhook(webhook_id: Identifier, store: TheStore) -> Webhook:
     openapi_extra=trying(body=EXAMPLE),
     responses=refuses("webhook-not-found", "destination-not-allowed"),
 )
-def replace_webhook(webhook_id: Identifier, ask: WebhookAsk, store: TheStore, settings: TheSettings) -> Webhook:
+def replace_webhook(webhook_id: Identifier, ask: Sent[WebhookAsk], store: TheStore, settings: TheSettings) -> Webhook:
     """Its secret stays. Where it is enabled, what waits is sent at once: so a paused one goes on."""
     _check(ask, settings)
     return store.webhooks.update(webhook_id, ask)
@@ -118,7 +119,7 @@ async def test_webhook(
 )
 @repeatable
 def rotate_webhook(
-    webhook_id: Identifier, store: TheStore, response: Response, rotation: WebhookRotation = FOR_A_DAY
+    webhook_id: Identifier, store: TheStore, response: Response, rotation: Sent[WebhookRotation] = FOR_A_DAY
 ) -> NewWebhook:
     """Messages are signed with both secrets for the grace. The new one is in this answer and nowhere else."""
     response.headers["Cache-Control"] = "no-store"

@@ -2,7 +2,7 @@
 
 import re
 from datetime import datetime
-from typing import Annotated, Any, ClassVar, Generic, TypeVar
+from typing import Annotated, Any, Generic, TypeVar
 
 from pydantic import (
     AfterValidator,
@@ -10,29 +10,18 @@ from pydantic import (
     BaseModel,
     ConfigDict,
     Field,
-    GetCoreSchemaHandler,
     StringConstraints,
     ValidationError,
 )
-from pydantic_core import CoreSchema
 
 from sawmill_worker.contracts import patterns
-from sawmill_worker.vocabulary import LARGEST_MM, exactly
+from sawmill_worker.vocabulary import LARGEST_MM
 
 
 class Contract(BaseModel):
-    """A frozen model that refuses unknown fields, non-finite numbers, and what only looks like a number."""
+    """A frozen model that refuses unknown fields and non-finite numbers."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, str_strip_whitespace=True)
-    # Texts of a query stand for numbers: `sawmill_worker.contracts.given.Queried`.
-    numbers_come_as_texts: ClassVar[bool] = False
-
-    @classmethod
-    def __get_pydantic_core_schema__(cls, source: type[BaseModel], handler: GetCoreSchemaHandler) -> CoreSchema:
-        """As pydantic asks for it: numbers and truth values are taken as themselves, unless all come as texts."""
-        schema = handler(source)
-        read: CoreSchema = schema if cls.numbers_come_as_texts else exactly(schema)
-        return read
 
 
 Identifier = Annotated[
@@ -46,6 +35,9 @@ Name = Annotated[
     Field(description="One line that is not blank.", json_schema_extra={"pattern": patterns.NAME}),
 ]
 PositiveMm = Annotated[float, Field(gt=0, le=LARGEST_MM)]
+ChosenViews = Annotated[int, Field(ge=3, le=100_000)]
+# The bound of a number whose field has no closer one.
+LARGEST_NUMBER = 10**12
 Time = Annotated[AwareDatetime, Field(description="RFC 3339, UTC.", examples=["2026-03-02T05:30:00Z"])]
 
 

@@ -8,7 +8,7 @@ from uuid import uuid4
 from pydantic import Field
 from typing_extensions import TypeAliasType
 
-from sawmill_worker.contracts.base import Contract, Identifier, PositiveMm, Rows, Stamped
+from sawmill_worker.contracts.base import ChosenViews, Contract, Identifier, PositiveMm, Rows, Stamped
 from sawmill_worker.contracts.choices import (
     Axis,
     PaperCorrelation,
@@ -133,6 +133,10 @@ class CalibrationOptions(Contract):
 
 class GivenCalibrationOptions(CalibrationOptions, Given):
     """How to calibrate, as somebody asks for it; an earlier version took what is refused here."""
+
+    views: ChosenViews | None = Field(
+        None, description=CalibrationOptions.model_fields["views"].description, examples=[180]
+    )
 
 
 class CalibrationAsk(GivenCalibrationOptions, Given):

@@ -47,11 +47,6 @@ class GivenThetaBounds(ThetaBounds):
     )
     detector_tilt: SlopeRange = field(default=ThetaBounds.detector_tilt, metadata=_BOUNDS["detector_tilt"])
 
-    @model_validator(mode="before")
-    @classmethod
-    def _of_stored(cls, given: object) -> object:
-        return vars(given) if isinstance(given, ThetaBounds) else given
-
 
 @dataclass(frozen=True)
 class GivenTheta(Theta):

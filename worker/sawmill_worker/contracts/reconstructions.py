@@ -8,7 +8,7 @@ from pydantic import BeforeValidator, ConfigDict, Field, ValidationInfo, model_v
 from pydantic.fields import FieldInfo
 
 from sawmill_worker.contracts import patterns
-from sawmill_worker.contracts.base import Contract, Identifier, PositiveMm, Stamped, SteppedRows
+from sawmill_worker.contracts.base import ChosenViews, Contract, Identifier, PositiveMm, Stamped, SteppedRows
 from sawmill_worker.contracts.choices import MetalTreatment, Weighting
 from sawmill_worker.contracts.conditions import Schema, bounded, one_of, require, without
 from sawmill_worker.contracts.geometry import GivenTheta
@@ -52,7 +52,16 @@ def _coupling_as_text(value: object) -> object:
 
 
 _CouplingGiven = Annotated[str, Field(pattern=patterns.COUPLING)] | Annotated[float, Field(ge=0, lt=100)]
-Coupling = Annotated[str, BeforeValidator(_coupling_as_text, json_schema_input_type=_CouplingGiven)]
+Coupling = Annotated[
+    str,
+    BeforeValidator(_coupling_as_text, json_schema_input_type=_CouplingGiven),
+    Field(
+        description="Of `total_variation`: how neighbouring slices help each other. `auto` chooses it, and whether at "
+        "all, by cross-validation on slices in the middle. `none`: each slice by itself. A number is the weight of a "
+        "difference along the axis relative to one in the plane, no unit, below 100.",
+        examples=["auto"],
+    ),
+]
 
 
 @dataclass(frozen=True)
@@ -167,13 +176,7 @@ class ReconstructionOptions(Contract):
         description="Of `total_variation`, in 1 / attenuation. By default chosen by cross-validation.",
         examples=[0.5],
     )
-    coupling: Annotated[Coupling, OfTotalVariation] = Field(
-        "auto",
-        description="Of `total_variation`: how neighbouring slices help each other. `auto` chooses it, and whether at "
-        "all, by cross-validation on slices in the middle. `none`: each slice by itself. A number is the weight of a "
-        "difference along the axis relative to one in the plane, no unit, below 100.",
-        examples=["auto"],
-    )
+    coupling: Annotated[Coupling, OfTotalVariation] = "auto"
     non_negative: Annotated[bool, OfEdgePreserving] = Field(
         default=True, description="Of `cauchy_map` and `total_variation`: no attenuation below zero.", examples=[True]
     )
@@ -194,7 +197,7 @@ class ReconstructionOptions(Contract):
 
     @model_validator(mode="after")
     def _belong_to_the_method(self) -> "ReconstructionOptions":
-        for name, field in type(self).model_fields.items():
+        for name, field in ReconstructionOptions.model_fields.items():
             mark = OptionOf.on(field)
             if (
                 mark is None
@@ -223,13 +226,8 @@ class ReconstructionAsked(ReconstructionOptions):
 
     is_stored: ClassVar[bool] = True
 
-    @model_validator(mode="before")
-    @classmethod
-    def _asked_before_slices_were_coupled(cls, given: object) -> object:
-        if cls.is_stored and isinstance(given, dict) and "coupling" not in given:
-            return {**given, "coupling": EARLIER_DEFAULTS["coupling"]}
-        return given
-
+    # Slices were not coupled by an earlier version.
+    coupling: Annotated[Coupling, OfTotalVariation] = "none"
     scan_id: Identifier = Field(examples=["example"], description="Id of the scan to reconstruct.")
     calibration_id: Identifier | None = Field(
         None, description="Null: the scanner's active calibration, unless theta is given.", examples=["example"]
@@ -278,6 +276,10 @@ class ReconstructionAsk(ReconstructionAsked, Given):
 
     is_stored: ClassVar[bool] = False
 
+    views: ChosenViews | None = Field(
+        None, description=ReconstructionOptions.model_fields["views"].description, examples=[180]
+    )
+    coupling: Annotated[Coupling, OfTotalVariation] = "auto"
     theta: GivenTheta | None = Field(None, description="A geometry of your own, instead of a calibration.")
 
 

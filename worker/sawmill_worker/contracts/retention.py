@@ -8,7 +8,7 @@ from pydantic import Field
 
 from sawmill_worker.contracts import patterns
 from sawmill_worker.contracts.base import Contract, Time
-from sawmill_worker.contracts.given import Given, Queried
+from sawmill_worker.contracts.given import Given
 
 # Beyond what any disk holds, and exact as a number of JSON.
 LARGEST_BYTES = 10**15
@@ -113,7 +113,7 @@ class RetentionAsk(RetentionRules, Given):
     )
 
 
-class RetentionQuery(RetentionRules, Queried):
+class RetentionQuery(RetentionRules, Given):
     """Rules that are tried; none of them: those in force."""
 
 

@@ -6,7 +6,7 @@ from typing import Annotated
 
 from pydantic import Field, StringConstraints
 
-from sawmill_worker.contracts.base import Name, Stamped, Time
+from sawmill_worker.contracts.base import LARGEST_NUMBER, Name, Stamped, Time
 from sawmill_worker.contracts.given import Given
 
 # After its last byte came: whoever comes back after a day sends the file again.
@@ -30,7 +30,9 @@ class UploadState(StrEnum):
 class UploadAsk(Given):
     """A file that is to be sent in parts."""
 
-    size_bytes: int = Field(gt=0, description="The length of the whole file, in bytes.", examples=[1048576])
+    size_bytes: int = Field(
+        gt=0, le=LARGEST_NUMBER, description="The length of the whole file, in bytes.", examples=[1048576]
+    )
     name: Name | None = Field(None, description="What the file is called.", examples=["mill.h5"])
     sha256: Sha256 | None = Field(
         None,

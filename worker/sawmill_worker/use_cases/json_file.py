@@ -25,6 +25,6 @@ def read_json(path: Path, contract: type[Held], *, code: str, otherwise: str) ->
         The file holds something else.
     """
     try:
-        return TypeAdapter(contract).validate_json(path.read_bytes())
+        return TypeAdapter(contract).validate_json(path.read_bytes(), strict=True)
     except ValidationError as error:
         raise refused(code, f"{path.name} is {otherwise}: {placed_complaint(error)}") from error

@@ -1,6 +1,7 @@
 """What crosses walls: choices, values and outlines, each defined once.
 
-Science, contracts, pictures and service all import this package, and it imports the standard library alone.
+Science, contracts, pictures and service all import this package, and it imports the
+standard library and `annotated_types` alone.
 """
 
 from sawmill_worker.vocabulary.choices import (
@@ -29,7 +30,6 @@ from sawmill_worker.vocabulary.choices import (
     Weighting,
     WitnessTaken,
 )
-from sawmill_worker.vocabulary.exact import Exact, exactly, rewritten
 from sawmill_worker.vocabulary.geometry import (
     FEWEST_PAIRED_VIEWS,
     LARGEST_MM,
@@ -77,7 +77,6 @@ __all__ = [
     "CoordinateMm",
     "DataKind",
     "Disc",
-    "Exact",
     "FaultyCells",
     "FilterName",
     "GeometryError",
@@ -106,8 +105,6 @@ __all__ = [
     "Weighting",
     "WitnessTaken",
     "angle_difference",
-    "exactly",
     "fault_of_outline",
-    "rewritten",
     "wrap_angle",
 ]

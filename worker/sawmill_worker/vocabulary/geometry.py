@@ -1,8 +1,8 @@
 """The values of the scanner's geometry: its constants, theta, the source frame, and the bounds of a search.
 
 Each field is typed here once, with its unit, its description and its bounds. The science computes with these classes,
-and the contracts take them as field types: pydantic reads the fields' metadata, and numbers `Exact`ly. Bounds in
-the metadata hold where a value crosses a boundary, those of `__post_init__` everywhere.
+and the contracts take them as field types: pydantic reads the fields' metadata. Bounds in the metadata hold
+where a value crosses a boundary, those of `__post_init__` everywhere.
 
 Axes, signs and formulas: docs/conventions.md#source-frame.
 """
@@ -12,7 +12,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Self
 
-from sawmill_worker.vocabulary.exact import Exact
+from sawmill_worker.vocabulary.as_contract import AsContract
 
 TAU = 2.0 * math.pi
 # Of any length at a scanner, in mm.
@@ -48,7 +48,7 @@ def _rotate(angle_rad: float, x: float, y: float) -> tuple[float, float]:
 
 
 @dataclass(frozen=True)
-class Scanner(Exact):
+class Scanner(AsContract):
     """What is known of a scanner without calibrating it."""
 
     source_to_cor_mm: float = field(
@@ -82,7 +82,7 @@ class Scanner(Exact):
 
 
 @dataclass(frozen=True)
-class SourceFrame(Exact):
+class SourceFrame(AsContract):
     """The geometry with the source on the axis: (psi, R, SDD, u_c, tau), what the data can see."""
 
     psi_rad: float = field(metadata={"description": "psi, first angle in the source frame, rad.", "examples": [2.907]})
@@ -142,7 +142,7 @@ class SourceFrame(Exact):
 
 
 @dataclass(frozen=True)
-class Theta(Exact):
+class Theta(AsContract):
     """The five numbers that cannot be measured by hand: theta = (alpha0, r_D, h_S, h_D, alpha_D)."""
 
     initial_angle_rad: float = field(metadata={"description": "alpha0, rad, in [0, 2 pi).", "examples": [2.55]})
@@ -217,7 +217,7 @@ class Theta(Exact):
 
 
 @dataclass(frozen=True)
-class ThetaBounds(Exact):
+class ThetaBounds(AsContract):
     """Where theta is searched; the published bounds by default. The first angle is free over the full turn."""
 
     # Of arXiv 2206.14444.

@@ -1,13 +1,15 @@
 """What phantoms are made of, polygons and discs in mm, and the outlines of the two published phantoms."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
 from types import MappingProxyType
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
-from sawmill_worker.vocabulary.exact import Exact
+from annotated_types import Interval
+
+from sawmill_worker.vocabulary.as_contract import AsContract
 from sawmill_worker.vocabulary.geometry import LARGEST_MM
 
 # Relative standard uncertainty of a phantom's size where nobody stated one.
@@ -21,24 +23,12 @@ _DENSITY = {
     "description": "Adds to what lies beneath, no unit: 1 is wood, -1 cuts a hole into wood.",
     "examples": [1.0],
 }
-
-
-class _Within:
-    """Bounds of a number inside a tuple, as pydantic asks for them; of a whole field they stand in its metadata."""
-
-    def __init__(self, low: float, high: float) -> None:
-        self._bounds = {"ge": low, "le": high}
-
-    def __get_pydantic_core_schema__(self, source: object, handler: Callable[[object], dict[str, Any]]) -> object:
-        return handler(source) | self._bounds
-
-
-CoordinateMm = Annotated[float, _Within(-LARGEST_MM, LARGEST_MM)]
+CoordinateMm = Annotated[float, Interval(ge=-LARGEST_MM, le=LARGEST_MM)]
 Point = tuple[CoordinateMm, CoordinateMm]
 
 
 @dataclass(frozen=True)
-class Polygon(Exact):
+class Polygon(AsContract):
     """A closed polygon; its vertices may run either way round."""
 
     kind: Literal["polygon"] = field(default="polygon", kw_only=True, metadata={"description": "That it is a polygon."})
@@ -67,7 +57,7 @@ class Polygon(Exact):
 
 
 @dataclass(frozen=True)
-class Disc(Exact):
+class Disc(AsContract):
     """A disc."""
 
     kind: Literal["disc"] = field(default="disc", kw_only=True, metadata={"description": "That it is a disc."})

@@ -7,7 +7,7 @@ of them is read with the same fields.
 from dataclasses import dataclass, field
 from typing import Literal
 
-from sawmill_worker.vocabulary.exact import Exact
+from sawmill_worker.vocabulary.as_contract import AsContract
 
 
 def _size(description: str, low: float, high: float, default: float = 0.0) -> float:
@@ -23,7 +23,7 @@ def _direction(description: str) -> float:
 
 
 @dataclass(frozen=True)
-class BeamEffects(Exact):
+class BeamEffects(AsContract):
     """Of the source, and of what the beam does on its way."""
 
     energy_spread: float = _size(
@@ -41,7 +41,7 @@ class BeamEffects(Exact):
 
 
 @dataclass(frozen=True)
-class DetectorEffects(Exact):
+class DetectorEffects(AsContract):
     """Of the detector's cells and its electronics."""
 
     blur_mm: float = _size("Standard deviation of the scintillator's blur.", 0, 10)
@@ -66,7 +66,7 @@ class DetectorEffects(Exact):
 
 
 @dataclass(frozen=True)
-class MotionEffects(Exact):
+class MotionEffects(AsContract):
     """Of the turntable, its encoder, and the phantom on it."""
 
     slip_mm: float = _size("How far the phantom slips.", 0, 50)
@@ -87,7 +87,7 @@ class MotionEffects(Exact):
 
 
 @dataclass(frozen=True)
-class WoodEffects(Exact):
+class WoodEffects(AsContract):
     """How the phantom differs from its drawing."""
 
     size_percent: float = _size("How much larger it is.", -10, 10)
@@ -109,7 +109,7 @@ class WoodEffects(Exact):
 
 
 @dataclass(frozen=True)
-class Physics(Exact):
+class Physics(AsContract):
     """All that a scan is beyond the ideal one; by default nothing."""
 
     beam: BeamEffects = field(default=BeamEffects(), metadata={"description": "Of the source and the beam."})

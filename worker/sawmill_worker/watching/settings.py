@@ -17,6 +17,7 @@ from pydantic import (
     field_validator,
     model_validator,
 )
+from pydantic_core import to_json
 
 from sawmill_worker.contracts.base import Identifier, Rows
 from sawmill_worker.contracts.given import Given, shown
@@ -192,7 +193,7 @@ def read_settings(path: Path) -> Watching:
     except tomllib.TOMLDecodeError as error:
         raise WrongFileError(f"{path} is no TOML: {error}") from error
     try:
-        return Watching.model_validate(given)
+        return Watching.model_validate_json(to_json(given), strict=True)
     except ValidationError as error:
         raise WrongFileError("\n".join(f"{path}: {_sentence(fault)}" for fault in error.errors())) from error
 
