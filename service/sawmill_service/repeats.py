@@ -21,7 +21,6 @@ from sawmill_service.access import caller_of
 from sawmill_service.dependencies import TheStore
 from sawmill_service.problems import Refused
 from sawmill_service.sent_content import SentContent
-from sawmill_service.sent_form import SentForm
 from sawmill_service.uploads import body_begun, body_sha256, check_no_file
 from sawmill_worker.contracts.base import Contract
 from sawmill_worker.storage.arriving import Received
@@ -103,7 +102,7 @@ class Repeatable:
             self.store.files.discard(received)
 
     @asynccontextmanager
-    async def unless_repeated(self, content: SentForm[Any] | None = None) -> AsyncIterator[None]:
+    async def unless_repeated(self, content: SentContent | None = None) -> AsyncIterator[None]:
         """Around what receives a file, or looks up what names one: a repeat is answered before.
 
         What is refused within may be so because the first request was answered meanwhile: then it is a repeat too,
@@ -127,7 +126,7 @@ class Repeatable:
                 await self.check_sent(content)
             raise
 
-    async def check_sent(self, content: SentForm[Any] | None = None) -> None:
+    async def check_sent(self, content: SentContent | None = None) -> None:
         """Answer a repeat, for which its body is read: the file, or nothing where an earlier one is named.
 
         Raises

@@ -3,7 +3,7 @@
 import hashlib
 from collections.abc import AsyncIterator, Iterable
 from concurrent.futures import ThreadPoolExecutor
-from typing import Annotated, Any
+from typing import Annotated
 
 from fastapi import Request
 from fastapi.concurrency import run_in_threadpool
@@ -12,7 +12,6 @@ from pydantic import Field
 from sawmill_service.body_sums import BodySums
 from sawmill_service.problems import Refused
 from sawmill_service.sent_content import FirstBytes, SentContent, empty_body
-from sawmill_service.sent_form import SentForm
 from sawmill_worker.contracts.base import Identifier
 from sawmill_worker.storage.arriving import Content, Received, in_parts, in_thread
 from sawmill_worker.storage.errors import UploadTooLarge
@@ -112,7 +111,7 @@ async def received_body(request: Request, store: Store, *, max_bytes: int, form:
     )
 
 
-async def body_sha256(request: Request, content: SentContent | SentForm[Any], *, max_bytes: int) -> str:
+async def body_sha256(request: Request, content: SentContent, *, max_bytes: int) -> str:
     """Of what is sent, which is kept nowhere; refused as by `received_body` where it cannot be read."""
     size, digest = 0, hashlib.sha256()
     async for part in in_parts(chunks(request)):
@@ -122,7 +121,7 @@ async def body_sha256(request: Request, content: SentContent | SentForm[Any], *,
     return await in_thread(_APART, _ended, digest, content)
 
 
-def _ended(digest: "hashlib._Hash", content: SentContent | SentForm[Any]) -> str:
+def _ended(digest: "hashlib._Hash", content: SentContent) -> str:
     content.end()
     return content.sha256_with(digest.hexdigest())
 

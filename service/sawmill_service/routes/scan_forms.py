@@ -70,8 +70,8 @@ async def upload_scan_form(
 ) -> Scan:
     """As `POST /v1/scans`, with the file and its description as the parts of a form, for consoles and `curl -F`.
 
-    The file is the field `file`, of 64 MiB at most (`SAWMILL_MAX_FORM_BYTES`). Fields that stand before it are
-    checked before it is received.
+    The file is the field `file`, of 64 MiB at most (`SAWMILL_MAX_FORM_BYTES`). Where all other fields stand
+    before it, scanner and phantom are looked up before it is received.
     """
     content = SentForm(request.headers, ScanForm, max_field_bytes=settings.max_json_bytes)
     async with repeatable.unless_repeated(content):
