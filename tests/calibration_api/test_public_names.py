@@ -12,7 +12,7 @@ import sawmill_calibration
 
 ROOT = Path(__file__).parents[2]
 PYTHON_PAGE = ROOT / "docs/python.md"
-SLOW_TO_IMPORT = {"numpy", "numba", "scipy", "h5py", "matplotlib", "pydantic", "cv2", "skimage"}
+SLOW_TO_IMPORT = {"numpy", "numba", "scipy", "h5py", "matplotlib", "pydantic", "skimage"}
 
 
 def run(script: str, folder: Path) -> str:

@@ -10,7 +10,7 @@ from sawmill_worker.vocabulary.version import VERSION
 
 _PACKAGE = Path(__file__).parents[1]
 _DIGITS = 16
-LIBRARIES = ("h5py", "numba", "numpy", "opencv-python-headless", "Pillow", "scikit-image", "scipy", "tifffile")
+LIBRARIES = ("h5py", "numba", "numpy", "Pillow", "scikit-image", "scipy", "tifffile")
 
 
 @cache

@@ -154,7 +154,7 @@ def _shifts(views: Views, angles_rad: FloatArray, method: RowAlignment, estimate
     images = views.images(estimate)
     if method is RowAlignment.PROFILE:
         return shifts_by_mass(RowMoments.of(images, _object_cells(views, estimate)), angles_rad)
-    # OpenCV takes half a second to import, and few scans need it.
+    # scikit-image takes half a second to import, and few scans need it.
     from sawmill_worker.tomography.preparing.shifts_by_features import shifts_by_features  # noqa: PLC0415
 
     return shifts_by_features(images, angles_rad)
