@@ -60,8 +60,9 @@ def reported(way: str, lost: Stack, angles: FloatArray, truth: FloatArray) -> st
         shifts = WAYS[way](lost, angles)
     except RowsError:
         return f"{way}: refused"
+    seconds = time.process_time() - started
     off = (shifts.rows - truth).std()
-    return f"{way}: off {off:.3f}{' (whole)' if shifts.whole else ''}, {time.process_time() - started:.1f} processor seconds"
+    return f"{way}: off {off:.3f}{' (whole)' if shifts.whole else ''}, {seconds:.1f} processor seconds"
 
 
 def missing_rows() -> None:

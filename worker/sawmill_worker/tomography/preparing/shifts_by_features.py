@@ -26,9 +26,9 @@ MOST_FEATURES = 800
 # Contrast of the weakest feature that is kept, of 1, and the width in cells of a Gaussian against noise.
 CONTRAST = 0.01 / 3.0
 SMOOTHING = 1.0
-# Width in cells of the smallest features, and the number of widths in each doubling: as many features as in an image
-# of twice the size, which SIFT usually begins with, in half the time.
-SMALLEST, WIDTHS = 1.0, 4
+# Width in cells of the smallest features. Smaller ones are noise: with a width of 1.0, views of a noise of 0.1 are
+# aligned wrongly and not refused (benchmarks/preparing.py).
+SMALLEST = 1.2
 # A match is kept where the next best one is further by this factor (Lowe 2004, section 7.1), and no further across.
 RATIO, FURTHEST_ACROSS = 0.8, 0.25
 # Matches agree on a shift within this number of rows; fewer matches, or a smaller share, agree by chance
@@ -97,7 +97,7 @@ def _features(view: int, image: Stack) -> _Features:
     shown = image[rows]
     ends = np.flatnonzero(_jumps(shown))
     # One for each view: it adapts itself to the size of its first image.
-    sift: Any = SIFT(upsampling=1, n_scales=WIDTHS, sigma_min=SMALLEST, c_dog=CONTRAST)
+    sift: Any = SIFT(upsampling=1, sigma_min=SMALLEST, sigma_in=SMOOTHING, c_dog=CONTRAST)
     try:
         sift.detect_and_extract(_grey(shown, ends))
     except RuntimeError:  # its word for an image without features
