@@ -74,7 +74,7 @@ def ask(store: Store, logs: int) -> None:
     for kind in preview.kinds:
         if kind.number:
             print(f"  {kind.number} {kind.kind}, {(kind.bytes or 0) / 1e12:.2f} TB")
-    ask_for = RetentionAsk(**rules.model_dump(), confirmed=preview.confirmed)
+    ask_for = RetentionAsk(**rules.model_dump(), remove_at_most=preview.number)
     timed("putting them into force", lambda: store.retention.replace(ask_for))
     keeper = store.retention_keeper()
     timed("the keeper's first round: looks, and 50 logs", keeper.remove_some)

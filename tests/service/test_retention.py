@@ -1,4 +1,4 @@
-"""Rules of retention over HTTP and on their page: shown first, confirmed apart, for administrators alone."""
+"""Rules of retention over HTTP and on their page: shown first, confirmed by number, for administrators alone."""
 
 import re
 from datetime import UTC, datetime, timedelta
@@ -28,7 +28,7 @@ def test_rules_are_tried_confirmed_and_carried_out(seeded, store):
     assert by_kind["calibrations"]["number"] == 0
     stays = {each["because"]: each["first_ids"] for each in by_kind["calibrations"]["stays"]}
     assert stays == {"active-calibration": ["example"], "referred-to": ["example"]}
-    put = seeded.put("/v1/retention", json={**shown["rules"], "confirmed": shown["confirmed"]})
+    put = seeded.put("/v1/retention", json={**shown["rules"], "remove_at_most": shown["number"]})
     check_documented(put)
     assert put.json()["rules"]["drifts_days"] == 30
     assert put.json()["changed_by"] == "somebody at this machine"
@@ -65,11 +65,14 @@ def test_the_page_shows_first_and_changes_what_was_confirmed_alone(seeded, store
     page = seeded.post("/retention", data={"drifts_days": "30", "reconstructions_bytes": "1,5"})
     assert "Siirtymän tarkistukset 1 :" in text_of(page.text)
     assert store.retention.get().changed_at is None
-    confirmed = re.search(r'name="confirmed" value="([^"]+)"', page.text)[1]
-    other = seeded.post("/retention/confirmed", data={"drifts_days": "20", "confirmed": confirmed})
-    assert other.status_code == 409
-    assert "Poistuisi muuta kuin näytettiin" in text_of(other.text)
-    typed = {"drifts_days": "30", "reconstructions_bytes": "1,5", "confirmed": confirmed}
+    assert "Poistetaanko 1 kohde?" in text_of(page.text)
+    number = re.search(r'name="remove_at_most" value="([^"]+)"', page.text)[1]
+    for fewer in ("0", "all"):
+        refused = seeded.post("/retention/confirmed", data={"drifts_days": "30", "remove_at_most": fewer})
+        assert refused.status_code == 409
+        assert "Nyt poistuisi enemmän kuin näytettiin" in text_of(refused.text)
+        assert f'name="remove_at_most" value="{number}"' in refused.text
+    typed = {"drifts_days": "30", "reconstructions_bytes": "1,5", "remove_at_most": number}
     assert seeded.post("/retention/confirmed", data=typed).status_code == 303
     assert store.retention.get().rules.reconstructions_bytes == 1_500_000_000
     assert 'value="1,5"' in seeded.get("/retention").text

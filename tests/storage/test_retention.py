@@ -56,7 +56,7 @@ def calibrated(store, upload, finish, **ask):
 
 
 def put(store, rules):
-    ask = RetentionAsk(**rules.model_dump(), confirmed=store.retention.preview(rules).confirmed)
+    ask = RetentionAsk(**rules.model_dump(), remove_at_most=store.retention.preview(rules).number)
     return store.retention.replace(ask)
 
 
@@ -82,7 +82,7 @@ def test_without_rules_nothing_goes(mill, clock, upload, finish):
     clock.advance(days=4000)
     assert carried_out(mill) == {}
     assert ids(mill) == kept
-    assert not mill.retention.preview(RetentionRules()).goes
+    assert not mill.retention.preview(RetentionRules()).number
     known = mill.retention.get()
     assert (known.changed_at, list(known.rules.kinds())) == (None, [])
 
@@ -118,7 +118,7 @@ def test_too_much_goes_oldest_first_and_rows_of_before_are_measured(mill, clock,
         logs.append(log(mill, upload, finish))
         clock.advance(hours=1)
     rules = RetentionRules(log_scans_bytes=30)
-    assert not mill.retention.preview(rules).goes, "what is not measured yet counts as nothing"
+    assert not mill.retention.preview(rules).number, "what is not measured yet counts as nothing"
     carried_out(mill)
     shown = mill.retention.preview(rules).kinds[0]
     assert (shown.number, shown.bytes, [each.id for each in shown.first]) == (3, 39, logs[:3])
@@ -275,30 +275,24 @@ def test_old_events_go_but_for_the_last_scans_and_numbers_go_on(mill, clock, upl
 
 
 @sqlite_alone
-def test_rules_hold_only_with_what_was_shown(mill, clock, upload, finish):
+def test_rules_hold_only_if_they_remove_no_more_than_was_confirmed(mill, clock, upload, finish):
     log(mill, upload, finish)
     log(mill, upload, finish)
     rules = RetentionRules(log_scans_days=1)
-    nothing_yet = mill.retention.preview(rules).confirmed
+    assert mill.retention.preview(rules).number == 0
     clock.advance(days=3)
-    with pytest.raises(Conflict, match="1 log-scans would go, and no preview was confirmed: nothing was changed"):
+    shown = mill.retention.preview(rules).number
+    assert shown == 1, "the newest stays"
+    with pytest.raises(Conflict, match=r"would remove 1 \(1 log-scans\), and 0 are confirmed: nothing was changed"):
         mill.retention.replace(RetentionAsk(log_scans_days=1))
-    with pytest.raises(Conflict, match="more than an hour ago"):
-        mill.retention.replace(RetentionAsk(log_scans_days=1, confirmed=nothing_yet))
-    shown = mill.retention.preview(rules).confirmed
-    with pytest.raises(Conflict, match="other rules were shown"):
-        mill.retention.replace(RetentionAsk(log_scans_days=2, confirmed=shown))
-    with pytest.raises(Conflict, match="must be that of a preview, not 'yes'"):
-        mill.retention.replace(RetentionAsk(log_scans_days=1, confirmed="yes"))
     log(mill, upload, finish)  # of the two before, the newer one is not the newest any more
-    with pytest.raises(Conflict, match="2 log-scans would go, and 1 were shown"):
-        mill.retention.replace(RetentionAsk(log_scans_days=1, confirmed=shown))
+    with pytest.raises(Conflict, match=r"would remove 2 \(2 log-scans\), and 1 are confirmed"):
+        mill.retention.replace(RetentionAsk(log_scans_days=1, remove_at_most=shown))
     assert mill.retention.get().changed_at is None
-    put(mill, rules)
-    with pytest.raises(Conflict, match="those in force have been changed since"):
-        mill.retention.replace(RetentionAsk(log_scans_days=1, confirmed=shown))
+    mill.retention.replace(RetentionAsk(log_scans_days=1, remove_at_most=2))
+    assert mill.retention.get().rules == rules
     mill.retention.replace(RetentionAsk())
-    assert carried_out(mill) == {}, "rules that remove nothing need no preview, and hold at once"
+    assert carried_out(mill) == {}, "rules that remove nothing need no number, and hold at once"
 
 
 @sqlite_alone

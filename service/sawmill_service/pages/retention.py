@@ -1,7 +1,8 @@
-"""/retention: how long things are kept. What rules would remove is shown first, and confirmed apart."""
+"""/retention: how long things are kept. A page asks for each confirmation with the number."""
 
 from fastapi import APIRouter
 from fastapi.responses import HTMLResponse, RedirectResponse
+from pydantic import ValidationError
 
 from sawmill_service.dependencies import TheStore
 from sawmill_service.forms import TheForm
@@ -34,13 +35,15 @@ def try_rules(page: ThePage, store: TheStore, typed: TheForm) -> HTMLResponse:
 
 @router.post(f"{PATH}/confirmed", response_model=None)
 def confirm(page: ThePage, store: TheStore, typed: TheForm) -> HTMLResponse | RedirectResponse:
-    """Put the rules into force that were shown, or show anew what would go where that is more by now."""
+    """Put the rules into force, or show the new number where they would remove more by now."""
     form, rules = read_form(typed, locale_of(page.language), page.text)
     if form.errors:
         return _answer(page, store, status=422, form=form)
     try:
-        store.retention.replace(RetentionAsk(**rules.model_dump(), confirmed=typed.get("confirmed", "")[:200]))
-    except Conflict:
+        store.retention.replace(
+            RetentionAsk.model_validate(rules.model_dump() | {"remove_at_most": typed.get("remove_at_most", 0)})
+        )
+    except (Conflict, ValidationError):
         return _answer(page, store, status=409, form=form, preview=store.retention.preview(rules), changed=True)
     return RedirectResponse(PATH, status_code=303)
 

@@ -42,7 +42,7 @@ def preview_retention(tried: Annotated[RetentionQuery, Query()], store: TheStore
     responses=refuses("retention-unconfirmed"),
 )
 def replace_retention(ask: Sent[RetentionAsk], store: TheStore) -> Retention:
-    """They hold from now on, if no more goes by them than a preview has shown whose `confirmed` comes with them.
+    """They hold from now on, unless they remove more at once than `remove_at_most`.
 
     What they reach goes at once, a few at a time, and later as it becomes too old or too much.
     """

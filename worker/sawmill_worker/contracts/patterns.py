@@ -17,8 +17,6 @@ COUPLING = r"^(auto|none|[0-9]{1,2}(\.[0-9]{1,6})?)$"
 
 # The `next` of a list by time, of one by number, and of one by time and number.
 CURSOR = r"^[0-9]{1,17}\.[a-z0-9][a-z0-9-]{0,63}$"
-# Of a preview of retention: microseconds since 1970, how many of each kind would go, a digest of the rules.
-CONFIRMED = r"^[0-9]{1,17}\.[0-9]{1,12}(-[0-9]{1,12})*\.[0-9a-f]{16}$"
 _NUMBER = r"(?:[0-9]{1,9}|1[0-9]{9}|20[0-9]{8}|21[0-3][0-9]{7})"
 NUMBERED_CURSOR = rf"^{_NUMBER}$"
 HISTORY_CURSOR = rf"^[0-9]{{1,17}}\.{_NUMBER}$"

@@ -6,8 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from sawmill_worker.contracts import patterns
-from sawmill_worker.contracts.base import Contract, Time
+from sawmill_worker.contracts.base import LARGEST_NUMBER, Contract, Time
 from sawmill_worker.contracts.given import Given
 
 # Beyond what any disk holds, and exact as a number of JSON.
@@ -104,12 +103,12 @@ def rule_name(kind: RetentionKind, unit: Literal["days", "bytes"]) -> str:
 class RetentionAsk(RetentionRules, Given):
     """Rules that are to hold from now on, in place of all earlier ones."""
 
-    confirmed: str | None = Field(
-        None,
-        max_length=200,
-        description="The `confirmed` of the preview that showed what would go. Null: nothing would.",
-        examples=[None],
-        json_schema_extra={"pattern": patterns.CONFIRMED},
+    remove_at_most: int = Field(
+        0,
+        ge=0,
+        le=LARGEST_NUMBER,
+        description="How many things these rules may remove at once: the `number` of a preview that somebody has seen.",
+        examples=[0],
     )
 
 
@@ -199,14 +198,8 @@ class RetentionPreview(Contract):
 
     at: Time = Field(description="The time for which it is true, RFC 3339, UTC.", examples=["2026-03-02T05:30:00Z"])
     rules: RetentionRules = Field(description="The rules by which it would go.")
-    confirmed: str = Field(
-        description="Send it with these rules to put them into force; it is good for an hour.",
-        examples=["1772429400000000.2000-0-0-0-0-0-0.d7d5a0ab5d0b4f3c"],
-        json_schema_extra={"pattern": patterns.CONFIRMED},
+    number: int = Field(
+        description="Number of things that would go. Send it as `remove_at_most` to put the rules into force.",
+        examples=[2000],
     )
     kinds: list[KindPreview] = Field(description="By kind.")
-
-    @property
-    def goes(self) -> bool:
-        """Whether anything would."""
-        return any(kind.number for kind in self.kinds)

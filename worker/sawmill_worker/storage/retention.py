@@ -1,8 +1,5 @@
-"""The rules of retention: kept as one row, tried before they hold, and put into force with what was shown alone."""
+"""The rules of retention: kept as one row, tried before they hold, and put into force with a confirmed number."""
 
-import hashlib
-import json
-import re
 from collections.abc import Sequence
 from datetime import datetime, timedelta
 from typing import Any
@@ -10,7 +7,6 @@ from typing import Any
 from sqlalchemy import Select, and_, func, null, select
 from sqlalchemy.orm import Session
 
-from sawmill_worker.contracts import patterns
 from sawmill_worker.contracts.audit import AuditAction
 from sawmill_worker.contracts.events import EventKind
 from sawmill_worker.contracts.retention import (
@@ -31,7 +27,6 @@ from sawmill_worker.storage.database import Database, lock_for_setup
 from sawmill_worker.storage.errors import Conflict
 from sawmill_worker.storage.events import announce
 from sawmill_worker.storage.growth import Growth, fillings, growth_of
-from sawmill_worker.storage.paging import microseconds_of, moment_of
 from sawmill_worker.storage.protected import Protection, none_of, protections
 from sawmill_worker.storage.retained import STOCKS, Stock, last_old_event, reach_of
 from sawmill_worker.storage.tables import EventRow, RetentionRow
@@ -39,7 +34,6 @@ from sawmill_worker.storage.tables import EventRow, RetentionRow
 THE_ROW = 1
 RULES = "rules"
 SUBJECT = "retention"
-SHOWN_FOR = timedelta(hours=1)
 # So long nobody looked after the rules, or the clock has leapt: then days wait for a person.
 LONGEST_GAP = timedelta(days=30)
 _FIRST, _FIRST_IDS = 10, 3
@@ -59,8 +53,7 @@ class RetentionStore:
     def preview(self, rules: RetentionRules) -> RetentionPreview:
         """What would go by rules now, and what would stay although they reach it."""
         with self._database.read() as session:
-            now = self._database.now()
-            return _preview(session, rules, _read(session.get(RetentionRow, THE_ROW), now), now)
+            return _preview(session, rules, self._database.now())
 
     def growth(self, free_bytes: float) -> Growth:
         """How fast files come, and when they fill a disk with so much room under the rules in force."""
@@ -69,30 +62,27 @@ class RetentionStore:
             return growth_of(fillings(session, rules, self._database.now()), free_bytes)
 
     def replace(self, ask: RetentionAsk) -> Retention:
-        """Put rules into force, if no more than was shown goes by them.
+        """Put rules into force, if they remove no more than was confirmed.
 
         Raises
         ------
         Conflict
-            Something would go that was not shown, or it was shown too long ago, or of other rules.
+            They would remove more.
         """
         rules = RetentionRules(**{name: getattr(ask, name) for name in RetentionRules.model_fields})
-        with self._database.read() as session:
-            known = session.get(RetentionRow, THE_ROW)
-            revision = 0 if known is None else known.revision
-            now = self._database.now()
-            _check_shown(session, rules, _read(known, now), ask.confirmed, now)
+        shown = self.preview(rules)
+        if shown.number > ask.remove_at_most:
+            raise _unconfirmed(shown, ask.remove_at_most)
         with self._database.write() as session:
             lock_for_setup(session)
             row = session.get(RetentionRow, THE_ROW, with_for_update=True)
-            if (0 if row is None else row.revision) != revision:
-                raise _unconfirmed("somebody else has changed the rules at this moment")
             before, after = (each.model_dump(mode="json") for each in (rules_of(row), rules))
             if row is None:
                 row = RetentionRow(number=THE_ROW, removed={})
                 session.add(row)
             now = self._database.now()
-            row.rules, row.revision, row.changed_at, row.changed_by = after, revision + 1, now, actor().name
+            row.rules, row.changed_at, row.changed_by = after, now, actor().name
+            row.revision = (row.revision or 0) + 1
             row.followed_at = None
             difference = changed(before, after)
             write_audit(session, now, AuditAction.RETENTION_CHANGED, RULES, difference)
@@ -126,48 +116,16 @@ def _read(row: RetentionRow | None, now: datetime) -> Retention:
     )
 
 
-def _preview(session: Session, rules: RetentionRules, in_force: Retention, at: datetime) -> RetentionPreview:
+def _preview(session: Session, rules: RetentionRules, at: datetime) -> RetentionPreview:
     ruled = set(rules.kinds())
     kinds = [_of_kind(session, kind, rules, at) if kind in ruled else _nothing_of(kind) for kind in RetentionKind]
-    numbers = "-".join(str(kind.number) for kind in kinds)
-    confirmed = f"{microseconds_of(at)}.{numbers}.{_digest(rules, in_force)}"
-    return RetentionPreview(at=at, rules=rules, confirmed=confirmed, kinds=kinds)
+    return RetentionPreview(at=at, rules=rules, number=sum(kind.number for kind in kinds), kinds=kinds)
 
 
-def _digest(rules: RetentionRules, in_force: Retention) -> str:
-    """Of the rules that were tried, and of those that they were tried against."""
-    both = [rules.model_dump(mode="json"), in_force.model_dump(mode="json", include={"rules", "changed_at"})]
-    return hashlib.sha256(json.dumps(both, sort_keys=True).encode()).hexdigest()[:16]
-
-
-def _check_shown(
-    session: Session, rules: RetentionRules, in_force: Retention, confirmed: str | None, now: datetime
-) -> None:
-    if confirmed is None:
-        preview = _preview(session, rules, in_force, now)
-        if preview.goes:
-            going = ", ".join(f"{kind.number} {kind.kind}" for kind in preview.kinds if kind.number)
-            raise _unconfirmed(f"by these rules {going} would go, and no preview was confirmed")
-        return
-    if re.fullmatch(patterns.CONFIRMED, confirmed) is None:
-        raise _unconfirmed(f"confirmed must be that of a preview, not {confirmed!r}")
-    microseconds, numbers, digest = confirmed.split(".")
-    at = moment_of(int(microseconds))
-    if not timedelta() <= now - at <= SHOWN_FOR:
-        raise _unconfirmed(f"it was shown at {at.isoformat(timespec='seconds')}, more than an hour ago")
-    if digest != _digest(rules, in_force):
-        raise _unconfirmed("other rules were shown, or those in force have been changed since")
-    shown = [int(number) for number in numbers.split("-")]
-    kinds = _preview(session, rules, in_force, at).kinds
-    for kind, number in zip(kinds, shown, strict=False):
-        if kind.number > number:
-            raise _unconfirmed(f"{kind.number} {kind.kind} would go, and {number} were shown")
-    if len(shown) != len(kinds):
-        raise _unconfirmed("another version of the software has shown it")
-
-
-def _unconfirmed(why: str) -> Conflict:
-    return Conflict("retention-unconfirmed", f"{why}: nothing was changed; look at the preview of these rules again")
+def _unconfirmed(shown: RetentionPreview, confirmed: int) -> Conflict:
+    removed = ", ".join(f"{kind.number} {kind.kind}" for kind in shown.kinds if kind.number)
+    detail = f"these rules would remove {shown.number} ({removed}), and {confirmed} are confirmed: nothing was changed"
+    return Conflict("retention-unconfirmed", detail)
 
 
 def _nothing_of(kind: RetentionKind) -> KindPreview:
