@@ -50,6 +50,7 @@ def test_the_science_stands_alone():
     assert not of(("pydantic", "sqlalchemy", "fastapi", "h5py"), modules)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     "rooms",
     [
@@ -59,7 +60,7 @@ def test_the_science_stands_alone():
     ],
 )
 def test_a_leaf_imports_no_more_of_ours_than_its_contract_allows(rooms):
-    """Readers know the layout of our own files; pictures draw contracts."""
+    """Readers know the layout of our own files; pictures draw contracts. By day the linter reads the same imports."""
     modules = imported_by(f"import {modules_of(rooms[0])}")
     allowed = ("sawmill_worker.vocabulary", *(f"sawmill_worker.{room}" for room in rooms))
     assert of(OURS, modules) <= {"sawmill_worker", *of(allowed, modules)}

@@ -200,9 +200,9 @@ def test_counts_without_flats_are_refused_and_not_guessed(failure, bare_scan):
 
 
 def test_a_scan_without_the_phantom_is_refused(failure, tmp_path):
-    noise = np.random.default_rng(5).standard_normal((60, 1, 256)).astype(np.float32)
+    noise = np.random.default_rng(5).standard_normal((24, 1, 256)).astype(np.float32)
     np.save(tmp_path / "noise.npy", noise)
-    reported = failure("calibrate", tmp_path / "noise.npy", *BARE, "--angles-deg", "3:6")
+    reported = failure("calibrate", tmp_path / "noise.npy", *BARE, "--angles-deg", "7.5:15")
     assert reported["kind"] == "input"
     assert reported["code"] == "phantom-not-found"
 

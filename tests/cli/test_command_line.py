@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 import typer
+from tiers import first_by_day
 from typer.testing import CliRunner
 
 from sawmill_service.cli import main
@@ -148,10 +149,10 @@ def test_a_shell_completes_commands_flags_values_and_phantoms(shell, line, choic
     assert choices_in(shell, answer(shell, line)) == choices
 
 
-@pytest.mark.parametrize("shell", ["bash", "zsh"])
+@pytest.mark.parametrize("shell", first_by_day(1, ["bash", "zsh"]))
 def test_the_installed_command_answers_a_shell(shell):
     environment = os.environ | question(shell, "sawmill phantom draw rect")
-    done = subprocess.run([SAWMILL], env=environment, capture_output=True, text=True, timeout=60, check=True)
+    done = subprocess.run([SAWMILL], env=environment, capture_output=True, text=True, timeout=120, check=True)
     assert choices_in(shell, done.stdout) == {"rectangle-with-hole"}
 
 
@@ -168,14 +169,14 @@ def test_the_script_for_bash_completes_in_bash():
         '"$(complete -p sawmill | sed "s/.*-F \\([^ ]*\\) .*/\\1/")" sawmill\n'
         'echo "${COMPREPLY[@]}"\n'
     )
-    done = subprocess.run(["bash", "--norc", "-c", script], capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(["bash", "--norc", "-c", script], capture_output=True, text=True, timeout=120, check=False)
     assert done.stdout.strip() == "astra", done.stderr
 
 
-@pytest.mark.parametrize("shell", ["bash", "zsh"])
+@pytest.mark.parametrize("shell", first_by_day(1, ["zsh", "bash"]))
 def test_completion_is_installed_for_a_shell(shell, tmp_path):
     environment = os.environ | {"HOME": str(tmp_path), "_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION": "1"}
     command = [SAWMILL, "--install-completion", shell]
-    subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60, check=True)
+    subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120, check=True)
     scripts = [path.read_text() for path in tmp_path.rglob("*sawmill*") if path.is_file()]
     assert any("_SAWMILL_COMPLETE" in script for script in scripts)

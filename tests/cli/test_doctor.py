@@ -185,7 +185,7 @@ def test_a_folder_of_another_user_is_found_by_one_who_may_not_read_it(data):
     os.chown(data, 12345, -1)
     rights = ["setpriv", "--bounding-set=-dac_override,-dac_read_search"]
     command = [*rights, sys.executable, "-m", "sawmill_service.cli", "doctor", "--data", data, "--json"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode == 1, done.stderr
     found = {each["subject"]: each for each in json.loads(done.stdout)["findings"] if each["state"] == "bad"}
     assert found["data folder"]["sentence"] == f"{data} belongs to user 12345 and cannot be written to by this one"

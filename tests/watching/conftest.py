@@ -180,7 +180,7 @@ def watched(place: Path, running: Running) -> Watched:
 def until() -> Callable[[Callable[[], object]], None]:
     """Wait for something to become true."""
 
-    def wait(true: Callable[[], object], within_s: float = 20.0) -> None:
+    def wait(true: Callable[[], object], within_s: float = 120.0) -> None:
         deadline = time.monotonic() + within_s
         while not true():
             assert time.monotonic() < deadline

@@ -119,15 +119,12 @@ def test_what_is_no_scan_goes_to_refused_with_the_reason(watched, log):
     assert (watched.left(), watched.records()) == ([], [])
 
 
-def test_a_scan_that_is_read_at_once_is_named_beside_its_refused_file(watched, monkeypatch):
+def test_a_scan_that_is_read_at_once_is_named_beside_its_refused_file(watched, until, monkeypatch):
     send = Sending.send
 
     def send_and_let_it_be_read(self, *given):
         taking = send(self, *given)
-        deadline = time.monotonic() + 20.0
-        while watched.running.store.scans.get(taking.scan_id).state is not ScanState.REFUSED:
-            assert time.monotonic() < deadline
-            time.sleep(0.005)
+        until(lambda: watched.running.store.scans.get(taking.scan_id).state is ScanState.REFUSED)
         return taking
 
     monkeypatch.setattr(Sending, "send", send_and_let_it_be_read)
@@ -236,7 +233,8 @@ def test_a_file_that_became_shorter_after_it_was_summed_up_is_sent_as_it_is(watc
     record["sha256"] = hashlib.sha256(b"x" * 50).hexdigest()
     taking.with_suffix(".json").write_text(json.dumps(record))
     with stepping(watched) as step:
-        step(20)
+        while watched.records():
+            step()
     assert watched.ended("done") == {"log.npy": content}
     assert watched.contents() == {"log.npy": content}
 
