@@ -37,7 +37,7 @@ class SentForm(SentContent):
         self.form: Any = None
         self.check: Callable[[Any], None] = lambda _: None
         self._model, self._left_bytes, self._field, self._name = model, max_field_bytes, "", b""
-        self._given, self._head, self._file = dict[str, bytes](), dict[bytes, bytes](), list[bytes]()
+        self._given, self._head, self._file = dict[str, bytearray](), dict[bytes, bytes](), list[bytes]()
         self._look, self._has_file, self._ended = FirstBytes().look, False, False
         names = ("part_begin", "part_data", "header_field", "header_value", "header_end", "headers_finished", "end")
         callbacks: Any = {f"on_{name}": getattr(self, f"_{name}") for name in names}
@@ -98,11 +98,11 @@ class SentForm(SentContent):
         encodings = (self._head.get(b"content-" + kind, b"binary") for kind in (b"encoding", b"transfer-encoding"))
         if not _AS_IT_IS.issuperset(each.strip().lower() for each in encodings):
             raise Refused(415, "unsupported-encoding", f"the form's {name!r} must be sent as it is")
-        self._given[name] = b""
+        self._given[name] = bytearray()
         if name == FILE:
             check_media_type(self._head.get(b"content-type", b"").decode("latin-1"))
             file_name = options.get(b"filename", b"").decode(errors="replace").replace("\\", "/").rpartition("/")[2]
-            self._given[FILE] = shown(file_name)[:_LONGEST_NAME].strip().encode()
+            self._given[FILE] += shown(file_name)[:_LONGEST_NAME].strip().encode()
             with suppress(ValueError):  # what is missing or wrong is refused at the end
                 self.check(self._read_fields())
 

@@ -128,19 +128,24 @@ def test_a_million_addresses_leave_bounded_counts(clock):
 
 def all_at_once(app: Any, *requests: tuple[str, str], body: bytes | None = None) -> list[httpx.Response]:
     """Answers of requests that are all open before the first is answered."""
-    received = asyncio.Event()
+    received, settled = asyncio.Event(), asyncio.Queue[object]()
 
     async def slow_body():
+        settled.put_nowait(body)
         await received.wait()
         yield body
 
     async def send() -> list[httpx.Response]:
         transport = httpx.ASGITransport(app)
-        async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1:8000") as client:
+        async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1:8000", timeout=120) as client:
             open_ = [
                 asyncio.ensure_future(client.request(method, path, content=slow_body())) for method, path in requests
             ]
-            await asyncio.sleep(0.05)
+            async with asyncio.timeout(120):
+                for task in open_:  # each is answered, or waits for its body
+                    task.add_done_callback(settled.put_nowait)
+                for _ in open_:
+                    await settled.get()
             received.set()
             return await asyncio.gather(*open_)
 
