@@ -15,7 +15,6 @@ from sawmill_worker.contracts.jobs import JobKind
 from sawmill_worker.contracts.kinds import declaration_of
 from sawmill_worker.storage.entering import kind_of
 from sawmill_worker.storage.history import SUBJECTS
-from sawmill_worker.vocabulary import ReconstructionMethod
 
 ROOT = Path(__file__).parents[1]
 # Tables that lack members, each with what becomes of a member that it lacks.
@@ -35,7 +34,7 @@ PARTIAL = {
     "worker/sawmill_worker/use_cases/inspect.py: NO_SCAN": "a scan is one",
 }
 # Members that belong to no table of their enum but to those of other code.
-LEFT_OUT = {"worker/sawmill_worker/tomography/methods.py: METHODS": {ReconstructionMethod.AUTO}}
+LEFT_OUT = {"worker/sawmill_worker/tomography/methods.py: METHODS": {"ReconstructionMethod.AUTO"}}
 
 
 class Table(NamedTuple):
@@ -92,11 +91,16 @@ def member(path: Path, key: ast.expr | None) -> object:
     return None
 
 
+def name_of(each: Enum) -> str:
+    """The member as sources name it."""
+    return f"{type(each).__name__}.{each.name}"
+
+
 def lacking(keys: Collection[object], word_sets: Collection[frozenset[str]]) -> frozenset[str] | None:
     """The members without a row; None where the keys are of no enum. Texts count where they are half of a set."""
     enums = {type(key) for key in keys if isinstance(key, Enum)}
     if enums and all(isinstance(key, Enum) for key in keys):
-        return frozenset(str(each) for enum in enums for each in set(enum) - set(keys))
+        return frozenset(name_of(each) for enum in enums for each in set(enum) - set(keys))
     words = {key for key in keys if isinstance(key, str)}
     if enums or len(words) != len(keys) or len(words) < 2:
         return None

@@ -76,7 +76,7 @@ def test_every_route_that_changes_something_has_a_scope_and_no_other_has_a_row(k
     without = {(method, path) for method, path in declared - asked - set(NEEDED) if method in {"POST", "PATCH"}}
     assert not without, "add the scope of each to NEEDED in service/sawmill_service/access.py"
     assert all(needed_scope(*operation) is Scope.SUBMIT for operation in asked)
-    assert needed_scope("POST", "/v1/levels") is Scope.ADMIN
+    assert needed_scope("POST", "/v1/without-a-row") is Scope.ADMIN
 
 
 def test_activation_on_pass_cannot_be_asked_for_by_who_may_not_activate(keyed):
