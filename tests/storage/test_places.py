@@ -155,5 +155,5 @@ def test_when_to_come_back_follows_from_how_long_jobs_take_and_is_bounded(clocke
     assert retry_after_s() == 15
     clock.advance(seconds=100)
     assert retry_after_s() == 1
-    store.places._outlooks._durations = dict.fromkeys(store.places._outlooks._durations, 9000.0)
+    store.places._estimates._durations = dict.fromkeys(store.places._estimates._durations, 9000.0)
     assert retry_after_s() == LONGEST_RETRY_S

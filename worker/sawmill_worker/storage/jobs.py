@@ -27,11 +27,11 @@ from sawmill_worker.storage.errors import Conflict, LeaseLost, StorageFull, Stor
 from sawmill_worker.storage.events import PEAK_MEMORY, record, record_cancel_requested
 from sawmill_worker.storage.files import FileStore
 from sawmill_worker.storage.handing_over import handed_over
-from sawmill_worker.storage.outlook import NOTHING_KNOWN, ORDER, Outlook, Outlooks
 from sawmill_worker.storage.paging import found, narrowed, rows_of_page
 from sawmill_worker.storage.retries import LONGEST_WAIT_S, Retries
 from sawmill_worker.storage.subjects import checked_result, record_end_without_result, record_success
 from sawmill_worker.storage.tables import JobDependencyRow, JobRow, Json
+from sawmill_worker.storage.wait_estimate import NOTHING_KNOWN, ORDER, WaitEstimate, WaitEstimates
 from sawmill_worker.vocabulary import Progress
 
 _JITTER = 0.25  # what failed together is not tried again together
@@ -85,7 +85,7 @@ class Jobs:
     def __init__(self, database: Database, files: FileStore) -> None:
         self._database = database
         self._files = files
-        self._outlooks = Outlooks()
+        self._estimates = WaitEstimates()
 
     def get(self, job_id: str) -> Job:
         """One job, or `NotFound`."""
@@ -437,8 +437,8 @@ class Jobs:
 
     def _described(self, session: Session, rows: Sequence[JobRow]) -> list[Job]:
         """Jobs with their places and the time that they may take."""
-        outlooks = self._outlooks.of(session, rows, self._database.now())
-        return [_read(row, outlooks.get(row.id, NOTHING_KNOWN)) for row in rows]
+        estimates = self._estimates.of(session, rows, self._database.now())
+        return [_read(row, estimates.get(row.id, NOTHING_KNOWN)) for row in rows]
 
     def _fail(
         self,
@@ -544,7 +544,7 @@ def _worker_lost(row: JobRow) -> Failure:
     )
 
 
-def _read(row: JobRow, outlook: Outlook = NOTHING_KNOWN) -> Job:
+def _read(row: JobRow, estimate: WaitEstimate = NOTHING_KNOWN) -> Job:
     return Job.model_validate(
         {
             "id": row.id,
@@ -554,8 +554,8 @@ def _read(row: JobRow, outlook: Outlook = NOTHING_KNOWN) -> Job:
             "subject_id": row.subject_id,
             "short": row.short,
             "priority": row.priority,
-            "queue_position": outlook.queue_position,
-            "seconds_left": outlook.seconds_left,
+            "queue_position": estimate.queue_position,
+            "seconds_left": estimate.seconds_left,
             "background": row.priority is Priority.BACKGROUND,
             "not_before": None if row.not_before_s is None else datetime.fromtimestamp(row.not_before_s, UTC),
             "waiting_for": row.waiting_for,

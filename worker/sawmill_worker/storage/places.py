@@ -15,9 +15,9 @@ from sawmill_worker.contracts.events import EventKind
 from sawmill_worker.storage.acting import actor
 from sawmill_worker.storage.database import Database, lock_files_of
 from sawmill_worker.storage.errors import QueueFull
-from sawmill_worker.storage.outlook import ORDER, Outlooks
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.tables import EventRow, JobRow
+from sawmill_worker.storage.wait_estimate import ORDER, WaitEstimates
 
 _LOCK = "places in the queue"
 # Until the next place, as refusals give it: nobody should ask every moment, nor sleep while places are free.
@@ -65,7 +65,7 @@ class Places:
     def __init__(self, database: Database, settings: StorageSettings) -> None:
         self._database = database
         self._settings = settings
-        self._outlooks = Outlooks()
+        self._estimates = WaitEstimates()
 
     def check(self) -> None:
         """Refuse before a file is sent what would be refused after it.
@@ -130,7 +130,7 @@ class Places:
         if full.key_id is not None:
             first = first.where(JobRow.key_id == full.key_id)
         row = session.scalar(first)
-        wait_s = None if row is None else self._outlooks.wait_s(session, row, self._database.now())
+        wait_s = None if row is None else self._estimates.wait_s(session, row, self._database.now())
         retry_s = RETRY_IF_UNKNOWN_S if wait_s is None else min(max(1, math.ceil(wait_s)), LONGEST_RETRY_S)
         return QueueFull(f"{full.sentence}: try again in {retry_s} s", retry_s)
 

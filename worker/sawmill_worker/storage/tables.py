@@ -147,8 +147,7 @@ class JobRow(Resource):
     """The row is the job (docs/architecture.md#jobs)."""
 
     __tablename__ = "jobs"
-    # Lists, all or in one state; claims, of any job and of short ones; places in the queue. At a depth of 100 000 each
-    # is found by an index (benchmarks/queue_depth.py).
+    # Lists, all or in one state; claims, of any job and of short ones; places in the queue.
     __table_args__ = (
         Index(None, "created_at", "id"),
         Index(None, "state", "created_at", "id"),

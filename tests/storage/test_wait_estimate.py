@@ -73,7 +73,7 @@ def test_a_list_takes_as_many_statements_whatever_its_length(store, add):
     statements = []
     event.listen(store._database.engine, "before_cursor_execute", lambda *given: statements.append(given[2]))
     assert len(store.jobs.page(limit=200).items) == 190
-    # One each for the page, what runs, lower priorities, and the steps between; how long jobs took is known by now.
+    # One each for the page, what runs, what is before the first, and the rest; how long jobs took is known by now.
     assert sum(statement.startswith(("SELECT", "WITH")) for statement in statements) == 4
 
 
