@@ -32,8 +32,6 @@ from sawmill_service.settings import ServiceSettings
 from sawmill_worker.execution.settings import ExecutionSettings
 from sawmill_worker.storage.settings import StorageSettings
 
-pytestmark = pytest.mark.slow
-
 PAGE, OPERATIONS = ROOT / "docs/compose.md", ROOT / "docs/operations.md"
 SETTINGS: tuple[type[BaseSettings], ...] = (StorageSettings, ServiceSettings, ExecutionSettings)
 KNOWN = {f"SAWMILL_{name.upper()}" for settings in SETTINGS for name in settings.model_fields}

@@ -2,16 +2,17 @@
 
 import json
 import math
-import os
 import re
-import subprocess
-import sys
+import shlex
+from contextlib import chdir
 from pathlib import Path
 
 import pytest
 from PIL import Image
 from scan_files import published_data  # noqa: F401 - fixture
+from typer.testing import CliRunner
 
+from sawmill_service.cli import main
 from sawmill_worker.tomography.geometry import Scanner, SourceFrame
 from sawmill_worker.tomography.ray_error import ray_error
 
@@ -30,10 +31,14 @@ def answer(published_data, folder):  # noqa: F811 - the fixture
     """Of the page's command, run once."""
     written = folder / "disc.json"
     if not written.exists():
-        (command,) = re.findall(r"^```sh\n(.*?)^```$", PAGE.read_text(), flags=re.MULTILINE | re.DOTALL)
-        path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
-        variables = os.environ | {"PATH": path, "SAWMILL_PUBLISHED_DATA": str(published_data.resolve())}
-        subprocess.run(["bash", "-euc", command], cwd=folder, env=variables, check=True)
+        (block,) = re.findall(r"^```sh\n(.*?)^```$", PAGE.read_text(), flags=re.MULTILINE | re.DOTALL)
+        command = block.replace("\\\n", " ").replace("$SAWMILL_PUBLISHED_DATA", str(published_data.resolve()))
+        program, *arguments, redirected, name = shlex.split(command)
+        assert (program, redirected, name) == ("sawmill", ">", written.name)
+        with chdir(folder):
+            done = CliRunner().invoke(main, arguments)
+        assert done.exit_code == 0, done.output
+        written.write_text(done.stdout)
     return json.loads(written.read_text())
 
 

@@ -12,8 +12,6 @@ import tifffile
 from hostile import checkers, deflated_twice
 from PIL import Image
 
-pytestmark = pytest.mark.slow
-
 VIEWS, ROWS, CELLS = 12, 2, 8
 COUNTS = np.random.default_rng(311).integers(1_000, 30_000, (VIEWS, ROWS, CELLS)).astype(np.uint16)
 ANGLES = ("--angles-deg", "0:30")

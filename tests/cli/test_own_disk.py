@@ -7,8 +7,6 @@ import numpy as np
 import pytest
 import tifffile
 
-pytestmark = pytest.mark.slow
-
 THETA = "2.55,714.7,319.9,43.7,0.281"
 PITCH = ("--detector-pitch-mm", 4.508593749)
 GEOMETRY = ("--source-to-cor-mm", 859.46, "--theta", THETA, "--size", 32, "--rows", "2:3")

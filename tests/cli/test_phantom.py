@@ -8,8 +8,6 @@ import pytest
 
 from sawmill_worker.contracts.plans import PlanResult
 
-pytestmark = pytest.mark.slow
-
 THETA = ("--theta", "2.55,714.7,319.9,43.7,0.281")
 
 

@@ -10,8 +10,6 @@ import pytest
 
 from sawmill_worker.contracts.preparing import PrepareOptions
 
-pytestmark = pytest.mark.slow
-
 THETA = "2.55,714.7,319.9,43.7,0.281"
 SCANNER = ("--source-to-cor-mm", 859.46, "--detector-pitch-mm", 9.0)
 ROWS, LOST = 40, 5

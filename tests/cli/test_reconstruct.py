@@ -16,8 +16,6 @@ from sawmill_worker.use_cases.scan_rows import open_rows
 from sawmill_worker.use_cases.scan_source import ScanSource
 from sawmill_worker.vocabulary import DataKind, Progress
 
-pytestmark = pytest.mark.slow
-
 THETA = ("--theta", "2.55,714.7,319.9,43.7,0.281", "--source-to-cor-mm", 859.46)
 SCANNER = ("--source-to-cor-mm", 859.46, "--detector-pitch-mm", 4.508593749)
 

@@ -14,8 +14,6 @@ from sawmill_worker.tomography.export import cil_arguments, odl_arguments, rtk_g
 from sawmill_worker.tomography.geometry import FanBeamGeometry, Scanner, Theta
 from sawmill_worker.vocabulary import Rotation
 
-pytestmark = pytest.mark.slow
-
 TRUTH = Theta(2.55, 714.7, 319.9, 43.7, 0.281)
 THETA = ("--theta", "2.55,714.7,319.9,43.7,0.281")
 SMALL = ("--detector-pixels", 256, "--detector-pitch-mm", 4.508593749, "--views", 12)

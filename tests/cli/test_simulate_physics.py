@@ -13,8 +13,6 @@ from sawmill_calibration import InputError
 from sawmill_worker import examples
 from sawmill_worker.vocabulary.physics import Physics
 
-pytestmark = pytest.mark.slow
-
 ROOT = Path(__file__).parents[2]
 THETA = ("--theta", "2.55,714.7,319.9,43.7,0.281")
 SMALL = (*THETA, "--detector-pixels", 256, "--detector-pitch-mm", 4.508593749, "--views", 12)
