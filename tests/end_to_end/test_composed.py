@@ -3,7 +3,6 @@
 Its images were built nowhere: its commands run here as processes, held as its containers are (`tests/support/`).
 """
 
-import os
 import shutil
 import ssl
 import subprocess
@@ -18,6 +17,7 @@ import pytest
 from compose_file import COMPOSE, PROGRAMS, ROOT, Place, read_compose
 from composed import PATIENCE_S, Composed, wait_until
 from live_service import SCANNER, descendants
+from missing_parts import skip_without
 
 from sawmill_worker.execution import landlock
 from sawmill_worker.tomography.geometry import Theta
@@ -41,8 +41,7 @@ def make_secrets(folder: Path) -> None:
 def composed() -> Iterator[Composed]:
     for program in ("caddy", "openssl", "wget", "initdb", "valkey-server"):
         if shutil.which(program, path=PROGRAMS) is None:
-            assert os.environ.get("CI") != "true", f"there is no {program}, which what compose starts needs here"
-            pytest.skip(f"there is no {program}, which what compose starts needs here: install it (Debian has Caddy)")
+            skip_without(f"there is no {program}, which what compose starts needs here: install it (Debian has Caddy)")
     # Not in pytest's folder, which only its owner may enter: as root, PostgreSQL runs as another user.
     folder = Path(tempfile.mkdtemp(prefix="sawmill-compose-"))
     folder.chmod(0o755)

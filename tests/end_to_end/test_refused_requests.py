@@ -11,6 +11,7 @@ from typing import Any
 import httpx
 import pytest
 from live_service import Offline, Service, serving
+from missing_parts import skip_without
 
 pytestmark = pytest.mark.slow
 
@@ -102,7 +103,7 @@ def by_http_client(url: httpx.URL, body: bytes) -> tuple[int, str]:
 
 
 def by_curl(url: httpx.URL, body: bytes, *options: str) -> tuple[int, str]:
-    program = shutil.which("curl") or pytest.skip("needs curl")
+    program = shutil.which("curl") or skip_without("this test needs curl: apt-get install curl")
     form = "Content-Type: application/octet-stream"
     command = [program, "-sS", "-q", "--noproxy", "*", "-H", form, *options, "--data-binary", "@-", str(url)]
     done = subprocess.run([*command, "-w", "\n%{size_upload}"], input=body, capture_output=True, check=True)

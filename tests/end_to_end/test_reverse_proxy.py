@@ -1,6 +1,5 @@
 """The service behind a real nginx and a real Caddy with TLS, set up as `examples/proxy/` has it."""
 
-import os
 import shutil
 import socket
 import ssl
@@ -14,6 +13,7 @@ from pathlib import Path
 
 import httpx
 import pytest
+from missing_parts import skip_without
 
 pytestmark = pytest.mark.slow
 
@@ -44,8 +44,7 @@ BARE_SITE = "server {{ listen 127.0.0.1:{port}; location / {{ proxy_pass http://
 def program(name: str) -> str:
     found = shutil.which(name) or shutil.which(name, path="/usr/sbin")
     if found is None:
-        assert os.environ.get("CI") != "true", f"there is no {name}, which stands before the service here"
-        pytest.skip(f"needs Debian's {name}: apt-get install {name}")
+        skip_without(f"this test needs Debian's {name}: apt-get install {name}")
     return found
 
 

@@ -78,7 +78,8 @@ def test_rows_that_do_not_come_leave_it_grey_and_older_ones_never_come_last(site
     held = []
     page.route("**/today/rows", lambda route: held.append((route, route.fetch())), times=1)
     check()
-    page.wait_for_timeout(800)
+    while not held:
+        page.wait_for_timeout(10)
     check(**OUT)
     page.wait_for_timeout(800)  # the newer rows would be there by now
     [(route, older)] = held
