@@ -1,10 +1,6 @@
-"""schemathesis finds nothing: what the OpenAPI document allows is taken, what it forbids refused, answers are listed.
-
-SAWMILL_CONTRACT_EXAMPLES asks for that many fuzzed requests an operation, of all operations in every phase (minutes).
-"""
+"""schemathesis finds nothing: what the OpenAPI document allows is taken, and what it forbids is refused."""
 
 import json
-import os
 import re
 import tomllib
 import uuid
@@ -18,7 +14,9 @@ from schemathesis.generation import GenerationMode
 
 from sawmill_service.settings import ServiceSettings
 
-EXAMPLES = os.environ.get("SAWMILL_CONTRACT_EXAMPLES")
+FUZZED = 50  # requests an operation, by night
+# Phases: test_examples.py sends the document's own examples, and the edges hold more than one random request does.
+BY_NIGHT = ("examples", "fuzzing", "stateful")
 # What one value says of another, or of what is stored: JSON schemas of single parameters and fields cannot tell it,
 # so a request that they allow may be refused with these sentences. Of any other refusal it is a failure.
 BEYOND_SCHEMAS = re.compile(
@@ -71,11 +69,15 @@ def merged_once(merge):
 
 
 @pytest.mark.usefixtures("_settled")
-@pytest.mark.timeout(7200 if EXAMPLES else 300)
-def test_schemathesis_finds_nothing(seeded):
+@pytest.mark.parametrize(
+    "long",
+    [False, pytest.param(True, marks=[pytest.mark.nightly, pytest.mark.timeout(7200)])],
+    ids=["edges", "everything"],
+)
+def test_schemathesis_finds_nothing(seeded, long):
     # Streams end at once.
     seeded.app.state.stopping.begin()
-    schema = schemathesis.openapi.from_dict(json.loads(seeded.app.openapi_json), config=configuration())
+    schema = schemathesis.openapi.from_dict(json.loads(seeded.app.openapi_json), config=configuration(long=long))
     schema.app = seeded.app
     found, cases = set(), 0
     for event in from_schema(schema).execute():
@@ -88,11 +90,14 @@ def test_schemathesis_finds_nothing(seeded):
     assert cases > 500
 
 
-def configuration():
+def configuration(*, long):
+    """By day the edges of what one request of each shape may hold; by night all phases of all operations."""
     document = tomllib.loads((Path(__file__).parent / "schemathesis.toml").read_text())
-    if EXAMPLES:
+    if long:
         del document["operations"]
-        document["generation"]["max-examples"] = int(EXAMPLES)
+        document["generation"]["max-examples"] = FUZZED
+        for name in BY_NIGHT:
+            document["phases"][name]["enabled"] = True
     return SchemathesisConfig.from_dict(document)
 
 
