@@ -11,6 +11,7 @@ import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from subprocess import CalledProcessError
 from typing import Any
@@ -73,7 +74,7 @@ class PostgresDatabases:
 
 
 class PostgresServer(PostgresDatabases):
-    """Its process can be stopped, killed and paused, and ends with this one; its port stays the same."""
+    """Its process can be stopped, killed and paused; its port stays the same."""
 
     def __init__(self) -> None:
         # Not in pytest's folder, which only its owner may enter: as root, the server runs as another user.
@@ -89,7 +90,9 @@ class PostgresServer(PostgresDatabases):
             super().__init__(free.getsockname()[1])
         self.process: subprocess.Popen[bytes] | None = None
 
-    def start(self) -> None:
+    def start(self, *, ends_with_thread: bool = False) -> None:
+        """Start it, on request so that it ends with the thread that calls this, also where that is killed."""
+        ends = partial(LIBC.prctl, END_WITH_PARENT, signal.SIGINT) if ends_with_thread else None
         options = [part for name, value in OPTIONS.items() for part in ("-c", f"{name}={value}")]
         command = [str(self._postgres), "-D", str(self.data), "-p", str(self.port), *options]
         with (self.data / "log").open("ab") as log:
@@ -99,7 +102,7 @@ class PostgresServer(PostgresDatabases):
                 stderr=log,
                 user=self._user,
                 start_new_session=True,
-                preexec_fn=lambda: LIBC.prctl(END_WITH_PARENT, signal.SIGINT),  # noqa: PLW1509 - takes no lock
+                preexec_fn=ends,  # noqa: PLW1509 - takes no lock
             )
         deadline = time.monotonic() + START_S
         while not self.answers():
@@ -139,7 +142,7 @@ class PostgresServer(PostgresDatabases):
 @contextmanager
 def own_server() -> Iterator[PostgresServer]:
     """One that a test may stop."""
-    server = _started()
+    server = _started(ends_with_thread=False)
     yield server
     server.close()
 
@@ -159,7 +162,7 @@ def shared_server(folder: Path) -> Iterator[PostgresDatabases]:
         fcntl.flock(starts, fcntl.LOCK_EX)
         # Whoever started it may have been killed, and it with them.
         if not port.exists() or not PostgresDatabases(int(port.read_text())).answers():
-            server = _started()
+            server = _started(ends_with_thread=True)
             port.write_text(str(server.port))
         fcntl.flock(used, fcntl.LOCK_SH)
         fcntl.flock(starts, fcntl.LOCK_UN)
@@ -170,10 +173,10 @@ def shared_server(folder: Path) -> Iterator[PostgresDatabases]:
             server.close()
 
 
-def _started() -> PostgresServer:
+def _started(*, ends_with_thread: bool) -> PostgresServer:
     try:
         server = PostgresServer()
-        server.start()
+        server.start(ends_with_thread=ends_with_thread)
     except (ImportError, OSError, CalledProcessError) as error:
         if os.environ.get("CI") == "true":
             raise
