@@ -14,7 +14,7 @@ from sawmill_worker.tomography.calibration.calibrate import calibrate
 pytestmark = pytest.mark.usefixtures("one_thread")
 
 VIEWS = (20, 45, 90)
-# As many as an independent simulator found to pass wrongly by `make study-calibration`.
+# As many as an independent simulator found to pass wrongly by `make nightly`.
 SCANS = int(os.environ.get("SAWMILL_SLIPPED_SCANS", "5"))
 # Of the other kinds; twelve by the study.
 OTHERS = min(SCANS, 12)
