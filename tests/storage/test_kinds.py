@@ -133,3 +133,10 @@ def test_the_version_before_finds_no_alarm_that_it_does_not_know(store, scanner)
         assert session.scalars(text("SELECT what FROM alarms")).all() == ["scanner-quiet"]
     store._database.upgrade()
     assert [alarm.what for alarm in store.alarms.open()] == ["scanner-quiet"]
+
+
+def test_the_examples_of_kinds_that_share_a_table_have_different_ids():
+    shared = [declared for declared in asked_kinds() if declared.kind not in OWN_TABLES]
+    ids = [declared.example_id for declared in shared]
+    clashing = [declared.kind.plural for declared in shared if ids.count(declared.example_id) > 1]
+    assert not clashing, "name another id in `to_get` of the declaration, as {'level_id': 'example-level'}"

@@ -146,7 +146,8 @@ def seed_examples(store: Store) -> None:
     # Any other kind is asked for as the console's example asks.
     for declared in filter(lambda kind: kind.upload is None, asked_kinds()):
         given = dict(declared.to_ask.example)
-        _ask_once(store.asked(declared), declared.ask.model_validate(given.pop("body")), given=given)
+        ask = declared.ask.model_validate(given.pop("body"))
+        _ask_once(store.asked(declared), ask, declared.example_id, given=given)
     scheduled = {item.id for item in store.schedules.page().items}
     for identifier in {EXAMPLE, SPARE} - scheduled:
         store.schedules.create(

@@ -161,6 +161,11 @@ class AskedKind(KindDeclaration, Generic[Ask, Answer]):
     stall_s: int = 1800
     lighter: str = "ask for fewer rows, fewer views or a smaller size"
 
+    @property
+    def example_id(self) -> str:
+        """Return the id of the example: that of `to_get`, else `example`."""
+        return str(self.to_get.example.get(f"{self.noun}_id", "example"))
+
 
 def stored_as(answer: type[Answer]) -> Callable[[Mapping[str, Any]], Answer]:
     """Read a stored record as a contract whose fields have the record's names."""
