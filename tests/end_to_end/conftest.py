@@ -44,7 +44,8 @@ def celery_worker(folder: Path, environment: dict[str, str]) -> Iterator[None]:
 @pytest.fixture(scope="session")
 def embedded(tmp_path_factory: pytest.TempPathFactory, offline: Offline) -> Iterator[Service]:
     """A service with workers of its own and no examples, for tests that each make a scanner of their own."""
-    with serving(tmp_path_factory.mktemp("embedded"), offline.variables, "--no-examples") as service:
+    environment = {**offline.variables, "SAWMILL_HEARTBEAT_S": "1"}  # a cancelled job ends soon
+    with serving(tmp_path_factory.mktemp("embedded"), environment, "--no-examples") as service:
         yield service
 
 

@@ -3,6 +3,7 @@
 import re
 import subprocess
 import sys
+from contextlib import nullcontext
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -12,6 +13,7 @@ import pytest
 from PIL import Image
 
 import sawmill_worker.demo
+from sawmill_worker import demo_client
 from sawmill_worker.demo import run_demo
 
 pytestmark = pytest.mark.slow
@@ -49,9 +51,10 @@ def test_the_demo_leaves_a_page_of_pictures_and_figures(tmp_path, offline):
     assert offline.asked_for() == ""
 
 
-def test_a_small_demo_leaves_a_page_of_pictures_and_figures(tmp_path, monkeypatch, capsys):
+def test_a_small_demo_leaves_a_page_of_pictures_and_figures(tmp_path, embedded, monkeypatch, capsys):
+    """A service that runs already does its jobs; the nightly demo starts its own."""
     monkeypatch.setenv("SAWMILL_PUBLISHED_DATA", str(tmp_path))
-    monkeypatch.setenv("SAWMILL_DATABASE_URL", "sqlite:////nowhere/the-mills-own.db")
+    monkeypatch.setattr(demo_client, "running_service", lambda _: nullcontext(embedded.client))
     for name, value in {"VIEWS": 60, "SIZE": 64, "SHOWN_SIZE": 96}.items():
         monkeypatch.setattr(sawmill_worker.demo, name, value)
     assert run_demo(tmp_path / "out") == 0
