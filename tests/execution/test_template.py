@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from missing_parts import skip_without
 
 from sawmill_worker import examples
 from sawmill_worker.contracts.calibrations import CalibrationAsk
@@ -24,9 +25,14 @@ from sawmill_worker.vocabulary import DataKind
 
 pytestmark = [
     pytest.mark.slow,
-    pytest.mark.usefixtures("own_templates"),
-    pytest.mark.skipif(template_library() is None, reason="attempts are fresh processes on this machine"),
+    pytest.mark.usefixtures("forking", "own_templates"),
 ]
+
+
+@pytest.fixture(scope="module")
+def forking():
+    if template_library() is None:
+        skip_without("attempts are fresh processes on this machine")
 
 
 @pytest.fixture

@@ -154,9 +154,9 @@ def everything_in(path):
     ("method", "rows", "options"),
     [
         ("fbp", 100, {}),
-        ("total_variation", 33, {"coupling": "none"}),
         ("total_variation", 57, {}),
-        ("tikhonov", 33, {}),
+        pytest.param("total_variation", 33, {"coupling": "none"}, marks=pytest.mark.nightly),
+        pytest.param("tikhonov", 33, {}, marks=pytest.mark.nightly),
     ],
 )
 def test_a_volume_killed_again_and_again_has_the_same_values(

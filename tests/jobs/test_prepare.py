@@ -222,8 +222,8 @@ def test_reading_reports_how_far_it_is(upload, attempt, exposed, monkeypatch):
 @pytest.mark.parametrize(
     ("together", "window", "align_rows"),
     [
-        ((1, 1), 2**16, "profile"),
-        ((1, ROWS), 2**16, "off"),
+        pytest.param((1, 1), 2**16, "profile", marks=pytest.mark.nightly),
+        pytest.param((1, ROWS), 2**16, "off", marks=pytest.mark.nightly),
         ((1, ROWS), 2**16, "profile"),
         ((3, 7), 2**13, "profile"),
         ((1, ROWS), 1, "off"),

@@ -54,7 +54,7 @@ FOLLOWED_BY = {
 }
 
 
-@pytest.fixture(params=["store", "postgresql_store"])
+@pytest.fixture(params=["store", pytest.param("postgresql_store", marks=pytest.mark.nightly)])
 def changing(request, seeded, settings):
     """A client of a service with the examples, on each database in turn."""
     return replace(seeded, app=create_app(settings, request.getfixturevalue(request.param), [].append))

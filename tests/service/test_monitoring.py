@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import pytest
 import yaml
+from missing_parts import skip_without
 from prometheus_client.parser import text_string_to_metric_families
 
 FOLDER = Path(__file__).parents[2] / "examples" / "monitoring"
@@ -135,16 +136,19 @@ def test_legends_name_labels_that_are_there(known):
             assert set(re.findall(r"\{\{(\w+)\}\}", target["legendFormat"])) <= left
 
 
-@pytest.mark.skipif(shutil.which("promtool") is None, reason="promtool, a part of Prometheus, is not installed")
-def test_promtool_accepts_the_rules():
+@pytest.fixture
+def promtool() -> str:
+    return shutil.which("promtool") or skip_without("promtool, a part of Prometheus, is not installed")
+
+
+def test_promtool_accepts_the_rules(promtool):
     checked = subprocess.run(
-        ["promtool", "check", "rules", str(FOLDER / "alerts.yml")], capture_output=True, text=True, check=False
+        [promtool, "check", "rules", str(FOLDER / "alerts.yml")], capture_output=True, text=True, check=False
     )
     assert checked.returncode == 0, checked.stderr
 
 
-@pytest.mark.skipif(shutil.which("promtool") is None, reason="promtool, a part of Prometheus, is not installed")
-def test_promtool_accepts_a_scrape(client):
+def test_promtool_accepts_a_scrape(client, promtool):
     text = client.get("/metrics").text
-    checked = subprocess.run(["promtool", "check", "metrics"], input=text, capture_output=True, text=True, check=False)
+    checked = subprocess.run([promtool, "check", "metrics"], input=text, capture_output=True, text=True, check=False)
     assert checked.returncode == 0, checked.stderr

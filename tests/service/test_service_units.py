@@ -15,6 +15,7 @@ from types import SimpleNamespace
 import httpx
 import pytest
 from live_service import free_port
+from missing_parts import skip_without
 from plain_logs import log_plainly
 from structlog.testing import capture_logs
 from typer.testing import CliRunner, Result
@@ -128,7 +129,7 @@ def test_what_confines_attempts_is_not_taken_from_them(unit):
 
 def test_systemd_reads_the_units_whatever_is_in_their_paths(tmp_path):
     if shutil.which("systemd-analyze") is None:
-        pytest.skip("there is no systemd-analyze here")
+        skip_without("there is no systemd-analyze here")
     in_order = Installation(program()).write(tmp_path)
     odd = Installation(Path("/opt/50 % of $x/sawmill"), Path("/srv/data %i"), "mill", Path("/etc/my %t/token"))
     (elsewhere := tmp_path / "odd").mkdir()
