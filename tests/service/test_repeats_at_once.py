@@ -19,7 +19,7 @@ PATHS = {
 }
 
 
-@pytest.fixture(params=["sqlite", "postgresql"])
+@pytest.fixture
 def each_store(request):
     if request.param == "postgresql":
         return request.getfixturevalue("postgresql_store")
@@ -37,7 +37,16 @@ def complete_upload(store):
     return upload.id
 
 
-@pytest.mark.parametrize("kind", PATHS)
+@pytest.mark.parametrize(
+    ("each_store", "kind"),
+    [
+        *(("sqlite", kind) for kind in PATHS),
+        ("postgresql", "scans"),
+        pytest.param("postgresql", "phantoms", marks=pytest.mark.nightly),
+        pytest.param("postgresql", "inspections", marks=pytest.mark.nightly),
+    ],
+    indirect=["each_store"],
+)
 def test_all_that_use_one_upload_under_one_key_get_one_answer(seeded, each_store, settings, monkeypatch, kind):
     """Half of them come to the upload only when it has been used, though nobody had an answer when they looked."""
     seeded.app = create_app(settings, each_store, print)
