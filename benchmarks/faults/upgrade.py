@@ -1,4 +1,4 @@
-"""An upgrade from revision 0005 with jobs of every kind in the queue, one of them running as its worker was killed."""
+"""An upgrade from the tables of 0.1.0 with jobs of every kind queued, one of them running as its worker was killed."""
 
 import json
 from datetime import UTC, datetime
@@ -12,9 +12,9 @@ from faults.work import Accepted, Work, log_scan, phantom_scan
 from sawmill_worker.storage.database import Database
 from sawmill_worker.storage.engines import make_engine
 
-REVISION = "0005"
-# As that version wrote them; the first is running.
-ROWS = Path(__file__).with_name("rows_0005.json")
+REVISION = "0003"
+# In tables of that revision, with what `faults.work` asks for; the first is running.
+ROWS = Path(__file__).with_name("rows_0003.json")
 _NAMES = {
     "phantom-scan": "phantom scan",
     "log-scan": "log scan",
@@ -28,7 +28,7 @@ _PLURALS = {"ingest": "scans", "calibrate": "calibrations", "drift": "drifts", "
 
 
 def before(data: Path, url: str) -> None:
-    """Leave a database and uploads as that version left them."""
+    """Leave a database and uploads as 0.1.0 left them."""
     for name, content in (("phantom-scan", phantom_scan()), ("log-scan", log_scan())):
         upload = data / "uploads" / "scans" / name / "original"
         upload.parent.mkdir(parents=True)

@@ -92,13 +92,14 @@ def test_on_postgresql_several_services_are_allowed(tmp_path):
         refuse_second(settings)
 
 
-def test_a_database_of_a_later_version(found, data):
+@pytest.mark.parametrize("revision", ["0012", "9999"])
+def test_a_database_of_no_release_or_of_a_later_one(found, data, revision):
     with sqlite3.connect(data / "sawmill.db") as connection:
-        connection.execute("UPDATE alembic_version SET version_num = '9999'")
+        connection.execute("UPDATE alembic_version SET version_num = ?", (revision,))
     connection.close()
     finding = found("database")
-    assert "tables of a later version (9999" in finding["sentence"]
-    assert finding["cure"] == "install that version, or restore a backup of before: sawmill restore BACKUP"
+    assert f"tables of revision {revision}, and this version" in finding["sentence"]
+    assert finding["cure"].startswith("start the version that wrote them, or restore a backup of a release: ")
 
 
 def test_a_database_of_an_earlier_version_is_not_touched(found, data):

@@ -397,7 +397,7 @@ def test_a_backup_of_a_later_version_is_refused(backup, elsewhere):
 @pytest.mark.dialect
 def test_a_backup_of_an_earlier_version_is_brought_up_to_date(empty_url, into, elsewhere, tmp_path):
     database = Database(make_engine(empty_url))
-    database.upgrade("0004")
+    database.upgrade("0003")
     with database.write() as session:
         session.execute(
             text(
@@ -408,7 +408,7 @@ def test_a_backup_of_an_earlier_version_is_brought_up_to_date(empty_url, into, e
     database.engine.dispose()
     (tmp_path / "old").mkdir()
     taken = take_backup(StorageSettings(data_folder=tmp_path / "old", database_url=empty_url), into, silent)
-    assert taken.manifest.revision == "0004"
+    assert taken.manifest.revision == "0003"
     restore(taken.path, elsewhere, silent)
     with closing(Store.open(elsewhere)) as restored:
         claim = restored.jobs.claim("test")

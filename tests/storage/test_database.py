@@ -14,7 +14,7 @@ from sawmill_worker.contracts.scanners import ScannerSpec
 from sawmill_worker.contracts.schedules import ScheduleSpec
 from sawmill_worker.storage.database import _MIGRATIONS, Database, newest_revision
 from sawmill_worker.storage.engines import make_engine
-from sawmill_worker.storage.errors import StorageFull, StorageUnavailable
+from sawmill_worker.storage.errors import StorageFull, StorageMisconfigured, StorageUnavailable
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.store import Store
 from sawmill_worker.storage.tables import Base
@@ -58,9 +58,24 @@ def test_jobs_from_before_are_kept_and_may_start_whatever_version_left_them(sett
     assert {(claim.attempt, claim.job.losses, claim.job.background) for claim in held} == {(3, 0, False)}
 
 
+@pytest.mark.parametrize("revision", ["0004", "0020", "9999"])
+def test_tables_of_no_release_or_of_a_later_one_are_refused_in_a_sentence_and_stay(settings, empty_url, revision):
+    database = Database(make_engine(empty_url))
+    database.upgrade("0003")
+    with database.write() as session:
+        session.execute(text("UPDATE alembic_version SET version_num = :revision"), {"revision": revision})
+    database.engine.dispose()
+    sentence = rf"tables of revision {revision}, which this version \({newest_revision()}\) .* start the version that"
+    with pytest.raises(StorageMisconfigured, match=sentence):
+        Store.open(settings.model_copy(update={"database_url": empty_url}))
+    with database.read() as session:
+        assert session.scalar(text("SELECT version_num FROM alembic_version")) == revision
+    database.engine.dispose()
+
+
 def test_a_schedule_from_before_time_zones_runs_as_it_did_and_is_unchanged_by_the_same(settings, empty_url):
     database = Database(make_engine(empty_url))
-    database.upgrade("0011")
+    database.upgrade("0003")
     spec = ScheduleSpec(scanner_id="old", cron="30 5 * * *")
     scanner = ScannerSpec(name="Line 1", constants=ScannerConstants(**CONSTANTS)).model_dump_json()
     due = {"at": "2026-03-02 05:30:00", "options": spec.options.model_dump_json(), "scanner": scanner}

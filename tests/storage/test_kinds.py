@@ -1,19 +1,14 @@
 """Every kind declares itself, and one store serves those that are asked for, whichever table holds their rows."""
 
 import pytest
-from alembic import command
-from alembic.config import Config
-from sqlalchemy import text
 
-from sawmill_worker.contracts.alarms import AlarmKind
 from sawmill_worker.contracts.calibrations import CalibrationAsk
 from sawmill_worker.contracts.drifts import DriftAsk
 from sawmill_worker.contracts.jobs import JobKind
 from sawmill_worker.contracts.kinds import AskedKind, asked_kinds, declaration_of
 from sawmill_worker.contracts.plans import PlanAsk
 from sawmill_worker.storage.errors import Conflict, NotFound
-from sawmill_worker.storage.store import Store
-from sawmill_worker.storage.tables import OWN_TABLES, AlarmRow, AskedRow, table_of
+from sawmill_worker.storage.tables import OWN_TABLES, AskedRow, table_of
 from sawmill_worker.vocabulary import Theta
 
 NOMINAL = Theta(
@@ -87,52 +82,6 @@ def test_in_the_common_table_too_a_kind_decides_what_stays(store, scanner, ready
     store.scans.delete(ready_scan.id)
     with pytest.raises(Conflict, match="is used by 1 calibrations"):
         store.scanners.delete(scanner.id)
-
-
-def downgrade(store: Store, revision: str) -> None:
-    """The tables as an earlier version left them."""
-    config = Config()
-    config.set_main_option("script_location", "sawmill_worker.storage:migrations")
-    with store._database._writer.begin() as connection:
-        config.attributes["connection"] = connection
-        command.downgrade(config, revision)
-
-
-def test_what_was_stored_before_the_common_table_is_read_as_before(settings, scanner, upload, finish, empty_url):
-    older = settings.model_copy(update={"database_url": empty_url})
-    before = Store.open(older)
-    before.scanners.create(scanner, scanner_id=scanner.id)
-    scan = upload(before)
-    finish(before)
-    before.calibrations.accept(CalibrationAsk(scan_id=scan.id, activate=True))
-    finish(before)
-    before.drifts.accept(DriftAsk(scan_id=scan.id))
-    before.plans.accept(PlanAsk(scanner_id=scanner.id), given={"phantom_id": "l-shape"})
-    finish(before)
-
-    def stored(store: Store) -> list[object]:
-        return [store.asked(declaration_of(kind)).page().items for kind in OWN_TABLES]
-
-    expected = stored(before)
-    downgrade(before, "0004")
-    before.close()
-    upgraded = Store.open(older)
-    assert stored(upgraded) == expected
-    finish(upgraded)
-    assert upgraded.plans.page().items[0].state == "succeeded"
-    upgraded.close()
-
-
-@pytest.mark.parametrize("database_url", [None])
-def test_the_version_before_finds_no_alarm_that_it_does_not_know(store, scanner):
-    with store._database.write() as session:
-        for what in (AlarmKind.DRIFT, AlarmKind.SCANNER_QUIET):
-            session.add(AlarmRow(scanner_id=scanner.id, what=what, since=scanner.created_at))
-    downgrade(store, "0019")
-    with store._database.read() as session:
-        assert session.scalars(text("SELECT what FROM alarms")).all() == ["scanner-quiet"]
-    store._database.upgrade()
-    assert [alarm.what for alarm in store.alarms.open()] == ["scanner-quiet"]
 
 
 def test_the_examples_of_kinds_that_share_a_table_have_different_ids():

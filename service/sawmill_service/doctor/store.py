@@ -13,6 +13,7 @@ from sawmill_service.settings import ServiceSettings
 from sawmill_worker.execution.broker_report import report_of
 from sawmill_worker.execution.housekeeping import TOLERABLE_S
 from sawmill_worker.storage.backups.newest import newest_backup
+from sawmill_worker.storage.database import is_known
 from sawmill_worker.storage.database_report import DatabaseReport
 from sawmill_worker.storage.errors import StorageError, StorageMisconfigured
 from sawmill_worker.storage.settings import StorageSettings
@@ -78,14 +79,10 @@ def broker(url: str | None) -> Finding:
 
 def _migration(report: DatabaseReport) -> Finding:
     has, needs = report.migration, report.newest_migration
-    if has is not None and has > needs:
-        sentence = f"{report.system} has tables of a later version ({has}; this one knows {needs})"
-        return Finding(
-            "database",
-            State.BAD,
-            sentence,
-            "install that version, or restore a backup of before: sawmill restore BACKUP",
-        )
+    if has is not None and not is_known(has):
+        sentence = f"{report.system} has tables of revision {has}, and this version ({needs}) cannot update them"
+        cure = "start the version that wrote them, or restore a backup of a release: sawmill restore BACKUP"
+        return Finding("database", State.BAD, sentence, cure)
     if has != needs:
         sentence = f"{report.system} has tables of version {has or 'none'}, and this version needs {needs}"
         cure = "take a backup (sawmill backup FOLDER): the next start of sawmill serve brings them up to date"

@@ -142,11 +142,19 @@ class Database:
 
         Raises
         ------
+        StorageMisconfigured
+            The tables are of a later version, or of a state between two releases.
         StorageFull, StorageUnavailable
             The database cannot write.
         """
         with self._setting_up() as connection:
-            if revision != "head" or revision_of(connection) != newest_revision():
+            found = revision_of(connection)
+            if found is not None and not is_known(found):
+                raise StorageMisconfigured(
+                    f"the database has tables of revision {found}, which this version ({newest_revision()}) cannot "
+                    "bring up to date: start the version that wrote them, or give an empty data folder or database"
+                )
+            if revision != "head" or found != newest_revision():
                 _migrate(connection, revision)
 
     @contextmanager
@@ -217,7 +225,7 @@ def newest_revision() -> str:
 
 
 def is_known(revision: str) -> bool:
-    """Whether there is a migration of this number: those of a later version are not known."""
+    """Whether there is a migration of this number; later versions and states between two releases have others."""
     return revision in _chain()[0]
 
 

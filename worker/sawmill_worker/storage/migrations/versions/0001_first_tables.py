@@ -165,19 +165,3 @@ def upgrade() -> None:
         sa.PrimaryKeyConstraint("number", name="pk_schedule_runs"),
         sa.UniqueConstraint("schedule_id", "due_at", name="uq_schedule_runs_schedule_id_due_at"),
     )
-
-
-def downgrade() -> None:
-    for table in (
-        "schedule_runs",
-        "reconstructions",
-        "activations",
-        "scans",
-        "calibrations",
-        "schedules",
-        "phantoms",
-        "job_dependencies",
-        "scanners",
-        "jobs",
-    ):
-        op.drop_table(table)

@@ -28,7 +28,3 @@ def upgrade() -> None:
     )
     op.create_index("ix_drifts_scan_id", "drifts", ["scan_id"])
     op.create_index("ix_drifts_scanner_id_created_at", "drifts", ["scanner_id", "created_at"])
-
-
-def downgrade() -> None:
-    op.drop_table("drifts")

@@ -23,7 +23,3 @@ def upgrade() -> None:
         sa.PrimaryKeyConstraint("id", name="pk_plans"),
         sa.UniqueConstraint("job_id", name="uq_plans_job_id"),
     )
-
-
-def downgrade() -> None:
-    op.drop_table("plans")

@@ -1,0 +1,90 @@
+"""A data folder of version 0.1.0 is served and worked on by this version; `make_data_0_1_0.py` made it."""
+
+import io
+import tarfile
+
+import h5py
+import numpy as np
+import pytest
+from make_data_0_1_0 import ARCHIVE
+
+from sawmill_worker.storage.settings import StorageSettings
+from sawmill_worker.storage.store import Store
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture
+def store(tmp_path):
+    with tarfile.open(ARCHIVE) as archive:
+        archive.extractall(tmp_path / "data", filter="data")
+    opened = Store.open(StorageSettings(data_folder=tmp_path / "data", database_url=None))
+    yield opened
+    opened.close()
+
+
+def get(client, path):
+    answer = client.get(path)
+    assert answer.status_code == 200, answer.text
+    return answer
+
+
+def test_what_0_1_0_computed_is_answered(client):
+    scanner = get(client, "/v1/scanners/example").json()
+    assert (scanner["name"], scanner["active_calibration_id"]) == ("example scanner", "example")
+    calibrations = {each["id"]: each["state"] for each in get(client, "/v1/calibrations").json()["items"]}
+    assert calibrations == {"example": "succeeded", "second": "succeeded", "failed": "failed", "cancelled": "cancelled"}
+    calibration = get(client, "/v1/calibrations/example").json()
+    assert (calibration["verdict"], calibration["rays_verdict"], calibration["views"]) == ("pass", None, 120)
+    # The geometry of that version's examples.
+    assert calibration["theta"]["detector_to_cor_mm"] == pytest.approx(741.0, abs=1.0)
+    assert calibration["theta"]["detector_tilt"] == pytest.approx(0.17, abs=0.002)
+    drift = get(client, "/v1/drifts/example").json()
+    assert (drift["calibration_id"], drift["result"]["within_tolerance"]) == ("example", True)
+    assert get(client, "/v1/plans/example").json()["result"]["scale_ray_error_mm"] > 0.0
+    assert "example-spare" in {each["id"] for each in get(client, "/v1/phantoms").json()["items"]}
+    assert {each["enabled"] for each in get(client, "/v1/schedules").json()["items"]} == {False}
+    for page in ("/", "/scanners/example", "/calibrations/example/report", "/logs/example", "/scans/example", "/jobs"):
+        get(client, page)
+
+
+def test_files_of_0_1_0_are_served(client):
+    calibration = get(client, "/v1/calibrations/example").json()
+    with h5py.File(io.BytesIO(get(client, "/v1/calibrations/example/result.h5").content)) as file:
+        assert file["entry/arrays/sinogram"].shape == (120, 192)
+    assert get(client, calibration["links"]["report"]).content.startswith(b"\x89PNG")
+    slices = np.load(io.BytesIO(get(client, "/v1/reconstructions/example/slices/0.npy").content))
+    assert slices.shape == (256, 256)
+    assert slices.max() > 0.0
+    assert get(client, "/v1/reconstructions/example/slices/0.png").content.startswith(b"\x89PNG")
+    assert get(client, "/v1/scans/example/sinogram.png").content.startswith(b"\x89PNG")
+
+
+def test_measurements_and_the_history_are_filled_from_what_0_1_0_stored(client):
+    measurements = get(client, "/v1/scanners/example/measurements").json()["items"]
+    measured = {(each["kind"], each["subject_id"]): each for each in measurements}
+    assert measured.keys() == {("calibration", "example"), ("drift", "example"), ("calibration", "second")}
+    assert measured["drift", "example"]["against_id"] == measured["calibration", "second"]["against_id"] == "example"
+    assert all(each["cor_column_standard_deviation_mm"] > 0.0 for each in measurements)
+    history = get(client, "/v1/scanners/example/history/entries").json()["items"]
+    assert [(each["what"], each["subject_id"]) for each in history] == [
+        ("cancelled", "cancelled"),
+        ("calibration-rolled-back", "example"),
+        ("failed", "failed"),
+        ("calibration-activated", "second"),
+        ("succeeded", "second"),
+        ("succeeded", "example"),
+        ("calibration-activated", "example"),
+        ("succeeded", "example"),
+    ]
+    assert history[1]["why"] == "back to the first"
+
+
+def test_jobs_of_0_1_0_and_new_ones_are_done(client, store, worker):
+    asked = client.post("/v1/calibrations", json={"scan_id": "example"})
+    assert asked.status_code == 202, asked.text
+    assert [store.jobs.get(store.plans.get("queued").job_id).state, asked.json()["state"]] == ["queued", "queued"]
+    worker.finish_plan()
+    worker.finish_calibration()
+    assert get(client, "/v1/plans/queued").json()["state"] == "succeeded"
+    assert get(client, f"/v1/calibrations/{asked.json()['id']}").json()["state"] == "succeeded"

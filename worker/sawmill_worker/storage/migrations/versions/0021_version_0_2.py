@@ -1,0 +1,482 @@
+"""Tables of version 0.2.0, from those of 0.1.0 (revision 0003); measurements and histories are filled from its answers.
+
+Until 0.2.0 is released, a change of the tables is made in this file. The numbers 0004 to 0020 belonged to states that
+no release had: databases of those are refused.
+"""
+
+import math
+from collections.abc import Iterator
+from datetime import datetime
+from typing import Any
+
+import sqlalchemy as sa
+from alembic import op
+from sqlalchemy.types import TypeEngine
+
+revision = "0021"
+down_revision = "0003"
+branch_labels = None
+depends_on = None
+
+Columns = list[sa.Column[Any]]
+Values = dict[str, Any]
+
+_ID = sa.String(length=64)
+_WORD = sa.String(length=20)
+_EVENT = sa.String(length=40)
+_NAME = sa.String(length=200)
+_TEXT = sa.String()
+_MOMENT = sa.DateTime(timezone=True)
+_REAL = sa.Float(precision=53)
+_INTEGER = sa.Integer()
+_BYTES = sa.BigInteger()
+_FLAG = sa.Boolean()
+_JSON = sa.JSON()
+
+_INDEXES = {
+    "ix_jobs_created_at_id": ("jobs", ["created_at", "id"], None),
+    "ix_jobs_queue": ("jobs", ["state", "priority", "created_at", "id"], None),
+    "ix_jobs_lane": ("jobs", ["state", "short", "priority", "created_at", "id"], None),
+    "ix_jobs_places": ("jobs", ["state", "priority", "short", "kind", "created_at", "id"], None),
+    "ix_jobs_queued_of_key": ("jobs", ["key_id"], "state = 'queued'"),
+    "ix_asked_scanner_id": ("asked", ["scanner_id"], None),
+    "ix_asked_scan_id": ("asked", ["scan_id"], None),
+    "ix_asked_phantom_id": ("asked", ["phantom_id"], None),
+    "ix_asked_created_at_id": ("asked", ["created_at", "id"], None),
+    "ix_events_job_id": ("events", ["job_id"], None),
+    "ix_events_scanner_id_number": ("events", ["scanner_id", "number"], None),
+    "ix_events_what_number": ("events", ["what", "number"], None),
+    "ix_keys_previous_hash": ("keys", ["previous_hash"], None),
+    "ix_audit_subject_id_at": ("audit", ["subject_id", "at"], None),
+    "ix_measurements_at": ("measurements", ["at"], None),
+    "ix_measurements_scanner_id_number": ("measurements", ["scanner_id", "number"], None),
+    "ix_measurements_scanner_id_at": ("measurements", ["scanner_id", "at"], None),
+    "ix_measurements_looks": (
+        "measurements",
+        ["activation_number", "method", "number"],
+        "activation_number IS NOT NULL",
+    ),
+    "ix_measurements_counted": (
+        "measurements",
+        ["activation_number", "method", "input_sha256"],
+        "activation_number IS NOT NULL",
+    ),
+    "ix_measurements_awaiting_chart": ("measurements", ["scanner_id", "number"], "awaits_chart IS NOT NULL"),
+    "ix_history_scanner_id_at": ("history", ["scanner_id", "at", "number"], None),
+    "ix_history_scanner_id_kind_at": ("history", ["scanner_id", "kind", "at", "number"], None),
+    "ix_repeats_created_at": ("repeats", ["created_at"], None),
+    "ix_uploads_changed_at": ("uploads", ["changed_at"], None),
+    "ix_webhook_deliveries_last_at": ("webhook_deliveries", ["last_at"], None),
+    "ix_drifts_created_at_id": ("drifts", ["created_at", "id"], None),
+    "ix_scans_of_phantoms": ("scans", ["scanner_id", "created_at"], "phantom_id IS NOT NULL"),
+    "ix_scans_phantom_id": ("scans", ["phantom_id"], "phantom_id IS NOT NULL"),
+    # Those that rules of retention go by.
+    "ix_scans_not_measured": ("scans", ["id"], "stored_bytes IS NULL"),
+    "ix_calibrations_not_measured": ("calibrations", ["id"], "stored_bytes IS NULL"),
+    "ix_reconstructions_not_measured": ("reconstructions", ["id"], "stored_bytes IS NULL"),
+    "ix_scans_logs_by_age": ("scans", ["created_at", "id", "stored_bytes"], "phantom_id IS NULL"),
+    "ix_scans_phantoms_by_age": ("scans", ["created_at", "id", "stored_bytes"], "phantom_id IS NOT NULL"),
+    "ix_calibrations_by_age": ("calibrations", ["created_at", "id", "stored_bytes"], None),
+    "ix_reconstructions_by_age": ("reconstructions", ["created_at", "id", "stored_bytes"], None),
+    # Without these, each row that is removed costs a walk through whatever may refer to it.
+    "ix_scans_job_id": ("scans", ["job_id"], None),
+    "ix_phantoms_job_id": ("phantoms", ["job_id"], None),
+    "ix_asked_calibration_id": ("asked", ["calibration_id"], None),
+    "ix_reconstructions_calibration_id": ("reconstructions", ["calibration_id"], None),
+    "ix_drifts_calibration_id": ("drifts", ["calibration_id"], None),
+    "ix_activations_calibration_id": ("activations", ["calibration_id"], None),
+    "ix_schedule_runs_calibration_id": ("schedule_runs", ["calibration_id"], None),
+}
+
+
+def upgrade() -> None:
+    _change_tables_of_jobs()
+    _change_tables_of_schedules()
+    for table in ("scans", "calibrations", "reconstructions"):
+        op.add_column(table, sa.Column("stored_bytes", _BYTES, nullable=True))
+    _create_asked()
+    _create_tables_of_events()
+    _create_tables_of_keys()
+    _create_tables_of_requests()
+    _create_tables_of_webhooks()
+    _create_tables_of_alarms()
+    measurements, history = _create_measurements(), _create_history()
+    op.drop_index("ix_scans_phantom_id", "scans")
+    for name, (table, columns, which) in _INDEXES.items():
+        where = None if which is None else sa.text(which)
+        op.create_index(name, table, columns, sqlite_where=where, postgresql_where=where)
+    op.create_index("ix_keys_secret_hash", "keys", ["secret_hash"], unique=True)
+    entries = [*_measured(measurements), *_without_result(), *_activations()]
+    entries.sort(key=lambda entry: entry["at"])
+    op.bulk_insert(history, entries)
+
+
+def _needed(**types: TypeEngine[Any]) -> Columns:
+    return [sa.Column(name, kind, nullable=False) for name, kind in types.items()]
+
+
+def _perhaps(**types: TypeEngine[Any]) -> Columns:
+    return [sa.Column(name, kind, nullable=True) for name, kind in types.items()]
+
+
+def _counted() -> sa.Column[Any]:
+    """The number of a row, which the database gives."""
+    return sa.Column("number", _INTEGER, autoincrement=True, nullable=False)
+
+
+def _single() -> sa.Column[Any]:
+    """The number of a table's only row."""
+    return sa.Column("number", _INTEGER, autoincrement=False, nullable=False)
+
+
+def _change_tables_of_jobs() -> None:
+    """Count losses and heartbeats; keep why a job waits, its lane, its priority and whose request queued it."""
+    for column in (
+        *(sa.Column(name, _INTEGER, nullable=False, server_default="0") for name in ("losses", "outages")),
+        *_perhaps(not_before_s=_REAL, waiting_for=_JSON),
+        sa.Column("beats", _INTEGER, nullable=False, server_default="0"),
+        sa.Column("short", _FLAG, nullable=False, server_default=sa.false()),
+        sa.Column("priority", _INTEGER, nullable=False, server_default="0"),
+        *_perhaps(request_id=_ID, key_id=_ID, asked_by=_NAME),
+    ):
+        op.add_column("jobs", column)
+    op.drop_column("jobs", "lease_expires_s")
+    op.create_table(
+        "clock", _single(), *_needed(boot=_ID, offset_s=_REAL), sa.PrimaryKeyConstraint("number", name="pk_clock")
+    )
+
+
+def _change_tables_of_schedules() -> None:
+    """Have schedules with a time zone, and those of drift checks."""
+    for column in (
+        sa.Column("time_zone", _ID, nullable=False, server_default="UTC"),
+        sa.Column("kind", _WORD, nullable=False, server_default="recalibrate"),
+        sa.Column("drift_options", _JSON, nullable=False, server_default='{"rows": null}'),
+    ):
+        op.add_column("schedules", column)
+    op.add_column("schedule_runs", sa.Column("drift_id", _ID, nullable=True))
+
+
+def _create_asked() -> None:
+    """Create one table for all kinds of jobs that are asked for and came after the first versions."""
+    op.create_table(
+        "asked",
+        *_perhaps(scanner_id=_ID, scan_id=_ID, phantom_id=_ID, calibration_id=_ID),
+        *_needed(options=_JSON),
+        *_perhaps(result=_JSON),
+        *_needed(job_id=_ID, id=_ID, created_at=_MOMENT),
+        sa.ForeignKeyConstraint(["calibration_id"], ["calibrations.id"], name="fk_asked_calibration_id"),
+        sa.ForeignKeyConstraint(["job_id"], ["jobs.id"], name="fk_asked_job_id"),
+        sa.PrimaryKeyConstraint("id", name="pk_asked"),
+        sa.UniqueConstraint("job_id", name="uq_asked_job_id"),
+    )
+
+
+def _create_tables_of_events() -> None:
+    """Create the events, and the audit, of which the database itself refuses to change or remove an entry."""
+    op.create_table(
+        "events",
+        _counted(),
+        *_needed(at=_MOMENT, what=_EVENT),
+        *_perhaps(job_id=_ID, attempt=_INTEGER, worker=_NAME, detail=_JSON),
+        *_perhaps(scanner_id=_ID, subject=_WORD, subject_id=_ID),
+        sa.PrimaryKeyConstraint("number", name="pk_events"),
+    )
+    op.create_table(
+        "audit",
+        _counted(),
+        *_needed(at=_MOMENT, who=_NAME),
+        *_perhaps(key_id=_ID, address=_ID, request_id=_ID),
+        *_needed(action=_EVENT, subject_id=_ID),
+        *_perhaps(detail=_JSON),
+        sa.PrimaryKeyConstraint("number", name="pk_audit"),
+    )
+    if op.get_bind().dialect.name == "sqlite":
+        for change in ("UPDATE", "DELETE"):
+            op.execute(
+                f"CREATE TRIGGER audit_no_{change.lower()} BEFORE {change} ON audit"
+                " BEGIN SELECT RAISE(ABORT, 'the audit only grows'); END"
+            )
+        op.execute(
+            "CREATE TRIGGER audit_no_replace BEFORE INSERT ON audit"
+            " WHEN EXISTS (SELECT 1 FROM audit WHERE number = NEW.number)"
+            " BEGIN SELECT RAISE(ABORT, 'the audit only grows'); END"
+        )
+        return
+    op.execute(
+        "CREATE FUNCTION audit_only_grows() RETURNS trigger LANGUAGE plpgsql AS"
+        " $$ BEGIN RAISE EXCEPTION 'the audit only grows'; END $$"
+    )
+    op.execute(
+        "CREATE TRIGGER audit_only_grows BEFORE UPDATE OR DELETE OR TRUNCATE ON audit"
+        " FOR EACH STATEMENT EXECUTE FUNCTION audit_only_grows()"
+    )
+
+
+def _create_tables_of_keys() -> None:
+    """Create the keys, and the sessions that they open."""
+    op.create_table(
+        "keys",
+        *_needed(id=_ID, created_at=_MOMENT, name=_NAME, scope=_WORD, display=_FLAG, secret_hash=_ID),
+        *_perhaps(previous_hash=_ID, previous_until=_MOMENT, rotated_at=_MOMENT),
+        *_perhaps(expires_at=_MOMENT, revoked_at=_MOMENT, last_used_at=_MOMENT),
+        *_needed(created_by=_NAME),
+        sa.PrimaryKeyConstraint("id", name="pk_keys"),
+    )
+    op.create_table(
+        "sessions",
+        *_needed(secret_hash=_ID, opened_by_hash=_ID, created_at=_MOMENT),
+        *_perhaps(expires_at=_MOMENT),
+        sa.PrimaryKeyConstraint("secret_hash", name="pk_sessions"),
+    )
+
+
+def _create_tables_of_requests() -> None:
+    """Create the answers of repeated requests, the uploads that can be resumed, and the rules of retention."""
+    op.create_table(
+        "repeats",
+        *_needed(caller=_NAME, key=_NAME, created_at=_MOMENT, request_sha256=_ID),
+        *_perhaps(file_sha256=_ID, answer=_JSON),
+        sa.PrimaryKeyConstraint("caller", "key", name="pk_repeats"),
+    )
+    op.create_table(
+        "uploads",
+        *_needed(id=_ID, created_at=_MOMENT),
+        *_perhaps(name=_NAME, key_id=_ID),
+        *_needed(size_bytes=_BYTES, offset_bytes=_BYTES),
+        *_perhaps(sha256=_ID),
+        *_needed(state=_WORD),
+        *_perhaps(used_by=_NAME),
+        *_needed(changed_at=_MOMENT),
+        sa.PrimaryKeyConstraint("id", name="pk_uploads"),
+    )
+    op.create_table(
+        "retention",
+        _single(),
+        *_needed(rules=_JSON, revision=_INTEGER, changed_at=_MOMENT, changed_by=_NAME, removed=_JSON),
+        *_perhaps(followed_at=_MOMENT),
+        sa.PrimaryKeyConstraint("number", name="pk_retention"),
+    )
+
+
+def _create_tables_of_webhooks() -> None:
+    """Create the webhooks, what was delivered to them, and which process sends."""
+    secret = sa.String(length=100)
+    op.create_table(
+        "webhooks",
+        *_needed(id=_ID, created_at=_MOMENT, url=sa.String(length=2000)),
+        *_perhaps(description=_NAME),
+        *_needed(events=_JSON, enabled=_FLAG, paused=_FLAG, secret=secret),
+        *_perhaps(previous_secret=secret, previous_secret_until=_MOMENT),
+        *_needed(after=_INTEGER, delivered=_INTEGER, failed=_INTEGER, failures=_INTEGER),
+        *_perhaps(next_attempt_at=_MOMENT, last_success_at=_MOMENT, last_failure_at=_MOMENT, last_failure=_TEXT),
+        sa.PrimaryKeyConstraint("id", name="pk_webhooks"),
+    )
+    op.create_table(
+        "webhook_deliveries",
+        _counted(),
+        *_needed(webhook_id=_ID, event_number=_INTEGER, message_id=_ID, what=_EVENT, state=_WORD, attempts=_INTEGER),
+        *_needed(first_at=_MOMENT, last_at=_MOMENT),
+        *_perhaps(status=_INTEGER, reason=_TEXT),
+        sa.ForeignKeyConstraint(
+            ["webhook_id"], ["webhooks.id"], name="fk_webhook_deliveries_webhook_id", ondelete="CASCADE"
+        ),
+        sa.PrimaryKeyConstraint("number", name="pk_webhook_deliveries"),
+        sa.UniqueConstraint("webhook_id", "event_number", name="uq_webhook_deliveries_webhook_id_event_number"),
+    )
+    op.create_table(
+        "webhook_sender",
+        _single(),
+        *_needed(holder=_ID, held_until=_MOMENT),
+        sa.PrimaryKeyConstraint("number", name="pk_webhook_sender"),
+    )
+
+
+def _create_tables_of_alarms() -> None:
+    """Create the alarms, and the drift chart of each scanner and method."""
+    op.create_table(
+        "alarms",
+        *_needed(scanner_id=_ID, what=_EVENT, since=_MOMENT),
+        *_perhaps(last_at=_MOMENT, limit_hours=_REAL, phantom_id=_ID, expired_on=sa.Date(), drift=_JSON),
+        sa.ForeignKeyConstraint(["scanner_id"], ["scanners.id"], name="fk_alarms_scanner_id", ondelete="CASCADE"),
+        sa.PrimaryKeyConstraint("scanner_id", "what", name="pk_alarms"),
+    )
+    op.create_table(
+        "drift_charts",
+        *_needed(scanner_id=_ID, method=_WORD, activation_number=_INTEGER, state=_JSON, looks=_INTEGER),
+        *_needed(changed_at=_MOMENT),
+        *_perhaps(baseline=_JSON),
+        *_needed(finding=_JSON),
+        *_perhaps(alarm=_JSON),
+        sa.ForeignKeyConstraint(["scanner_id"], ["scanners.id"], name="fk_drift_charts_scanner_id", ondelete="CASCADE"),
+        sa.PrimaryKeyConstraint("scanner_id", "method", name="pk_drift_charts"),
+    )
+
+
+def _create_measurements() -> sa.Table:
+    """Create what calibrations and drift checks measured, a row for each."""
+    return op.create_table(
+        "measurements",
+        _counted(),
+        *_needed(scanner_id=_ID, at=_MOMENT, kind=_WORD, subject_id=_ID),
+        *_perhaps(against_id=_ID, within_tolerance=_FLAG, verdict=_WORD, rays_verdict=_WORD),
+        *_perhaps(ray_change_mm=_REAL, ray_change_tolerance_mm=_REAL, scale_change_percent=_REAL),
+        *_needed(cor_column_mm=_REAL),
+        *_perhaps(cor_column_change_mm=_REAL),
+        *_needed(tilt_deg=_REAL),
+        *_perhaps(tilt_change_deg=_REAL),
+        *_needed(source_to_detector_mm=_REAL),
+        *_perhaps(source_distance_mm=_REAL),
+        *_needed(relative_residual=_REAL),
+        *_perhaps(gain=_REAL, ray_error_rms_mm=_REAL, ray_error_upper_95_mm=_REAL, scale_uncertainty_percent=_REAL),
+        *_perhaps(cor_column_standard_deviation_mm=_REAL, tilt_standard_deviation_deg=_REAL),
+        *_perhaps(source_to_detector_standard_deviation_mm=_REAL),
+        *_perhaps(cor_column_tilt_covariance_mm_deg=_REAL, baseline_age_hours=_REAL),
+        *_perhaps(cor_column_baseline_change_mm=_REAL, tilt_baseline_change_deg=_REAL),
+        *_perhaps(pooled_cor_column_mm=_REAL, pooled_cor_column_standard_deviation_mm=_REAL),
+        *_perhaps(pooled_tilt_deg=_REAL, pooled_tilt_standard_deviation_deg=_REAL),
+        *_perhaps(baseline_looks=_INTEGER, activation_number=_INTEGER, pooled_looks=_INTEGER),
+        *_perhaps(method=_WORD, input_sha256=_ID, awaits_chart=_FLAG),
+        sa.ForeignKeyConstraint(["scanner_id"], ["scanners.id"], name="fk_measurements_scanner_id"),
+        sa.PrimaryKeyConstraint("number", name="pk_measurements"),
+    )
+
+
+def _create_history() -> sa.Table:
+    """Create the histories of scanners."""
+    return op.create_table(
+        "history",
+        _counted(),
+        *_needed(scanner_id=_ID, at=_MOMENT, kind=_WORD, what=_EVENT, subject=_WORD, subject_id=_ID),
+        *_perhaps(who=_NAME, key_id=_ID, why=_TEXT, alarm=_EVENT, measurement_number=_INTEGER),
+        sa.ForeignKeyConstraint(["measurement_number"], ["measurements.number"], name="fk_history_measurement_number"),
+        sa.PrimaryKeyConstraint("number", name="pk_history"),
+    )
+
+
+def _table(name: str, **types: TypeEngine[Any]) -> sa.TableClause:
+    return sa.table(name, *(sa.column(column, kind) for column, kind in types.items()))
+
+
+_JOBS = _table("jobs", id=_ID, state=_WORD, created_at=_MOMENT, finished_at=_MOMENT, failure=_JSON)
+_ASKED = {
+    "calibration": _table("calibrations", id=_ID, scanner_id=_ID, job_id=_ID, schedule_id=_ID, result=_JSON),
+    "drift": _table("drifts", id=_ID, scanner_id=_ID, job_id=_ID, calibration_id=_ID, result=_JSON),
+}
+_KINDS = {"calibration": "calibration", "drift": "drift-check"}
+
+
+def _entry(scanner_id: str, at: datetime, kind: str, what: str, subject: str, subject_id: str) -> Values:
+    """Return an entry of a history, without who did it and why."""
+    about = {"scanner_id": scanner_id, "at": at, "kind": kind, "what": what, "subject": subject}
+    return about | {"subject_id": subject_id} | dict.fromkeys(("who", "why", "measurement_number"))
+
+
+def _schedule_of(row: Any) -> str | None:  # noqa: ANN401 - a row
+    """Return the schedule that asked for a calibration; who asked otherwise is not known, nor for a drift check."""
+    identifier = getattr(row, "schedule_id", None)
+    return None if identifier is None else f"schedule {identifier}"
+
+
+def _measured(measurements: sa.Table) -> Iterator[Values]:
+    """Write a measurement for each answer, in the order in which they ended; yield the entries of the histories."""
+    connection = op.get_bind()
+    ended_at = sa.func.coalesce(_JOBS.c.finished_at, _JOBS.c.created_at).label("at")
+    ended = sa.union_all(
+        *(
+            sa.select(sa.literal(subject).label("subject"), table.c.id, ended_at)
+            .join(_JOBS, _JOBS.c.id == table.c.job_id)
+            .where(_JOBS.c.state == "succeeded")
+            for subject, table in _ASKED.items()
+        )
+    ).subquery()
+    for subject, identifier, at in connection.execute(sa.select(ended).order_by(ended.c.at, ended.c.id)).all():
+        table = _ASKED[subject]
+        row = connection.execute(sa.select(table).where(table.c.id == identifier)).one()
+        values = _of_calibration(row.result) if subject == "calibration" else _of_drift(row.calibration_id, row.result)
+        about = {"scanner_id": row.scanner_id, "at": at, "kind": subject, "subject_id": identifier}
+        written = measurements.insert().values(about | values).returning(measurements.c.number)
+        number = connection.execute(written).scalar_one()
+        why = _why(row.result) if subject == "calibration" else row.result["reason"]
+        entry = _entry(row.scanner_id, at, _KINDS[subject], "succeeded", subject, identifier)
+        yield entry | {"who": _schedule_of(row), "why": why, "measurement_number": number}
+
+
+def _of_calibration(result: Values) -> Values:
+    """Return the columns of a measurement; the tolerance of its comparison does not stand in the answer."""
+    frame, change = result["source_frame"], result["comparison"] or {}
+    error = result["predicted_ray_error_mm"] or {}
+    deviation = (result["standard_deviation"] or {}).get("source_frame") or {}
+    return {
+        "against_id": change.get("calibration_id"),
+        "ray_change_mm": change.get("ray_change_mm"),
+        "within_tolerance": change.get("within_tolerance"),
+        "cor_column_mm": frame["cor_column_mm"],
+        "cor_column_change_mm": change.get("cor_column_change_mm"),
+        "tilt_deg": math.degrees(frame["tilt_rad"]),
+        "tilt_change_deg": change.get("tilt_change_deg"),
+        "source_to_detector_mm": frame["source_to_detector_mm"],
+        "source_distance_mm": frame["source_distance_mm"],
+        "relative_residual": result["residual"]["relative"],
+        "gain": result["gain"],
+        "ray_error_rms_mm": error.get("rms"),
+        "ray_error_upper_95_mm": error.get("upper_95"),
+        "verdict": result["verdict"],
+    } | _deviations(deviation)
+
+
+def _of_drift(calibration_id: str, result: Values) -> Values:
+    measured, change = result["measured"], result["change"]
+    return {
+        "against_id": calibration_id,
+        "ray_change_mm": result["ray_change_mm"],
+        "ray_change_tolerance_mm": result["tolerance_mm"],
+        "within_tolerance": result["within_tolerance"],
+        "cor_column_mm": measured["cor_column_mm"],
+        "cor_column_change_mm": change["cor_column_mm"],
+        "tilt_deg": math.degrees(measured["tilt_rad"]),
+        "tilt_change_deg": math.degrees(change["tilt_rad"]),
+        "source_to_detector_mm": measured["source_to_detector_mm"],
+        "relative_residual": result["relative_residual"],
+    } | _deviations(result["standard_deviation"])
+
+
+def _deviations(deviation: Values) -> Values:
+    tilt_rad = deviation.get("tilt_rad")
+    return {
+        "cor_column_standard_deviation_mm": deviation.get("cor_column_mm"),
+        "tilt_standard_deviation_deg": None if tilt_rad is None else math.degrees(tilt_rad),
+        "source_to_detector_standard_deviation_mm": deviation.get("source_to_detector_mm"),
+    }
+
+
+def _why(result: Values) -> str | None:
+    compared = (result["comparison"] or {}).get("reason")
+    return "; ".join(each for each in (*result["reasons"], compared) if each) or None
+
+
+def _without_result() -> Iterator[Values]:
+    """Yield an entry for each calibration and drift check that failed or was cancelled."""
+    job = (_JOBS.c.state, _JOBS.c.created_at, _JOBS.c.finished_at, _JOBS.c.failure)
+    for subject, table in _ASKED.items():
+        ended = sa.select(table, *job).join(_JOBS, _JOBS.c.id == table.c.job_id)
+        for row in op.get_bind().execute(ended.where(_JOBS.c.state.in_(("failed", "cancelled")))):
+            at = row.finished_at or row.created_at
+            entry = _entry(row.scanner_id, at, _KINDS[subject], row.state, subject, row.id)
+            if row.state == "failed":
+                entry |= {"who": _schedule_of(row), "why": (row.failure or {}).get("detail")}
+            yield entry
+
+
+def _activations() -> Iterator[Values]:
+    """Yield an entry for each activation; a calibration that is activated again was rolled back to."""
+    activations = _table(
+        "activations", number=_INTEGER, scanner_id=_ID, calibration_id=_ID, reason=_TEXT, activated_at=_MOMENT
+    )
+    seen = set()
+    for row in op.get_bind().execute(sa.select(activations).order_by(activations.c.number)):
+        again = (row.scanner_id, row.calibration_id) in seen
+        seen.add((row.scanner_id, row.calibration_id))
+        what = "calibration-rolled-back" if again else "calibration-activated"
+        entry = _entry(row.scanner_id, row.activated_at, "activation", what, "calibration", row.calibration_id)
+        yield entry | {"why": row.reason}
