@@ -28,11 +28,23 @@ BEYOND_SCHEMAS = re.compile(
     r"|give a length within 10% of the drawing"
     r"|has density \S+: give 0 or one of at least "
     r"|log_radius_mm \S+ must be less than constants.source_to_cor_mm"
-    r"|five fields, minute hour day month weekday in UTC, that come true at some time"
+    r"|holds values, in grey; for color_map=\S+ ask for bits=8"
+    r"|is a polygon that encloses \S+ mm\u00b2: give corners"
+    r"|averaged_rows goes with line-integrals, not counts"
+    r"|a range must be \[low, high\] with low < high"
 )
 # The largest file and where webhooks may lead are settings; whether a part is the last one depends on the length that
 # its upload was declared with.
-BEYOND_SCHEMAS_CODES = {"destination-not-allowed", "inconsistent-length", "two-files", "upload-too-large"}
+# Times and zones of schedules are words that no schema describes.
+BEYOND_SCHEMAS_CODES = {
+    "destination-not-allowed",
+    "inconsistent-length",
+    "invalid-cron",
+    "invalid-zone",
+    "two-files",
+    "upload-too-large",
+    "views-too-many",
+}
 
 
 @schemathesis.hook
