@@ -70,7 +70,7 @@ def test_the_page_shows_first_and_changes_what_was_confirmed_alone(seeded, store
     for fewer in ("0", "all"):
         refused = seeded.post("/retention/confirmed", data={"drifts_days": "30", "remove_at_most": fewer})
         assert refused.status_code == 409
-        assert "Nyt poistuisi enemmän kuin näytettiin" in text_of(refused.text)
+        assert "Säännöt poistaisivat nyt enemmän kuin vahvistettiin" in text_of(refused.text)
         assert f'name="remove_at_most" value="{number}"' in refused.text
     typed = {"drifts_days": "30", "reconstructions_bytes": "1,5", "remove_at_most": number}
     assert seeded.post("/retention/confirmed", data=typed).status_code == 303

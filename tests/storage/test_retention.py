@@ -275,6 +275,20 @@ def test_old_events_go_but_for_the_last_scans_and_numbers_go_on(mill, clock, upl
 
 
 @sqlite_alone
+def test_what_becomes_too_old_within_an_hour_is_confirmed_too(mill, clock, upload, finish):
+    for _ in range(4):
+        log(mill, upload, finish)
+        clock.advance(minutes=25)
+    clock.advance(days=1, minutes=-100)
+    shown = mill.retention.preview(RetentionRules(log_scans_days=1))
+    assert (shown.number, shown.at) == (3, clock() + timedelta(hours=1))
+    clock.advance(minutes=30)
+    ask = RetentionAsk(log_scans_days=1, remove_at_most=shown.number)
+    assert mill.retention.replace(ask).rules.log_scans_days == 1
+    assert carried_out(mill) == {RetentionKind.LOG_SCANS: 2}
+
+
+@sqlite_alone
 def test_rules_hold_only_if_they_remove_no_more_than_was_confirmed(mill, clock, upload, finish):
     log(mill, upload, finish)
     log(mill, upload, finish)

@@ -27,8 +27,9 @@ def get_retention(store: TheStore) -> Retention:
 
 @router.get("/preview", summary="Show what would go by rules", openapi_extra=trying(log_scans_days=14))
 def preview_retention(tried: Annotated[RetentionQuery, Query()], store: TheStore) -> RetentionPreview:
-    """What would go by the rules of the query, or by those in force where it names none; nothing goes.
+    """What would go within the next hour by the rules of the query, or by those in force where it names none.
 
+    Nothing goes. The rules may be put into force with `number` for an hour, although things become too old in it.
     An active calibration, the one before it and what they were made of never go; `stays` tells what else stays.
     """
     rules = RetentionRules(**tried.model_dump())

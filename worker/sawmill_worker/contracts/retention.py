@@ -194,9 +194,12 @@ class KindPreview(Contract):
 
 
 class RetentionPreview(Contract):
-    """What would go by rules at one time. Nothing has gone."""
+    """What would go by rules until a time. Nothing has gone."""
 
-    at: Time = Field(description="The time for which it is true, RFC 3339, UTC.", examples=["2026-03-02T05:30:00Z"])
+    at: Time = Field(
+        description="The time until which it would go, RFC 3339, UTC: an hour after the question.",
+        examples=["2026-03-02T05:30:00Z"],
+    )
     rules: RetentionRules = Field(description="The rules by which it would go.")
     number: int = Field(
         description="Number of things that would go. Send it as `remove_at_most` to put the rules into force.",

@@ -36,6 +36,8 @@ RULES = "rules"
 SUBJECT = "retention"
 # So long nobody looked after the rules, or the clock has leapt: then days wait for a person.
 LONGEST_GAP = timedelta(days=30)
+# The time that a person has to confirm the number of a preview: scans become too old every few seconds.
+CONFIRMED_WITHIN = timedelta(hours=1)
 _FIRST, _FIRST_IDS = 10, 3
 
 
@@ -51,9 +53,9 @@ class RetentionStore:
             return _read(session.get(RetentionRow, THE_ROW), self._database.now())
 
     def preview(self, rules: RetentionRules) -> RetentionPreview:
-        """What would go by rules now, and what would stay although they reach it."""
+        """List what would go by rules within the time for a confirmation, and what they reach that would stay."""
         with self._database.read() as session:
-            return _preview(session, rules, self._database.now())
+            return _preview(session, rules, self._database.now() + CONFIRMED_WITHIN)
 
     def growth(self, free_bytes: float) -> Growth:
         """How fast files come, and when they fill a disk with so much room under the rules in force."""
@@ -70,7 +72,8 @@ class RetentionStore:
             They would remove more.
         """
         rules = RetentionRules(**{name: getattr(ask, name) for name in RetentionRules.model_fields})
-        shown = self.preview(rules)
+        with self._database.read() as session:
+            shown = _preview(session, rules, self._database.now())
         if shown.number > ask.remove_at_most:
             raise _unconfirmed(shown, ask.remove_at_most)
         with self._database.write() as session:
