@@ -3,14 +3,13 @@
 import hashlib
 import json
 from collections.abc import Callable, Iterator
-from contextlib import suppress
 from typing import Any
 
 from fastapi.exceptions import RequestValidationError
 from pydantic import ValidationError
 from python_multipart import MultipartParser
 from python_multipart.exceptions import FormParserError
-from python_multipart.multipart import parse_options_header
+from python_multipart.multipart import MultipartState, parse_options_header
 from starlette.datastructures import Headers
 
 from sawmill_service.problems import Place, Refused
@@ -36,10 +35,11 @@ class SentForm(SentContent):
             raise Refused(415, "unsupported-media-type", detail, {"Accept": MEDIA_TYPE})
         self.form: Any = None
         self.check: Callable[[Any], None] = lambda _: None
-        self._model, self._left_bytes, self._field, self._name = model, max_field_bytes, "", b""
-        self._given, self._head, self._file = dict[str, bytearray](), dict[bytes, bytes](), list[bytes]()
-        self._look, self._has_file, self._ended = FirstBytes().look, False, False
-        names = ("part_begin", "part_data", "header_field", "header_value", "header_end", "headers_finished", "end")
+        self._model, self._left_bytes, self._field = model, max_field_bytes, ""
+        self._given, self._file = dict[str, bytearray](), list[bytes]()
+        self._head = list[tuple[bytearray, bytearray]]()
+        self._look, self._has_file = FirstBytes().look, False
+        names = ("header_begin", "header_field", "header_value", "headers_finished", "part_data")
         callbacks: Any = {f"on_{name}": getattr(self, f"_{name}") for name in names}
         try:
             self._parser = MultipartParser(options[b"boundary"] or b"\n", callbacks)
@@ -59,15 +59,9 @@ class SentForm(SentContent):
     def end(self) -> None:
         """Refuse what did not come whole, and what is missing."""
         super().end()
-        if not self._ended:
+        if self._parser.state is not MultipartState.END:
             raise _bad("breaks off: the boundary that ends it is missing; send it again")
-        try:
-            self.form = self._read_fields()
-        except UnicodeDecodeError as error:
-            raise _bad("cannot be read: a field is not UTF-8") from error
-        except ValidationError as error:
-            placed = [{**each, "loc": (Place.BODY, *each["loc"])} for each in error.errors()]
-            raise RequestValidationError(placed, body=self._given) from error
+        self.form = self._read_fields()
         if not self._has_file:
             raise Refused(422, "empty-body", f"the form's {FILE!r} is empty: choose a file")
 
@@ -76,35 +70,36 @@ class SentForm(SentContent):
         fields = sorted((name, value.decode()) for name, value in self._given.items())
         return hashlib.sha256(json.dumps([fields, file_sha256]).encode()).hexdigest()
 
-    def _part_begin(self) -> None:
-        self._head = {}
+    def _header_begin(self) -> None:
+        self._head.append((bytearray(), bytearray()))
 
     def _header_field(self, data: bytes, start: int, end: int) -> None:
-        self._name += data[start:end].lower()
+        self._head[-1][0].extend(data[start:end].lower())
 
     def _header_value(self, data: bytes, start: int, end: int) -> None:
-        self._head[self._name] = self._head.get(self._name, b"") + data[start:end]
-
-    def _header_end(self) -> None:
-        self._name = b""
+        self._head[-1][1].extend(data[start:end])
 
     def _headers_finished(self) -> None:
-        kind, options = parse_options_header(self._head.get(b"content-disposition"))
+        head = {bytes(name): bytes(value) for name, value in self._head}
+        if len(head) < len(self._head):
+            raise _bad("has a part with a header twice")
+        self._head.clear()
+        kind, options = parse_options_header(head.get(b"content-disposition"))
         if kind != b"form-data" or b"name" not in options or len(self._given) == _MOST_PARTS:
             raise _bad(f'has more than {_MOST_PARTS} parts, or one without Content-Disposition: form-data; name="…"')
         self._field = name = options[b"name"].decode(errors="replace")
         if name in self._given:
             raise Refused(422, "two-files" if name == FILE else "invalid-request", f"the form has {name!r} twice")
-        encodings = (self._head.get(b"content-" + kind, b"binary") for kind in (b"encoding", b"transfer-encoding"))
+        encodings = (head.get(b"content-" + kind, b"binary") for kind in (b"encoding", b"transfer-encoding"))
         if not _AS_IT_IS.issuperset(each.strip().lower() for each in encodings):
             raise Refused(415, "unsupported-encoding", f"the form's {name!r} must be sent as it is")
         self._given[name] = bytearray()
         if name == FILE:
-            check_media_type(self._head.get(b"content-type", b"").decode("latin-1"))
+            check_media_type(head.get(b"content-type", b"").decode("latin-1"))
             file_name = options.get(b"filename", b"").decode(errors="replace").replace("\\", "/").rpartition("/")[2]
             self._given[FILE] += shown(file_name)[:_LONGEST_NAME].strip().encode()
-            with suppress(ValueError):  # what is missing or wrong is refused at the end
-                self.check(self._read_fields())
+            if form := self._read_fields(more_follow=True):
+                self.check(form)
 
     def _part_data(self, data: bytes, start: int, end: int) -> None:
         piece = data[start:end]
@@ -118,11 +113,20 @@ class SentForm(SentContent):
         if self._left_bytes < 0:
             raise Refused(413, "body-too-large", "the fields of the form are too large: only its file may be large")
 
-    def _end(self) -> None:
-        self._ended = True
-
-    def _read_fields(self) -> Given:
-        return self._model.model_validate({name: value.decode() for name, value in self._given.items()})
+    def _read_fields(self, *, more_follow: bool = False) -> Given | None:
+        """Read the fields so far; None where fields that may follow are missing, or may go with these."""
+        try:
+            return self._model.model_validate({name: value.decode() for name, value in self._given.items()})
+        except UnicodeDecodeError as error:
+            raise _bad("cannot be read: a field is not UTF-8") from error
+        except ValidationError as error:
+            faults = error.errors()
+            if more_follow:
+                faults = [each for each in faults if each["loc"] and each["type"] != "missing"]
+            if not faults:
+                return None
+            placed = [{**each, "loc": (Place.BODY, *each["loc"])} for each in faults]
+            raise RequestValidationError(placed, body=self._given) from error
 
 
 def _bad(what: str) -> Refused:

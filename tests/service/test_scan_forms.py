@@ -203,6 +203,26 @@ REFUSED = {
     "packed": (gzip.compress(GIVEN + FILE + END), {"Content-Encoding": "gzip"}, 415, "unsupported-encoding"),
     "no last boundary": (GIVEN + FILE, {}, 400, "bad-form"),
     "broken off in the file": ((GIVEN + FILE)[:-30], {}, 400, "bad-form"),
+    "half of the last boundary": (GIVEN + FILE + END[:5], {}, 400, "bad-form"),
+    "broken off in a part's head": (GIVEN + FILE[:40], {}, 400, "bad-form"),
+    "a packed part": (
+        GIVEN + part("file", gzip.compress(CONTENT), "\r\nContent-Encoding: gzip") + END,
+        {},
+        415,
+        "unsupported-encoding",
+    ),
+    "a header twice": (
+        GIVEN + part("file", CONTENT, '\r\nContent-Disposition: form-data; name="name"') + END,
+        {},
+        400,
+        "bad-form",
+    ),
+    "a form in a form": (
+        GIVEN + part("file", (GIVEN + END).replace(b"xyz", b"abc"), '; filename="a"') + END,
+        {},
+        415,
+        "unsupported-media-type",
+    ),
     "nothing": (b"", {}, 422, "empty-body"),
     "no file": (GIVEN + END, {}, 422, "invalid-request"),
     "an empty file": (GIVEN + part("file", "", '; filename=""') + END, {}, 422, "empty-body"),
@@ -258,12 +278,14 @@ def test_what_is_refused_leaves_nothing(seeded, settings, store, body, headers, 
     [
         ({"scanner_id": "nowhere", "data": "counts"}, "scanner-not-found"),
         ({**FIELDS, "phantom_id": "nothing"}, "phantom-not-found"),
+        ({"data": "guess"}, "invalid-request"),
+        ({"fantom_id": "l-shape"}, "invalid-request"),
     ],
 )
 def test_fields_before_the_file_are_looked_up_before_it_is_received(seeded, store, settings, fields, code):
     seeded.app = create_app(settings.model_copy(update={"max_upload_bytes": 2**22}), store, print)
     answer = send(seeded, until_the_file(b"".join(part(name, value) for name, value in fields.items())))
-    assert (answer.status_code, answer.json()["code"]) == (404, code)
+    assert answer.json()["code"] == code
     assert incoming(store) == []
 
 

@@ -71,7 +71,7 @@ async def upload_scan_form(
     """As `POST /v1/scans`, with the file and its description as the parts of a form, for consoles and `curl -F`.
 
     The file is the field `file`, of 64 MiB at most (`SAWMILL_MAX_FORM_BYTES`). Where all other fields stand
-    before it, scanner and phantom are looked up before it is received.
+    before it, scanner and phantom are looked up before it is received; a wrong value before it is refused at once.
     """
     content = SentForm(request.headers, ScanForm, max_field_bytes=settings.max_json_bytes)
     async with repeatable.unless_repeated(content):
