@@ -224,6 +224,14 @@ class TestByFeatures:
         with pytest.raises(RowsError, match="view 0 has 20 rows; features need at least 32"):
             shifts_by_features(stack[:, :20], angles)
 
+    def test_too_few_cells_are_refused(self, dense):
+        stack, angles = dense
+        for cells in (1, 11):
+            with pytest.raises(RowsError, match=f"view 0 has {cells} detector cells; features need at least 12"):
+                shifts_by_features(stack[:, :, :cells], angles)
+        with pytest.raises(RowsError, match="features"):
+            shifts_by_features(stack[:, :, :12], angles)
+
 
 class TestAligned:
     def test_whole_rows_keep_their_numbers_and_are_not_resampled(self, sparse):

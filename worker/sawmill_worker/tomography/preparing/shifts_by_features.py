@@ -20,7 +20,8 @@ from sawmill_worker.tomography.geometry import TAU, FloatArray
 from sawmill_worker.tomography.preparing.row_shifts import RowsError, RowShifts, Stack, check_certain, jumps_between
 from sawmill_worker.tomography.present_rows import Rows, present_rows
 
-FEWEST_ROWS = 32
+# SIFT fails with an IndexError on fewer cells.
+FEWEST_ROWS, FEWEST_CELLS = 32, 12
 # The largest of a view's features; in noise most are small.
 MOST_FEATURES = 800
 # Contrast of the weakest feature that is kept, of 1, and the width in cells of a Gaussian against noise.
@@ -94,6 +95,8 @@ def _features(view: int, image: Stack) -> _Features:
     rows = np.flatnonzero(there)
     if rows.size < FEWEST_ROWS:
         raise RowsError(f"view {view} has {rows.size} rows; features need at least {FEWEST_ROWS}")
+    if cells < FEWEST_CELLS:
+        raise RowsError(f"view {view} has {cells} detector cells; features need at least {FEWEST_CELLS}")
     shown = image[rows]
     ends = np.flatnonzero(_jumps(shown))
     # One for each view: it adapts itself to the size of its first image.

@@ -1,0 +1,36 @@
+"""Units of lengths and angles in files: each against its value in mm or degrees."""
+
+import math
+
+import numpy as np
+import pytest
+
+from sawmill_worker.readers import units
+
+IN_MM = {
+    1e-6: ["nm"],
+    1e-3: ["um", "\u00b5m", "\u03bcm", "micron", "microns", "micrometer", "micrometre"],
+    1.0: ["mm", "millimeter", "millimetre"],
+    10.0: ["cm"],
+    1000.0: ["m", "meter", "metre"],
+}
+IN_DEGREES = {1.0: ["deg", "degree", "degrees", "°"], 180.0 / math.pi: ["rad", "radian", "radians"]}
+
+
+def of_each(factors):
+    return [(unit, factor) for factor, names in factors.items() for unit in names]
+
+
+@pytest.mark.parametrize(("unit", "factor"), of_each(IN_MM))
+def test_a_length_is_read_in_its_unit(unit, factor):
+    assert units.length_of(np.array([2.5]), f" {unit.upper() if unit.isascii() else unit} ") == (2.5 * factor, None)
+
+
+@pytest.mark.parametrize(("unit", "factor"), of_each(IN_DEGREES))
+def test_an_angle_is_read_in_its_unit(unit, factor):
+    np.testing.assert_allclose(units.to_degrees(np.array([0.5, -2.0]), unit), [0.5 * factor, -2.0 * factor])
+
+
+def test_every_unit_is_tried():
+    assert set(units._MM) == {unit for unit, _ in of_each(IN_MM)}
+    assert {unit for unit, _ in of_each(IN_DEGREES)} == units._DEGREES | units._RADIANS
