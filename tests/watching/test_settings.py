@@ -57,7 +57,17 @@ def test_one_way_to_know_whole_files_may_be_switched_off(tmp_path, switched_off)
         ('"*.h5"', '"logs/*.h5"', "must match names in the folder itself, so without /, not 'logs/*.h5'"),
         ("10:30", "30:10", "rows must be A:B with 0 <= A < B, as in 0:16"),
         ('"10:30"', "[1, 2]", "should be a valid string, not [1, 2]"),
-        ('"10:30"', "10:30:00", "rows must be A:B with 0 <= A < B, as in 0:16"),
+        ('"10:30"', "10:30:00", "phantom_rows: should be a valid string, not {'date or time': '10:30:00'}"),
+        (
+            '"line-2"',
+            "2026-03-31",
+            "folders.0.scanner_id: should be a valid string, not {'date or time': '2026-03-31'}",
+        ),
+        (
+            '"line-2"',
+            '"line-2"\ndone = 2026-03-31T05:30:00Z',
+            "folders.0.done: should be a valid string, not {'date or",
+        ),
         ('"line-2"', '"line-2"\nstill_for_s = "on"', "folders.0.still_for_s: should be a valid number, not 'on'"),
         ('"line-2"', '"line-2"\nstill_for_s = inf', "folders.0.still_for_s: should be a finite number, not inf"),
         ('"line-2"', '"line-2"\nstill_for_s = true', "folders.0.still_for_s: should be a valid number, not True"),

@@ -1,5 +1,6 @@
 """Settings of `sawmill watch`, a TOML file: where the service is, which folders there are, and what is in them."""
 
+import json
 import re
 import tomllib
 from difflib import get_close_matches
@@ -17,7 +18,6 @@ from pydantic import (
     field_validator,
     model_validator,
 )
-from pydantic_core import to_json
 
 from sawmill_worker.contracts.base import Identifier, Rows
 from sawmill_worker.contracts.given import Given, shown
@@ -193,7 +193,9 @@ def read_settings(path: Path) -> Watching:
     except tomllib.TOMLDecodeError as error:
         raise WrongFileError(f"{path} is no TOML: {error}") from error
     try:
-        return Watching.model_validate_json(to_json(given), strict=True)
+        # JSON has no dates and times: a text is written in quotes.
+        sent = json.dumps(given, default=lambda moment: {"date or time": str(moment)})
+        return Watching.model_validate_json(sent, strict=True)
     except ValidationError as error:
         raise WrongFileError("\n".join(f"{path}: {_sentence(fault)}" for fault in error.errors())) from error
 
