@@ -71,7 +71,7 @@ class Measurement:
         return cls(conditions, reference, reference())
 
     def write(self, results: Mapping[str, Mapping[str, Any]], folder: Path = RESULTS) -> None:
-        """Write a file for each name, or end the program where the machine's speed changed meanwhile.
+        """Write a file for each name, or end the program where the machine's speed changed during it.
 
         The files are marked `busy` where the machine was slow before and after, by the best time that the folder's
         files of the same machine know.

@@ -95,21 +95,21 @@ def _at_work(session: Session) -> Sequence[JobRow]:
 
 def _before(session: Session, rows: Sequence[JobRow]) -> dict[str, Counter[Line]]:
     """Count what each queued job waits for: long jobs for all before them, short ones for short ones."""
-    asked = {row.id: row for row in rows}
+    rows_by_id = {row.id: row for row in rows}
     places = sorted(rows, key=lambda row: (row.priority.rank, row.created_at, row.id))
     first, last = _place(places[0]), _place(places[-1])
     line, place = (JobRow.kind, JobRow.short), tuple_(*ORDER)
     queued = JobRow.state == JobState.QUEUED
     counted = session.execute(select(*line, func.count()).where(queued, place < first).group_by(*line))
     counts = Counter({Line(kind, short): number for kind, short, number in counted})
-    found = {}
+    before = {}
     between = select(JobRow.id, *line).where(queued, place >= first, place <= last).order_by(*ORDER)
     for job_id, kind, short in session.execute(between):
-        if job_id in asked:
-            only_short = asked[job_id].short
-            found[job_id] = Counter({line: number for line, number in counts.items() if line.short or not only_short})
+        if job_id in rows_by_id:
+            only_short = rows_by_id[job_id].short
+            before[job_id] = Counter({line: number for line, number in counts.items() if line.short or not only_short})
         counts[Line(kind, short)] += 1
-    return found
+    return before
 
 
 def _place(row: JobRow) -> Tuple:
@@ -124,15 +124,15 @@ def _wait_s(
     row: JobRow, before: Counter[Line], at_work: Iterable[JobRow], durations: Durations, now: datetime
 ) -> float | None:
     """Estimate when a queued job may start: after those before it, which share as many workers as there are now."""
-    goes_on = [
+    running = [
         job
         for job in at_work
         if (job.short or not row.short)
         and (job.priority is not Priority.BACKGROUND or row.priority is Priority.BACKGROUND)
     ]
     queued_s = _sum(number * durations[line] if line in durations else None for line, number in before.items())
-    work_s = _sum([queued_s, *(_remaining_s(job, durations, now) for job in goes_on)])
-    workers = max(1, sum(job.short == row.short for job in goes_on))
+    work_s = _sum([queued_s, *(_remaining_s(job, durations, now) for job in running)])
+    workers = max(1, sum(job.short == row.short for job in running))
     return None if work_s is None else max(work_s / workers, (row.not_before_s or 0.0) - now.timestamp())
 
 
