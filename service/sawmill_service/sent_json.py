@@ -12,12 +12,13 @@ from fastapi import Request
 from fastapi.concurrency import run_in_threadpool
 from fastapi.exceptions import RequestValidationError
 from fastapi.routing import APIRoute
-from pydantic import GetCoreSchemaHandler, TypeAdapter, ValidationError
-from pydantic_core import CoreSchema, ErrorDetails, core_schema, from_json, to_json
+from pydantic import GetCoreSchemaHandler, TypeAdapter
+from pydantic_core import CoreSchema, core_schema, from_json, to_json
 
 from sawmill_service.problems import STATED, Place
 from sawmill_service.queries import repeated
 from sawmill_worker.contracts.given import hidden_characters
+from sawmill_worker.contracts.strict_json import BYTE_ORDER_MARK, read_strictly
 
 Pairs = list[tuple[str, Any]]
 
@@ -58,7 +59,7 @@ def _check(body: bytes) -> None:
     if repeating is not None:
         raise RequestValidationError([_first_repeated(repeating)], body=repeating)
     try:
-        sent = from_json(body)
+        sent = from_json(body.removeprefix(BYTE_ORDER_MARK))
     except ValueError as error:  # half a surrogate, or hundreds of lists in lists
         unread = {"type": STATED, "loc": (Place.BODY,), "msg": f"cannot be read: {error}", "input": None}
         raise RequestValidationError([unread]) from error
@@ -74,22 +75,12 @@ class Strictly:
         """Wrap the contract's schema, which takes what is read as it is."""
         strict = TypeAdapter(contract)
 
-        def read(sent: object) -> object:
-            if isinstance(sent, bytes):  # of another media type, which the contract refuses
-                return sent
-            try:
-                return strict.validate_json(to_json(sent, inf_nan_mode="constants"), strict=True)
-            except ValidationError as error:
-                if all(_is_whole_number(fault) for fault in error.errors(include_url=False)):
-                    return sent
-                raise
+        def read(body: object) -> object:
+            if isinstance(body, bytes):  # a media type that is not JSON, which the contract refuses
+                return body
+            return read_strictly(strict, to_json(body, inf_nan_mode="constants"))
 
         return core_schema.no_info_before_validator_function(read, handler(contract))
-
-
-def _is_whole_number(fault: ErrorDetails) -> bool:
-    """Look for 20.0 as an integer: JSON Schema has it as one, and some programs write every number so."""
-    return fault["type"] == "int_type" and isinstance(fault["input"], float) and fault["input"].is_integer()
 
 
 Body = TypeVar("Body")
@@ -98,19 +89,19 @@ Sent = Annotated[Body, Strictly()]
 
 
 def _read(body: bytes) -> Any:  # noqa: ANN401 - JSON
-    """Read what was sent, if a field stands in it twice; None: in no object does one."""
-    found = False
+    """Read a body in which a field stands twice in an object; None for any other body."""
+    has_repeated = False
 
     def made(pairs: Pairs) -> dict[str, Any]:
-        nonlocal found
+        nonlocal has_repeated
         fields = dict(pairs)
         if len(fields) == len(pairs):
             return fields
-        found = True
+        has_repeated = True
         return _Repeating(pairs)
 
     sent = json.loads(body, object_pairs_hook=made)
-    return sent if found else None
+    return sent if has_repeated else None
 
 
 def _first_repeated(sent: object) -> Mapping[str, object]:

@@ -10,12 +10,15 @@ from pydantic import TypeAdapter, ValidationError
 
 import sawmill_calibration
 from sawmill_calibration import Disc, InputError, Phantom, Polygon, Scanner, Theta
+from sawmill_calibration.input_errors import options_of
 from sawmill_worker.contracts.calibrations import CalibrationOptions
 from sawmill_worker.contracts.geometry import GivenTheta, ScannerConstants
 from sawmill_worker.contracts.phantoms import PhantomAsk
 from sawmill_worker.contracts.plans import PlanOptions
+from sawmill_worker.contracts.reconstructions import ReconstructionOptions
 from sawmill_worker.use_cases.calibrate import CalibrationInput, run_calibration
 from sawmill_worker.use_cases.failures import JobFailure, input_errors_translated
+from sawmill_worker.use_cases.json_file import read_json
 from sawmill_worker.use_cases.plan import PlanInput, run_plan
 
 SCANNER = Scanner(859.46, 32, 36.0)
@@ -97,16 +100,38 @@ def test_a_phantom_that_shows_no_geometry_ends_in_a_sentence(shapes):
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
-        ({"method": "tikhonov", "alpha": 1e-300}, "alpha must be from 1e-09 to 1e+09, not 1e-300"),
-        ({"method": "cauchy_map", "sigma": 1e300, "beta": 1.0}, "sigma must be from 1e-09 to 1e+09, not 1e+300"),
-        ({"method": "cauchy_map", "sigma": 1.0, "beta": 1e-300}, "beta must be from 1e-09 to 1e+09, not 1e-300"),
-        ({"method": "total_variation", "weight": 1e300}, "weight must be from 1e-09 to 1e+09, not 1e+300"),
-        ({"field_mm": 1e-300}, "field_mm must be from 0.01 to 100000, not 1e-300"),
+        ({"method": "tikhonov", "alpha": 1e-300}, "alpha: must be from 1e-09 to 1e+09, not 1e-300"),
+        ({"method": "cauchy_map", "sigma": 1e300, "beta": 1.0}, "sigma: must be from 1e-09 to 1e+09, not 1e+300"),
+        ({"method": "cauchy_map", "sigma": 1.0, "beta": 1e-300}, "beta: must be from 1e-09 to 1e+09, not 1e-300"),
+        ({"method": "total_variation", "weight": 1e300}, "weight: must be from 1e-09 to 1e+09, not 1e+300"),
+        ({"field_mm": 1e-300}, "field_mm: must be from 0.01 to 100000, not 1e-300"),
     ],
 )
 def test_parameters_beyond_computing_are_refused(options, sentence):
     with pytest.raises(InputError, match=re.escape(sentence)):
         sawmill_calibration.reconstruct(simulated(), THETA, size=16, **options)
+
+
+def endless():
+    rows = []
+    rows.append(rows)
+    return rows
+
+
+@pytest.mark.parametrize("rows", ["\ud800", endless()], ids=["half a surrogate", "a list that holds itself"])
+def test_options_that_no_json_holds_are_refused(rows):
+    with pytest.raises(InputError, match="an option cannot be read: "):
+        options_of(ReconstructionOptions, {"rows": rows})
+
+
+@pytest.mark.parametrize("written", [180.0, np.float64(180), np.float32(180), np.int64(180)])
+def test_a_whole_number_may_be_written_as_a_float(tmp_path, written):
+    assert options_of(ReconstructionOptions, {"views": written}).views == 180
+    path = tmp_path / "options.json"
+    path.write_bytes(b'\xef\xbb\xbf{"views": %r}' % float(written))
+    assert read_json(path, ReconstructionOptions, code="options", otherwise="no options").views == 180
+    with pytest.raises(InputError, match=r"views: Input should be a valid integer$"):
+        options_of(ReconstructionOptions, {"views": 180.5})
 
 
 @pytest.mark.parametrize(

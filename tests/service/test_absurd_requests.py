@@ -53,7 +53,7 @@ def test_a_reconstruction_that_an_earlier_version_accepted_is_listed(seeded, sto
     """Its parameters are beyond what may be asked for now."""
     asked = {"scan_id": "example", "method": "tikhonov", "alpha": 1e-300}
     answer = seeded.post("/v1/reconstructions", json=asked)
-    assert "alpha must be from 1e-09 to 1e+09, not 1e-300" in answer.json()["detail"]
+    assert "body.alpha must be from 1e-09 to 1e+09, not 1e-300" in answer.json()["detail"]
     kept = store.asked(RECONSTRUCTION).accept(ReconstructionAsked(**asked))
     assert seeded.get(f"/v1/reconstructions/{kept.id}").json()["options"]["alpha"] == 1e-300
 

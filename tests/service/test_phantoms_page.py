@@ -93,6 +93,11 @@ def test_a_preview_draws_what_it_can_and_names_the_shape_that_is_wrong(client):
     assert shown.json()["svg"].count('class="wood wrong"') == 1
     assert client.post("/phantoms/preview", json={"shapes": [SQUARE]}).json()["faults"] == []
     assert client.post("/phantoms/preview", json={"shapes": []}).json() == {"svg": None, "faults": []}
+    for lax in ("50", True):
+        disc = {"kind": "disc", "center_mm": [0, 0], "radius_mm": lax}
+        drawn = client.post("/phantoms/preview", json={"shapes": [disc]}).json()
+        assert drawn["svg"] is None
+        assert drawn["faults"][0]["sentence"].startswith("radius_mm should be a valid number, not")
     holes = [SQUARE, {"kind": "disc", "center_mm": [0, 0], "radius_mm": 80, "density": -1}]
     found = client.post("/phantoms/preview", json={"shapes": holes}).json()["faults"]
     assert [fault["shape"] for fault in found] == [1, None]

@@ -54,12 +54,11 @@ def test_bounds_make_the_loop():
     assert found.source_shift_mm == (-10.0, 20.0)
 
 
-def test_what_is_given_is_held_against_what_a_scanner_can_be_even_where_it_is_a_stored_value(theta):
+def test_what_is_given_is_held_against_what_a_scanner_can_be_but_not_what_is_stored(theta):
     beyond = Theta(*to_vector(theta)[:4], 11.0)
     assert TypeAdapter(Theta).validate_python(beyond) == beyond
-    for given in (beyond, vars(beyond)):
-        with pytest.raises(ValidationError, match="less than or equal to 10"):
-            TypeAdapter(GivenTheta).validate_python(given)
+    with pytest.raises(ValidationError, match="less than or equal to 10"):
+        TypeAdapter(GivenTheta).validate_python(vars(beyond))
     wide = ThetaBounds(detector_tilt=(-11.0, 1.0))
     assert TypeAdapter(ThetaBounds).validate_python(wide) == wide
     with pytest.raises(ValidationError, match="greater than or equal to -10"):

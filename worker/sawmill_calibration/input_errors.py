@@ -10,6 +10,7 @@ from pydantic_core import to_json
 
 from sawmill_worker.contracts.base import placed_complaint
 from sawmill_worker.contracts.jobs import FailureKind
+from sawmill_worker.contracts.strict_json import read_strictly
 from sawmill_worker.use_cases.failures import JobFailure, input_errors_translated
 
 Options = TypeVar("Options")
@@ -51,11 +52,14 @@ def options_of(contract: type[Options], given: object) -> Options:
     InputError
         An option is unknown, or its value is none that it may have.
     """
-    sent = to_json(given, inf_nan_mode="constants", fallback=_plain)
     try:
-        return TypeAdapter(contract).validate_json(sent, strict=True)
+        sent = to_json(given, inf_nan_mode="constants", fallback=_plain)
+        options: Options = read_strictly(TypeAdapter(contract), sent)
     except ValidationError as error:
         raise InputError("options", placed_complaint(error)) from error
+    except ValueError as error:  # half a surrogate, or a list that holds itself
+        raise InputError("options", f"an option cannot be read: {error}") from error
+    return options
 
 
 def _plain(value: object) -> object:

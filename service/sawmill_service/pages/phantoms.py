@@ -7,7 +7,8 @@ from typing import Annotated, NamedTuple
 from fastapi import APIRouter, Body, Query, Request, Response
 from fastapi.responses import HTMLResponse, RedirectResponse
 from markupsafe import Markup
-from pydantic import Field, JsonValue, ValidationError
+from pydantic import Field, JsonValue, TypeAdapter, ValidationError
+from pydantic_core import to_json
 
 from sawmill_service.answers import Paging, Svg, file, picture
 from sawmill_service.dependencies import TheSettings, TheStore
@@ -20,6 +21,7 @@ from sawmill_worker.contracts.given import Given
 from sawmill_worker.contracts.jobs import JobKind
 from sawmill_worker.contracts.phantoms import DrawnShape, PhantomPicture, StoredPhantom, faults_of
 from sawmill_worker.contracts.scanners import StoredScanner
+from sawmill_worker.contracts.strict_json import read_strictly
 from sawmill_worker.pictures.phantom_drawing import outline_svg, shown_svg
 from sawmill_worker.storage.errors import Conflict, NotFound
 from sawmill_worker.storage.store import Store
@@ -55,6 +57,9 @@ class _Outline(Given):
     """One shape of a drawing that is being made."""
 
     shape: DrawnShape
+
+
+_OUTLINE = TypeAdapter(_Outline)
 
 
 class ShapeFault(Contract):
@@ -96,7 +101,7 @@ def preview(page: ThePage, shapes: Annotated[list[JsonValue], Body(embed=True, m
     faults: list[ShapeFault] = []
     for number, given in enumerate(shapes):
         try:
-            read[number] = _Outline.model_validate({"shape": given}).shape
+            read[number] = read_strictly(_OUTLINE, to_json({"shape": given})).shape
         except ValidationError as error:
             faults.append(ShapeFault(shape=number, sentence=_complaint(error)))
     faults += [ShapeFault(shape=number, sentence=sentence) for number, sentence in faults_of(read)]

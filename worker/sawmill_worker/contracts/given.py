@@ -1,8 +1,8 @@
-"""What clients send, in bodies and queries: texts that can be shown, and times with their offset."""
+"""The base of bodies and queries, and the types of their texts, days and times."""
 
 import re
 from collections.abc import Iterator
-from datetime import UTC, datetime
+from datetime import UTC, date, datetime
 from typing import Annotated, Any, Self
 
 from pydantic import (
@@ -21,6 +21,7 @@ from sawmill_worker.contracts.base import Contract
 # name is one line that looks like what it is.
 _NOT_SHOWN = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069\ud800-\udfff]")
 _NUMBER = re.compile(r"[-+]?[\d_.]+(e[-+]?\d+)?", re.IGNORECASE)
+_DAY = re.compile("[0-9]{4}-[0-9]{2}-[0-9]{2}")
 _TIME = TypeAdapter(AwareDatetime)
 
 Place = tuple[Any, ...]
@@ -44,6 +45,16 @@ def shown(text: str) -> str:
     return _NOT_SHOWN.sub("", text).strip()
 
 
+def _as_day(given: object) -> date:
+    """Read a day; pydantic takes a number, in a text too, for seconds since 1970."""
+    if isinstance(given, str) and _DAY.fullmatch(given.strip()):
+        return date.fromisoformat(given.strip())
+    if isinstance(given, date):
+        return given
+    msg = f"should be a valid date, not {given!r:.100}: write it as in 2026-03-31"
+    raise ValueError(msg)
+
+
 def _as_time(given: object) -> object:
     """Read a time; pydantic takes a number, in a text too, for seconds since 1970."""
     if isinstance(given, int | float) or (isinstance(given, str) and _NUMBER.fullmatch(given.strip())):
@@ -61,6 +72,7 @@ def _in_utc(moment: datetime) -> datetime:
         raise ValueError(msg) from None
 
 
+GivenDay = Annotated[date, BeforeValidator(_as_day)]
 GivenTime = Annotated[AwareDatetime, BeforeValidator(_as_time), AfterValidator(_in_utc)]
 
 
@@ -70,7 +82,7 @@ def _stated(message: str) -> PydanticCustomError:
 
 
 class Given(Contract):
-    """What somebody sends.
+    """The base of a body or a query, whose texts have no control characters.
 
     A model of bodies has no validator of mode "before" or "wrap" above a tuple, a date or a time: pydantic hands the
     Python values of such a validator on, in which the lists and texts of strict JSON are none of these.

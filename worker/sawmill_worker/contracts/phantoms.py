@@ -11,7 +11,7 @@ from pydantic import ConfigDict, Field, field_validator, model_validator
 
 from sawmill_worker.contracts.base import Contract, Identifier, Name, PositiveMm, Stamped
 from sawmill_worker.contracts.choices import Axis
-from sawmill_worker.contracts.given import Given
+from sawmill_worker.contracts.given import Given, GivenDay
 from sawmill_worker.contracts.jobs import JobKind
 from sawmill_worker.contracts.kinds import UploadedKind
 from sawmill_worker.vocabulary import STANDARD_SIZE_TOLERANCE, Disc, Point, Shape, TrueAxis, fault_of_outline
@@ -46,7 +46,7 @@ class SizeMeasurement(Contract):
     nominal_mm: PositiveMm | None = Field(
         None, description="The length that it was meant to have, mm. Null: not stated.", examples=[200.0]
     )
-    measured_on: date | None = Field(
+    measured_on: GivenDay | None = Field(
         None, description="The day of the measurement. Null: not stated.", examples=["2025-11-02"]
     )
     instrument: Name | None = Field(
@@ -55,7 +55,7 @@ class SizeMeasurement(Contract):
     moisture_percent: Annotated[float, Field(ge=0, le=200)] | None = Field(
         None, description="Of the wood when it was measured, against its dry weight.", examples=[11.0]
     )
-    expires_on: date | None = Field(
+    expires_on: GivenDay | None = Field(
         None, description="After this day an answer asks for a new measurement.", examples=["2027-11-02"]
     )
 

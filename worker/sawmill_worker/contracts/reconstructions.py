@@ -4,7 +4,7 @@ import re
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal
 
-from pydantic import BeforeValidator, ConfigDict, Field, ValidationInfo, model_validator
+from pydantic import BeforeValidator, ConfigDict, Field, ValidationInfo, field_validator, model_validator
 from pydantic.fields import FieldInfo
 
 from sawmill_worker.contracts import patterns
@@ -186,14 +186,14 @@ class ReconstructionOptions(Contract):
         examples=[False],
     )
 
-    @model_validator(mode="after")
-    def _can_be_computed_with(self) -> "ReconstructionOptions":
-        for name, (least, largest) in {} if self.is_stored else COMPUTABLE.items():
-            value = getattr(self, name)
-            if value is not None and not least <= value <= largest:
-                msg = f"{name} must be from {least:g} to {largest:g}, not {value:g}"
-                raise ValueError(msg)
-        return self
+    @field_validator(*COMPUTABLE)
+    @classmethod
+    def _can_be_computed_with(cls, value: float | None, info: ValidationInfo) -> float | None:
+        least, largest = COMPUTABLE[str(info.field_name)]
+        if value is None or cls.is_stored or least <= value <= largest:
+            return value
+        msg = f"must be from {least:g} to {largest:g}, not {value:g}"
+        raise ValueError(msg)
 
     @model_validator(mode="after")
     def _belong_to_the_method(self) -> "ReconstructionOptions":

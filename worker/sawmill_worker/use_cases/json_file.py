@@ -6,6 +6,7 @@ from typing import TypeVar
 from pydantic import TypeAdapter, ValidationError
 
 from sawmill_worker.contracts.base import placed_complaint
+from sawmill_worker.contracts.strict_json import read_strictly
 from sawmill_worker.use_cases.failures import refused
 
 Held = TypeVar("Held")
@@ -25,6 +26,7 @@ def read_json(path: Path, contract: type[Held], *, code: str, otherwise: str) ->
         The file holds something else.
     """
     try:
-        return TypeAdapter(contract).validate_json(path.read_bytes(), strict=True)
+        held: Held = read_strictly(TypeAdapter(contract), path.read_bytes())
     except ValidationError as error:
         raise refused(code, f"{path.name} is {otherwise}: {placed_complaint(error)}") from error
+    return held
