@@ -35,7 +35,7 @@ def try_rules(page: ThePage, store: TheStore, typed: TheForm) -> HTMLResponse:
 
 @router.post(f"{PATH}/confirmed", response_model=None)
 def confirm(page: ThePage, store: TheStore, typed: TheForm) -> HTMLResponse | RedirectResponse:
-    """Put the rules into force, or show the new number where they would remove more by now."""
+    """Put the rules into force, or show the new number if they would now remove more than was confirmed."""
     form, rules = read_form(typed, locale_of(page.language), page.text)
     if form.errors:
         return _answer(page, store, status=422, form=form)
