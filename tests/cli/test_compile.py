@@ -15,6 +15,7 @@ pytestmark = pytest.mark.slow
 COMMAND = [sys.executable, "-m", "sawmill_service.cli", "compile"]
 
 
+@pytest.mark.nightly
 def test_what_is_compiled_once_is_loaded_the_next_time(tmp_path):
     """One kernel of the calibration stands for all: compiling a whole part takes a quarter of a minute."""
     program = """

@@ -11,8 +11,10 @@ import h5py
 import numpy as np
 import pytest
 from PIL import Image
+from typer.testing import CliRunner
 
 import sawmill_worker.demo
+from sawmill_service.cli import main
 from sawmill_worker import demo_client
 from sawmill_worker.demo import run_demo
 
@@ -86,13 +88,13 @@ def check_demo(output: Path, printed: str, *, errors_mm: tuple[float, float], re
         assert file["entry/reconstruction/data"].shape == (5, size, size)
 
 
-def test_a_service_that_cannot_start_ends_the_demo(tmp_path, offline):
+def test_a_service_that_cannot_start_ends_the_demo(tmp_path, monkeypatch):
     (tmp_path / "uvicorn.py").write_text("raise ImportError('no web server on this machine')")
-    broken = {**offline.variables, "PYTHONPATH": f"{tmp_path}:{offline.folder}"}
-    done = demo(tmp_path / "out", broken)
-    assert done.returncode == 1
-    assert "The demo stopped: the service ended while starting" in done.stdout
-    assert "no web server on this machine" in done.stdout
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    done = CliRunner().invoke(main, ["demo", "--output", str(tmp_path / "out")])
+    assert done.exit_code == 1
+    assert "The demo stopped: the service ended while starting" in done.output
+    assert "no web server on this machine" in done.output
     assert not (tmp_path / "out/index.html").exists()
 
 

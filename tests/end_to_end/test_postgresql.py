@@ -8,6 +8,7 @@ import threading
 import pytest
 from live_service import wait_until
 from postgres_server import own_server
+from tiers import first_by_day
 
 from sawmill_worker.contracts.calibrations import CalibrationSucceeded
 from sawmill_worker.tomography.ray_error import ray_error
@@ -74,38 +75,36 @@ def start_when_awaited(postgres, log):
     postgres.start()
 
 
-@pytest.fixture
-def start(tmp_path, offline, redis_url):
-    """Start each of the processes that need the database; their exit codes and logs are what is asked of them."""
+@pytest.fixture(params=first_by_day(1, PROCESSES))
+def start(request, tmp_path, offline):
+    """Start a process that needs the database; its exit code and its log are what is asked of it."""
 
-    def run(url: str) -> dict[str, subprocess.Popen[str]]:
+    def run(url: str) -> subprocess.Popen[str]:
         given = {"SAWMILL_DATABASE_URL": url, "SAWMILL_DATA_FOLDER": str(tmp_path / "data")}
-        brokers = {"celery": {"SAWMILL_BROKER_URL": redis_url}}
-        return {
-            name: subprocess.Popen(
-                [sys.executable, "-m", *command],
-                env={**offline.variables, **given, **brokers.get(name, {})},
-                stderr=subprocess.PIPE,
-                text=True,
-            )
-            for name, command in PROCESSES.items()
-        }
+        if request.param == "celery":
+            given["SAWMILL_BROKER_URL"] = request.getfixturevalue("redis_url")
+        return subprocess.Popen(
+            [sys.executable, "-m", *PROCESSES[request.param]],
+            env={**offline.variables, **given},
+            stderr=subprocess.PIPE,
+            text=True,
+        )
 
     return run
 
 
 def test_every_process_waits_for_a_server_and_ends_when_it_is_asked_to(start):
-    for name, process in start("postgresql://postgres@127.0.0.1:1/sawmill").items():
-        log = next(line for line in process.stderr if "database-awaited" in line)
-        assert "Connection refused" in log
-        process.terminate()
-        process.communicate(timeout=PATIENCE_S)
-        assert process.returncode == 0, name
+    process = start("postgresql://postgres@127.0.0.1:1/sawmill")
+    log = next(line for line in process.stderr if "database-awaited" in line)
+    assert "Connection refused" in log
+    process.terminate()
+    process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 0
 
 
 def test_every_process_says_at_once_that_there_is_no_such_database(start, postgres):
-    for name, process in start(postgres.url("nowhere")).items():
-        _, log = process.communicate(timeout=PATIENCE_S)
-        assert process.returncode == 1, name
-        assert 'database "nowhere" does not exist' in " ".join(log.split()), name
-        assert "Traceback" not in log
+    process = start(postgres.url("nowhere"))
+    _, log = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 1
+    assert 'database "nowhere" does not exist' in " ".join(log.split())
+    assert "Traceback" not in log

@@ -14,6 +14,7 @@ from pathlib import Path
 import httpx
 import pytest
 from missing_parts import skip_without
+from ports import free_port
 
 pytestmark = pytest.mark.slow
 
@@ -46,11 +47,6 @@ def program(name: str) -> str:
     if found is None:
         skip_without(f"this test needs Debian's {name}: apt-get install {name}")
     return found
-
-
-def free_port() -> int:
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        return taken.getsockname()[1]
 
 
 def wait_until_listening(process: "subprocess.Popen[bytes]", port: int) -> None:

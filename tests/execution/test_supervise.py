@@ -91,16 +91,14 @@ def test_a_short_job_waits_for_no_long_one(store, storage, settings, queue, wait
     assert processes_of(storage.data_folder) == []
 
 
-@pytest.mark.usefixtures("supervisor")
-def test_workers_run_jobs_without_a_wake_up(store, queue, wait_for):
+def test_jobs_run_without_a_wake_up_and_again_when_their_worker_was_killed_and_replaced(
+    store, supervisor, queue, wait_for, is_running
+):
     jobs = [queue("succeed") for _ in range(4)]
     wait_for(lambda: all(store.jobs.get(job.id).state is JobState.SUCCEEDED for job in jobs))
-
-
-def test_a_killed_worker_is_replaced_and_its_job_runs_again(store, supervisor, queue, wait_for, is_running):
     job = queue("talk")
-    wait_for(lambda: any(store.files.folder.glob("attempts/*/pid")))
-    attempt = int(next(store.files.folder.glob("attempts/*/pid")).read_text())
+    wait_for(lambda: any(store.files.folder.glob(f"attempts/{job.id}*/pid")))
+    attempt = int(next(store.files.folder.glob(f"attempts/{job.id}*/pid")).read_text())
     victim = int(store.jobs.get(job.id).worker.rpartition("-")[2])
     assert victim in supervisor.process_ids
     os.kill(victim, signal.SIGKILL)

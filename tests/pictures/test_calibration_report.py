@@ -1,3 +1,4 @@
+from functools import cache
 from io import BytesIO
 
 import numpy as np
@@ -28,7 +29,7 @@ def table_of(answer):
     return dict(calibration_table(CalibrationResult.model_validate(answer)))
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def answer():
     deviations = {"theta": dict.fromkeys(THETA, 0.01), "source_frame": dict.fromkeys(FRAME, 0.02)}
     hypothesis = {"handedness": "as-drawn", "rotation": "as-given", "relative_residual": 0.001}
@@ -47,7 +48,7 @@ def answer():
     )
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def arrays():
     rng = np.random.default_rng(20261120)
     return {
@@ -86,58 +87,68 @@ CORRELATION = {"search_history": np.array([(64.0, -15_900.0), (128.0, -16_300.0)
 NOTHING_LEFT = {"search_history": np.zeros((0, 2)), "residual": np.zeros((20, 48))}
 
 
+MOVED = {
+    "calibration_id": "example",
+    "ray_change_mm": 2.0,
+    "angle_change_deg": 0.0,
+    "cor_column_change_mm": 2.0,
+    "source_distance_change_mm": 0.0,
+    "tilt_change_deg": 0.0,
+    "within_tolerance": False,
+    "reason": "the rays moved 2.00 mm RMS where 0.50 mm is allowed",
+}
+SENTENCES = {"reasons": [MOVED["reason"], "the residual is not white"], "comparison": MOVED}
+LOG = {"log_row": np.array(5), "log_field_mm": np.array(330.0), "log_after": np.eye(32)}
+# By verdict: what is not as in `answer` and `arrays`.
+PAGES = {
+    "pass": (SENTENCES, LOG | {"log_before": np.zeros((32, 32))}),
+    "watch": (HELD | UNRESOLVED, THREE_VIEWS | LOG),
+    "fail": (NO_ERROR_BARS, CORRELATION | NOTHING_LEFT),
+}
+
+
+@pytest.fixture(scope="module")
+def page(answer, arrays):
+    """Draw a page once: the pixels of the report with a verdict."""
+
+    @cache
+    def draw(verdict):
+        other_answer, other_arrays = PAGES[verdict]
+        return pixels(report(answer | other_answer | {"verdict": verdict}, arrays | other_arrays))
+
+    return draw
+
+
 @pytest.mark.parametrize(
-    ("verdict", "color", "other_answer", "other_arrays", "pairs"),
-    [
-        ("pass", GREEN, {}, {}, 10),
-        ("watch", AMBER, HELD | UNRESOLVED, THREE_VIEWS, 6),
-        ("fail", RED, NO_ERROR_BARS, CORRELATION | NOTHING_LEFT, 0),
+    ("verdict", "color", "pairs"),
+    [("pass", GREEN, 10), ("watch", AMBER, 6), ("fail", RED, 0)],
+    ids=[
+        "moved too far, two pictures of a log",
+        "R held, no twin, three views unsorted, no image, one picture of a log",
+        "no error bars, no history, perfect fit",
     ],
-    ids=["whole", "R held, no twin, three views unsorted, no image", "no error bars, no history, perfect fit"],
 )
-def test_the_report_has_its_verdicts_color_and_what_there_is(
-    answer, arrays, verdict, color, other_answer, other_arrays, pairs
-):
-    page = pixels(report(answer | other_answer | {"verdict": verdict}, arrays | other_arrays))
-    assert page.shape[1] == 1400
-    badge = page[:70, -250:]
+def test_the_report_has_its_verdicts_color_and_what_there_is(page, verdict, color, pairs):
+    drawn = page(verdict)
+    assert drawn.shape[1] == 1400
+    badge = drawn[:70, -250:]
     # A badge's face has some 2 000 pixels.
     assert near(badge, color) > 1000
     assert all(near(badge, other) == 0 for other in {GREEN, AMBER, RED} - {color})
-    filled = (np.abs(page - np.array((0xC7, 0xDD, 0xEC))).max(axis=2) < 4).sum()  # a quarter of blue on white
+    filled = (np.abs(drawn - np.array((0xC7, 0xDD, 0xEC))).max(axis=2) < 4).sum()  # a quarter of blue on white
     # Ten pairs share a square of 4 x 4 panels, six one of 3 x 3: about 9 000 and 17 000 pixels each.
     assert 6_000 * pairs < filled + 1 < 20_000 * pairs + 100
 
 
-def test_sentences_make_the_page_longer_and_what_moved_too_far_is_red(answer, arrays):
-    moved = {
-        "calibration_id": "example",
-        "ray_change_mm": 2.0,
-        "angle_change_deg": 0.0,
-        "cor_column_change_mm": 2.0,
-        "source_distance_change_mm": 0.0,
-        "tilt_change_deg": 0.0,
-        "within_tolerance": False,
-        "reason": "the rays moved 2.00 mm RMS where 0.50 mm is allowed",
-    }
-    log = {
-        "log_row": np.array(5),
-        "log_field_mm": np.array(330.0),
-        "log_before": np.zeros((32, 32)),
-        "log_after": np.eye(32),
-    }
-    page = pixels(
-        report(answer | {"reasons": [moved["reason"], "the residual is not white"], "comparison": moved}, arrays | log)
-    )
+def test_sentences_make_the_page_longer_and_what_moved_too_far_is_red(page):
+    drawn = page("pass")
     # Head with four lines, what was found, log, fit and pairs, at 100 pixels an inch; a page's height is whole.
-    assert abs(page.shape[0] - 100 * (1.0 + 4 * 0.27 + 6.1 + 6.6 + 5.4 + 6.4)) <= 1
-    assert near(page[80:200, :700], RED) > 200
+    assert abs(drawn.shape[0] - 100 * (1.0 + 4 * 0.27 + 6.1 + 6.6 + 5.4 + 6.4)) <= 1
+    assert near(drawn[80:200, :700], RED) > 200
 
 
-def test_one_picture_of_a_log_stands_alone(answer, arrays):
-    log = {"log_row": np.array(5), "log_field_mm": np.array(330.0), "log_after": np.eye(32)}
-    page = pixels(report(answer | {"verdict": "watch"}, arrays | log))
-    middle = page[900:1300, 200:500]
+def test_one_picture_of_a_log_stands_alone(page):
+    middle = page("watch")[900:1300, 200:500]
     assert near(middle, (0, 0, 0)) > 0.5 * middle.shape[0] * middle.shape[1]
 
 

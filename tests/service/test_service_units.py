@@ -14,9 +14,9 @@ from types import SimpleNamespace
 
 import httpx
 import pytest
-from live_service import free_port
 from missing_parts import skip_without
 from plain_logs import log_plainly
+from ports import free_port
 from structlog.testing import capture_logs
 from typer.testing import CliRunner, Result
 

@@ -1,20 +1,19 @@
 """Real servers on free loopback ports, which nothing leave behind and which cannot reach the network."""
 
 import os
-import secrets
 import signal
-import socket
 import sqlite3
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing, contextmanager, suppress
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import httpx
+from ports import free_port
 
 from sawmill_worker.tomography.geometry import Scanner
 
@@ -188,16 +187,6 @@ def wait_until(holds: Callable[[], object], limit_s: float = 120.0) -> None:
     while not holds():
         assert time.monotonic() < deadline, "waited in vain"
         time.sleep(0.02)
-
-
-def free_port() -> int:
-    """Below those that the system gives to outgoing connections, one of which may take any other before its server."""
-    lowest = int(Path("/proc/sys/net/ipv4/ip_local_port_range").read_text().split()[0])
-    while True:
-        port = 10_000 + secrets.randbelow(lowest - 10_000)
-        with socket.socket() as free, suppress(OSError):
-            free.bind(("127.0.0.1", port))
-            return port
 
 
 @contextmanager

@@ -5,7 +5,6 @@ import fcntl
 import os
 import shutil
 import signal
-import socket
 import subprocess
 import tempfile
 import time
@@ -18,6 +17,7 @@ from typing import Any
 from uuid import uuid4
 
 from missing_parts import skip_without
+from ports import free_port
 
 START_S = 120.0
 # Tests lose nothing that they would miss, and `file_copy` makes a database in 25 ms.
@@ -86,8 +86,7 @@ class PostgresServer(PostgresDatabases):
         made.ensure_pgdata_inited()
         (made.pgdata / "pg_hba.conf").write_text(ACCESS)
         self.data, self._postgres, self._user = made.pgdata, made.bin_path / "postgres", made.system_user
-        with socket.create_server(("127.0.0.1", 0)) as free:
-            super().__init__(free.getsockname()[1])
+        super().__init__(free_port())
         self.process: subprocess.Popen[bytes] | None = None
 
     def start(self, *, ends_with_thread: bool = False) -> None:
