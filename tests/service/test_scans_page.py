@@ -27,6 +27,11 @@ def titles(answer) -> list[str]:
     return re.findall(r'<h2><a href="/(?:scans|logs)/([\w-]+)">', answer.text)
 
 
+def badges(answer) -> list[tuple[str, str]]:
+    """The colour and the word of each item's state."""
+    return re.findall(r'<span class="badge (\w+)">([^<]+)</span>', answer.text.partition('<div id="list"')[2])
+
+
 def upload(store, name: str) -> str:
     spec = ScanSpec(scanner_id="example", data=DataKind.COUNTS, name=name)
     return store.scans.accept(spec, store.files.receive([b"file"], max_bytes=100)).id
@@ -43,6 +48,7 @@ def test_a_list_shows_what_became_of_each_scan(seeded, store):
     assert "a &lt;bad&gt; scan" in answer.text
     shown = words(answer)
     assert "a coming scan Being read Line &lt;2&gt;" in shown
+    assert badges(answer) == [("busy", "Being read"), ("bad", "Refused"), ("good", "Ready"), ("good", "Ready")]
     assert reason in shown
     assert "12 views x 4 rows x 16 cells" in shown
     assert 'src="/v1/scans/example/thumbnail.png"' in answer.text
@@ -172,6 +178,7 @@ def test_a_list_of_logs_shows_state_method_and_size(seeded, store):
     shown = words(answer)
     assert titles(answer)[0] == waiting.id
     assert "scan Waiting Line &lt;2&gt;" in shown
+    assert badges(answer) == [("idle", "Waiting"), ("good", "Ready"), ("good", "Ready")]
     assert "Cauchy MAP" in shown
     assert "3 slices of 32 x 32 pixels" in shown
 
