@@ -35,7 +35,9 @@ def of(packages: tuple[str, ...], modules: frozenset[str]) -> set[str]:
     return {name for name in modules if any(name == package or name.startswith(f"{package}.") for package in packages)}
 
 
+@pytest.mark.nightly
 def test_the_import_contracts_are_kept():
+    """`make test` begins with the same (`make lint`)."""
     linter = Path(sys.executable).with_name("lint-imports")
     done = subprocess.run([linter, "--no-cache"], capture_output=True, text=True, check=False, cwd=ROOT)
     assert done.returncode == 0, done.stdout

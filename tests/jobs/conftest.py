@@ -97,3 +97,8 @@ def ingested(
         return scan
 
     return ready
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _in_one_thread(one_thread: None) -> None:
+    """Their scans are small."""

@@ -16,7 +16,7 @@ from sawmill_worker.use_cases.conversion import to_phantom
 from sawmill_worker.use_cases.drift import mean_of_common_rows
 from sawmill_worker.use_cases.failures import JobFailure
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("one_thread")]
+pytestmark = pytest.mark.slow
 
 SCANNER = Scanner(source_to_cor_mm=859.46, num_detector_pixels=128, detector_pitch_mm=9.0)
 THETA = Theta(0.9, 710.0, 240.0, 35.0, 0.2)

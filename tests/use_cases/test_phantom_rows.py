@@ -14,7 +14,7 @@ from sawmill_worker.tomography.ray_error import ray_error
 from sawmill_worker.use_cases.calibrate import CalibrationInput, _in_phantom_rows, calibration_result, run_calibration
 from sawmill_worker.use_cases.second_witness import hear_log, witness_of
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("one_thread")]
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
