@@ -34,9 +34,10 @@ http {{
   {site}
 }}
 """
+# Limits that the test of half heads and half bodies reaches in seconds.
 SHORTENED = {
-    "nginx.conf": {"client_header_timeout 10s": "client_header_timeout 2s", "body_timeout 60s": "body_timeout 5s"},
-    "Caddyfile": {"read_header 10s": "read_header 2s", "read_body 1h": "read_body 5s"},
+    "nginx": {"client_header_timeout 10s": "client_header_timeout 2s", "body_timeout 60s": "body_timeout 5s"},
+    "caddy": {"read_header 10s": "read_header 2s", "read_body 1h": "read_body 5s"},
 }
 # What Debian's nginx does with a bare proxy_pass: no header shows that it was there.
 BARE_SITE = "server {{ listen 127.0.0.1:{port}; location / {{ proxy_pass http://127.0.0.1:{backend}; }} }}"
@@ -111,10 +112,9 @@ class Mill:
         text = text.replace(CERTIFICATE, f"{self.folder}/certificate.pem").replace(SECRET_KEY, f"{self.folder}/key.pem")
         return text.replace(BACKEND, f"127.0.0.1:{self.backend}")
 
-    def shortened(self, name: str) -> str:
-        """Return an example whose limits are reached in seconds: those of clients that wait in tests."""
+    def shortened(self, name: str, limits: dict[str, str]) -> str:
+        """Return an example with other time limits."""
         text = self.example(name)
-        limits = SHORTENED[name]
         for line, short in limits.items():
             assert text.count(line) == 1
             text = text.replace(line, short)
@@ -128,9 +128,9 @@ class Mill:
             yield
 
     @contextmanager
-    def caddy(self) -> Iterator[None]:
+    def caddy(self, limits: dict[str, str]) -> Iterator[None]:
         options = "{\n\tadmin off\n\tgrace_period 2s\n\tauto_https disable_redirects\n\tdefault_bind 127.0.0.1\n"
-        site = self.shortened("Caddyfile").replace(f"{NAME} {{", f"https://{NAME}:{self.port} {{")
+        site = self.shortened("Caddyfile", limits).replace(f"{NAME} {{", f"https://{NAME}:{self.port} {{")
         assert site.count("\n{\n") == 1
         file = self.folder / "Caddyfile"
         file.write_text(site.replace("\n{\n", f"\n{options}"))
@@ -189,9 +189,13 @@ def guarded(tmp_path_factory: pytest.TempPathFactory, offline) -> Iterator[tuple
 
 
 @contextmanager
-def in_front(mill: Mill, proxy: str) -> Iterator[None]:
-    site = mill.shortened("nginx.conf").replace("listen 443 ssl", f"listen 127.0.0.1:{mill.port} ssl")
-    with mill.nginx(site) if proxy == "nginx" else mill.caddy():
+def in_front(mill: Mill, proxy: str, limits: dict[str, str] | None = None) -> Iterator[None]:
+    if proxy == "caddy":
+        with mill.caddy(limits or {}):
+            yield
+        return
+    site = mill.shortened("nginx.conf", limits or {})
+    with mill.nginx(site.replace("listen 443 ssl", f"listen 127.0.0.1:{mill.port} ssl")):
         yield
 
 
@@ -259,7 +263,7 @@ def test_the_documented_proxy_ends_half_heads_and_bodies_that_stand_still(guarde
     mill, admin = guarded
     head = f"Host: {NAME}:{mill.port}\r\nAuthorization: {admin['Authorization']}\r\nContent-Length: 1000\r\n\r\n"
     incoming = mill.data / "incoming"
-    with in_front(mill, proxy):
+    with in_front(mill, proxy, SHORTENED[proxy]):
         with mill.client() as client:
             scanner = client.post("/v1/scanners", json=SCANNER, headers=admin).json()["id"]
         with tls(mill) as connection:

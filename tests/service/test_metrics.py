@@ -2,8 +2,10 @@
 
 import re
 import threading
+import time
 from datetime import timedelta
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import results
@@ -159,7 +161,7 @@ def test_a_data_folder_that_is_away_leaves_the_rest(store, scrape, monkeypatch):
     assert scrape("sawmill_database_up") == 1
 
 
-def test_scrapes_at_once_share_a_count_that_begins_after_they_came(store):
+def test_scrapes_at_once_share_a_count_that_begins_after_they_came(store, monkeypatch):
     """Of many that wait for the first, one counts for all."""
     measures, tallies = Measures(store), store.tallies
     begun, go_on = threading.Event(), threading.Event()
@@ -176,9 +178,19 @@ def test_scrapes_at_once_share_a_count_that_begins_after_they_came(store):
     threads = [threading.Thread(target=measures.collect) for _ in range(5)]
     threads[0].start()
     assert begun.wait(60)
+    came, read_clock = threading.Semaphore(0), time.monotonic
+
+    def monotonic() -> float:
+        try:
+            return read_clock()
+        finally:
+            came.release()
+
+    monkeypatch.setattr("sawmill_service.measures.time", SimpleNamespace(monotonic=monotonic))
     for thread in threads[1:]:
         thread.start()
-    threads[1].join(0.2)  # until they wait: one that came later still would count once more
+    for _ in threads[1:]:
+        assert came.acquire(timeout=60)
     go_on.set()
     for thread in threads:
         thread.join(60)
