@@ -4,6 +4,9 @@ import errno
 import socket
 from ipaddress import IPv6Address, ip_address
 
+_UNACKNOWLEDGED_MS = 60_000
+_FIRST_PROBE_S = 60
+
 
 class ListenError(Exception):
     """The service cannot or must not listen there; the sentence names what would be right."""
@@ -34,6 +37,10 @@ def listen(host: str, port: int, *, guarded: bool) -> socket.socket:
         # Connections inherit it. Without it an answer's second part waits until the client has acknowledged the first,
         # and clients acknowledge after 40 ms: asyncio sets it on sockets of a named protocol alone.
         listening.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        # Connections whose client has gone without a word end, where something is on its way to it and where not.
+        listening.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, _UNACKNOWLEDGED_MS)
+        listening.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        listening.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, _FIRST_PROBE_S)
         listening.bind((host, port))
         _check_guarded(host, listening.getsockname()[0], guarded=guarded)
         listening.listen()

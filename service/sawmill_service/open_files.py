@@ -1,5 +1,6 @@
 """The number of files that the process may open, each connection being one."""
 
+import logging
 import resource
 
 import structlog
@@ -8,6 +9,7 @@ import structlog
 _PER_CONNECTION = 2
 # The database's connections, one for each thread of the API, the pipes to the workers, and what Python has open.
 _OTHERS = 256
+_SAME_LINE_S = 60.0
 
 
 def files_needed(connections: int) -> int:
@@ -44,3 +46,28 @@ def connections_of(most: int) -> int:
             f"limit (ulimit -n), or set SAWMILL_MAX_CONNECTIONS to {possible}",
         )
     return possible
+
+
+class RefusedAccepts(logging.Filter):
+    """A filter that passes one line a minute about connections that the system does not let the service accept.
+
+    asyncio tries again each second, as many times as it accepts at once, and logs a traceback each time.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._next = 0.0
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        """Tell whether a line is logged."""
+        if "accept() out of system resource" not in record.msg and "_start_serving" not in record.msg:
+            return True
+        if record.created < self._next:
+            return False
+        self._next = record.created + _SAME_LINE_S
+        return True
+
+
+def log_refused_accepts_rarely() -> None:
+    """Keep connections that nobody uses from filling the log with those that cannot be accepted."""
+    logging.getLogger("asyncio").addFilter(RefusedAccepts())

@@ -12,7 +12,7 @@ import uvicorn
 from sawmill_service.app import create_app
 from sawmill_service.dependencies import Wake
 from sawmill_service.listening import ListenError, is_loopback, listen
-from sawmill_service.open_files import connections_of
+from sawmill_service.open_files import connections_of, log_refused_accepts_rarely
 from sawmill_service.service_manager import ServiceManager
 from sawmill_service.settings import ServiceSettings
 from sawmill_service.stopping import Server
@@ -29,10 +29,12 @@ from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.store import Store
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
-# A connection without a request ends after this time. Browsers and proxies open another.
+# A connection ends when its next request does not come within this time. Nothing ends one that never had a request.
 _IDLE_S = 5
-# The first line and the headers, or the head of a chunk, while they have not come whole.
+# The first line and the headers, or the head of a chunk, that have come in part. Whole heads: `admission.py`.
 _HEAD_BYTES = 2**14
+# More would keep the requests of open connections waiting while a flood of new ones is accepted.
+_ACCEPTED_AT_ONCE = 64
 
 BEHIND_A_PROXY = (
     "SAWMILL_PUBLIC_URL or SAWMILL_TRUSTED_PROXIES means that requests come through a proxy, so each must bring a key: "
@@ -72,6 +74,7 @@ def serve_until_stopped(
         The address or the port cannot be used.
     """
     configure_logs(execution.log_format)
+    log_refused_accepts_rarely()
     for number in _SIGNALS:
         signal.signal(number, _end_start)
     with ExitStack() as stack:
@@ -107,6 +110,7 @@ def serve_until_stopped(
             http="h11",
             ws="none",
             limit_concurrency=connections_of(settings.max_connections),
+            backlog=_ACCEPTED_AT_ONCE,
             timeout_keep_alive=_IDLE_S,
             h11_max_incomplete_event_size=_HEAD_BYTES,
             log_config=None,

@@ -1,19 +1,21 @@
 """Where the service may listen, by real processes and sockets. Requests go to loopback addresses alone."""
 
 import json
+import logging
 import os
 import socket
 import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 import httpx
 import pytest
 
 from sawmill_service.listening import ListenError, is_loopback, listen
+from sawmill_service.open_files import RefusedAccepts
 from sawmill_service.settings import ServiceSettings
 
 pytestmark = pytest.mark.slow
@@ -21,6 +23,7 @@ pytestmark = pytest.mark.slow
 TOKEN = "Zm9yIHRlc3RzIGFsb25lLCBub3QgYSBzZWNyZXQ"  # noqa: S105 - for tests alone
 EVERYWHERE = "0.0.0.0"  # noqa: S104 - what is tested
 START_S, STOP_S = 120.0, 120.0
+OUT_OF_FILES = "socket.accept() out of system resource"
 
 
 def command(folder: Path, *flags: str) -> list[str]:
@@ -106,6 +109,17 @@ def test_no_part_of_an_answer_waits_for_an_acknowledgement():
         assert connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY) != 0
 
 
+def test_connections_whose_client_has_gone_without_a_word_end():
+    with (
+        listen("127.0.0.1", 0, guarded=False) as listening,
+        socket.create_connection(listening.getsockname()),
+        listening.accept()[0] as connection,
+    ):
+        assert connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT) == 60_000
+        assert connection.getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE) == 1
+        assert connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE) == 60
+
+
 @pytest.mark.parametrize(
     ("address", "loopback"),
     [("127.0.0.1", True), ("::ffff:127.0.0.1", True), ("::ffff:192.0.2.1", False), ("192.0.2.1", False), ("::", False)],
@@ -161,6 +175,17 @@ def test_requests_beyond_the_connections_get_a_plain_503_until_some_have_ended(t
     assert missing_a_proxy(tmp_path / "service.log") == []
 
 
+def test_connections_that_cannot_be_accepted_are_logged_once_a_minute():
+    log = RefusedAccepts()
+    passed = []
+    for time_s in (1000.0, 1001.0, 1059.0, 1061.0):
+        for text in (OUT_OF_FILES, "Exception in callback BaseSelectorEventLoop._start_serving()", "another"):
+            line = logging.makeLogRecord({"msg": text, "created": time_s})
+            passed += [(time_s, text)] * log.filter(line)
+    assert [line for line in passed if line[1] != "another"] == [(1000.0, OUT_OF_FILES), (1061.0, OUT_OF_FILES)]
+    assert len(passed) == 6
+
+
 def answered_with(client: httpx.Client, status: int) -> httpx.Response:
     """Ask until the service answers with a status: connections are opened and ended in its own time."""
     deadline = time.monotonic() + START_S
@@ -172,16 +197,25 @@ def answered_with(client: httpx.Client, status: int) -> httpx.Response:
     raise AssertionError(answer.status_code)
 
 
-def test_more_connections_than_files_may_be_open_are_fewer_connections(tmp_path):
+def test_more_connections_than_files_may_be_open_leave_a_service_that_recovers_and_a_short_log(tmp_path):
     limited = ["bash", "-c", 'ulimit -n 400; exec "$@"', "-", *command(tmp_path, "--port", "0")]
     log = tmp_path / "service.log"
     with log.open("wb") as sink:
         process = subprocess.Popen(limited, env=environment(SAWMILL_LOG_FORMAT="json"), stdout=sink, stderr=sink)
     try:
-        port_of(process, log)
+        port = port_of(process, log)
+        with ExitStack() as idle:
+            deadline = time.monotonic() + START_S
+            while OUT_OF_FILES not in log.read_text():
+                assert time.monotonic() < deadline
+                with suppress(TimeoutError):  # as many wait as the system keeps until they are accepted
+                    idle.enter_context(socket.create_connection(("127.0.0.1", port), timeout=1.0))
+        with httpx.Client(base_url=f"http://127.0.0.1:{port}", trust_env=False) as client:
+            assert answered_with(client, 200).text == "alive"
     finally:
         process.terminate()
         process.wait(STOP_S)
+    assert log.read_text().count(OUT_OF_FILES) < 10
     lines = [json.loads(line) for line in log.read_text().splitlines()]
     (warning,) = [line for line in lines if line["event"] == "fewer-connections"]
     assert warning["connections"] == 72
