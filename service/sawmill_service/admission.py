@@ -14,8 +14,10 @@ from sawmill_service.gate import SAFE_METHODS
 from sawmill_service.problems import Refused, refusal_response
 from sawmill_service.rates import Rates, too_many
 from sawmill_service.settings import ServiceSettings
+from sawmill_service.unread_bodies import has_body
 
 _MOST_HEADERS = 100
+_MOST_HEAD_BYTES = 20 * 2**10
 # Places become free as answers begin, most of them within a second.
 _RETRY_S = 2
 
@@ -90,6 +92,10 @@ class Admission:
     def _check_rates(self, scope: Scope) -> None:
         if len(scope["headers"]) > _MOST_HEADERS:
             raise Refused(431, "too-many-headers", f"a request may have {_MOST_HEADERS} headers")
+        lengths = (len(name) + len(value) for name, value in scope["headers"])
+        if len(scope["path"]) + len(scope["query_string"]) + sum(lengths) > _MOST_HEAD_BYTES:
+            detail = f"the path, the query and the headers may have {_MOST_HEAD_BYTES} bytes together"
+            raise Refused(431, "head-too-large", detail)
         caller = who(scope)
         self._all.take("looks at health" if scope["path"] in OPEN_PATHS else "requests", caller)
         if scope["method"] not in SAFE_METHODS:
@@ -106,7 +112,7 @@ class Admission:
 
 
 def _kind(scope: Scope, headers: Headers) -> str:
-    if _has_body(headers):
+    if has_body(headers):
         return "uploads"
     if _is_stream(scope):
         return "streams"
@@ -119,10 +125,6 @@ def _waits(scope: Scope) -> bool:
     with suppress(ValueError):
         return any(float(seconds) > 0.0 for seconds in asked)
     return False
-
-
-def _has_body(headers: Headers) -> bool:
-    return headers.get("content-length", "0") != "0" or "transfer-encoding" in headers
 
 
 def _is_stream(scope: Scope) -> bool:

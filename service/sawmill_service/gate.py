@@ -221,9 +221,9 @@ def _from_elsewhere(headers: Headers, host: str) -> bool:
     return origin is not None and origin.partition("://")[2] != host
 
 
-def too_large(limit: int, headers: Mapping[str, str] | None = None) -> Refused:
+def too_large(limit: int) -> Refused:
     """Refuse a body of more than `limit` bytes."""
-    return Refused(413, "body-too-large", f"the body may have at most {limit} bytes", headers)
+    return Refused(413, "body-too-large", f"the body may have at most {limit} bytes")
 
 
 def _bounded(receive: Receive, limit: int, stopping: Stopping) -> Receive:
@@ -235,8 +235,7 @@ def _bounded(receive: Receive, limit: int, stopping: Stopping) -> Receive:
         received += len(message.get("body", b""))
         complete = complete or not message.get("more_body", False)
         if received > limit:
-            # Its length was not declared, so nobody knows where it ends.
-            raise too_large(limit, {"Connection": "close"})
+            raise too_large(limit)
         return message
 
     return receive_bounded

@@ -14,7 +14,7 @@ Responses = dict[int | str, dict[str, Any]]
 CODES_KEY = "x-problem-codes"
 _ALWAYS = (
     *("bad-length", "unknown-host", "invalid-request", "too-many-requests", "too-many-headers", "internal"),
-    *("storage-unavailable", "storage-full", "body-too-large"),
+    *("storage-unavailable", "storage-full", "head-too-large", "body-too-large"),
 )
 _WITH_KEY = ("token-required", "scope-too-small")
 _CHANGING = ("other-site", "csrf")

@@ -16,6 +16,7 @@ from sawmill_service.open_files import connections_of, log_refused_accepts_rarel
 from sawmill_service.service_manager import ServiceManager
 from sawmill_service.settings import ServiceSettings
 from sawmill_service.stopping import Server
+from sawmill_service.unread_bodies import UnreadBodies
 from sawmill_service.webhooks.destinations import AllowedDestinations
 from sawmill_service.webhooks.sender import WebhookSender
 from sawmill_worker.execution.clock_keeper import ClockKeeper
@@ -106,7 +107,7 @@ def serve_until_stopped(
             structlog.get_logger().warning("no-proxy", reason=WITHOUT_A_PROXY)
         app = create_app(settings, store, wake, exposed=not is_loopback(address), broker_url=execution.broker_url)
         config = uvicorn.Config(
-            app,
+            UnreadBodies(app),
             http="h11",
             ws="none",
             limit_concurrency=connections_of(settings.max_connections),

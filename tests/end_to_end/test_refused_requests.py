@@ -190,9 +190,23 @@ def test_an_upload_that_its_head_allows_gets_the_go_ahead(live, scanner_id):
         assert connection.recv(2**16).startswith(b"HTTP/1.1 202 Accepted\r\n")
 
 
-def test_a_refused_body_keeps_the_connection(live):
+def test_a_refused_body_ends_the_connection_when_it_has_come(live):
     with connect(live) as connection:
-        for _ in range(2):
-            connection.sendall(POST + b"Content-Length: %d\r\n\r\n" % (LIMIT_BYTES + 1))
-            assert read_problem(connection) == (413, "body-too-large")
-            connection.sendall(bytes(LIMIT_BYTES + 1))
+        connection.sendall(POST + b"Content-Length: %d\r\n\r\n" % (LIMIT_BYTES + 1))
+        assert read_problem(connection) == (413, "body-too-large")
+        connection.sendall(bytes(LIMIT_BYTES + 1))
+        assert connection.recv(1) == b""
+
+
+@pytest.mark.parametrize("line", [b"POST /v1/scanners", b"POST /nowhere", b"GET /health/live"])
+def test_an_unread_body_without_an_end_is_cut_off(live, line):
+    with connect(live) as connection:
+        connection.sendall(line + b" HTTP/1.1\r\n" + HOST + b"Content-Length: 1000000000000\r\n\r\n")
+        assert connection.recv(2**16).startswith(b"HTTP/1.1 ")
+        with pytest.raises(ConnectionError):
+            send_a_gibibyte(connection)
+
+
+def send_a_gibibyte(connection: socket.socket) -> None:
+    for _ in range(2**10):
+        connection.sendall(bytes(2**20))

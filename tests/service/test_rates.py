@@ -168,6 +168,20 @@ def test_too_many_headers_are_refused(client):
     assert (answer.status_code, answer.json()["code"]) == (431, "too-many-headers")
 
 
+@pytest.mark.parametrize(
+    "request_parts",
+    [
+        {"path": f"/v1/{'a' * 21_000}"},
+        {"path": "/v1/scanners", "params": {"cursor": "a" * 21_000}},
+        {"path": "/v1/scanners", "headers": {f"name-{number}": "b" * 300 for number in range(70)}},
+    ],
+    ids=["path", "query", "headers"],
+)
+def test_a_head_that_is_too_large_is_refused_though_it_came_at_once(client, request_parts):
+    answer = client.get(**request_parts)
+    assert (answer.status_code, answer.json()["code"]) == (431, "head-too-large")
+
+
 def test_whoever_is_not_let_in_is_bounded_too(limited):
     client = limited(rate_limit="3/minute", token=SecretStr("t" * 40))
     statuses = [client.get("/v1/scanners").status_code for _ in range(5)]
@@ -206,3 +220,30 @@ def test_who_does_not_wait_takes_no_place_of_those_who_do(limited, store, monkey
         ("?wait=x", 422),
         ("?wait=0&wait=5", 429),
     ]
+
+
+@pytest.mark.parametrize(
+    ("bounds", "path"), [({"max_streams": 3}, "/events"), ({"max_waits_at_once": 100}, "?wait=50")]
+)
+def test_streams_and_waits_are_bounded_all_are_told_the_end_and_leave_their_places(limited, store, bounds, path):
+    client = limited(**bounds, event_poll_s=0.01)
+    (most,) = bounds.values()
+    scanner = store.scanners.create(ScannerSpec.model_validate(SPEC))
+    spec = ScanSpec(scanner_id=scanner.id, data=DataKind.COUNTS)
+    scan = store.scans.accept(spec, store.files.receive([b"scan"], max_bytes=9))
+
+    async def story() -> None:
+        transport = httpx.ASGITransport(client.app)
+        async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1:8000", timeout=60) as http:
+            address = f"/v1/jobs/{scan.job_id}{path}"
+            requests = [asyncio.create_task(http.get(address)) for _ in range(most + 1)]
+            refused, waiting = await asyncio.wait(requests, timeout=60, return_when=asyncio.FIRST_COMPLETED)
+            assert [task.result().json()["code"] for task in refused] == ["too-many-requests"]
+            assert (await http.get(f"/v1/jobs/{scan.job_id}")).json()["state"] == "queued"
+            store.jobs.request_cancel(scan.job_id)
+            answers = await asyncio.gather(*waiting)
+            assert ["cancelled" in answer.text for answer in answers] == [True] * most
+            again = await asyncio.gather(*[http.get(address) for _ in range(most)])
+            assert {answer.status_code for answer in again} == {200}
+
+    asyncio.run(story())
