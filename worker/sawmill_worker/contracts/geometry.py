@@ -65,6 +65,11 @@ class GivenTheta(Theta):
     detector_shift_mm: CoordinateMm = field(metadata=_THETA["detector_shift_mm"])
     detector_tilt: Slope = field(metadata=_THETA["detector_tilt"])
 
+    @model_validator(mode="before")
+    @classmethod
+    def _of_stored(cls, given: object) -> object:
+        return vars(given) if isinstance(given, Theta) else given
+
 
 @dataclass(frozen=True)
 class ReportedSourceFrame(SourceFrame):
