@@ -1,11 +1,14 @@
 """Bodies that come slowly, part by part, without a network."""
 
 import asyncio
+import socket
+import threading
 from collections.abc import AsyncIterator, Callable
 from typing import Any
 
 import httpx
 import pytest
+import uvicorn
 
 from sawmill_service.app import create_app
 from sawmill_service.settings import ServiceSettings
@@ -60,3 +63,25 @@ def test_a_body_that_comes_too_slowly_is_refused(waiting, store, bounds, body, r
 )
 def test_a_slow_line_is_fast_enough(waiting, bounds):
     assert upload(waiting(**bounds), byte_by_byte()).status_code == 202
+
+
+def test_half_bodies_over_sockets_leave_nothing_without_a_proxy(waiting, store):
+    app = waiting(client_silence_s=0.3).app
+    head = b"POST /v1/scans?scanner_id=example&data=counts HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 100\r\n\r\n"
+    server = uvicorn.Server(uvicorn.Config(app, http="h11", ws="none", lifespan="off", log_config=None))
+    with socket.create_server(("127.0.0.1", 0)) as listening:
+        thread = threading.Thread(target=server.run, args=([listening],))
+        thread.start()
+        try:
+            clients = [socket.create_connection(listening.getsockname(), timeout=60) for _ in range(20)]
+            for client in clients:
+                client.sendall(head + b"half")
+            answers = []
+            for client in clients:
+                with client, client.makefile("rb") as answer:
+                    answers.append(answer.read())
+        finally:
+            server.should_exit = True
+            thread.join(60)
+    assert [b'"code":"slow-body"' in answer for answer in answers] == [True] * 20
+    assert list((store.files.folder / "incoming").iterdir()) == []
