@@ -6,6 +6,8 @@ The tables of the page from the values that `benchmarks/load.py` measures.
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+from figures import rounded
+
 LOGS, VIEWS, ROWS, CELLS, SAMPLE_BYTES = 2000, 20, 2500, 768, 2
 SHIFT_H = 16.0  # two shifts
 DISK_TB = 8.0
@@ -118,7 +120,9 @@ def ends_table(figures: Figures, cores: int) -> list[list[str]]:
             "cores",
         ),
     ]
-    return [[what, f"{need:.2f} {unit}", f"{has:.1f} {unit}", f"{has / need:.2g}"] for what, need, has, unit in needs]
+    return [
+        [what, f"{need:.2f} {unit}", f"{has:.1f} {unit}", rounded(has / need, "2")] for what, need, has, unit in needs
+    ]
 
 
 def load_table(cells: Sequence[Figures], database: str) -> list[list[str]]:
