@@ -7,7 +7,7 @@ import pytest
 
 
 def skip_without(sentence: str) -> NoReturn:
-    """Skip a test that needs a part which is not here; fail it in CI, which has every part."""
+    """Skip a test that needs a part which is not here; fail it in CI, which installs every part."""
     if os.environ.get("CI") == "true":
         pytest.fail(sentence)
     pytest.skip(sentence)

@@ -6,7 +6,6 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from missing_parts import skip_without
 
 VIEWS, ROWS, CELLS = 6, 3, 8
 
@@ -57,5 +56,5 @@ def nxtomo(tmp_path, stack, angles_deg):
 def published_data():
     folder = Path(os.environ.get("SAWMILL_PUBLISHED_DATA", Path(__file__).parents[3] / "shared" / "data"))
     if not folder.is_dir():
-        skip_without(f"the published data are not at {folder}; name their folder in SAWMILL_PUBLISHED_DATA")
+        pytest.skip(f"the published data are not at {folder}; name their folder in SAWMILL_PUBLISHED_DATA")
     return folder
