@@ -122,6 +122,7 @@ def imported_rooms(path: Path) -> set[str]:
     return {room_of(module) for module in modules if module.startswith("sawmill_")}
 
 
+@pytest.mark.slow
 def test_the_table_of_imports_is_the_code_s():
     _, section = (ROOT / "docs/architecture.md").read_text().split("| room | imports |")
     documented = {
@@ -148,6 +149,7 @@ def test_the_directions_of_imports_are_the_linter_s():
     assert re.findall(r"^- (.+)$", section, re.MULTILINE) == [contract["name"] for contract in contracts]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("script", "names"),
     [

@@ -33,6 +33,7 @@ def outcomes_of(make, count, *, seed, remove_rings):
     return outcomes
 
 
+@pytest.mark.slow
 @RINGS
 def test_slips_are_named_and_fitted(remove_rings):
     found = outcomes_of(slipped, SCANS, seed=1501, remove_rings=remove_rings)

@@ -220,6 +220,7 @@ def test_a_plan_of_anything_is_an_answer_or_a_sentence():
     assert min(outcomes_of(400, 3, plan).values()) > 30
 
 
+@pytest.mark.slow
 def test_a_calibration_with_anything_is_an_answer_or_a_sentence():
     """The scan is of the L, and what it is said to show is something else."""
     scan = simulated(noise=0.01)

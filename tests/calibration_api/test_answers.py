@@ -90,6 +90,7 @@ def test_a_calibration_is_the_command_s(phantom_file, result_file, tmp_path):
     assert saved["input_sha256"] == printed["input_sha256"]
 
 
+@pytest.mark.slow
 def test_the_phantom_s_rows_of_a_stack_are_found_as_by_the_command(stack_file):
     flags = ("--data", "counts", "--source-to-cor-mm", 859.46, "--phantom", "l-shape", "--json")
     printed = json.loads(command("calibrate", stack_file, *flags))

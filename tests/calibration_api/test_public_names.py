@@ -44,6 +44,7 @@ def test_a_geometry_needs_numpy_alone(tmp_path):
     assert loaded & SLOW_TO_IMPORT == {"numpy"}
 
 
+@pytest.mark.slow
 def test_nothing_needs_matplotlib_before_a_plot(tmp_path):
     script = """
 import sys
@@ -70,6 +71,7 @@ def test_another_name_is_an_attribute_error():
         sawmill_calibration.calibrator  # noqa: B018
 
 
+@pytest.mark.slow
 def test_the_page_s_example_runs_beside_files_named_as_our_folders(tmp_path):
     for name in ("worker.py", "service.py"):
         (tmp_path / name).write_text("raise SystemExit('a file of the user was imported')")

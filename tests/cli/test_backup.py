@@ -76,6 +76,7 @@ def test_a_backup_into_nowhere_is_one_sentence(run, data, tmp_path, wrong_use):
     assert "Missing argument 'FOLDER'" in wrong_use("backup")
 
 
+@pytest.mark.slow
 def test_the_doctor_tells_how_old_the_newest_backup_is(run, data, tmp_path):
     def found(code: int = 0) -> dict[str, str]:
         findings = json.loads(run("doctor", "--data", data, "--json", code=code).stdout)["findings"]

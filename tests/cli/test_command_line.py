@@ -160,6 +160,7 @@ def test_zsh_offers_files_where_nothing_else_fits():
     assert answer("zsh", "sawmill calibrate sc").strip() == "_files"
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(shutil.which("bash") is None, reason="no bash here")
 def test_the_script_for_bash_completes_in_bash():
     script = (

@@ -99,6 +99,7 @@ def test_a_scan_that_is_too_uncertain_is_reported_as_such(look, log_scan):
     assert "average more rows" in reported.reason
 
 
+@pytest.mark.slow
 def test_chance_is_no_reason_for_an_alarm_and_a_large_move_is_one_though_the_scan_is_uncertain(look, log_scan):
     quiet = look(log_scan())
     # Nothing moved; what noise makes of it is beyond this tolerance, its standard deviation is within.

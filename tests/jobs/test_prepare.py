@@ -298,6 +298,7 @@ def test_a_log_without_features_along_it_is_refused_by_the_job(upload, attempt, 
     assert failure.value.code == "rows-not-aligned"
 
 
+@pytest.mark.slow
 def test_memory_holds_the_window_and_not_the_scan(tmp_path):
     # In a process of its own: 307 MB of counts of which no row can be read alone, in a window of 32 MiB.
     program = f"""

@@ -149,6 +149,7 @@ class TestPictures:
         assert picture.stat().st_size < 20_000
         refused(picture, "PhantomError", "pixel sides; at most 1000000 are traced", "a clean drawing")
 
+    @pytest.mark.slow
     def test_more_than_is_stored(self, file):
         picture = file.with_suffix(".png")
         Image.new("RGB", (8000, 8000)).save(picture)

@@ -25,6 +25,7 @@ def guarded(seeded, store, settings):
     return seeded
 
 
+@pytest.mark.slow
 def test_everything_but_health_needs_the_token(guarded):
     documented = {path.replace("{", "").replace("}", "") for path in guarded.app.openapi()["paths"]}
     for path in documented | PAGES:

@@ -12,6 +12,7 @@ from sawmill_worker.pictures import calibration_report
 from sawmill_worker.storage.errors import NotFound
 
 
+@pytest.mark.slow
 def test_a_calibration_is_accepted_waited_for_and_answered(seeded, worker, woken):
     accepted = seeded.post("/v1/calibrations", json={"scan_id": "example", "seed": 11})
     assert accepted.status_code == 202

@@ -24,6 +24,7 @@ def texts_of_the_pages(tmp_path_factory):
         return {message.id for message in read_po(file) if message.id}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("language", OTHERS)
 def test_a_catalogue_has_the_texts_of_the_pages_and_no_others(language, texts_of_the_pages):
     stored = catalogue(language)

@@ -42,6 +42,7 @@ def test_the_console_asks_no_validator_elsewhere(client):
     assert client.get("/openapi.json").json()["openapi"].startswith("3.1")
 
 
+@pytest.mark.slow
 def test_the_document_points_to_no_other_host(client):
     assert "servers" not in client.app.openapi()
 

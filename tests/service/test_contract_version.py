@@ -273,6 +273,7 @@ def test_the_contract_s_version_is_raised_as_its_changes_need(contract, released
     assert fault is None, fault
 
 
+@pytest.mark.slow
 def test_a_record_without_words_compares_as_the_whole_document(contract):
     record = without_words(contract)
     assert compare(record, contract) == compare(contract, record) == []
@@ -298,6 +299,7 @@ def test_the_record_is_of_the_last_release(released):
     )
 
 
+@pytest.mark.slow
 def test_a_release_is_recorded_by_one_command(tmp_path, contract):
     for part in (*(ROOT / "openapi").glob("*.py"), ROOT / "openapi/openapi.json", ROOT / "openapi/released.json"):
         (tmp_path / part.name).write_bytes(part.read_bytes())

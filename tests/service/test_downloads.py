@@ -323,6 +323,7 @@ def test_a_range_of_a_date_is_answered_with_the_whole(seeded, store):
     assert (answer.status_code, answer.content) == (200, path.read_bytes())
 
 
+@pytest.mark.slow
 def test_head_has_the_headers_of_get_wherever_get_is(seeded):
     for path, operations in seeded.app.openapi()["paths"].items():
         if "get" not in operations:

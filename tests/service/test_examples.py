@@ -14,6 +14,7 @@ FOLDER = Path(__file__).parents[2] / "openapi"
 FILES = sorted((FOLDER / "requests").glob("*.json"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
 def test_the_committed_example_request_works(seeded, store, path):
     example = json.loads(path.read_text())

@@ -90,6 +90,7 @@ def answered_codes() -> set[str]:
     return found
 
 
+@pytest.mark.slow
 def test_every_code_in_the_sources_has_its_texts():
     answered = answered_codes()
     assert len(answered) > 70  # else the search finds nothing

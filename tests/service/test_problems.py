@@ -92,6 +92,7 @@ def test_a_wrong_method_is_a_problem_that_reports_which_is_right(client, method,
     assert answer.headers["Allow"] == allowed
 
 
+@pytest.mark.slow
 def test_allow_lists_what_each_path_takes(seeded):
     methods = {"GET", "HEAD", "POST", "PUT", "PATCH", "DELETE"}
     for path, operations in seeded.app.openapi()["paths"].items():
@@ -146,6 +147,7 @@ class Failing:
         return fail
 
 
+@pytest.mark.slow
 def test_the_document_is_valid_openapi_and_answers_problems_everywhere(client):
     document = client.get("/openapi.json").json()
     validate(document)

@@ -57,6 +57,7 @@ def each_store(request):
     return request.getfixturevalue("store")
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("seeded")
 def test_of_many_at_once_exactly_as_many_are_accepted_as_there_are_places(each_store):
     """Through one event loop and two services on one database, as behind a proxy; two keys, and all together."""

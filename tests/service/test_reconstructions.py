@@ -185,6 +185,7 @@ def test_each_pixel_s_deviation_is_drawn_in_its_own_window(seeded):
     assert (refused.status_code, refused.json()["code"]) == (409, "no-deviation")
 
 
+@pytest.mark.slow
 def test_how_alpha_was_chosen_is_drawn_where_it_was(seeded):
     assert drawn(seeded.get("/v1/reconstructions/example-sparse/alpha-curve.png")).width > 800
     refused = seeded.get("/v1/reconstructions/example/alpha-curve.png")

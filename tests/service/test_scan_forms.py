@@ -103,6 +103,7 @@ def test_a_files_name_is_made_to_fit(seeded, sent, name):
     assert send(seeded, body + part("name", "mine") + END).json()["name"] == "mine"
 
 
+@pytest.mark.slow
 def test_forms_and_repeats_that_last_keep_nobody_else_waiting(seeded, settings, store, monkeypatch):
     """More of each than the service has threads: uploads and requests without a body are served meanwhile."""
     seeded.app = create_app(settings.model_copy(update={"max_bodies_at_once": 1000}), store, print)

@@ -196,6 +196,7 @@ def test_a_trend_has_error_bars_lines_and_open_alarms():
     assert chart.alarms == [(1.0, pytest.approx(9.8)), (pytest.approx(69.6), pytest.approx(29.4))]
 
 
+@pytest.mark.slow
 def test_a_year_is_a_small_page_and_few_queries(seeded, store):
     now = datetime.now(UTC)
     measured = [

@@ -80,6 +80,7 @@ def merged_once(merge):
     return merged
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("_settled")
 @pytest.mark.parametrize(
     "long",

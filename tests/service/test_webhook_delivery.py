@@ -415,6 +415,7 @@ with WebhookSender(store.outbox(), AllowedDestinations(["127.0.0.1"]), poll_s=0.
 """
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("hook")
 def test_what_a_killed_process_had_sent_and_not_noted_is_sent_again_with_its_id(store, receiver, clock):
     receiver.usual = receivers.hanging

@@ -144,6 +144,7 @@ def test_a_phantom_whose_measurement_expired_is_named_until_another_one_is_scann
     assert [what.value for what, _ in store.alarms.check()] == ["alarm-closed"]
 
 
+@pytest.mark.slow
 @pytest.mark.dialect
 def test_several_schedulers_open_and_close_each_alarm_once_over_a_quarter(store, scanner, limited, log, clock):
     """A log every Monday, silence from Tuesday on; two services are started anew each month."""

@@ -43,6 +43,7 @@ def claim_all(settings: StorageSettings) -> list[str]:
     return taken
 
 
+@pytest.mark.slow
 @pytest.mark.dialect
 def test_each_job_is_claimed_once_by_threads(store, upload):
     jobs = {upload(store).job_id for _ in range(24)}

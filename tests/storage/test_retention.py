@@ -166,6 +166,7 @@ def full_mill(mill, clock, scanner, upload, finish):
     }
 
 
+@pytest.mark.slow
 @pytest.mark.dialect
 def test_each_protection_keeps_what_it_is_for_and_nothing_else_does(mill, full_mill, monkeypatch):
     def shown(kind):

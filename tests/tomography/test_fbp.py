@@ -284,6 +284,7 @@ def test_at_odl_s_noise_the_published_log_is_closer_to_the_truth_than_odl_s(
     assert error(fbp(projector, log_sinogram).image) < error(odl_fbp[1](log_sinogram, 256))
 
 
+@pytest.mark.slow
 def test_on_pixels_as_fine_as_the_detector_the_noise_is_below_odl_s(odl_fbp, scanner, theta, full_turn):
     noise = np.random.default_rng(509).standard_normal((360, scanner.num_detector_pixels))
     size = round(FIELD / (scanner.detector_pitch_mm / 1.766))

@@ -37,6 +37,7 @@ def test_a_jump_is_found_at_its_view_with_its_length(full_turn, rotation):
     assert found.by_mm == pytest.approx(0.3, abs=0.02)  # about four standard deviations at 1 % noise
 
 
+@pytest.mark.slow
 def test_a_log_that_stood_still_did_not_jump(full_turn):
     for seed in range(1, 6):
         assert not movement(full_turn, moved_log(full_turn, 0.0, noise=0.005, seed=seed)).beyond_chance

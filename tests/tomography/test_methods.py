@@ -54,6 +54,7 @@ def function_of(name):
     return getattr(sys.modules[METHODS[name].__module__], name)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", METHODS)
 def test_a_block_through_the_table(projector, block, name):
     method = METHODS[name]()

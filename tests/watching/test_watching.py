@@ -60,6 +60,7 @@ def stepping(watched):
             yield step
 
 
+@pytest.mark.slow
 def test_files_under_kills_are_each_taken_once(watched, tmp_path):
     random = Random(7)  # noqa: S311 - no secret
     contents = {f"log-{number}.npy": random.randbytes(5_000) for number in range(FILES)}

@@ -49,6 +49,7 @@ def off(calibration):
     return ray_error(SCANNER, TRUE, calibration.frame).rms_mm
 
 
+@pytest.mark.slow
 def test_two_that_agree_are_combined(full_turn):
     alone, heard = both(full_turn(VIEWS))
     witness = heard.evidence.witness
@@ -60,6 +61,7 @@ def test_two_that_agree_are_combined(full_turn):
     assert heard.judgement.verdict == alone.judgement.verdict
 
 
+@pytest.mark.slow
 def test_of_a_phantom_that_slips_the_log_gives_where_the_cor_is(full_turn):
     """A slip by 0.3 mm moves the u_c of a plain fit by 0.24 mm; the log, which stands still, holds it."""
     alone, heard = both(full_turn(VIEWS), phantom_by=(0.3, 0.0))
@@ -80,6 +82,7 @@ def test_of_twenty_views_the_log_is_heard_by_pairs_of_them(full_turn):
     assert heard.judgement.verdict == alone.judgement.verdict
 
 
+@pytest.mark.slow
 def test_of_a_log_that_slips_nothing_is_taken(full_turn):
     alone, heard = both(full_turn(VIEWS), log_by=(0.3, 0.2))
     witness = heard.evidence.witness

@@ -78,6 +78,7 @@ def _walked(body: Body, made: MillScan, view: int, cell: int) -> float:
     return total
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "effects",
     [
