@@ -171,6 +171,23 @@ def short_portions(monkeypatch):
     monkeypatch.setattr(drift_charts, "PORTION", 20)
 
 
+def test_a_portion_that_another_process_has_put_in_meanwhile_leaves_the_chart(
+    store, scanner, calibrated, charted, monkeypatch
+):
+    calibrated()
+    charted([(0.0, 0.0)] * 5)
+    go_on(store, scanner)
+    before = store.drift_charts.of_scanner(scanner.id)
+    with store._database.read() as session:
+        chart = session.scalars(select(DriftChartRow)).one()
+    # PostgreSQL shows a waiting look first and then the chart that has it.
+    place, nothing = (chart.activation_number, chart.looks), ([], [], [], False)
+    late = drift_charts._Portion(scanner.id, chart.method, chart.activation_number, place, chart.state, 5, *nothing)
+    monkeypatch.setattr(drift_charts, "_next_portion", lambda *_: late)
+    store.drift_charts.follow(scanner.id, follow)
+    assert store.drift_charts.of_scanner(scanner.id) == before
+
+
 @pytest.mark.dialect
 @pytest.mark.usefixtures("short_portions")
 def test_each_look_goes_into_its_chart_once_whoever_looks_and_after_a_kill(store, scanner, calibrated, charted):

@@ -173,7 +173,8 @@ def _write_portion(session: Session, chart: DriftChartRow | None, portion: _Port
         late = MeasurementRow.activation_number == portion.activation_number, MeasurementRow.method == portion.method
         session.execute(update(MeasurementRow).where(*late).values(awaits_chart=None))
     elif followed is None:
-        if chart is not None:
+        # PostgreSQL reads each statement's own moment: a portion without checks may be one that was put in meanwhile.
+        if chart is not None and (portion.looks or _is_waiting(session, portion)):
             chart.state, chart.looks = {}, 0
     else:
         if chart is not None and chart.activation_number < portion.activation_number:
@@ -187,6 +188,12 @@ def _write_portion(session: Session, chart: DriftChartRow | None, portion: _Port
             chart = DriftChartRow(**about, method=portion.method)
             session.add(chart)
         _write(chart, followed, portion)
+
+
+def _is_waiting(session: Session, portion: _Portion) -> bool:
+    """Tell whether a drift check still waits for the chart of a portion."""
+    waiting = _looks(portion.activation_number, portion.method).where(MeasurementRow.awaits_chart.is_not(None))
+    return session.scalar(select(waiting.exists())) is True
 
 
 def _write(chart: DriftChartRow, followed: Followed, portion: _Portion) -> None:
