@@ -372,6 +372,7 @@ def test_a_stopping_worker_takes_no_more_jobs(store, runner, stop, queue):
 def test_a_spare_that_died_is_replaced(runner, queue):
     assert runner.run_next() is None
     os.kill(process_id(runner._spares[0]), signal.SIGKILL)
+    runner._spares[0]._process.wait(60)  # until then it may still be taken for a running one
     queue("succeed")
     assert runner.run_next() is JobState.SUCCEEDED
 
