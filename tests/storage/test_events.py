@@ -98,15 +98,14 @@ def test_scanners_and_schedules_that_change_and_due_times_that_pass_are_announce
         "scanner-changed",
         "schedule-created",
         "schedule-missed",
-        "schedule-missed",
         "schedule-changed",
         "schedule-deleted",
         "scanner-deleted",
     ]
-    assert [event.detail for event in events[2:4]] == [
-        {"due_at": "2026-03-02T05:30:00+00:00", "reason": "nothing ran schedules then"},
-        {"due_at": "2026-03-03T05:30:00+00:00", "reason": "there was no new scan of a phantom"},
-    ]
+    assert events[2].detail == {
+        "due_at": "2026-03-02T05:30:00+00:00",
+        "reason": "nothing ran schedules then; later there was no new scan of a phantom",
+    }
     assert {event.scanner_id for event in events} == {scanner.id}
 
 

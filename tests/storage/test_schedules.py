@@ -222,6 +222,29 @@ def missed(store, schedule):
     return [(event.detail["due_at"], event.detail["reason"]) for event in events if event.subject_id == schedule.id]
 
 
+@pytest.mark.dialect
+@pytest.mark.usefixtures("active")
+def test_a_schedule_that_keeps_missing_is_announced_when_it_begins(store, checks, log_scan, clock):
+    def missed_after(due_times):
+        for _ in range(due_times):
+            clock.advance(minutes=30)
+            store.schedules.run_due()
+        return len(missed(store, checks))
+
+    assert (missed_after(1), missed_after(4)) == (1, 1)
+    log_scan()
+    assert (missed_after(1), missed_after(4)) == (1, 2)
+    # A week off is announced by itself, and what is missed after it as before.
+    clock.advance(days=7)
+    assert (missed_after(1), missed_after(4)) == (3, 3)
+    *_, (_, reason) = missed(store, checks)
+    assert reason.startswith("nothing ran schedules then; later there was no new scan of a log")
+    # Somebody has put it right, or believes so.
+    spec = ScheduleSpec(scanner_id=checks.scanner_id, kind="check-drift", cron=checks.cron)
+    store.schedules.update(checks.id, spec)
+    assert (missed_after(1), missed_after(4)) == (4, 4)
+
+
 @pytest.mark.usefixtures("active", "checks")
 def test_a_log_that_came_as_the_mean_of_rows_is_checked_whatever_rows_the_schedule_names(store, log_scan, clock):
     sent = log_scan(views=20, averaged_rows=1000)
@@ -251,6 +274,9 @@ def test_a_schedule_that_cannot_run_is_missed_once_and_stops_no_other(store, sca
     assert store.schedules.get(abroad.id).next_due_at == due
     ((due_at, reason),) = missed(store, abroad)
     assert (due_at, "not 'Mars/Olympus'" in reason) == (due.isoformat(), True)
+    clock.advance(minutes=30)
+    store.schedules.run_due()
+    assert [len(missed(store, each)) for each in (abroad, outdated)] == [1, 1], "as before"
 
 
 @pytest.mark.dialect

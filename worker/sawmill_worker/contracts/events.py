@@ -74,9 +74,10 @@ class Event(Contract):
         description="`queued` to `cancelled` are of the job `job_id`. `lost`: the attempt ended unanswered; `put-off`: "
         "an outage ended it, which is no loss; `given-back`: its worker stopped or another job went first; "
         "`cancel-requested`: its worker was asked to stop; "
-        "`schedule-missed`: a due time passed and nothing was queued; `alarm-opened`, `alarm-closed`: "
-        "of a scanner, which `/v1/alarms` lists between the two; `webhook-paused`: nothing is sent to it any more, for "
-        "`reason`; `retention-removed`: some of what `subject_id` names, as `log-scans`, went by the rules of "
+        "`schedule-missed`: a due time passed and nothing was queued, once until the schedule runs again; "
+        "`alarm-opened`, `alarm-closed`: of a scanner, which `/v1/alarms` lists between the two; `webhook-paused`: "
+        "nothing is sent to it any more, for `reason`; `retention-removed`: some of what `subject_id` names, as "
+        "`log-scans`, went by the rules of "
         "`/v1/retention`; `clock-off`: the worker's clock differs from the "
         "service's by more than 5 s; `clock-stepped`: the service took over a lasting step of its machine's clock; "
         "`restored`: what is stored is of a backup, and what happened since then is not in it.",

@@ -25,7 +25,7 @@ from sawmill_worker.storage.errors import Invalid, StorageError, StorageFull, St
 from sawmill_worker.storage.events import announce
 from sawmill_worker.storage.paging import found, narrowed, new_id, read_page, refuse_taken
 from sawmill_worker.storage.scheduled import queue_due
-from sawmill_worker.storage.tables import EventRow, ScannerRow, ScheduleRow, ScheduleRunRow
+from sawmill_worker.storage.tables import ScannerRow, ScheduleRow, ScheduleRunRow
 
 # Of a due time at which nothing was queued, by its outcome.
 _WHY_NOT = {
@@ -97,6 +97,7 @@ class Schedules:
             pending = row.next_due_at if row.next_due_at is not None and row.next_due_at <= now else None
             same_times = spec.enabled and (spec.cron, spec.time_zone) == (row.cron, row.time_zone)
             _describe(row, spec, now)
+            row.missed = False
             if pending is not None and same_times:
                 row.next_due_at = pending
             elif pending is not None:
@@ -126,7 +127,7 @@ class Schedules:
         """Run every schedule whose time has come, and move it on to its next time.
 
         A schedule that was due several times while nothing ran is run once, for the latest of them. One that cannot
-        be run is announced as missed, with the reason, and keeps none of the others from running.
+        be run is announced as missed when that begins, with the reason, and keeps none of the others from running.
 
         Raises
         ------
@@ -176,38 +177,33 @@ class Schedules:
             outcome = queue_due(session, self._calibrations, self._drifts, row, now)
             run = ScheduleRun(due_at=due_at, **outcome._asdict())
             session.add(ScheduleRunRow(schedule_id=schedule_id, **run.model_dump()))
+            why_not = _WHY_NOT.get(run.outcome)
             if first_due_at < due_at:
-                _announce_missed(session, row, now, first_due_at, "nothing ran schedules then")
-            if run.outcome in _WHY_NOT:
-                _announce_missed(session, row, now, due_at, _WHY_NOT[run.outcome])
+                reasons = ["nothing ran schedules then", *([] if why_not is None else [f"later {why_not}"])]
+                _announce_missed(session, row, now, first_due_at, "; ".join(reasons))
+            elif why_not is not None and not row.missed:
+                _announce_missed(session, row, now, due_at, why_not)
+            row.missed = why_not is not None
             return run
 
     def _miss(self, schedule_id: str, now: datetime, reason: str) -> None:
-        """Announce once that a due time cannot be run, and move on."""
+        """Announce a due time that cannot be run, unless the schedule was missed before it as well, and move on."""
         with self._database.write() as session:
             row = session.get(ScheduleRow, schedule_id, with_for_update=True)
             if row is None or row.next_due_at is None or row.next_due_at > now:
                 return
             due_at = row.next_due_at
-            try:
-                is_new = _moved_on(session, row, now)
-            except Invalid:
-                # It stays due: another machine may know its time zone.
-                is_new = not _is_announced(session, row, due_at)
-            if is_new:
+            with suppress(Invalid):  # it stays due: another machine may know its time zone
+                _moved_on(session, row, now)
+            if not row.missed:
                 _announce_missed(session, row, now, due_at, reason)
+                row.missed = True
 
 
 def _in_words(error: Exception) -> str:
     if isinstance(error, ValidationError):
         return f"its options are not right: {placed_complaint(error)}"
     return str(error) if isinstance(error, StorageError) else f"{type(error).__name__}: {error}"
-
-
-def _is_announced(session: Session, row: ScheduleRow, due_at: datetime) -> bool:
-    of_schedule = (EventRow.scanner_id == row.scanner_id, EventRow.subject_id == row.id)
-    is_it = (EventRow.what == EventKind.SCHEDULE_MISSED, EventRow.detail["due_at"].as_string() == due_at.isoformat())
-    return session.scalar(select(EventRow.number).where(*of_schedule, *is_it).limit(1)) is not None
 
 
 def _announce(

@@ -551,6 +551,8 @@ class ScheduleRow(Resource):
     options: Mapped[Json]
     drift_options: Mapped[Json]
     next_due_at: Mapped[datetime | None] = mapped_column(index=True)
+    # Whether the last due time was missed, and announced so: the next ones are not announced again.
+    missed: Mapped[bool] = mapped_column(default=False)
 
 
 class ScheduleRunRow(Base):

@@ -147,11 +147,12 @@ def _change_tables_of_jobs() -> None:
 
 
 def _change_tables_of_schedules() -> None:
-    """Have schedules with a time zone, and those of drift checks."""
+    """Have schedules with a time zone, and those of drift checks; keep whether the last due time was missed."""
     for column in (
         sa.Column("time_zone", _ID, nullable=False, server_default="UTC"),
         sa.Column("kind", _WORD, nullable=False, server_default="recalibrate"),
         sa.Column("drift_options", _JSON, nullable=False, server_default='{"rows": null}'),
+        sa.Column("missed", _FLAG, nullable=False, server_default=sa.false()),
     ):
         op.add_column("schedules", column)
     op.add_column("schedule_runs", sa.Column("drift_id", _ID, nullable=True))
