@@ -115,8 +115,8 @@ class ServiceSettings(BaseSettings):
     max_connections: Annotated[int, Field(ge=1, le=MOST_CONNECTIONS)] = Field(
         1024,
         description="From this number of open connections on, idle ones and streams included, requests get a plain "
-        "503. One caller at its bounds has 416 (`max_requests_at_once`, `max_bodies_at_once`, `max_waits_at_once`), "
-        "and `max_streams` come on top: two such callers and their idle connections have room.",
+        "503. One caller at its bounds has 488 (`max_requests_at_once`, `max_bodies_at_once`, `max_waits_at_once`): "
+        "two such callers have room.",
     )
     client_silence_s: Annotated[float, Field(gt=0)] = Field(60.0, description="How long a body may stand still.")
     min_client_bytes_per_s: Annotated[float, Field(ge=0)] = Field(
@@ -139,7 +139,7 @@ class ServiceSettings(BaseSettings):
         32, description="Of one key or address, until their answers begin: the API has 40 threads."
     )
     max_bodies_at_once: Annotated[int, Field(ge=1)] = Field(
-        128, description="The same for requests with a body, which hold no thread until it has come."
+        200, description="The same for requests with a body, which hold no thread until it has come."
     )
     max_waits_at_once: Annotated[int, Field(ge=1)] = Field(
         256, description="The same for requests with `wait`, which hold no thread while their job goes on."

@@ -14,7 +14,7 @@ from sqlalchemy.orm import Session
 
 from sawmill_worker.storage.clock import Clock, SharedClock, set_if_new
 from sawmill_worker.storage.errors import StorageMisconfigured
-from sawmill_worker.storage.outages import Door, trouble_translated
+from sawmill_worker.storage.outages import Door, WriterQueue, trouble_translated
 from sawmill_worker.storage.tables import Base
 
 _MIGRATION_LOCK = 0x5A3111  # any number that only this product takes
@@ -64,7 +64,9 @@ class Database:
         self._writer = engine.execution_options(writes=True)
         self._reading = Door()
         # SQLite reads while somebody holds its write lock.
-        self._writing = Door() if engine.dialect.name == "sqlite" else self._reading
+        one_writer = engine.dialect.name == "sqlite"
+        self._writing = Door() if one_writer else self._reading
+        self._turn = WriterQueue().turn if one_writer else nullcontext
 
     @contextmanager
     def read(self) -> Iterator[Session]:
@@ -95,8 +97,9 @@ class Database:
             with trouble_translated(), whole.session.begin_nested():
                 yield whole.session
             return
+        self._writing.check()
         with trouble_translated(), Session(self._writer, expire_on_commit=False) as session:
-            with session.begin():
+            with self._turn(), session.begin():
                 self._writing.begin(session)
                 yield session
             for log in session.info.get(AFTER_COMMIT, ()):

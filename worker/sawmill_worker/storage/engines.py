@@ -12,8 +12,6 @@ from sawmill_worker.storage.errors import StorageMisconfigured
 # A request that has to write answers within five seconds, and it may wait for this alone: the rest is for a machine
 # whose cores are all busy.
 _BUSY_TIMEOUT_MS = 2_500
-# While the database is taken to be away, one that only waits for another writer's commit is not refused.
-_IMPATIENT_MS = 100
 _KEPT_CONNECTIONS = 10
 # One for each of the API's threads, of which FastAPI has 40, and one for whoever reads the time meanwhile.
 _MOST_CONNECTIONS = 41
@@ -100,12 +98,4 @@ def _configure_sqlite(connection: sqlite3.Connection, _: object) -> None:
 def _begin_sqlite(connection: Connection) -> None:
     options = connection.get_execution_options()
     # A reader that turns writer in mid-transaction fails at once with "database is locked", whatever the timeout.
-    begin = "BEGIN IMMEDIATE" if options.get("writes", False) else "BEGIN"
-    if options.get("patient", True):
-        connection.exec_driver_sql(begin)
-        return
-    connection.exec_driver_sql(f"PRAGMA busy_timeout={_IMPATIENT_MS}")
-    try:
-        connection.exec_driver_sql(begin)
-    finally:
-        connection.exec_driver_sql(f"PRAGMA busy_timeout={_BUSY_TIMEOUT_MS}")
+    connection.exec_driver_sql("BEGIN IMMEDIATE" if options.get("writes", False) else "BEGIN")

@@ -1,9 +1,11 @@
 """Which of a database's errors mean that it does not answer now, and how threads are spared meanwhile."""
 
+import math
 import re
 import sqlite3
 import threading
 import time
+from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -14,6 +16,8 @@ from sqlalchemy.orm import Session
 from sawmill_worker.storage.errors import StorageError, StorageFull, StorageMisconfigured, StorageUnavailable
 
 _PAUSE_S = 1.0
+# Longer than the first of a queue waits for another process's lock: its failure is the answer to the others as well.
+_TURN_S = 3.0
 # Files that cannot be opened, are not writable, or hold something else.
 _SQLITE_REFUSALS = {sqlite3.SQLITE_PERM, sqlite3.SQLITE_READONLY, sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_CANTOPEN}
 _SQLITE_REFUSALS |= {sqlite3.SQLITE_AUTH, sqlite3.SQLITE_NOTADB}
@@ -69,9 +73,6 @@ class Door:
                 self._ask(session)
             finally:
                 self._waiting.release()
-        elif session.get_bind().dialect.name == "sqlite":
-            session.connection(execution_options={"patient": False})
-            self._away = None
         else:
             raise StorageUnavailable(away)
 
@@ -94,6 +95,48 @@ class Door:
             self._wait_again_at = time.monotonic() + _PAUSE_S
             raise
         self._away = None
+
+
+class WriterQueue:
+    """The threads of a process that write to SQLite, one at a time in the order in which they came.
+
+    SQLite has one write lock. A connection that finds it taken tries again now and then, in no order: of many, some
+    never get it. So one thread of the process tries at a time, and only other processes can keep it waiting.
+    """
+
+    def __init__(self) -> None:
+        self._turns: deque[threading.Event] = deque()
+        self._changing = threading.Lock()
+        self._moved_at = -math.inf
+
+    @contextmanager
+    def turn(self) -> Iterator[None]:
+        """Wait until every thread that came before has ended its block; the block is this thread's turn.
+
+        Raises
+        ------
+        StorageUnavailable
+            One thread's turn takes too long.
+        """
+        turn, came_at = threading.Event(), time.monotonic()
+        with self._changing:
+            self._turns.append(turn)
+            self._turns[0].set()
+        try:
+            while not turn.wait(self._given_up_at(came_at) - time.monotonic()):
+                if time.monotonic() >= self._given_up_at(came_at):
+                    raise StorageUnavailable(f"the database does not answer: another request has kept it for {_TURN_S:g} s")
+            yield
+        finally:
+            with self._changing:
+                if turn.is_set():
+                    self._moved_at = time.monotonic()
+                self._turns.remove(turn)
+                if self._turns:
+                    self._turns[0].set()
+
+    def _given_up_at(self, came_at: float) -> float:
+        return max(came_at, self._moved_at) + _TURN_S
 
 
 def _translated(error: DBAPIError | PoolTimeoutError) -> StorageError | None:
