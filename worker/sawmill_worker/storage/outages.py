@@ -125,7 +125,8 @@ class WriterQueue:
         try:
             while not turn.wait(self._given_up_at(came_at) - time.monotonic()):
                 if time.monotonic() >= self._given_up_at(came_at):
-                    raise StorageUnavailable(f"the database does not answer: another request has kept it for {_TURN_S:g} s")
+                    msg = f"the database does not answer: another request has kept it for {_TURN_S:g} s"
+                    raise StorageUnavailable(msg)
             yield
         finally:
             with self._changing:
