@@ -15,6 +15,7 @@ from sawmill_worker.contracts.jobs import JobKind
 from sawmill_worker.contracts.reconstructions import ReconstructionAsk
 from sawmill_worker.jobs import keeping
 from sawmill_worker.jobs.attempt import Attempt
+from sawmill_worker.jobs.keeping import PAUSE_S, AttemptKeeper
 from sawmill_worker.jobs.running import run
 from sawmill_worker.storage.errors import StorageFull
 from sawmill_worker.vocabulary import CalibrationMethod
@@ -210,6 +211,37 @@ def test_checkpoints_leave_room_for_the_volume(volume, attempt, monkeypatch):
     announced = []
     assert run(replace(job, announce=announced.append))["shape"] == [150, 32, 32]
     assert announced == []
+
+
+def test_a_full_disk_is_logged_once_and_tried_again_after_the_pause(search, attempt, monkeypatch):
+    now, full = [0.0], [True]
+
+    def check_room(*_, needed_by):
+        if full[0]:
+            raise StorageFull(f"the disk is full: {needed_by}")
+
+    monkeypatch.setattr(keeping, "time", SimpleNamespace(monotonic=lambda: now[0]))
+    monkeypatch.setattr(keeping, "check_room", check_room)
+    search()
+    lines, announced = [], []
+    monkeypatch.setattr(keeping.structlog, "get_logger", lambda: Log(lines))
+    keeper = AttemptKeeper(replace(attempt(JobKind.CALIBRATE), announce=announced.extend), {})
+
+    def keep_when_due(name):
+        now[0] += PAUSE_S
+        assert keeper.is_due
+        keeper.keep(name, {"numbers": np.arange(3)})
+        assert not keeper.is_due
+
+    keep_when_due("first")
+    keep_when_due("second")
+    assert lines == [("checkpoint-left-out", "first")]
+    full[0] = False
+    keep_when_due("third")
+    full[0] = True
+    keep_when_due("fourth")
+    assert lines == [("checkpoint-left-out", "first"), ("checkpoint-left-out", "fourth")]
+    assert announced == ["third"]
 
 
 class Log:

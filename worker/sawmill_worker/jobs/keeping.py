@@ -24,7 +24,8 @@ MOST_ANNOUNCED = 100
 class AttemptKeeper:
     """A `Keeper` for one attempt.
 
-    A checkpoint that does not fit on the disk is left out: the job needs none to come to its end.
+    A checkpoint that does not fit on the disk is left out: the job needs none to come to its end. The next one is due
+    after the usual pause, and the log has a line once until one fits again.
 
     Parameters
     ----------
@@ -38,10 +39,10 @@ class AttemptKeeper:
         self._attempt = attempt
         self._origin = {**origin, "software": software()}
         self._still_to_write_bytes = still_to_write_bytes
-        self._announced_at = time.monotonic()
+        self._pause_began_at = time.monotonic()
         self._pause_s = PAUSE_S if attempt.job.attempt <= 1 else 0.0
         self._unannounced: list[str] = []
-        self._begun, self._taken_up, self._lock = False, False, threading.Lock()
+        self._begun, self._taken_up, self._left_out, self._lock = False, False, False, threading.Lock()
         # By itself: whoever keeps something may do so in a thread that does not know the attempt.
         job = attempt.job
         self._log = structlog.get_logger().bind(job_id=job.id, attempt=job.attempt, kind=job.kind.value)
@@ -54,7 +55,7 @@ class AttemptKeeper:
     @property
     def is_due(self) -> bool:
         """Whether the pause is over."""
-        return time.monotonic() - self._announced_at >= self._pause_s
+        return time.monotonic() - self._pause_began_at >= self._pause_s
 
     def keep(self, name: str, arrays: Arrays, made_with: MadeWith | None = None) -> None:
         """Write a checkpoint; it is announced with others, when the pause is over."""
@@ -66,18 +67,28 @@ class AttemptKeeper:
                 folder.mkdir(exist_ok=True)
                 write_checkpoint(folder / name, {**self._origin, "made_with": made_with}, arrays)
         except StorageFull as error:
-            self._log.warning("checkpoint-left-out", name=name, reason=str(error))
+            self._leave_out(name, error)
             return
         with self._lock:
+            self._left_out = False
             self._unannounced.append(name)
             if self.is_due or len(self._unannounced) == MOST_ANNOUNCED:
                 self._announce()
 
     def _announce(self) -> None:
         names, self._unannounced = self._unannounced, []
-        self._attempt.announce(names)
-        self._begun, self._announced_at = True, time.monotonic()
+        if names:
+            self._attempt.announce(names)
+        self._begun, self._pause_began_at = True, time.monotonic()
         self._pause_s = min(max(2.0 * self._pause_s, SECOND_PAUSE_AGAIN_S), PAUSE_S)
+
+    def _leave_out(self, name: str, error: StorageFull) -> None:
+        with self._lock:
+            if not self._left_out:
+                self._log.warning("checkpoint-left-out", name=name, reason=str(error))
+            self._left_out = True
+            if self.is_due:
+                self._announce()
 
     def kept(self, name: str, made_with: MadeWith | None = None) -> Arrays | None:
         """What an earlier attempt wrote; what cannot be used is passed over, with a line in the log."""
