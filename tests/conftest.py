@@ -14,6 +14,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numba
 import pytest
+import redis
 from compiled_statements import share_compiled_statements
 from missing_parts import skip_without
 from plain_logs import log_plainly
@@ -120,6 +121,14 @@ def redis_url() -> Iterator[str]:
             break
     yield f"redis://127.0.0.1:{server.port}/0"
     server.stop()
+
+
+@pytest.fixture(params=["", ":wrong-word@"], ids=["no password", "another password"])
+def refusing_redis_url(request: pytest.FixtureRequest, redis_url: str) -> str:
+    """The address of a Redis server that refuses it."""
+    with redis.Redis.from_url(redis_url) as client:
+        client.config_set("requirepass", "right-word")
+    return redis_url.replace("//", f"//{request.param}")
 
 
 @pytest.fixture(scope="session")

@@ -136,6 +136,14 @@ def test_redis_that_is_away(found, monkeypatch):
     assert "secret-word" not in json.dumps(finding)
 
 
+def test_redis_that_refuses_the_password(found, monkeypatch, refusing_redis_url):
+    monkeypatch.setenv("SAWMILL_BROKER_URL", refusing_redis_url)
+    finding = found("Redis")
+    assert "127.0.0.1 refuses the user or the password" in finding["sentence"]
+    assert "SAWMILL_BROKER_URL" in finding["cure"]
+    assert "wrong-word" not in json.dumps(finding)
+
+
 def test_a_clock_that_is_off(found, data, monkeypatch):
     store = Store(StorageSettings(data_folder=data))
     store._database.start_clock()

@@ -219,18 +219,26 @@ def test_waking_outlives_what_nobody_foresaw(settings, storage, redis_url, monke
     waker.close()
 
 
-def test_a_sweep_without_redis_is_put_off(store, storage, settings, queue, wait_for):
+def test_a_sweep_without_redis_is_put_off(store, storage, settings, queue):
     queue("succeed")
-    out_of_reach = settings.model_copy(update={"broker_url": "redis://127.0.0.1:1/0", "sweep_s": 1e-9})
-    engine = _Engine(make_celery(out_of_reach, storage), out_of_reach, storage, ["true"])
-    engine._store = store
+    (entry,) = lines_of_sweeps(store, storage, settings, "redis://127.0.0.1:1/0")
+    assert (entry["event"], entry["reason"]) == ("sweep-put-off", "Redis (SAWMILL_BROKER_URL) does not answer")
+
+
+def test_a_redis_that_refuses_the_password_is_named_once(store, storage, settings, refusing_redis_url):
+    (entry,) = lines_of_sweeps(store, storage, settings, refusing_redis_url)
+    assert entry["reason"] == "Redis refuses the user or the password in SAWMILL_BROKER_URL"
+
+
+def lines_of_sweeps(store, storage, settings, broker_url):
+    """The log of a worker that has tried several times to sweep."""
+    settings = settings.model_copy(update={"broker_url": broker_url, "sweep_s": 1e-9, "housekeeping_s": 0.01})
+    engine = _Engine(make_celery(settings, storage), settings, storage, ["true"])
+    rounds = iter([False, False, False, True])
+    engine._store, engine._stop = store, SimpleNamespace(wait=lambda _: next(rounds))
     with capture_logs() as log:
-        sweeping = threading.Thread(target=engine._sweep_until_stopped)
-        sweeping.start()
-        wait_for(lambda: log)
-        engine.stop()
-        sweeping.join()
-    assert {entry["event"] for entry in log} == {"sweep-put-off"}
+        engine._sweep_until_stopped()
+    return log
 
 
 def test_redis_that_is_emptied_or_silent_loses_nothing_and_holds_up_neither_housekeeping_nor_the_end(

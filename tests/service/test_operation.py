@@ -62,6 +62,15 @@ def test_jobs_that_nobody_does_are_reported(client, store, running, state):
     assert (answer.status_code, answer.json()["state"]) == (200, state)
 
 
+def test_jobs_that_wait_for_a_redis_that_refuses_the_password_are_reported(client, store, refusing_redis_url):
+    client.app.state.broker_url = refusing_redis_url
+    assert "refuses the user or the password: jobs do not begin" in client.get("/system").text
+    store.jobs = Waiting(running=0)
+    health = client.get("/health/ready").json()
+    assert health["state"] == "without-worker"
+    assert health["detail"].endswith("Redis refuses the user or the password in SAWMILL_BROKER_URL")
+
+
 class Waiting:
     """Jobs of which two have waited for long."""
 

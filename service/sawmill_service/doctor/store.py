@@ -71,6 +71,12 @@ def broker(url: str | None) -> Finding:
     if url is None:
         return Finding("Redis", State.GOOD, "not used: workers look into the database")
     report = report_of(url)
+    if report.refused:
+        sentence = f"{report.host} refuses the user or the password: jobs of Celery workers do not begin"
+        cure = (
+            "write Redis's password into SAWMILL_BROKER_URL of the service and of each worker: redis://:PASSWORD@HOST"
+        )
+        return Finding("Redis", State.BAD, sentence, cure)
     if report.answered_s is None:
         sentence = f"{report.host} does not answer: jobs of Celery workers begin only when it does"
         return Finding("Redis", State.BAD, sentence, "start it, or mend SAWMILL_BROKER_URL")

@@ -1,7 +1,6 @@
 """The system: disk, workers, database, clock, limits; for administrators keys and the audit."""
 
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING
 
 from fastapi import APIRouter, Request
 from fastapi.responses import HTMLResponse
@@ -18,12 +17,9 @@ from sawmill_service.pages.system_parts import (
     versions,
     workers_of,
 )
-from sawmill_service.routes.health import Readiness, health_of
+from sawmill_service.routes.health import Readiness, broker_of, health_of
 from sawmill_worker.contracts.audit import AuditAction
 from sawmill_worker.contracts.keys import Scope
-
-if TYPE_CHECKING:
-    from sawmill_worker.execution.broker_report import BrokerReport
 
 SYSTEM = "/system"
 AUDITED = 20
@@ -73,7 +69,7 @@ def system(request: Request, page: ThePage, store: TheStore, settings: TheSettin
     admin, now = page.may(Scope.ADMIN), datetime.now(UTC)
     return page.answer(
         "system.html",
-        health=health_of(store),
+        health=health_of(store, request.app.state.broker_url),
         states=STATES,
         queue=queue_of(store),
         disk=(disk := disk_of(store)),
@@ -81,7 +77,7 @@ def system(request: Request, page: ThePage, store: TheStore, settings: TheSettin
         plenty_days=PLENTY_DAYS,
         workers=workers_of(store, page, now),
         database=store.database_report(),
-        broker=_broker(request.app.state.broker_url),
+        broker=broker_of(request.app.state.broker_url),
         clock_off_s=store.clock_off_s(),
         clock=clock_remarks(store),
         versions=versions(),
@@ -98,12 +94,3 @@ def system(request: Request, page: ThePage, store: TheStore, settings: TheSettin
 def keys(page: ThePage, store: TheStore) -> HTMLResponse:
     """The part of the page with the keys, for when one was made or ended."""
     return page.answer("system_keys.html", keys=store.keys.all().keys, scopes=SCOPES, now=datetime.now(UTC))
-
-
-def _broker(broker_url: str | None) -> "BrokerReport | None":
-    if broker_url is None:
-        return None
-    # Imported here: without a broker nobody needs its client.
-    from sawmill_worker.execution.broker_report import report_of  # noqa: PLC0415
-
-    return report_of(broker_url)

@@ -1,6 +1,7 @@
 """/health and /metrics."""
 
 from enum import StrEnum
+from typing import TYPE_CHECKING
 
 import structlog
 from fastapi import APIRouter, Request, Response
@@ -14,6 +15,9 @@ from sawmill_worker.contracts.base import Contract
 from sawmill_worker.contracts.jobs import JobState
 from sawmill_worker.storage.errors import StorageFull, StorageUnavailable
 from sawmill_worker.storage.store import Store
+
+if TYPE_CHECKING:
+    from sawmill_worker.execution.broker_report import BrokerReport
 
 NOT_READY = "the database or the data folder cannot be used now: the service's log has the reason"
 PATIENCE_S = 30.0  # several times what an idle worker needs to take a job
@@ -54,14 +58,15 @@ async def live() -> str:
         }
     },
 )
-def ready(store: TheStore, response: Response) -> Health:
+def ready(request: Request, store: TheStore, response: Response) -> Health:
     """503 when the database or the data folder cannot be used, or when the disk is full or nearly so (`disk-full`).
 
     On a full disk results can still be read; uploads are refused, and jobs wait until there is room.
-    Jobs that wait while no worker runs any are reported as `without-worker`: requests are still answered.
+    Jobs that wait while no worker runs any are reported as `without-worker`, also where workers cannot use Redis:
+    requests are still answered.
     """
     try:
-        health = health_of(store)
+        health = health_of(store, request.app.state.broker_url)
     except StorageUnavailable as error:
         # Anybody may ask, and the database's own words name hosts and users.
         log.warning("not-ready", reason=str(error))
@@ -72,20 +77,31 @@ def ready(store: TheStore, response: Response) -> Health:
     return health
 
 
-def health_of(store: Store) -> Health:
-    """How the service is, or `StorageUnavailable`."""
+def health_of(store: Store, broker_url: str | None = None) -> Health:
+    """How the service is, or `StorageUnavailable`; with a broker's URL, whether Redis keeps jobs waiting."""
     try:
         store.check()
     except StorageFull as error:
         return Health(state=Readiness.DISK_FULL, detail=str(error))
     waiting = store.jobs.queued_job_ids(older_than_s=PATIENCE_S, limit=1)
     if waiting and not (counts := store.jobs.counts())[JobState.RUNNING]:
+        broker = broker_of(broker_url)
         detail = (
             f"{counts[JobState.QUEUED]} jobs wait, one of them for more than {PATIENCE_S:.0f} s, and no worker runs "
-            "any: start one"
+            f"any: {(broker and broker.trouble) or 'start one'}"
         )
         return Health(state=Readiness.WITHOUT_WORKER, detail=detail)
     return Health(state=Readiness.READY, detail="")
+
+
+def broker_of(broker_url: str | None) -> "BrokerReport | None":
+    """How Redis is; None: it is not used."""
+    if broker_url is None:
+        return None
+    # Imported here: without a broker nobody needs its client.
+    from sawmill_worker.execution.broker_report import report_of  # noqa: PLC0415
+
+    return report_of(broker_url)
 
 
 @router.get("/metrics", summary="Metrics for Prometheus", response_class=PlainTextResponse)

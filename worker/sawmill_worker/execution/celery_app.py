@@ -22,6 +22,7 @@ from kombu.entity import Queue
 from kombu.exceptions import OperationalError
 from redis.exceptions import RedisError
 
+from sawmill_worker.execution.broker_report import report_of
 from sawmill_worker.execution.confinement import say_if_unconfined
 from sawmill_worker.execution.housekeeping import Housekeeping
 from sawmill_worker.execution.logs import configure_logs
@@ -239,7 +240,13 @@ class _Engine:
             self._wake(waiting)
 
     def _sweep_until_stopped(self) -> None:
+        trouble: str | None = None
         while not self._stop.wait(self._settings.housekeeping_s):
+            before, trouble = trouble, report_of(str(self._settings.broker_url)).trouble
+            if trouble is not None:
+                if trouble != before:
+                    structlog.get_logger().warning("sweep-put-off", reason=trouble)
+                continue
             try:
                 self._sweep()
             except (OperationalError, RedisError, StorageError) as error:
