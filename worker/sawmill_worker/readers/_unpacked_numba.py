@@ -1,33 +1,10 @@
 """How many bytes packed data unpack to. The kernels only walk over them, and keep nothing.
 
-LZF: a byte below 32 is followed by as many literals and one more; any other one repeats (its upper three bits, and the
-next byte where they are 7) + 2 bytes that came before (M. Lehmann, LibLZF, lzf_d.c).
 PackBits: a byte below 128 is followed by as many literals and one more; one above 128 repeats the next byte 257 - n
 times (Adobe, "TIFF Revision 6.0", section 9).
 """
 
 from numba import njit
-
-
-@njit(cache=True)
-def lzf_bytes(packed, most):
-    """Of LZF data; the walk ends where they are more than `most`."""
-    at, unpacked = 0, 0
-    while at < packed.size and unpacked <= most:
-        token = packed[at]
-        at += 1
-        if token < 32:
-            at += token + 1
-            unpacked += token + 1
-            continue
-        length = token >> 5
-        if length == 7:
-            if at < packed.size:
-                length += packed[at]
-            at += 1
-        at += 1
-        unpacked += length + 2
-    return unpacked
 
 
 @njit(cache=True)

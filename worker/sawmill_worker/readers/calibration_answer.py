@@ -11,7 +11,7 @@ from sawmill_worker.files.calibration_file import ANSWER, ARRAYS
 from sawmill_worker.files.errors import UnreadableScan, library_errors_translated
 from sawmill_worker.files.hdf5 import open_hdf5
 from sawmill_worker.readers.arrays import Bounds
-from sawmill_worker.readers.hdf5_guard import numbers
+from sawmill_worker.readers.hdf5_guard import numbers, read_values
 from sawmill_worker.readers.hdf5_texts import read_text
 
 # The most bytes that are read of an answer: it has some ten thousand.
@@ -73,4 +73,4 @@ def read_time_of_writing(path: Path) -> str | None:
 
 def _array(file: h5py.File, name: str) -> NDArray[Any] | None:
     found = numbers(file, f"{ARRAYS}/{name}", ARRAY)
-    return None if found is None else np.asarray(found[()])
+    return None if found is None else read_values(found)

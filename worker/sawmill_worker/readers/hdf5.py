@@ -16,7 +16,7 @@ from sawmill_worker.readers.arrays import Bounds
 from sawmill_worker.readers.contents import FileContents, Projections
 from sawmill_worker.readers.hdf5_exchange import DATA as EXCHANGE_DATA
 from sawmill_worker.readers.hdf5_exchange import is_exchange, read_exchange
-from sawmill_worker.readers.hdf5_guard import datasets, find, name_of, read_float32
+from sawmill_worker.readers.hdf5_guard import datasets, find, name_of, read_values
 from sawmill_worker.readers.hdf5_nxtomo import find_entries, read_nxtomo
 from sawmill_worker.readers.hdf5_projections import all_views, transposed
 from sawmill_worker.readers.hdf5_storage import check_dataset
@@ -109,7 +109,7 @@ def _projections(found: dict[str, h5py.Dataset], bounds: Bounds, name: str) -> P
 
 def _load(found: dict[str, h5py.Dataset], bounds: Bounds, name: str) -> NDArray[Any]:
     node = _checked(found, bounds, name)
-    values = node.astype("f8")[()] if name in {"angles_deg", "angles_rad"} else read_float32(node)
+    values = read_values(node, np.float64 if name in {"angles_deg", "angles_rad"} else np.float32)
     return values.T if "MATLAB_class" in node.attrs else values
 
 
@@ -118,4 +118,4 @@ def _text(found: dict[str, h5py.Dataset], bounds: Bounds, name: str) -> str | No
     is_text = attribute_text(found[name], "MATLAB_class") == "char" and found[name].dtype.kind == "u"
     if not is_text or (found[name].size or LONGEST_TEXT + 1) > LONGEST_TEXT:
         return None
-    return "".join(map(chr, _checked(found, bounds, name)[()].reshape(-1)))
+    return "".join(map(chr, read_values(_checked(found, bounds, name)).reshape(-1)))

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from sawmill_worker.files.errors import UnreadableScan, quoted
 from sawmill_worker.readers.arrays import Bounds
 from sawmill_worker.readers.contents import FileAngles
-from sawmill_worker.readers.hdf5_guard import Node, numbers
+from sawmill_worker.readers.hdf5_guard import Node, numbers, read_values
 from sawmill_worker.readers.hdf5_texts import attribute_text
 from sawmill_worker.readers.units import LARGEST_PITCH_MM, LEAST_PITCH_MM, length_of, to_degrees
 
@@ -55,4 +55,4 @@ def _read_vector(dataset: h5py.Dataset, path: str) -> NDArray[np.float64]:
         raise UnreadableScan(
             "wrong-shape", f"{path} has the shape {dataset.shape}; it must be a list of numbers, along one axis"
         )
-    return np.asarray(dataset[()], dtype=np.float64).reshape(-1)
+    return read_values(dataset, np.float64).reshape(-1)

@@ -5,13 +5,14 @@ Everything here is decided from the file's structure, before any data are read.
 
 from collections.abc import Iterator
 from itertools import pairwise
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from sawmill_worker.files.errors import UnreadableScan, quoted
+from sawmill_worker.files.hdf5_chunks import read_chunked
 from sawmill_worker.readers.arrays import Bounds
 from sawmill_worker.readers.hdf5_storage import check_dataset
 
@@ -179,16 +180,30 @@ def numbers(start: Node, path: str, bounds: Bounds) -> h5py.Dataset | None:
     return node
 
 
+def read_values(dataset: h5py.Dataset, dtype: DTypeLike | None = None) -> NDArray[Any]:
+    """Read a checked dataset as a whole, in its own type or another one."""
+    # Zeros, here and below: what the library does not fill is no memory of this process.
+    result = np.zeros(dataset.shape, dataset.dtype if dtype is None else dtype)
+    if dataset.chunks is None:
+        dataset.read_direct(result)
+    else:
+        read_chunked(dataset, result, np.arange(len(dataset)))
+    return result
+
+
 def read_float32(dataset: h5py.Dataset, *parts: slice) -> NDArray[np.float32]:
     """Read a checked dataset as float32; where parts are named, those of its axes, from the first on."""
-    result = np.empty(_shape_of(dataset, parts), dtype=np.float32)
-    dataset.read_direct(result, parts or None)
-    return result
+    if not parts:
+        return read_values(dataset, np.float32)
+    return read_images(dataset, np.arange(parts[0].start, parts[0].stop), *parts[1:])
 
 
 def read_images(dataset: h5py.Dataset, images: NDArray[np.intp], *parts: slice) -> NDArray[np.float32]:
     """Images by their rising indices, run by run as float32, and of their axes the parts that are named."""
-    result = np.empty((len(images), *_shape_of(dataset, (slice(0, 1), *parts))[1:]), dtype=np.float32)
+    result = np.zeros((len(images), *_shape_of(dataset, (slice(0, 1), *parts))[1:]), dtype=np.float32)
+    if dataset.chunks is not None:
+        read_chunked(dataset, result, images, parts)
+        return result
     for start, stop in _runs(images):
         first = int(images[start])
         dataset.read_direct(result, (slice(first, first + stop - start), *parts), np.s_[start:stop])

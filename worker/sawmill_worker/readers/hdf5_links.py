@@ -16,6 +16,7 @@ import h5py
 
 from sawmill_worker.files.errors import UnreadableScan, quoted
 from sawmill_worker.files.hdf5 import open_hdf5
+from sawmill_worker.files.hdf5_chunks import check_unpacked
 from sawmill_worker.readers.arrays import Bounds
 from sawmill_worker.readers.hdf5_guard import find
 from sawmill_worker.readers.hdf5_storage import check_dataset
@@ -144,6 +145,8 @@ class LinkedFiles:
             if not isinstance(source, h5py.Dataset):
                 raise UnreadableScan("dataset-missing", f"{what} is no dataset")
             check_dataset(what, source, replace(bounds, linked=self))
+            if source.chunks is not None:
+                check_unpacked(source)
             for each in taken:
                 _check_inside(what, each, source.shape)
             stored = int(min(source.id.get_storage_size(), file.id.get_filesize()))

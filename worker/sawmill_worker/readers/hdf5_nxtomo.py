@@ -23,7 +23,7 @@ from sawmill_worker.files.nxtomo import (
 from sawmill_worker.readers.arrays import Bounds, check_scan_dimensions, check_size
 from sawmill_worker.readers.contents import FileContents
 from sawmill_worker.readers.hdf5_fields import read_angles, read_pitch
-from sawmill_worker.readers.hdf5_guard import Node, check_members, children, name_of, numbers, read_images
+from sawmill_worker.readers.hdf5_guard import Node, check_members, children, name_of, numbers, read_images, read_values
 from sawmill_worker.readers.hdf5_projections import chosen_views
 from sawmill_worker.readers.hdf5_texts import read_text
 
@@ -91,7 +91,7 @@ def _read_image_key(entry: h5py.Group, images: int, bounds: Bounds) -> _ImageKey
         raise UnreadableScan(
             "wrong-shape", f"{IMAGE_KEY} has the shape {dataset.shape} for {images} images; each image needs one key"
         )
-    raw = np.asarray(dataset[()], dtype=np.float64)
+    raw = read_values(dataset, np.float64)
     unknown = ~np.isin(raw, (PROJECTION, FLAT, DARK, INVALID))
     if unknown.any():
         image = int(np.argmax(unknown))

@@ -1,17 +1,16 @@
 """What is decided of a dataset from how it is stored, before the library reads, allocates or unpacks anything of it."""
 
 import math
-from dataclasses import dataclass
 
 import h5py
 
 from sawmill_worker.files.errors import UnreadableScan, quoted
 from sawmill_worker.readers.arrays import Bounds, check_number_type, check_size
-from sawmill_worker.readers.unpacking import DEFLATE, LZF, SZIP, Packing, check_packed, check_unpacks
+from sawmill_worker.readers.unpacking import check_packed
 
 # Filters of the library itself and of h5py; any other would be looked for as a plug-in on this machine.
-PACKINGS = {h5py.h5z.FILTER_DEFLATE: DEFLATE, h5py.h5z.FILTER_SZIP: SZIP, h5py.h5z.FILTER_LZF: LZF}
-FILTERS = {code: packing.name for code, packing in PACKINGS.items()} | {
+PACKINGS = {h5py.h5z.FILTER_DEFLATE: "deflate", h5py.h5z.FILTER_SZIP: "szip", h5py.h5z.FILTER_LZF: "LZF"}
+FILTERS = PACKINGS | {
     h5py.h5z.FILTER_SHUFFLE: "shuffle",
     h5py.h5z.FILTER_FLETCHER32: "checksum",
 }
@@ -34,6 +33,12 @@ def check_dataset(where: str, dataset: h5py.Dataset, bounds: Bounds) -> None:
         raise UnreadableScan("truncated-file", f"{where} was declared and never written; export the file again")
     if dataset.chunks is not None:
         check_chunks(where, dataset)
+        return
+    declared = dataset.size * dataset.id.get_type().get_size()
+    if stored < declared and not _is_elsewhere(dataset):
+        raise UnreadableScan(
+            "truncated-file", f"{where} declares {declared} bytes of data and the file holds {stored}; export it again"
+        )
 
 
 def _stored_bytes(where: str, dataset: h5py.Dataset, bounds: Bounds) -> int:
@@ -47,9 +52,11 @@ def _is_elsewhere(dataset: h5py.Dataset) -> bool:
 
 
 def check_chunks(where: str, dataset: h5py.Dataset) -> None:
-    """Refuse a dataset of which chunks are missing, or unpack to more than they declare."""
-    packed = _packed(dataset)
-    stored = _Chunks(packed)
+    """Refuse a dataset of which chunks are missing, or stored in more bytes than they declare.
+
+    To how many bytes they unpack is found when they are read (`files.hdf5_chunks`).
+    """
+    stored = _Chunks()
     dataset.id.chunk_iter(stored.add)
     declared = math.prod(-(-length // of_chunk) for length, of_chunk in zip(dataset.shape, dataset.chunks, strict=True))
     if stored.count < declared:
@@ -57,43 +64,18 @@ def check_chunks(where: str, dataset: h5py.Dataset) -> None:
             "truncated-file",
             f"{where} was written in part: {stored.count} of its {declared} chunks; export the file again",
         )
-    what, chunk_bytes = f"a chunk of {where}", math.prod(dataset.chunks) * dataset.dtype.itemsize
-    check_packed(what, stored.largest, chunk_bytes)
-    if packed is None:
-        return
-    if packed.claimed_bytes > chunk_bytes:
-        raise UnreadableScan(
-            "too-large",
-            f"{what} declares {chunk_bytes} bytes of data and its filter {packed.claimed_bytes}; export it again",
-        )
-    for offset in stored.suspects:
-        check_unpacks(what, packed.packing, dataset.id.read_direct_chunk(offset)[1], chunk_bytes)
-
-
-@dataclass(frozen=True)
-class _Packed:
-    """The packing of a dataset, its place among the filters, and how many bytes it claims to need for each chunk."""
-
-    packing: Packing
-    place: int
-    claimed_bytes: int
+    check_packed(f"a chunk of {where}", stored.largest, math.prod(dataset.chunks) * dataset.dtype.itemsize)
 
 
 class _Chunks:
-    """The chunks of a dataset, counted, and where those are that could unpack to what does harm."""
+    """The number of stored chunks, and the largest of them in bytes."""
 
-    def __init__(self, packed: _Packed | None) -> None:
+    def __init__(self) -> None:
         self.count = self.largest = 0
-        self.suspects: list[tuple[int, ...]] = []
-        self._packed = packed
 
     def add(self, chunk: h5py.h5d.StoreInfo) -> None:
         self.count += 1
         self.largest = max(self.largest, chunk.size)
-        if self._packed is None or chunk.filter_mask >> self._packed.place & 1:
-            return
-        if not self._packed.packing.harmless(chunk.size):
-            self.suspects.append(chunk.chunk_offset)
 
 
 def _filters(dataset: h5py.Dataset) -> list[tuple[int, bytes]]:
@@ -105,17 +87,6 @@ def _filters(dataset: h5py.Dataset) -> list[tuple[int, bytes]]:
 def filter_names(dataset: h5py.Dataset) -> list[str]:
     """What a dataset is stored through, in its order; of a filter that is not read, its name and its number."""
     return [FILTERS.get(code) or f"{quoted(repr(name))} ({code})" for code, name in _filters(dataset)]
-
-
-def _packed(dataset: h5py.Dataset) -> _Packed | None:
-    layout = dataset.id.get_create_plist()
-    for place in range(layout.get_nfilters()):
-        code, _, values, _ = layout.get_filter(place)
-        if code in PACKINGS:
-            # The third number of LZF is what it allocates for a chunk.
-            claimed = values[2] if code == h5py.h5z.FILTER_LZF and len(values) > 2 else 0
-            return _Packed(PACKINGS[code], place, claimed)
-    return None
 
 
 def check_storage(where: str, dataset: h5py.Dataset, *, elsewhere: bool = False) -> None:
@@ -131,7 +102,7 @@ def check_storage(where: str, dataset: h5py.Dataset, *, elsewhere: bool = False)
                 "unsupported-storage",
                 f"{where} is stored with the filter {quoted(repr(name))} ({code}); repack it with gzip or without",
             )
-    packings = [PACKINGS[code].name for code, _ in filters if code in PACKINGS]
+    packings = [PACKINGS[code] for code, _ in filters if code in PACKINGS]
     if len(packings) > 1:
         raise UnreadableScan("unsupported-storage", f"{where} is packed twice ({', '.join(packings)}); pack it once")
     if len(filters) > MOST_FILTERS:

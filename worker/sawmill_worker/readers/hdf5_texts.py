@@ -7,7 +7,7 @@ import h5py
 import numpy as np
 
 from sawmill_worker.files.errors import UnreadableScan, quoted
-from sawmill_worker.readers.hdf5_guard import Node, find, name_of
+from sawmill_worker.readers.hdf5_guard import Node, find, name_of, read_values
 from sawmill_worker.readers.hdf5_storage import check_chunks, check_storage
 
 if TYPE_CHECKING:
@@ -35,9 +35,10 @@ def read_text(
     claimed = _claimed_bytes(where, node)
     if claimed > most_bytes:
         raise UnreadableScan("too-large", f"{where} claims to have {claimed} bytes; at most {most_bytes} are read")
-    if node.chunks is not None:
-        check_chunks(where, node)
-    return _as_text(np.asarray(node[()]).item())
+    if node.chunks is None:
+        return _as_text(np.asarray(node[()]).item())
+    check_chunks(where, node)
+    return _as_text(read_values(node).item())
 
 
 def _claimed_bytes(where: str, dataset: h5py.Dataset) -> int:

@@ -24,7 +24,7 @@ from sawmill_worker.files.scan_layout import (
     USABLE,
 )
 from sawmill_worker.readers.arrays import MAX_BYTES, Bounds
-from sawmill_worker.readers.hdf5_guard import find, numbers
+from sawmill_worker.readers.hdf5_guard import find, numbers, read_values
 from sawmill_worker.readers.hdf5_texts import attribute, attribute_text, read_text
 from sawmill_worker.readers.plausible import LARGEST_ANGLE_DEG
 from sawmill_worker.readers.units import LARGEST_PITCH_MM, LEAST_PITCH_MM
@@ -55,7 +55,7 @@ def _is_whole(file: h5py.File) -> bool:
     x_pitch, y_pitch, air_level = (numbers(file, path, bounds) for path in (CELL_PITCH, ROW_PITCH, AIR_LEVEL))
     if data is None or angles is None or x_pitch is None or data.dtype != np.float32 or data.ndim != 3:
         return False
-    if not data.size or angles.shape != data.shape[:1] or not (np.abs(angles[()]) <= LARGEST_ANGLE_DEG).all():
+    if not data.size or angles.shape != data.shape[:1] or not (np.abs(read_values(angles)) <= LARGEST_ANGLE_DEG).all():
         return False
     deviations = numbers(file, DEVIATIONS, bounds)
     if deviations is not None and (deviations.dtype != np.float32 or deviations.shape != data.shape):
@@ -67,7 +67,7 @@ def _is_whole(file: h5py.File) -> bool:
 
 
 def _is_distance(pitch: h5py.Dataset) -> bool:
-    return pitch.shape == () and bool(LEAST_PITCH_MM <= pitch[()] <= LARGEST_PITCH_MM)
+    return pitch.shape == () and bool(LEAST_PITCH_MM <= read_values(pitch) <= LARGEST_PITCH_MM)
 
 
 def _rows_present_are_whole(file: h5py.File, shape: tuple[int, ...], bounds: Bounds) -> bool:

@@ -15,8 +15,6 @@ MOST_GROWTH = 1.01
 PACKING_BYTES = 1024
 # Of what is deflated, at a time, where only its size is wanted.
 STEP_BYTES = 2**14
-# szip data begin with the number of bytes that the library allocates for them (HDF5, H5Zszip.c).
-SZIP_CLAIM_BYTES = 4
 
 
 @dataclass(frozen=True)
@@ -72,30 +70,18 @@ def _deflated(packed: bytes, most: int) -> int:
     return inflated
 
 
-def _lzf(packed: bytes, most: int) -> int:
-    from sawmill_worker.readers._unpacked_numba import lzf_bytes  # noqa: PLC0415 - Numba, for such data only
-
-    return int(lzf_bytes(_bytes(packed), most))
-
-
 def _packbits(packed: bytes, most: int) -> int:
     from sawmill_worker.readers._unpacked_numba import packbits_bytes  # noqa: PLC0415 - Numba, for such data only
 
     return int(packbits_bytes(_bytes(packed), most))
 
 
-def _szip(packed: bytes, _: int) -> int:
-    return int.from_bytes(packed[:SZIP_CLAIM_BYTES], "little")
-
-
 def _bytes(packed: bytes) -> NDArray[np.uint8]:
     return np.frombuffer(packed, np.uint8)
 
 
-# Deflate: RFC 1951, 258 bytes of two bits. LZF: 264 bytes of three. PackBits: 128 of two; the library's decoder keeps
-# each byte as an object of a list, eight bytes, and then as itself. szip's claim is any number.
+# Deflate: RFC 1951, 258 bytes of two bits. PackBits: 128 of two; the library's decoder keeps each byte as an object of
+# a list, eight bytes, and then as itself.
 DEFLATE = Packing("deflate", 1032, _deflated)
-LZF = Packing("LZF", 88, _lzf)
 PACKBITS_MEMORY = 9
 PACKBITS = Packing("PackBits", 64 * PACKBITS_MEMORY, _packbits)
-SZIP = Packing("szip", 2**32, _szip)

@@ -1,0 +1,62 @@
+"""What h5py and HDF5 pack and sum up in C, unpacked and summed up within the bounds of our own memory.
+
+LZF: a byte below 32 is followed by as many literals and one more; any other one repeats (its upper three bits, and the
+next byte where they are 7) + 2 bytes from as far back as its lower five bits and the next byte tell (M. Lehmann,
+LibLZF, lzf_d.c).
+"""
+
+from numba import njit
+
+
+@njit(cache=True)
+def unpack_lzf(packed, unpacked):
+    """Unpack LZF data into `unpacked`; return the number of bytes, more than it has where they do not fit, or -1."""
+    at, to = 0, 0
+    while at < packed.size:
+        token = int(packed[at])
+        at += 1
+        if token < 32:
+            length = token + 1
+            if at + length > packed.size:
+                return -1
+            if to + length > unpacked.size:
+                return to + length
+            for offset in range(length):
+                unpacked[to + offset] = packed[at + offset]
+            at += length
+        else:
+            length = token >> 5
+            if length == 7:
+                if at >= packed.size:
+                    return -1
+                length += int(packed[at])
+                at += 1
+            length += 2
+            if at >= packed.size:
+                return -1
+            start = to - (((token & 31) << 8) | int(packed[at])) - 1
+            at += 1
+            if start < 0:
+                return -1
+            if to + length > unpacked.size:
+                return to + length
+            for offset in range(length):
+                unpacked[to + offset] = unpacked[start + offset]
+        to += length
+    return to
+
+
+@njit(cache=True)
+def fletcher32(data):
+    """Sum up bytes as the checksum of HDF5 does: Fletcher's, of 16-bit numbers whose first byte is the higher one."""
+    low, high = 0, 0
+    # Neither sum of 360 numbers exceeds 32 bits before it is folded.
+    for start in range(0, data.size, 2 * 360):
+        for at in range(start, min(start + 2 * 360, data.size), 2):
+            low += int(data[at]) << 8
+            if at + 1 < data.size:
+                low += int(data[at + 1])
+            high += low
+        low, high = (low & 0xFFFF) + (low >> 16), (high & 0xFFFF) + (high >> 16)
+    low, high = (low & 0xFFFF) + (low >> 16), (high & 0xFFFF) + (high >> 16)
+    return high << 16 | low
