@@ -185,6 +185,14 @@ def seeded(client: Client) -> Client:
     return client
 
 
+@pytest.fixture
+def _another_is_active(store: Store, worker: "FakeWorker") -> None:
+    """A second calibration is active: to activate `example` is to go back."""
+    store.calibrations.accept(CalibrationAsk(scan_id="example"), identifier="another")
+    worker.finish_calibration()
+    store.calibrations.activate("another", "by hand")
+
+
 @dataclass
 class FakeWorker:
     """Does the oldest job without any science."""

@@ -28,6 +28,7 @@ def anna(seeded, store):
     return seeded
 
 
+@pytest.mark.usefixtures("_another_is_active")
 def test_every_decision_is_entered_with_who_made_it(anna, store):
     before = store.audit.page().items[0].number
     scanner = anna.post("/v1/scanners", json=SPEC).json()["id"]

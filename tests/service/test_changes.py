@@ -75,8 +75,11 @@ def options_of(client, example):
     return options | ({"json": example["body"]} if example["media_type"] else {})
 
 
-def test_every_request_that_changes_something_is_followed_by_an_event(changing):
+def test_every_request_that_changes_something_is_followed_by_an_event(changing, worker):
     store, examples = changing.app.state.store, changing_requests()
+    another = store.calibrations.accept(CalibrationAsk(scan_id="example")).id
+    replace(worker, store=store).finish_calibration()
+    store.calibrations.activate(another, "by hand")
     assert {each["operation_id"] for each in examples} == set(FOLLOWED_BY), "name the event of each operation"
     content = changing.get("/examples/phantom-scan.npz").content
     # Where the examples of a fresh data folder change nothing: no key, a job that has ended, a part that is not all.

@@ -96,8 +96,8 @@ def test_a_stream_goes_on_where_its_client_has_been(follow):
 
 
 def test_a_client_of_a_database_that_was_put_back_hears_what_happens_from_now_on(store, follow):
-    activate = lambda: store.calibrations.activate("example", "again")  # noqa: E731
-    assert happened(follow(activate, **{"Last-Event-ID": "999999"})) == ["calibration-rolled-back"]
+    delete = lambda: store.schedules.delete("example")  # noqa: E731
+    assert happened(follow(delete, **{"Last-Event-ID": "999999"})) == ["schedule-deleted"]
 
 
 def test_a_stream_of_one_scanner_leaves_the_others_out(seeded, follow):
@@ -124,9 +124,9 @@ def test_silence_is_broken_and_an_outage_is_outlived(store, follow, monkeypatch)
         return read(reader)
 
     monkeypatch.setattr(EventReader, "read", sometimes)
-    heard = follow(lambda: store.calibrations.activate("example", "again"))
+    heard = follow(lambda: store.schedules.delete("example"))
     names = [block.get("event", "comment") for block in heard]
-    assert {"alive", "comment", "calibration-rolled-back"} <= set(names)
+    assert {"alive", "comment", "schedule-deleted"} <= set(names)
     assert names.index("comment") < len(names) - 1 - names[::-1].index("alive")
 
 
@@ -192,7 +192,7 @@ def test_a_stream_far_behind_misses_nothing_when_the_feed_starts_anew(store, mon
             patched.setattr(store.events, "following", slow)
             behind = asyncio.create_task(feed.after(0))
             await asyncio.to_thread(slow.done.wait, 60.0)
-        store.calibrations.activate("example", "again")
+        store.schedules.delete("example")
         await feed.after(store.events.newest_number())
         slow.goes_on.set()
         number, heard = await behind
@@ -212,7 +212,7 @@ def test_a_stream_misses_nothing_of_what_another_s_look_has_not_handed_over(stor
 
     async def story() -> list[int]:
         await feed.after(begins_at)
-        store.calibrations.activate("example", "again")
+        store.schedules.delete("example")
         with monkeypatch.context() as patched:
             patched.setattr(EventReader, "read", slowly)
             looking = asyncio.create_task(feed.after(begins_at))

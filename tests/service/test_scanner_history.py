@@ -35,6 +35,7 @@ def lines_of(text):
     return list(csv.DictReader(io.StringIO(text), strict=True))
 
 
+@pytest.mark.usefixtures("_another_is_active")
 def test_it_is_listed_newest_first_and_narrowed(seeded, store):
     key = store.keys.create(KeyAsk(name="Maija", scope=Scope.ACTIVATE))
     seeded.headers["Authorization"] = f"Bearer {key.secret}"
@@ -42,6 +43,8 @@ def test_it_is_listed_newest_first_and_narrowed(seeded, store):
     items = seeded.get(PATH).json()["items"]
     assert [(each["kind"], each["what"]) for each in items] == [
         ("activation", "calibration-rolled-back"),
+        ("activation", "calibration-activated"),
+        ("calibration", "succeeded"),
         ("schedule", "schedule-created"),
         ("schedule", "schedule-created"),
         ("drift-check", "succeeded"),
@@ -53,17 +56,18 @@ def test_it_is_listed_newest_first_and_narrowed(seeded, store):
     assert (newest["who"], newest["key_id"], newest["why"]) == ("Maija", key.id, "checked")
     assert (newest["link"], newest["measured"]) == ("/v1/calibrations/example", None)
     assert seeded.get(newest["link"]).status_code == 200
-    assert items[5]["measured"]["gain"] == 1.0
-    page = seeded.get(PATH, params={"limit": 2}).json()
+    assert items[7]["measured"]["gain"] == 1.0
+    page = seeded.get(PATH, params={"limit": 4}).json()
     rest = seeded.get(PATH, params={"after": page["next"]}).json()
     assert (page["items"] + rest["items"], rest["next"]) == (items, None)
-    assert seeded.get(PATH, params={"kind": "calibration"}).json()["items"] == [items[5]]
+    assert seeded.get(PATH, params={"kind": "calibration"}).json()["items"] == [items[2], items[7]]
     assert seeded.get(PATH, params={"since": "2999-01-01T00:00:00Z"}).json()["items"] == []
     for wrong in ({"kind": "nonsense"}, {"since": "yesterday"}, {"after": "x"}, {"form": "csv"}):
         assert seeded.get(PATH, params=wrong).status_code == 422
     assert seeded.get("/v1/scanners/nobody/history/entries").json()["code"] == "scanner-not-found"
 
 
+@pytest.mark.usefixtures("_another_is_active")
 def test_the_file_has_every_entry_and_no_formula(seeded, store):
     key = store.keys.create(KeyAsk(name="@SUM(1)", scope=Scope.ADMIN))
     seeded.headers["Authorization"] = f"Bearer {key.secret}"
@@ -71,7 +75,7 @@ def test_the_file_has_every_entry_and_no_formula(seeded, store):
     answer = seeded.get(FILE)
     assert answer.headers["Content-Type"] == "text/csv; charset=utf-8"
     assert answer.headers["Content-Disposition"] == 'attachment; filename="example-history.csv"'
-    assert answer.text.count("\r\n") == answer.text.count("\n") == 8
+    assert answer.text.count("\r\n") == answer.text.count("\n") == 10
     lines = lines_of(answer.text)
     items = seeded.get(PATH).json()["items"][::-1]
     assert [line["number"] for line in lines] == [str(item["number"]) for item in items]

@@ -45,7 +45,10 @@ def test_a_scan_and_its_calibration_are_announced_from_acceptance_to_activation(
     finish(store)
     store.calibrations.accept(CalibrationAsk(scan_id=scan.id, phantom_id="l-shape", activate=True), identifier="first")
     finish(store)
-    store.calibrations.activate("first", "again")
+    store.calibrations.activate("first", "it is active already")
+    store.calibrations.accept(CalibrationAsk(scan_id=scan.id, phantom_id="l-shape", activate=True), identifier="second")
+    finish(store)
+    store.calibrations.activate("first", "back to it")
     events = reader.read()
     mine = scanner.id
     assert words(events) == [
@@ -57,10 +60,14 @@ def test_a_scan_and_its_calibration_are_announced_from_acceptance_to_activation(
         ("started", "calibration", mine),
         ("succeeded", "calibration", mine),
         ("calibration-activated", "calibration", mine),
+        ("queued", "calibration", mine),
+        ("started", "calibration", mine),
+        ("succeeded", "calibration", mine),
+        ("calibration-activated", "calibration", mine),
         ("calibration-rolled-back", "calibration", mine),
     ]
-    assert [event.subject_id for event in events] == [scan.id] * 4 + ["first"] * 5
-    assert events[-1].detail == {"reason": "again"}
+    assert [event.subject_id for event in events] == [scan.id] * 4 + ["first"] * 4 + ["second"] * 4 + ["first"]
+    assert events[-1].detail == {"reason": "back to it"}
     # Attempts alone are a job's history.
     assert [event.what.value for event in store.events.of_job(events[4].job_id)] == ["started", "succeeded"]
     assert reader.read() == []

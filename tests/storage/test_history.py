@@ -104,12 +104,14 @@ def test_a_calibration_is_entered_with_what_it_says_and_measured(store, scanner)
 
 @pytest.mark.dialect
 @pytest.mark.usefixtures("calibrated")
-def test_pages_batches_and_bounds_leave_nothing_out(store, scanner, clock):
+def test_pages_batches_and_bounds_leave_nothing_out(store, scanner, ready_scan, finish, clock):
+    store.calibrations.accept(CalibrationAsk(scan_id=ready_scan.id), identifier="second")
+    finish(store)
     # Several of one time.
-    for number in range(7):
-        store.calibrations.activate("first", f"number {number}")
+    for number in range(6):
+        store.calibrations.activate(("second", "first")[number % 2], f"number {number}")
     clock.advance(days=1)
-    store.calibrations.activate("first", "a day later")
+    store.calibrations.activate("second", "a day later")
     every = store.history.page(scanner.id).items
     assert len(every) == 11
     paged, after = [], None

@@ -16,7 +16,7 @@ ScannerId = str | InstrumentedAttribute[str]
 
 
 def active_since(session: Session, scanner_id: str) -> ActivationRow | None:
-    """The activation since which a scanner has its active calibration; to activate that once more is no other one."""
+    """The activation since which a scanner has its active calibration; 0.1.0 noted repeats of it as further ones."""
     its, active = ActivationRow.scanner_id == scanner_id, active_calibration(scanner_id).scalar_subquery()
     others = select(func.max(ActivationRow.number)).where(its, ActivationRow.calibration_id != active)
     since = ActivationRow.number > func.coalesce(others.scalar_subquery(), 0)
@@ -35,7 +35,9 @@ def active_calibration(scanner_id: ScannerId) -> Select[str]:
 
 
 def activate(session: Session, scanner_id: str, calibration_id: str, reason: str, now: datetime) -> None:
-    """Add to the scanner's history, and to the audit."""
+    """Add to the scanner's history, and to the audit; nothing where the calibration is the active one already."""
+    if calibration_id == active_calibration_id(session, scanner_id):
+        return
     history = select(ActivationRow.calibration_id).where(ActivationRow.scanner_id == scanner_id)
     again = calibration_id in session.scalars(history)
     action = AuditAction.CALIBRATION_ROLLED_BACK if again else AuditAction.CALIBRATION_ACTIVATED
