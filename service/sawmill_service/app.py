@@ -56,6 +56,7 @@ from sawmill_service.session_cookie import SessionCookie
 from sawmill_service.settings import ServiceSettings
 from sawmill_service.slow_bodies import SlowBodies
 from sawmill_service.stopping import Stopping
+from sawmill_service.transfers import Transfers
 from sawmill_service.waiting import JobEnds
 from sawmill_worker.storage.store import Store
 from sawmill_worker.vocabulary.version import VERSION
@@ -143,6 +144,7 @@ def create_app(
     app.state.metrics = _metrics(store)
     app.state.stopping = Stopping()
     app.state.digests = Digests()
+    app.state.transfers = Transfers()
     app.state.event_feed = EventFeed(store.events, settings.event_poll_s)
     app.state.job_ends = JobEnds(app.state.event_feed, app.state.stopping, settings.event_poll_s)
     install(app)

@@ -11,6 +11,7 @@ from sawmill_service.event_feed import EventFeed
 from sawmill_service.session_cookie import SessionCookie
 from sawmill_service.settings import ServiceSettings
 from sawmill_service.stopping import Stopping
+from sawmill_service.transfers import Transfers
 from sawmill_worker.storage.database import after_commit
 from sawmill_worker.storage.store import Store
 
@@ -57,6 +58,11 @@ def _event_feed(request: Request) -> EventFeed:
     return feed
 
 
+def _transfers(request: Request) -> Transfers:
+    transfers: Transfers = request.app.state.transfers
+    return transfers
+
+
 TheStore = Annotated[Store, Depends(_store)]
 TheSettings = Annotated[ServiceSettings, Depends(_settings)]
 TheWake = Annotated[Wake, Depends(_wake)]
@@ -64,4 +70,5 @@ TheStopping = Annotated[Stopping, Depends(_stopping)]
 TheAccess = Annotated[Access, Depends(_access)]
 TheSessionCookie = Annotated[SessionCookie, Depends(_session_cookie)]
 TheEventFeed = Annotated[EventFeed, Depends(_event_feed)]
+TheTransfers = Annotated[Transfers, Depends(_transfers)]
 TheCaller = Annotated[Caller, Depends(caller_of)]

@@ -1,5 +1,6 @@
 """Uploads over lines that break, against a real server: what it keeps is bit-exact, or nothing."""
 
+import fcntl
 import os
 import signal
 import socket
@@ -8,6 +9,8 @@ from random import Random
 import pytest
 from live_service import ANSWER_S, Service, wait_until
 from tiers import first_by_day
+
+from sawmill_worker.storage.files import UNFINISHED
 
 pytestmark = pytest.mark.slow
 
@@ -27,7 +30,7 @@ def begin(service: Service, content: bytes) -> str:
 
 
 def offset_of(service: Service, path: str) -> int:
-    """Once the part that broke off has been ended."""
+    """Ask where the next part begins; that ends the part that broke off."""
     return int(service.client.head(path).headers["Upload-Offset"])
 
 
@@ -50,14 +53,53 @@ def send_in_broken_parts(service: Service, scanner_id: str, breaks: int) -> None
         now = offset_of(service, path)
         assert known <= now <= cut
         known = now
-    while True:  # the last broken part may not have ended yet
-        answer = service.client.patch(path, content=content[known:], headers={"Upload-Offset": str(known)})
-        if answer.status_code == 200:
-            break
-        assert (answer.status_code, answer.json()["code"]) in {(409, "upload-busy"), (409, "wrong-offset")}
-        known = offset_of(service, path)
+    answer = service.client.patch(path, content=content[known:], headers={"Upload-Offset": str(known)})
+    assert answer.status_code == 200, answer.text
     assert stored(service, path, scanner_id) == content
     assert list((service.data / "incoming").iterdir()) == []
+
+
+def problem_on(line: socket.socket) -> bytes:
+    """Read an answer up to the end of its JSON: the service still waits for the rest of the body."""
+    answer = b""
+    while not answer.endswith(b"}"):
+        piece = line.recv(2**16)
+        assert piece, answer
+        answer += piece
+    return answer
+
+
+def is_coming(service: Service, path: str) -> bool:
+    """Whether the service has begun to write a part."""
+    file = service.data / UNFINISHED / path.rpartition("/")[2]
+    if not file.exists():
+        return False
+    with file.open() as opened:
+        try:
+            fcntl.flock(opened, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return True
+    return False
+
+
+def go_on_beside_open_lines(service: Service, scanner_id: str) -> None:
+    """Ask for the offset, and send the next part, while the line of the earlier part is open and silent."""
+    content = bytes(range(256)) * 1000
+    path = begin(service, content)
+    with connect(service) as first, connect(service) as second:
+        first.sendall(head("PATCH", service, path, 0, len(content)) + content[:70_000])
+        wait_until(lambda: is_coming(service, path))
+        known = offset_of(service, path)
+        assert b'"code":"upload-busy"' in problem_on(first)
+        second.sendall(head("PATCH", service, path, known, len(content) - known) + content[known : known + 50_000])
+        wait_until(lambda: is_coming(service, path))
+        late = service.client.patch(path, content=content[:1], headers={"Upload-Offset": str(len(content))})
+        assert (late.status_code, late.json()["code"]) == (409, "wrong-offset"), late.text
+        assert b'"code":"upload-busy"' in problem_on(second)
+    known = int(late.headers["Upload-Offset"])
+    answer = service.client.patch(path, content=content[known:], headers={"Upload-Offset": str(known)})
+    assert answer.status_code == 200, answer.text
+    assert stored(service, path, scanner_id) == content
 
 
 @pytest.mark.parametrize("breaks", first_by_day(1, [20, 200]))
@@ -68,6 +110,7 @@ def test_parts_are_cut_off_and_a_killed_service_goes_on_where_its_disk_is_and_le
     with serve(tmp_path, offline.variables, "--no-examples", "--workers", "0") as service:
         scanner_id = service.create_scanner()
         send_in_broken_parts(service, scanner_id, breaks)
+        go_on_beside_open_lines(service, scanner_id)
         path = begin(service, content)
         service.client.patch(path, content=content[:100_000], headers={"Upload-Offset": "0"})
         with connect(service) as line, connect(service) as raw:

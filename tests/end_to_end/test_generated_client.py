@@ -9,6 +9,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from cutting_proxy import cutting
 from PIL import Image
 from typer.testing import CliRunner
 
@@ -21,6 +22,7 @@ ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs/rest.md"
 DOCUMENTED = "http://127.0.0.1:8000"
 SIMULATED = ("log-with-phantom", "--theta", "146.1deg,714.7,319.9,43.7,15.7deg", "--views", "90", "--rows", "4")
+CUTS = 3  # of the line, in the middle of parts
 # Operations that the page does without: those that answer a file, a form, a schedule.
 OTHER_OPERATIONS = """
 from sawmill_calibration_client.api.calibrations import get_log_after, get_log_before
@@ -97,16 +99,21 @@ def test_the_page_s_programs_do_the_whole_job(tmp_path, embedded, client):
     assert simulated.exit_code == 0, simulated.output
     (tmp_path / "examples").symlink_to(ROOT / "examples")
     (tmp_path / "python").mkdir()
-    address = str(embedded.client.base_url)
+    url = embedded.client.base_url
     page, (readme,) = PAGE.read_text(), (path.read_text() for path in client.glob("*.dist-info/METADATA"))
-    shell = blocks(page, "sh").replace(DOCUMENTED, address)
-    printed = run(["bash", "-euo", "pipefail", "-c", shell], tmp_path)
+    with cutting((url.host, url.port), cuts=CUTS, after_bytes=100_000) as line:
+        shell = blocks(page, "sh").replace(DOCUMENTED, line.address)
+        printed = run(["bash", "-euo", "pipefail", "-c", shell], tmp_path)
+        assert line.cuts_left == 0
     for name in ("mill.h5", "phantom.png"):
         (tmp_path / "python" / name).symlink_to(tmp_path / name)
     program = "\n".join((blocks(page, "python"), OTHER_OPERATIONS, blocks(readme, "python")))
     key = embedded.post("/v1/keys", json={"name": "program", "scope": "activate"})["secret"]
     variables = {"SAWMILL_KEY": key, "PYTHONPATH": str(client)}
-    said = run([sys.executable, "-c", program.replace(DOCUMENTED, address)], tmp_path / "python", **variables)
+    with cutting((url.host, url.port), cuts=CUTS, after_bytes=100_000) as line:
+        program = program.replace(DOCUMENTED, line.address)
+        said = run([sys.executable, "-c", program], tmp_path / "python", **variables)
+        assert line.cuts_left == 0
     for folder in (tmp_path, tmp_path / "python"):
         check_files(folder)
     assert "pass\n" in printed

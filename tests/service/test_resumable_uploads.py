@@ -94,7 +94,7 @@ def test_uploads_need_the_scope_to_submit(seeded, store):
     for scope, status in ((Scope.READ, 403), (Scope.SUBMIT, 201)):
         seeded.headers["Authorization"] = f"Bearer {store.keys.create(KeyAsk(name='own', scope=scope)).secret}"
         assert seeded.post("/v1/uploads", json={"size_bytes": 3}).status_code == status
-    assert patch(seeded, "/v1/uploads/example", 0, b"abc").status_code == 200
+    assert patch(seeded, seeded.post("/v1/uploads", json={"size_bytes": 3}).headers["Location"], 0, b"abc").is_success
 
 
 @pytest.mark.parametrize(
@@ -189,3 +189,25 @@ def test_the_sum_of_a_large_file_keeps_no_other_part_waiting(seeded, monkeypatch
         assert patch(seeded, paths[2], 0, CONTENT[:9]).json()["offset_bytes"] == 9
         go_on.set()
         assert [answer.result().headers["Upload-Complete"] for answer in whole] == ["?1", "?1"]
+
+
+def test_an_upload_belongs_to_the_key_that_began_it(seeded, store):
+    secrets = [store.keys.create(KeyAsk(name=name, scope=Scope.SUBMIT)).secret for name in ("own", "another")]
+    admin = store.keys.create(KeyAsk(name="admin", scope=Scope.ADMIN)).secret
+    own, another, admin = ({"Authorization": f"Bearer {secret}"} for secret in (*secrets, admin))
+    seeded.headers |= own
+    paths = [begin(seeded) for _ in range(2)]
+    patch(seeded, paths[0], 0, CONTENT)
+    use = f"{SCANS}{paths[0].rpartition('/')[2]}"
+    for stranger in (another, admin):
+        seeded.headers |= stranger
+        refused = [seeded.get(paths[0]), patch(seeded, paths[1], 0, CONTENT), seeded.post(use)]
+        assert [(answer.status_code, answer.json()["code"]) for answer in refused] == [(404, "upload-not-found")] * 3
+        assert seeded.request("HEAD", paths[0]).status_code == 404
+    seeded.headers |= another
+    assert seeded.delete(paths[1]).json()["code"] == "upload-not-found"
+    seeded.headers |= admin
+    assert seeded.delete(paths[1]).status_code == 204
+    seeded.headers |= own
+    assert seeded.get(paths[1]).status_code == 404
+    assert seeded.post(use).status_code == 202

@@ -1,6 +1,7 @@
 """/v1/uploads: files that come in parts, after the draft "Resumable Uploads for HTTP" of the IETF."""
 
 import asyncio
+from collections.abc import AsyncIterator
 from concurrent.futures import ThreadPoolExecutor
 
 from fastapi import APIRouter, Request, Response
@@ -9,7 +10,7 @@ from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
 
 from sawmill_service.announced_part import HEADERS, AnnouncedPart, announced_part
-from sawmill_service.dependencies import TheSettings, TheStore
+from sawmill_service.dependencies import TheCaller, TheSettings, TheStore, TheTransfers
 from sawmill_service.described_answers import offset_answered, with_some
 from sawmill_service.openapi_document import trying, trying_file
 from sawmill_service.problems import Refused
@@ -19,9 +20,10 @@ from sawmill_service.sent_content import BYTES, SentContent
 from sawmill_service.sent_json import Sent
 from sawmill_service.settings import ServiceSettings
 from sawmill_worker.contracts.base import Identifier
+from sawmill_worker.contracts.keys import Scope
 from sawmill_worker.contracts.uploads import Upload, UploadAsk, UploadState
 from sawmill_worker.storage.arriving import in_parts
-from sawmill_worker.storage.errors import UploadTooLarge
+from sawmill_worker.storage.errors import Busy, UploadTooLarge
 from sawmill_worker.storage.store import Store
 from sawmill_worker.storage.upload_parts import Part
 from sawmill_worker.storage.uploads import UploadQuota, WrongOffset
@@ -55,9 +57,14 @@ def create_upload(ask: Sent[UploadAsk], store: TheStore, settings: TheSettings, 
     responses=offset_answered() | refuses("upload-not-found"),
     openapi_extra=trying(upload_id="example"),
 )
-def get_upload(upload_id: Identifier, store: TheStore, response: Response) -> Upload:
-    """What has come of it, and what was made of it; `HEAD` is answered with the same headers alone."""
-    return _with_headers(response, store.uploads.get(upload_id))
+async def get_upload(upload_id: Identifier, store: TheStore, transfers: TheTransfers, response: Response) -> Upload:
+    """What has come of it, and what was made of it; `HEAD` is answered with the same headers alone.
+
+    A part that is still coming is ended first, and gets 409 `upload-busy`: the next one is taken at this offset.
+    """
+    await run_in_threadpool(store.uploads.get, upload_id)  # nobody ends a part of somebody else's upload
+    await transfers.end(upload_id)
+    return _with_headers(response, await run_in_threadpool(store.uploads.get, upload_id))
 
 
 @router.patch(
@@ -75,15 +82,20 @@ def get_upload(upload_id: Identifier, store: TheStore, response: Response) -> Up
     openapi_extra={"parameters": HEADERS}
     | trying_file(BYTES, "/examples/phantom-scan.npz", required=False, upload_id="example"),
 )
-async def send_part(upload_id: Identifier, request: Request, store: TheStore, response: Response) -> Upload:
+async def send_part(
+    upload_id: Identifier, request: Request, store: TheStore, transfers: TheTransfers, response: Response
+) -> Upload:
     """The body is the file's bytes from the offset on, all that are missing or fewer.
 
     What came before a connection broke is kept, unless the part has a `Content-Digest`: then it counts as a whole.
+    A later `HEAD`, `GET`, `PATCH` or `DELETE` of the upload ends a part that is still coming.
     """
     announced = announced_part(request.headers)
     content = SentContent(request.headers, packed=False, begins=announced.offset_bytes == 0)
-    part = await run_in_threadpool(_begin, store, upload_id, announced)
-    await _receive(part, announced, request, content)
+    await run_in_threadpool(store.uploads.get, upload_id)
+    async with transfers.begin(upload_id) as transfer:
+        part = await run_in_threadpool(_begin, store, upload_id, announced)
+        await _receive(part, announced, transfer.until_ended(request.stream()), content)
     return _with_headers(response, await run_in_threadpool(store.uploads.get, upload_id))
 
 
@@ -94,21 +106,23 @@ async def send_part(upload_id: Identifier, request: Request, store: TheStore, re
     responses=refuses("upload-not-found"),
     openapi_extra=trying(upload_id="example-spare"),
 )
-def delete_upload(upload_id: Identifier, store: TheStore) -> None:
-    """What has come of it too; what was made of it stays."""
-    store.uploads.delete(upload_id)
+async def delete_upload(upload_id: Identifier, store: TheStore, transfers: TheTransfers, caller: TheCaller) -> None:
+    """What has come of it too; what was made of it stays. A key of the scope `admin` deletes other keys' uploads."""
+    of_all_keys = caller.scope.covers(Scope.ADMIN)
+    await run_in_threadpool(store.uploads.delete, upload_id, of_all_keys=of_all_keys)
+    await transfers.end(upload_id)
 
 
-async def _receive(part: Part, announced: AnnouncedPart, request: Request, content: SentContent) -> None:
+async def _receive(part: Part, announced: AnnouncedPart, chunks: AsyncIterator[bytes], content: SentContent) -> None:
     """Write a part in threads; however it ends, the file is free for the next one."""
     commits = not content.has_digest
     try:
-        async for piece in in_parts(request.stream()):
+        async for piece in in_parts(chunks):
             await asyncio.to_thread(part.take, content, piece, commits=commits)
         announced.check_end(part.missing_bytes)
         await asyncio.to_thread(part.finish, content)
         await _complete_if_whole(part)
-    except (ClientDisconnect, HTTPException):  # the sender's
+    except (ClientDisconnect, HTTPException, Busy):  # the sender's
         if commits:
             await asyncio.to_thread(part.commit)
             await _complete_if_whole(part)

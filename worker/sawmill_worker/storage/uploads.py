@@ -41,7 +41,7 @@ class UploadQuota:
 
 
 class Uploads:
-    """Every method is one transaction."""
+    """Every method is one transaction. An upload is its key's: for every other one it does not exist."""
 
     def __init__(self, database: Database, files: FileStore) -> None:
         self._database = database
@@ -74,9 +74,12 @@ class Uploads:
             return _read(row)
 
     def get(self, upload_id: str) -> Upload:
-        """One upload, or `NotFound`."""
+        """One upload of the actor's key, or `NotFound`."""
         with self._database.read() as session:
-            return _read(found(session, UploadRow, "upload", upload_id))
+            row = found(session, UploadRow, "upload", upload_id)
+            if row.key_id != actor().key_id:
+                raise NotFound("upload", upload_id)
+            return _read(row)
 
     def begin_part(self, upload_id: str, offset_bytes: int, *, part_bytes: int = 0, reserve_bytes: int = 0) -> Part:
         """Open an upload for its next part, which nobody else writes meanwhile; `close` must follow.
@@ -133,15 +136,23 @@ class Uploads:
         with self._database.read() as session:
             return int(session.scalar(select(missing).where(UploadRow.state == UploadState.RECEIVING)) or 0)
 
-    def delete(self, upload_id: str) -> None:
+    def delete(self, upload_id: str, *, of_all_keys: bool = False) -> None:
         """Remove an upload and its file; what was made of it stays.
+
+        Parameters
+        ----------
+        of_all_keys
+            Whether it may be another key's.
 
         Raises
         ------
         NotFound
             There is none.
         """
-        self._remove(UploadRow.id == upload_id, "deleted", or_else=NotFound("upload", upload_id))
+        chosen = UploadRow.id == upload_id
+        if not of_all_keys:
+            chosen &= UploadRow.key_id.is_not_distinct_from(actor().key_id)
+        self._remove(chosen, "deleted", or_else=NotFound("upload", upload_id))
 
     def remove_expired(self) -> Sequence[str]:
         """Remove those that have stood still for a day; their ids."""

@@ -1,0 +1,82 @@
+"""A proxy on loopback that cuts uploads in the middle of their parts, as a poor line does."""
+
+import socket
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+
+_PART = b"PATCH /v1/uploads/"
+_PIECE_BYTES = 2**14
+
+
+class CuttingProxy:
+    """Passes bytes on in both directions.
+
+    Parameters
+    ----------
+    service
+        Host and port.
+    cuts
+        Number of parts that are cut. The service learns of every other cut; the others leave it an open, silent line.
+    after_bytes
+        Bytes of a part that still pass, with its head.
+    """
+
+    def __init__(self, service: tuple[str, int], *, cuts: int, after_bytes: int) -> None:
+        self._service, self._after_bytes = service, after_bytes
+        self.cuts_left = cuts
+        self._listener = socket.create_server(("127.0.0.1", 0))
+        self._open = [self._listener]
+        host, port = self._listener.getsockname()
+        self.address = f"http://{host}:{port}"
+        threading.Thread(target=self._accept, daemon=True).start()
+
+    def close(self) -> None:
+        """End every connection."""
+        for each in self._open:
+            _end(each)
+
+    def _accept(self) -> None:
+        with suppress(OSError):  # the listener was closed
+            while True:
+                client, _ = self._listener.accept()
+                service = socket.create_connection(self._service)
+                self._open += [client, service]
+                for pass_on in (self._requests, self._answers):
+                    threading.Thread(target=pass_on, args=(client, service), daemon=True).start()
+
+    def _requests(self, client: socket.socket, service: socket.socket) -> None:
+        left: int | None = None
+        with suppress(OSError):
+            while piece := client.recv(_PIECE_BYTES):
+                if left is None and self.cuts_left and _PART in piece:
+                    left = self._after_bytes
+                service.sendall(piece[:left])
+                if left is not None and (left := left - len(piece)) <= 0:
+                    self.cuts_left -= 1
+                    _end(client)
+                    if self.cuts_left % 2:
+                        return
+        _end(service)
+
+    def _answers(self, client: socket.socket, service: socket.socket) -> None:
+        with suppress(OSError):
+            while piece := service.recv(_PIECE_BYTES):
+                client.sendall(piece)
+        _end(client)
+
+
+@contextmanager
+def cutting(service: tuple[str, int], *, cuts: int, after_bytes: int) -> Iterator[CuttingProxy]:
+    """Run a proxy within the block."""
+    proxy = CuttingProxy(service, cuts=cuts, after_bytes=after_bytes)
+    try:
+        yield proxy
+    finally:
+        proxy.close()
+
+
+def _end(line: socket.socket) -> None:
+    with suppress(OSError):
+        line.shutdown(socket.SHUT_RDWR)
+    line.close()
