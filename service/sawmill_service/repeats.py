@@ -41,7 +41,6 @@ Key = Annotated[
         alias=HEADER,
         description="The client's own name for this request, as a UUID, in quotes or without: the same request with "
         f"the same name makes nothing again within 48 hours, and gets the first one's answer, with `{REPLAYED}: true`.",
-        examples=['"8e03978e-40d5-43dd-bc93-6894a57f9324"'],
         json_schema_extra={"pattern": f"^({_QUOTED.pattern}|{_BARE.pattern})$"},
     ),
 ]

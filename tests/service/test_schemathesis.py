@@ -3,14 +3,12 @@
 import json
 import re
 import tomllib
-import uuid
 from pathlib import Path
 
 import pytest
 import schemathesis
 from schemathesis.config import ProjectConfig, SchemathesisConfig
 from schemathesis.engine import Status, events, from_schema
-from schemathesis.generation import GenerationMode
 
 from sawmill_service.settings import ServiceSettings
 
@@ -32,26 +30,25 @@ BEYOND_SCHEMAS = re.compile(
     r"|is a polygon that encloses \S+ mm\u00b2: give corners"
     r"|averaged_rows goes with line-integrals, not counts"
     r"|a range must be \[low, high\] with low < high"
+    r"|must be names of events as /v1/events has them"
+    # schemathesis sends headers without a question mark at their beginning.
+    r"|Upload-Complete must be \?1 or \?0, not '[01]'"
 )
 # The largest file and where webhooks may lead are settings; whether a part is the last one depends on the length that
 # its upload was declared with.
-# Times and zones of schedules are words that no schema describes.
+# Times and zones of schedules are words that no schema describes; nor does one describe what a request says of an
+# earlier one, whose Idempotency-Key it has.
 BEYOND_SCHEMAS_CODES = {
     "destination-not-allowed",
+    "idempotency-key-reused",
     "inconsistent-length",
     "invalid-cron",
     "invalid-zone",
+    "row-out-of-range",
     "two-files",
     "upload-too-large",
     "views-too-many",
 }
-
-
-@schemathesis.hook
-def before_call(_context, case, _kwargs):
-    """A key of its own for each request, as clients send: one key with two bodies is refused, as it must be."""
-    if "Idempotency-Key" in (case.headers or {}) and case.meta.generation.mode is GenerationMode.POSITIVE:
-        case.headers["Idempotency-Key"] = uuid.uuid4().hex
 
 
 @pytest.fixture
@@ -129,6 +126,9 @@ def failures(recorder):
 
 
 def is_beyond_schemas(check, response):
+    if check.name == "negative_data_rejection":
+        # A header that nobody knows is nobody's concern (RFC 9110, section 5.1).
+        return "in header - object with unexpected properties" in check.failure_info.failure.message
     if check.name != "positive_data_acceptance" or response.status_code not in {400, 413, 422}:
         return False
     problem = response.json()

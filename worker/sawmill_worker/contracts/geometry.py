@@ -3,18 +3,32 @@
 from dataclasses import field, fields
 from typing import Annotated
 
-from pydantic import AfterValidator, Field, computed_field, model_validator
+from pydantic import AfterValidator, Field, WithJsonSchema, computed_field, model_validator
 from pydantic.dataclasses import dataclass
 
 from sawmill_worker.contracts.base import Contract, PositiveMm, check_range
 from sawmill_worker.vocabulary import LARGEST_MM, CoordinateMm, Scanner, SourceFrame, Theta, ThetaBounds
+
+# A detector's cell is larger than the wavelength of light, and the source stands outside of any log.
+SMALLEST_MM = {"source_to_cor_mm": 1.0, "detector_pitch_mm": 1e-3, "row_pitch_mm": 1e-3}
+# The contract states these bounds, and `ScannerAsk` checks them: earlier versions have stored smaller values.
+_SourceMm = Annotated[
+    PositiveMm,
+    WithJsonSchema({"type": "number", "minimum": SMALLEST_MM["source_to_cor_mm"], "maximum": LARGEST_MM}),
+]
+_PitchMm = Annotated[
+    PositiveMm, WithJsonSchema({"type": "number", "minimum": SMALLEST_MM["row_pitch_mm"], "maximum": LARGEST_MM})
+]
+_SCANNER = {one.name: one.metadata for one in fields(Scanner)}
 
 
 @dataclass(frozen=True)
 class ScannerConstants(Scanner):
     """What is known of a scanner without calibrating it."""
 
-    row_pitch_mm: PositiveMm | None = field(
+    source_to_cor_mm: _SourceMm = field(metadata=_SCANNER["source_to_cor_mm"])
+    detector_pitch_mm: _PitchMm = field(metadata=_SCANNER["detector_pitch_mm"])
+    row_pitch_mm: _PitchMm | None = field(
         default=None,
         metadata={
             "description": "Distance between detector rows, mm. Left out where slices have no spacing.",

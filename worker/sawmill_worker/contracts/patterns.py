@@ -39,6 +39,9 @@ CRON = " ".join(
     )
 )
 
+# A name in the tz database: whether there is one of it, no expression states.
+TIME_ZONE = "^[A-Za-z0-9_+/-]*$"
+
 # A webhook's URL: nothing in it that two programs could read in two ways. JSON Schema has no named groups.
 _HOST, _PORT, _TARGET = r"[A-Za-z0-9._-]+|\[[0-9A-Fa-f:.]+\]", "[0-9]{1,5}", r"[/?][A-Za-z0-9._~!$&'()*+,;=:@%/?-]*"
 WEBHOOK_URL = rf"(?P<scheme>https?)://(?P<host>{_HOST})(?::(?P<port>{_PORT}))?(?P<target>{_TARGET})?"

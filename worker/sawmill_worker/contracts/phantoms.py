@@ -15,11 +15,11 @@ from sawmill_worker.contracts.given import Given, GivenDay
 from sawmill_worker.contracts.jobs import JobKind
 from sawmill_worker.contracts.kinds import UploadedKind
 from sawmill_worker.vocabulary import STANDARD_SIZE_TOLERANCE, Disc, Point, Shape, TrueAxis, fault_of_outline
+from sawmill_worker.vocabulary.phantoms import LARGEST_DENSITY, SMALLEST_DENSITY, SMALLEST_RADIUS_MM
 from sawmill_worker.vocabulary.texts import N_
 
-# The smallest body that can be drawn, and the least and the largest density against wood's: the science squares them.
-SMALLEST_RADIUS_MM, SMALLEST_AREA_MM2 = 0.1, 0.01
-SMALLEST_DENSITY, LARGEST_DENSITY = 1e-6, 1000.0
+# The smallest polygon that can be drawn: the science squares it.
+SMALLEST_AREA_MM2 = 0.01
 # The least sum of density times area, against the largest single shape's, that is more than rounding.
 ROUNDING = 1e-9
 

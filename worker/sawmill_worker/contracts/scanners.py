@@ -5,12 +5,9 @@ from typing import Annotated, Self
 from pydantic import Field, model_validator
 
 from sawmill_worker.contracts.base import Contract, Identifier, Name, PositiveMm, Stamped
-from sawmill_worker.contracts.geometry import GivenThetaBounds, ScannerConstants
+from sawmill_worker.contracts.geometry import SMALLEST_MM, GivenThetaBounds, ScannerConstants
 from sawmill_worker.contracts.given import Given
 from sawmill_worker.vocabulary import Handedness, Rotation, ThetaBounds
-
-# A detector's cell is larger than the wavelength of light, and the source stands outside of any log.
-SMALLEST_MM = {"source_to_cor_mm": 1.0, "detector_pitch_mm": 1e-3, "row_pitch_mm": 1e-3}
 
 
 class Tolerances(Contract):

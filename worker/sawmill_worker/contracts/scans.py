@@ -4,7 +4,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Self
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, StringConstraints, model_validator
 
 from sawmill_worker.contracts import patterns
 from sawmill_worker.contracts.base import Contract, Identifier, Name, PositiveMm, Rows, Stamped
@@ -34,10 +34,11 @@ Dataset = Annotated[
         examples=["/entry/data/data"],
     ),
 ]
+# Stripped last: the limit holds for the text as it was sent, blanks included.
+_Angles = Annotated[str, StringConstraints(max_length=100_000, strip_whitespace=False), AfterValidator(str.strip)]
 AnglesText = Annotated[
-    str | None,
+    _Angles | None,
     Field(
-        max_length=100_000,
         description="START:STEP in degrees, or every view's angle separated by commas; where the file carries none.",
         examples=["0.5:1"],
         json_schema_extra={"pattern": patterns.LINE},

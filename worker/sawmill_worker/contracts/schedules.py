@@ -35,6 +35,7 @@ class ScheduleSpec(Contract):
         description="The time zone of `cron`, by its name in the tz database. On the days when its clocks are put "
         "forward or back, an hour that `cron` names comes once; `*` stands for each hour that passes.",
         examples=["Europe/Helsinki"],
+        json_schema_extra={"pattern": patterns.TIME_ZONE},
     )
     enabled: bool = Field(default=True, description="False: nothing is due until it is enabled.", examples=[True])
     on_pass: OnPass = Field(

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
 from types import MappingProxyType
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from annotated_types import Interval
 
@@ -19,10 +19,32 @@ STANDARD_SIZE_TOLERANCE = 0.0015
 TrueAxis = Literal["x", "y"]
 # Of the largest log where nobody stated it: ray errors are counted further out only where a larger one is stated.
 LARGEST_ASSUMED_LOG_RADIUS_MM = 150.0
+# The smallest disc that can be drawn, and the least and the largest density against wood's: the science squares them.
+# The contract states these bounds, and a drawing that is given is checked: earlier versions have stored other ones.
+SMALLEST_RADIUS_MM = 0.1
+SMALLEST_DENSITY, LARGEST_DENSITY = 1e-6, 1000.0
 _DENSITY = {
-    "description": "Adds to what lies beneath, no unit: 1 is wood, -1 cuts a hole into wood.",
+    "description": "Adds to what lies beneath, no unit: 1 is wood, -1 cuts a hole into wood. 0, or at least "
+    f"{SMALLEST_DENSITY:g} in size.",
     "examples": [1.0],
+    "json_schema_extra": {
+        "minimum": -LARGEST_DENSITY,
+        "maximum": LARGEST_DENSITY,
+        "not": {
+            "anyOf": [
+                {"exclusiveMinimum": 0, "exclusiveMaximum": SMALLEST_DENSITY},
+                {"exclusiveMinimum": -SMALLEST_DENSITY, "exclusiveMaximum": 0},
+            ]
+        },
+    },
 }
+
+
+def _state_smallest_radius(schema: dict[str, Any]) -> None:
+    del schema["exclusiveMinimum"]
+    schema["minimum"] = SMALLEST_RADIUS_MM
+
+
 CoordinateMm = Annotated[float, Interval(ge=-LARGEST_MM, le=LARGEST_MM)]
 Point = tuple[CoordinateMm, CoordinateMm]
 
@@ -62,7 +84,15 @@ class Disc(AsContract):
 
     kind: Literal["disc"] = field(default="disc", kw_only=True, metadata={"description": "That it is a disc."})
     center_mm: Point = field(metadata={"description": "(x, y) of the centre, mm.", "examples": [(-50.0, -49.0)]})
-    radius_mm: float = field(metadata={"description": "Radius, mm.", "examples": [26.0], "gt": 0, "le": LARGEST_MM})
+    radius_mm: float = field(
+        metadata={
+            "description": "Radius, mm.",
+            "examples": [26.0],
+            "gt": 0,
+            "le": LARGEST_MM,
+            "json_schema_extra": _state_smallest_radius,
+        }
+    )
     density: float = field(default=1.0, metadata=_DENSITY)
 
     @property
