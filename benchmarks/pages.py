@@ -1,27 +1,31 @@
-"""Milliseconds on the server and bytes of each page, with many scanners and scans.
+"""Milliseconds on the server and bytes of each page and of each list, with many scanners, scans and jobs.
 
-    python benchmarks/pages.py [--scanners 50] [--scans 10000] [--data FOLDER]
+    python benchmarks/pages.py [--scanners 50] [--scans 10000] [--checks 1] [--data FOLDER]
 
-On SQLite, in a temporary folder, or in FOLDER, which is kept. Each scan has a calibration or a drift check, whose
-answers are those of the tests; no file is behind a scan. Milliseconds are the median of five requests without a
-network, and beside them those of processor time; kilobytes are the page with its styles and scripts, not packed.
+On SQLite, in a temporary folder, or in FOLDER, which is kept. One scan in ten is of a phantom and has a calibration;
+the others have drift checks and a reconstruction. Answers are those of the tests; no file is behind a scan.
+Milliseconds are the median of five requests without a network, and beside them those of processor time; kilobytes are
+the page with its styles and scripts, not packed.
 """
 
 import argparse
 import asyncio
+import logging
 import re
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from datetime import datetime, timedelta
 from pathlib import Path
 from statistics import median
-from typing import Any
+from typing import Any, NamedTuple
 
 import httpx
+import structlog
 from sqlalchemy import insert
+from sqlalchemy.orm import Session
 
 ROOT = Path(__file__).parents[1]
 sys.path.append(str(ROOT / "tests/support"))
@@ -30,8 +34,10 @@ import results  # noqa: E402
 from sawmill_service.app import create_app  # noqa: E402
 from sawmill_service.pages.all_pages import PAGES  # noqa: E402
 from sawmill_service.settings import ServiceSettings  # noqa: E402
+from sawmill_worker.contracts.events import EventKind  # noqa: E402
 from sawmill_worker.contracts.geometry import ScannerConstants  # noqa: E402
 from sawmill_worker.contracts.jobs import JobKind, JobState, Priority  # noqa: E402
+from sawmill_worker.contracts.kinds import declaration_of  # noqa: E402
 from sawmill_worker.contracts.scanners import ScannerSpec  # noqa: E402
 from sawmill_worker.contracts.scans import ScanState  # noqa: E402
 from sawmill_worker.storage.database import Database  # noqa: E402
@@ -39,9 +45,18 @@ from sawmill_worker.storage.engines import make_engine  # noqa: E402
 from sawmill_worker.storage.measurements import record_measurement  # noqa: E402
 from sawmill_worker.storage.settings import StorageSettings  # noqa: E402
 from sawmill_worker.storage.store import Store  # noqa: E402
-from sawmill_worker.storage.tables import ActivationRow, CalibrationRow, DriftRow, JobRow, ScanRow  # noqa: E402
+from sawmill_worker.storage.tables import (  # noqa: E402
+    ActivationRow,
+    CalibrationRow,
+    DriftRow,
+    EventRow,
+    JobRow,
+    ReconstructionRow,
+    ScanRow,
+)
 
 REPEATS = 5
+BATCH = 500
 DAYS = 365
 ORIGIN = "http://127.0.0.1:8000"
 # Most logs move a scanner a little, some nearly too far, a few too far.
@@ -53,14 +68,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--scanners", type=int, default=50)
     parser.add_argument("--scans", type=int, default=10_000)
+    parser.add_argument("--checks", type=int, default=1, help="drift checks of each scan of a log")
     parser.add_argument("--data", type=Path)
     options = parser.parse_args()
+    structlog.configure(wrapper_class=structlog.make_filtering_bound_logger(logging.ERROR))
     with folder_of(options.data) as folder:
         settings = StorageSettings(data_folder=folder, database_url=None)
         store = Store.open(settings)
         if not store.scanners.page(limit=1).items:
-            fill(store, Database(make_engine(settings.url)), options.scanners, options.scans)
-        asyncio.run(measure(store))
+            fill(store, Database(make_engine(settings.url)), options.scanners, options.scans, options.checks)
+        for path, status, took_ms, worked_ms, size in asyncio.run(measured(store)):
+            print(f"{path:44s} {status} {took_ms:8.1f} ms {worked_ms:8.1f} ms {size / 1000:8.1f} kB")
         store.close()
 
 
@@ -74,7 +92,7 @@ def folder_of(given: Path | None) -> Iterator[Path]:
         yield Path(made)
 
 
-def fill(store: Store, database: Database, scanners: int, scans: int) -> None:
+def fill(store: Store, database: Database, scanners: int, scans: int, checks: int) -> None:
     """Scanners in all states, and scans over a year, the same number for each."""
     now = store.now()
     each = scans // scanners
@@ -84,67 +102,71 @@ def fill(store: Store, database: Database, scanners: int, scans: int) -> None:
         if number % 25 == 24:
             continue  # new
         times = [now - timedelta(days=DAYS * (place + 0.5) / each) for place in reversed(range(each))]
-        fill_scanner(database, scanner_id, times, moved_mm=MOVED_MM[number % len(MOVED_MM)])
+        moved_mm = MOVED_MM[number % len(MOVED_MM)]
+        for start in range(0, each, BATCH):
+            with database.write() as session:
+                fill_scanner(session, scanner_id, times, range(start, min(start + BATCH, each)), moved_mm, checks)
 
 
-def fill_scanner(database: Database, scanner_id: str, times: list[datetime], *, moved_mm: float) -> None:
-    """A calibration once in ten scans, which is accepted, and drift checks between; the last one moved this far."""
-    with database.write() as session:
-        active_id = ""
-        for place, at in enumerate(times):
-            scan_id = f"{scanner_id}-{place}"
-            kind = JobKind.DRIFT if place % 10 else JobKind.CALIBRATE
-            session.execute(insert(JobRow), [job(scan_id, JobKind.INGEST, at), job(f"of-{scan_id}", kind, at)])
-            scan = ScanRow(
-                id=scan_id,
-                created_at=at,
-                scanner_id=scanner_id,
-                phantom_id=None if place % 10 else "l-shape",
-                spec={"data": "counts", "name": f"scan {place}"},
-                state=ScanState.READY,
-                size_bytes=10**8,
-                sha256="0" * 64,
-                reading=results.reading(),
-                job_id=scan_id,
-            )
-            asked: dict[str, Any] = {
-                "id": scan_id,
-                "created_at": at,
-                "scanner_id": scanner_id,
-                "scan_id": scan_id,
-                "job_id": f"of-{scan_id}",
-                "options": {},
-            }
+def fill_scanner(
+    session: Session, scanner_id: str, times: list[datetime], places: range, moved_mm: float, checks: int
+) -> None:
+    """One scan in ten with a calibration, which is accepted, and logs between; the last check moved this far."""
+    for place in places:
+        at = times[place]
+        scan_id = f"{scanner_id}-{place}"
+        made: dict[str, Any] = {"created_at": at, "scanner_id": scanner_id}
+        of_log = bool(place % 10)
+        kinds = [JobKind.DRIFT] * checks + [JobKind.RECONSTRUCT] if of_log else [JobKind.CALIBRATE]
+        jobs = [job(scan_id, scan_id, JobKind.INGEST, at)]
+        jobs += [job(f"{scan_id}-job-{number}", f"{scan_id}-{number}", kind, at) for number, kind in enumerate(kinds)]
+        session.execute(insert(JobRow), jobs)
+        session.execute(insert(EventRow), [each for one in jobs for each in events(one, scanner_id)])
+        scan = ScanRow(
+            id=scan_id,
+            **made,
+            phantom_id=None if of_log else "l-shape",
+            spec={"data": "counts", "name": f"scan {place}"},
+            state=ScanState.READY,
+            size_bytes=10**8,
+            sha256="0" * 64,
+            reading=results.reading(),
+            job_id=scan_id,
+        )
+        session.add(scan)
+        session.flush()
+        for number, kind in enumerate(kinds):
+            asked = made | {"id": f"{scan_id}-{number}", "scan_id": scan_id, "job_id": f"{scan_id}-job-{number}"}
+            active_id = f"{scanner_id}-{place - place % 10}-0"
+            share = 1.0 if place == len(times) - 1 else (place % 10) / 10.0
+            moved = moved_mm * share
             if kind is JobKind.CALIBRATE:
-                active_id = scan_id
                 answer = results.calibration_result(scanner=results.CONSTANTS)
-                row: CalibrationRow | DriftRow = CalibrationRow(
-                    **asked, phantom_id="l-shape", activate=True, result=answer
-                )
-                activation = ActivationRow(
-                    scanner_id=scanner_id, calibration_id=scan_id, activated_at=at, reason="the rays pass"
-                )
-                session.add_all([scan, row])
-                session.flush()
-                session.add(activation)
-            else:
-                share = 1.0 if place == len(times) - 1 else (place % 10) / 10.0
-                moved = moved_mm * share
+                row: Any = CalibrationRow(**asked, options={}, phantom_id="l-shape", activate=True, result=answer)
+            elif kind is JobKind.DRIFT:
                 answer = results.drift_result(ray_change_mm=moved, within_tolerance=moved <= 0.5)
-                row = DriftRow(**asked, calibration_id=active_id, result=answer)
-                session.add_all([scan, row])
-                session.flush()
+                row = DriftRow(**asked, options={}, calibration_id=active_id, result=answer)
+            else:
+                about = {"options": {"scan_id": scan_id}, "calibration_id": active_id, "stored_bytes": 10**7}
+                row = ReconstructionRow(**asked, **about, result=results.reconstruction_result())
+            session.add(row)
+            session.flush()
+            if kind is JobKind.CALIBRATE:
+                session.add(
+                    ActivationRow(scanner_id=scanner_id, calibration_id=row.id, activated_at=at, reason="the rays pass")
+                )
             record_measurement(session, row, at)
+        session.expunge_all()
 
 
-def job(job_id: str, kind: JobKind, at: datetime) -> dict[str, Any]:
+def job(job_id: str, subject_id: str, kind: JobKind, at: datetime) -> dict[str, Any]:
     """One that succeeded a minute later."""
     return {
         "id": job_id,
         "created_at": at,
         "kind": kind,
         "state": JobState.SUCCEEDED,
-        "subject_id": job_id.removeprefix("of-"),
+        "subject_id": subject_id,
         "priority": Priority.WAITED_FOR,
         "short": True,
         "attempt": 1,
@@ -157,25 +179,45 @@ def job(job_id: str, kind: JobKind, at: datetime) -> dict[str, Any]:
     }
 
 
-async def measure(store: Store) -> None:
-    """Ask for each page in turn."""
+def events(of: dict[str, Any], scanner_id: str) -> list[dict[str, Any]]:
+    """What happened to a job: it was queued, and it succeeded."""
+    about = {"scanner_id": scanner_id, "subject": declaration_of(of["kind"]).noun, "subject_id": of["subject_id"]}
+    both = ((of["created_at"], EventKind.QUEUED), (of["finished_at"], EventKind.SUCCEEDED))
+    return [about | {"at": at, "what": what, "job_id": of["id"]} for at, what in both]
+
+
+class Measured(NamedTuple):
+    """What one page or list took."""
+
+    path: str
+    status: int
+    took_ms: float
+    worked_ms: float
+    size_bytes: int
+
+
+async def measured(store: Store) -> list[Measured]:
+    """Ask for each page and each list in turn."""
     app = create_app(ServiceSettings(), store, lambda _: None)
     transport = httpx.ASGITransport(app)
-    async with httpx.AsyncClient(transport=transport, base_url=ORIGIN, headers={"Accept": "text/html"}) as client:
-        for path in paths(store):
-            answer = await client.get(path)
-            if "text/html" not in answer.headers.get("Content-Type", ""):
+    answers = []
+    async with httpx.AsyncClient(transport=transport, base_url=ORIGIN) as client:
+        for path in (*paths(store), *lists()):
+            asked = {"Accept": "application/json" if path.startswith("/v1") else "text/html"}
+            answer = await client.get(path, headers=asked)
+            if not answer.headers.get("Content-Type", "").startswith(asked["Accept"]):
                 continue
             took, worked = [], []
             for _ in range(REPEATS):
                 start, start_of_work = time.perf_counter(), time.process_time()
-                answer = await client.get(path)
+                answer = await client.get(path, headers=asked)
                 took.append(1e3 * (time.perf_counter() - start))
                 worked.append(1e3 * (time.process_time() - start_of_work))
-            kilobytes = (len(answer.content) + await size_of_parts(client, answer.text)) / 1000
-            print(
-                f"{path:44s} {answer.status_code} {median(took):8.1f} ms {median(worked):8.1f} ms {kilobytes:8.1f} kB"
-            )
+            size = len(answer.content)
+            if not path.startswith("/v1"):
+                size += await size_of_parts(client, answer.text)
+            answers.append(Measured(path, answer.status_code, median(took), median(worked), size))
+    return answers
 
 
 def paths(store: Store) -> list[str]:
@@ -191,6 +233,23 @@ def paths(store: Store) -> list[str]:
     routes = [route for router in PAGES for route in router.routes if "GET" in route.methods]
     known = [route.path for route in routes if set(re.findall(r"{(\w+)}", route.path)) <= ids.keys()]
     return [path.format(**ids) for path in known]
+
+
+def lists() -> Iterator[str]:
+    """Lists whole and narrowed, also to what there is little or nothing of, which takes the longest to find."""
+    yield from (f"/v1/{name}" for name in ("audit", "scanners", "phantoms", "alarms", "schedules"))
+    yield from (f"/v1/scanners/line-1/{name}" for name in ("drift", "history/entries", "measurements"))
+    narrowed: dict[str, tuple[str, Iterable[str], Iterable[str]]] = {"jobs": ("kind", JobKind, JobState)}
+    for name in ("calibrations", "drifts", "reconstructions"):
+        narrowed[name] = ("scanner_id", ("line-1", "none"), JobState)
+    narrowed["scans"] = ("scanner_id", ("line-1", "none"), ScanState)
+    for name, (field, values, states) in narrowed.items():
+        chosen = ["", *(f"&{field}={value}" for value in values)]
+        for state in ["", *(f"&state={state}" for state in states)]:
+            yield from (f"/v1/{name}?limit=200{one}{state}" for one in chosen)
+    for name in ("calibrations", "drifts", "reconstructions", "scans"):
+        yield f"/v1/{name}?created_before=2000-01-01T00:00:00Z"
+    yield f"/scans?scanner_id=line-1&state={ScanState.REFUSED}"
 
 
 async def size_of_parts(client: httpx.AsyncClient, html: str) -> int:
