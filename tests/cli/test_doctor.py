@@ -7,20 +7,26 @@ import sqlite3
 import subprocess
 import sys
 import threading
+from contextlib import closing
 from pathlib import Path
 
 import pytest
+from results import CONSTANTS
 
 from sawmill_service.doctor import machine
 from sawmill_service.doctor.findings import State
 from sawmill_service.doctor.science import kernels
 from sawmill_service.settings import ServiceSettings
+from sawmill_worker.contracts.geometry import ScannerConstants
 from sawmill_worker.contracts.keys import KeyAsk, Scope
+from sawmill_worker.contracts.scanners import ScannerSpec
+from sawmill_worker.contracts.scans import ScanSpec
 from sawmill_worker.execution.sole_service import refuse_second, serving_process, sole_service
 from sawmill_worker.storage import clock
 from sawmill_worker.storage.errors import StorageMisconfigured
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.store import Store
+from sawmill_worker.vocabulary import DataKind
 
 
 @pytest.fixture(autouse=True)
@@ -59,7 +65,7 @@ def test_an_installation_in_order_has_nothing_bad(run, data):
     findings = json.loads(run("doctor", "--data", data, "--json").stdout)["findings"]
     subjects = {finding["subject"] for finding in findings}
     expected = {"settings", "versions", "kernels", "memory", "open files", "confinement", "data folder", "disk"}
-    expected |= {"address", "database", "tables", "workers", "clock", "growth", "Redis", "webhooks", "backup"}
+    expected |= {"address", "database", "tables", "files", "workers", "clock", "growth", "Redis", "webhooks", "backup"}
     assert subjects == expected
     assert [each for each in findings if each["state"] == "bad"] == []
     printed = run("doctor", "--data", data).stdout
@@ -122,6 +128,22 @@ def test_a_damaged_database(found, data):
         file.seek((page - 1) * size)
         file.write(b"\xff" * 64)
     assert "restore the last backup" in found("tables")["cure"]
+
+
+def test_files_that_are_lost_are_counted_and_named(found, run, data):
+    with closing(Store(StorageSettings(data_folder=data))) as store:
+        spec = ScannerSpec(name="Line 2", constants=ScannerConstants(**CONSTANTS))
+        scan = ScanSpec(scanner_id=store.scanners.create(spec).id, data=DataKind.COUNTS)
+        ids = [store.scans.accept(scan, store.files.receive([b"scan"], max_bytes=10)).id for _ in range(5)]
+    assert "every file that rows name is there" in run("doctor", "--data", data).stdout
+    shutil.rmtree(data / "uploads" / "scans" / ids[0])
+    for scan_id in ids[1:4]:
+        (data / "uploads" / "scans" / scan_id / "original").unlink()
+    finding = found("files")
+    first, second, third = sorted(ids[:4])[:3]
+    named = f"uploads/scans/{first}/original, uploads/scans/{second}/original, uploads/scans/{third}/original, ..."
+    assert finding["sentence"] == f"4 files that rows name are missing in the data folder: {named}"
+    assert "restore the last backup" in finding["cure"]
 
 
 def test_a_server_that_is_away(found, monkeypatch):

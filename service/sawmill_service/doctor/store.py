@@ -20,6 +20,7 @@ from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.store import Store
 
 _SLOW_S = 0.5
+_NAMED = 3  # lost files, of any number
 _RESTORE = "stop the service, move the data folder away, and restore the last backup: sawmill restore BACKUP"
 # A day more than a week, for one that is taken each week.
 _OLD = timedelta(days=8)
@@ -41,6 +42,7 @@ def database(storage: StorageSettings, settings: ServiceSettings) -> Iterator[Fi
                     return
                 if settings.may_be_reached and settings.token is None and not store.keys.any_good():
                     yield Finding("keys", State.BAD, _NO_KEY, _MAKE_A_KEY)
+                yield _files(store)
                 yield _workers(store)
                 yield _clock(store)
                 yield from webhooks(store, settings.webhook_destinations)
@@ -105,6 +107,15 @@ def _damage(store: Store) -> Finding:
         sentence = f"the database's file is damaged: {damage[0]}"
         return Finding("tables", State.BAD, sentence, _RESTORE)
     return Finding("tables", State.GOOD, "whole, and of this version")
+
+
+def _files(store: Store) -> Finding:
+    lost = store.lost_files()
+    if not lost:
+        return Finding("files", State.GOOD, "every file that rows name is there")
+    named = ", ".join(lost[:_NAMED]) + (", ..." if len(lost) > _NAMED else "")
+    sentence = f"{len(lost)} files that rows name are missing in the data folder: {named}"
+    return Finding("files", State.BAD, sentence, f"{_RESTORE}; or delete the scans and results whose files are missing")
 
 
 def _workers(store: Store) -> Finding:

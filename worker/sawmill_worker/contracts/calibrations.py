@@ -566,6 +566,7 @@ DECLARATION = AskedKind(
     read=calibration_from,
     links=CalibrationLinks,
     files={"report": "report.png", "overlay": "overlay.png", "hdf5": "result.h5"},
+    result_file="result.h5",
     references=(Reference.SCAN, Reference.PHANTOM),
     is_short=lambda options: options.method is CalibrationMethod.DEFAULT,
     needed_scope=lambda ask: Scope.ACTIVATE if ask.activate else Scope.SUBMIT,

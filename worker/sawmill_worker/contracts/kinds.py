@@ -122,6 +122,8 @@ class AskedKind(KindDeclaration, Generic[Ask, Answer]):
         Where the answer and its files are: `self`, `job`, the names of `files`, and references such as `calibration`.
     files : mapping
         A link's name -> its path below /v1/<plural>/<id>/.
+    result_file : str or None
+        The file that each success leaves in its folder; the other `files` are drawn from it.
     references : tuple of Reference
         What is looked up when it is asked for, in this order.
     blocks_deletion : bool
@@ -146,6 +148,7 @@ class AskedKind(KindDeclaration, Generic[Ask, Answer]):
     read: Callable[[Mapping[str, Any]], Answer]
     links: type[Contract]
     files: Mapping[str, str] = field(default_factory=dict)
+    result_file: str | None = None
     references: tuple[Reference, ...] = ()
     blocks_deletion: bool = True
     listed_by: tuple[str, ...] = ("state",)

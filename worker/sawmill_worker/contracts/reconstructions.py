@@ -464,6 +464,7 @@ DECLARATION = AskedKind(
         "side_array": "side.npy",
         "thumbnail": "thumbnail.png",
     },
+    result_file="volume.h5",
     references=(Reference.SCAN, Reference.CALIBRATION),
     listed_by=("scanner_id", "scan_id", "state"),
     to_ask=Operation(

@@ -47,6 +47,7 @@ from sawmill_worker.storage.errors import (
 from sawmill_worker.whole_files import flush
 
 SCAN_FILE = "scan.h5"
+UPLOADED_FILE = "original"
 _TEMPORARY = ("incoming", "removed")
 _KEPT = "kept"
 UNFINISHED = "unfinished"
@@ -80,7 +81,7 @@ class FileStore:
 
     def upload(self, kind: JobKind, subject_id: str) -> Path:
         """Where the file lies that was uploaded for a job of this kind, as a scan's (`ingest`)."""
-        return self.folder / "uploads" / kind.plural / _checked(subject_id) / "original"
+        return self.folder / "uploads" / kind.plural / _checked(subject_id) / UPLOADED_FILE
 
     def results(self, kind: JobKind, subject_id: str) -> Path:
         """The final folder of a job's subject."""

@@ -12,6 +12,7 @@ from sawmill_worker.contracts.kinds import Answer, Ask, AskedKind
 from sawmill_worker.storage.alarms import Alarms
 from sawmill_worker.storage.asked import Asked
 from sawmill_worker.storage.audit import Audit
+from sawmill_worker.storage.backups.named_files import lost_files
 from sawmill_worker.storage.calibrations import Calibrations
 from sawmill_worker.storage.clock import Clock
 from sawmill_worker.storage.database import Database
@@ -152,6 +153,10 @@ class Store:
     def damage(self) -> list[str]:
         """What the database finds wrong with its file, or `StorageUnavailable`."""
         return damage_of(self._database)
+
+    def lost_files(self) -> list[str]:
+        """Files that rows name and the data folder lacks, by their paths in it; `StorageUnavailable` or `OSError`."""
+        return lost_files(self._database, self.files.folder)
 
     def check(self, *, reserve_bytes: int | None = None) -> None:
         """Check that rows and files can be written.

@@ -11,8 +11,9 @@ from sqlalchemy import Connection, Select, Table
 from sawmill_worker.contracts.jobs import JobKind
 from sawmill_worker.contracts.kinds import AskedKind, declaration_of
 from sawmill_worker.storage import named_by_rows
-from sawmill_worker.storage.files import EXAMPLES, UNFINISHED
-from sawmill_worker.storage.tables import UploadRow
+from sawmill_worker.storage.database import Database
+from sawmill_worker.storage.files import EXAMPLES, SCAN_FILE, UNFINISHED, UPLOADED_FILE
+from sawmill_worker.storage.tables import Base, UploadRow
 
 
 class Named(NamedTuple):
@@ -26,11 +27,14 @@ class Named(NamedTuple):
         Whether it must be there; otherwise it may be.
     most_bytes : int or None
         What rows know of the file; None: all that it has.
+    file : str
+        The file in a folder that must be there; empty: the path is a file itself.
     """
 
     path: str
     needed: bool
     most_bytes: int | None = None
+    file: str = ""
 
 
 class Found(NamedTuple):
@@ -63,14 +67,18 @@ def named_by(connection: Connection, tables: Collection[str]) -> list[Named]:
         Those that there are: a database may be older than this software.
     """
     folders = {
-        f"uploads/{kind.plural}": (named_by_rows.uploaded(kind, lambda: datetime.now(UTC)), kind is JobKind.INGEST)
+        f"uploads/{kind.plural}": (
+            named_by_rows.uploaded(kind, lambda: datetime.now(UTC)),
+            UPLOADED_FILE if kind is JobKind.INGEST else None,
+        )
         for kind in named_by_rows.UPLOADED
     }
-    folders |= {kind.plural: (named_by_rows.succeeded(kind), _leaves_files(kind)) for kind in JobKind}
+    folders |= {kind.plural: (named_by_rows.succeeded(kind), _file_left_by(kind)) for kind in JobKind}
     named = [Named(EXAMPLES, needed=False)]
-    for folder, (ids, needed) in folders.items():
+    for folder, (ids, file) in folders.items():
         if _is_there(ids, tables):
-            named += [Named(f"{folder}/{name}", needed) for name in connection.scalars(ids)]
+            needed = file is not None
+            named += [Named(f"{folder}/{name}", needed, file=file or "") for name in connection.scalars(ids)]
     unused = named_by_rows.unused_uploads()
     if _is_there(unused, tables):
         rows = connection.execute(unused.add_columns(UploadRow.offset_bytes))
@@ -95,9 +103,41 @@ def look_for(folder: Path, named: list[Named]) -> tuple[list[Found], list[str]]:
     return found, lacking
 
 
-def _leaves_files(kind: JobKind) -> bool:
+def lost_files(database: Database, folder: Path) -> list[str]:
+    """Find the files that rows name and the data folder lacks; their paths in it.
+
+    Raises
+    ------
+    StorageUnavailable
+        The database does not answer.
+    OSError
+        The data folder cannot be read.
+    """
+    lost = _lost(database, folder)
+    # A row is deleted before its files: what is lacking for that reason has no row at the second look.
+    return sorted(lost & _lost(database, folder)) if lost else []
+
+
+def _lost(database: Database, folder: Path) -> set[str]:
+    with database.read() as session:
+        named = named_by(session.connection(), Base.metadata.tables)
+    paths = (f"{one.path}/{one.file}" if one.file else one.path for one in named if one.needed)
+    return {path for path in paths if not _exists(f"{folder}/{path}")}
+
+
+def _exists(path: str) -> bool:
+    try:
+        os.stat(path)  # noqa: PTH116 - tens of thousands of them
+    except (FileNotFoundError, NotADirectoryError):
+        return False
+    return True
+
+
+def _file_left_by(kind: JobKind) -> str | None:
     declared = declaration_of(kind)
-    return kind is JobKind.INGEST or (isinstance(declared, AskedKind) and bool(declared.files))
+    if kind is JobKind.INGEST:
+        return SCAN_FILE
+    return declared.result_file if isinstance(declared, AskedKind) else None
 
 
 def _is_there(ids: Select[str], tables: Collection[str]) -> bool:
