@@ -27,6 +27,7 @@ from sawmill_worker.storage.errors import StorageMisconfigured
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.store import Store
 from sawmill_worker.vocabulary import DataKind
+from sawmill_worker.vocabulary.version import VERSION
 
 
 @pytest.fixture(autouse=True)
@@ -98,14 +99,42 @@ def test_on_postgresql_several_services_are_allowed(tmp_path):
         refuse_second(settings)
 
 
-@pytest.mark.parametrize("revision", ["0012", "9999"])
-def test_a_database_of_no_release_or_of_a_later_one(found, data, revision):
+def tables_of(data, revision, version):
     with sqlite3.connect(data / "sawmill.db") as connection:
-        connection.execute("UPDATE alembic_version SET version_num = ?", (revision,))
+        connection.execute("UPDATE alembic_version SET version_num = ?, product_version = ?", (revision, version))
     connection.close()
+
+
+@pytest.mark.parametrize(
+    ("revision", "version", "tables"),
+    [("0012", None, "revision 0012"), ("9999", "9.0.0", "version 9.0.0 (revision 9999)")],
+)
+def test_a_database_of_no_release_or_of_a_later_one(found, data, revision, version, tables):
+    tables_of(data, revision, version)
     finding = found("database")
-    assert f"tables of revision {revision}, and this version" in finding["sentence"]
+    assert f"tables of {tables}, which this program, version {VERSION}" in finding["sentence"]
     assert finding["cure"].startswith("start the version that wrote them, or restore a backup of a release: ")
+
+
+LATER = f"has tables of version 9.0.0 (revision 9999), which this program, version {VERSION}"
+
+
+@pytest.mark.parametrize("command", ["audit", "backup", "key list", "migrate"])
+def test_commands_stop_at_tables_of_a_later_version(run, data, tmp_path, command):
+    tables_of(data, "9999", "9.0.0")
+    arguments = [tmp_path] if command == "backup" else []
+    ended = run(*command.split(), *arguments, "--data", data, code=1)
+    assert LATER in " ".join(ended.stderr.split())
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("command", ["serve", "worker"])
+def test_services_stop_at_tables_of_a_later_version(data, command):
+    tables_of(data, "9999", "9.0.0")
+    program = [sys.executable, "-m", "sawmill_service.cli", command, "--data", str(data)]
+    ended = subprocess.run(program, capture_output=True, text=True, check=False, timeout=120)
+    assert ended.returncode == 1
+    assert LATER in " ".join(ended.stderr.split())
 
 
 def test_a_database_of_an_earlier_version_is_not_touched(found, data):

@@ -12,12 +12,14 @@ from sqlalchemy import text
 from sawmill_worker.contracts.geometry import ScannerConstants
 from sawmill_worker.contracts.scanners import ScannerSpec
 from sawmill_worker.contracts.schedules import ScheduleSpec
+from sawmill_worker.storage.backups.taking import take_backup
 from sawmill_worker.storage.database import _MIGRATIONS, Database, newest_revision
 from sawmill_worker.storage.engines import make_engine
 from sawmill_worker.storage.errors import StorageFull, StorageMisconfigured, StorageUnavailable
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.store import Store
 from sawmill_worker.storage.tables import Base
+from sawmill_worker.vocabulary.version import VERSION
 
 pytestmark = pytest.mark.slow
 
@@ -65,12 +67,27 @@ def test_tables_of_no_release_or_of_a_later_one_are_refused_in_a_sentence_and_st
     with database.write() as session:
         session.execute(text("UPDATE alembic_version SET version_num = :revision"), {"revision": revision})
     database.engine.dispose()
-    sentence = rf"tables of revision {revision}, which this version \({newest_revision()}\) .* start the version that"
+    this = rf"this program, version {VERSION} \(revision {newest_revision()}\), cannot read"
+    sentence = rf"tables of revision {revision}, which {this}: start the version that wrote them"
     with pytest.raises(StorageMisconfigured, match=sentence):
         Store.open(settings.model_copy(update={"database_url": empty_url}))
     with database.read() as session:
         assert session.scalar(text("SELECT version_num FROM alembic_version")) == revision
     database.engine.dispose()
+
+
+def test_tables_of_a_later_version_are_refused_with_both_versions(store, settings, tmp_path):
+    with store._database.write() as session:
+        assert session.scalar(text("SELECT product_version FROM alembic_version")) == VERSION
+        session.execute(text("UPDATE alembic_version SET version_num = '0022', product_version = '0.3.0'"))
+    this = rf"this program, version {VERSION} \(revision {newest_revision()}\), cannot read: start version 0\.3\.0"
+    sentence = rf"tables of version 0\.3\.0 \(revision 0022\), which {this}"
+    with pytest.raises(StorageMisconfigured, match=sentence):
+        Store.open(settings)
+    (tmp_path / "backups").mkdir()
+    with pytest.raises(StorageMisconfigured, match=sentence):
+        take_backup(settings, tmp_path / "backups", lambda _: None)
+    assert list((tmp_path / "backups").glob("*Z*")) == []
 
 
 def test_a_schedule_from_before_time_zones_runs_as_it_did_and_is_unchanged_by_the_same(settings, empty_url):

@@ -13,7 +13,6 @@ from sawmill_service.settings import ServiceSettings
 from sawmill_worker.execution.broker_report import report_of
 from sawmill_worker.execution.housekeeping import TOLERABLE_S
 from sawmill_worker.storage.backups.newest import newest_backup
-from sawmill_worker.storage.database import is_known
 from sawmill_worker.storage.database_report import DatabaseReport
 from sawmill_worker.storage.errors import StorageError, StorageMisconfigured
 from sawmill_worker.storage.settings import StorageSettings
@@ -87,10 +86,9 @@ def broker(url: str | None) -> Finding:
 
 def _migration(report: DatabaseReport) -> Finding:
     has, needs = report.migration, report.newest_migration
-    if has is not None and not is_known(has):
-        sentence = f"{report.system} has tables of revision {has}, and this version ({needs}) cannot update them"
+    if report.unreadable is not None:
         cure = "start the version that wrote them, or restore a backup of a release: sawmill restore BACKUP"
-        return Finding("database", State.BAD, sentence, cure)
+        return Finding("database", State.BAD, report.unreadable, cure)
     if has != needs:
         sentence = f"{report.system} has tables of version {has or 'none'}, and this version needs {needs}"
         cure = "take a backup (sawmill backup FOLDER): the next start of sawmill serve brings them up to date"

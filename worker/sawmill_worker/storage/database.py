@@ -16,6 +16,7 @@ from sawmill_worker.storage.clock import Clock, SharedClock, set_if_new
 from sawmill_worker.storage.errors import StorageMisconfigured
 from sawmill_worker.storage.outages import Door, WriterQueue, trouble_translated
 from sawmill_worker.storage.tables import Base
+from sawmill_worker.vocabulary.version import VERSION
 
 _MIGRATION_LOCK = 0x5A3111  # any number that only this product takes
 _FILES_LOCK = 0x5A3112
@@ -151,12 +152,7 @@ class Database:
             The database cannot write.
         """
         with self._setting_up() as connection:
-            found = revision_of(connection)
-            if found is not None and not is_known(found):
-                raise StorageMisconfigured(
-                    f"the database has tables of revision {found}, which this version ({newest_revision()}) cannot "
-                    "bring up to date: start the version that wrote them, or give an empty data folder or database"
-                )
+            found = known_revision(connection)
             if revision != "head" or found != newest_revision():
                 _migrate(connection, revision)
 
@@ -247,6 +243,46 @@ def revision_of(connection: Connection) -> str | None:
     return found
 
 
+def known_revision(connection: Connection) -> str | None:
+    """As `revision_of`, for whoever reads or changes the tables.
+
+    Raises
+    ------
+    StorageMisconfigured
+        They are of a later version of the program, or of a state between two releases.
+    """
+    reason = why_unreadable(connection)
+    if reason is not None:
+        raise StorageMisconfigured(reason)
+    return revision_of(connection)
+
+
+def why_unreadable(connection: Connection) -> str | None:
+    """Describe tables that this version does not know, with both versions; None: it knows them, or there are none."""
+    found = revision_of(connection)
+    if found is None or is_known(found):
+        return None
+    version = _product_version(connection)
+    tables = f"revision {found}" if version is None else f"version {version} (revision {found})"
+    return (
+        f"the database has tables of {tables}, which this program, version {VERSION} (revision {newest_revision()}), "
+        f"cannot read: start {'the version that wrote them' if version is None else f'version {version}'}, or give an "
+        "empty data folder or database"
+    )
+
+
+def _product_version(connection: Connection) -> str | None:
+    """The version of the program that brought the tables to their revision; None: one before 0.2.0."""
+    if not _notes_product_version(connection):
+        return None
+    version: str | None = connection.scalar(text("SELECT product_version FROM alembic_version"))
+    return version
+
+
+def _notes_product_version(connection: Connection) -> bool:
+    return "product_version" in {column["name"] for column in inspect(connection).get_columns("alembic_version")}
+
+
 def has_tables(connection: Connection) -> bool:
     """Whether any table of ours is there."""
     return not {"alembic_version", *Base.metadata.tables}.isdisjoint(inspect(connection).get_table_names())
@@ -262,6 +298,8 @@ def _migrate(connection: Connection, revision: str) -> None:
     config.attributes["connection"] = connection
     with _any_time(connection):
         command.upgrade(config, revision)
+    if _notes_product_version(connection):
+        connection.execute(text("UPDATE alembic_version SET product_version = :version"), {"version": VERSION})
 
 
 def _any_time(connection: Connection) -> AbstractContextManager[None]:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 from sqlalchemy import text
 from sqlalchemy.exc import DatabaseError
 
-from sawmill_worker.storage.database import Database, newest_revision, revision_of
+from sawmill_worker.storage.database import Database, newest_revision, revision_of, why_unreadable
 
 
 class DatabaseReport(NamedTuple):
@@ -23,6 +23,8 @@ class DatabaseReport(NamedTuple):
         How long these questions took.
     size_bytes : int
         Of its tables and indexes.
+    unreadable : str or None
+        Why this version cannot read its tables; None: it can, or brings them up to date.
     """
 
     system: str
@@ -30,6 +32,7 @@ class DatabaseReport(NamedTuple):
     newest_migration: str
     answered_s: float
     size_bytes: int
+    unreadable: str | None
 
 
 # Version and size, by SQLAlchemy's name of the system.
@@ -58,8 +61,9 @@ def report_of(database: Database) -> DatabaseReport:
     with database.read() as session:
         version, size_bytes = session.execute(text(statement)).one()
         migration = revision_of(session.connection())
+        unreadable = why_unreadable(session.connection())
     answered_s = time.perf_counter() - started
-    return DatabaseReport(f"{name} {version}", migration, newest_revision(), answered_s, size_bytes)
+    return DatabaseReport(f"{name} {version}", migration, newest_revision(), answered_s, size_bytes, unreadable)
 
 
 def damage_of(database: Database) -> list[str]:

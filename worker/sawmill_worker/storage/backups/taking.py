@@ -34,7 +34,7 @@ from sawmill_worker.storage.backups.manifest import (
 )
 from sawmill_worker.storage.backups.named_files import Named, look_for, named_by
 from sawmill_worker.storage.backups.rows import write_rows
-from sawmill_worker.storage.database import Database, revision_of
+from sawmill_worker.storage.database import Database, known_revision
 from sawmill_worker.storage.engines import make_engine
 from sawmill_worker.storage.errors import Damaged, StorageUnavailable
 from sawmill_worker.storage.files import refuse_half_restored
@@ -158,7 +158,7 @@ def _look(database: Database, part: Path) -> tuple[dict[str, Table], str, list[N
     if (part / ROWS).exists():
         shutil.rmtree(part / ROWS)
     with database.snapshot() as connection:
-        revision = revision_of(connection)
+        revision = known_revision(connection)
         if revision is None:
             raise Refused("the database has no tables: a first start of sawmill serve makes them")
         tables = write_rows(connection, part)

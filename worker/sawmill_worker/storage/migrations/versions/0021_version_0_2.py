@@ -90,6 +90,8 @@ _INDEXES = {
 
 
 def upgrade() -> None:
+    # The version of the program that made the tables; `Database.upgrade` writes it.
+    op.add_column("alembic_version", sa.Column("product_version", sa.String(length=40), nullable=True))
     _change_tables_of_jobs()
     _change_tables_of_schedules()
     for table in ("scans", "calibrations", "reconstructions"):
