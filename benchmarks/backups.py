@@ -1,6 +1,10 @@
-"""What a backup, one after it, its check and a restore take: a data folder of many files, on the disk of this folder.
+"""Seconds of a backup, of an unchanged one after it, of its check and of a restore, with many small files.
 
-python benchmarks/backups.py [--files N] [--folder FOLDER]; the table is that of docs/backup.md.
+    python benchmarks/backups.py [--files N] [--file-bytes N] [--folder FOLDER] [--results FOLDER]
+
+The data folder and the backups are made below FOLDER, on one disk. Each upload is a scan that has been refused, so that
+it has two rows and an event. A run with 58 000 files of 10 kB writes `benchmarks/results/backups.json`, from which
+docs/backup.md has its table. Another one only prints, unless `--results` names a folder.
 """
 
 import argparse
@@ -10,68 +14,141 @@ import tempfile
 import time
 from collections.abc import Callable
 from contextlib import closing
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import TypeVar
+from types import SimpleNamespace
+from typing import Any, TypeVar
 
+from measurement import RESULTS, Measurement, reference_s
+from sqlalchemy import insert
+
+from sawmill_worker.contracts.events import EventKind
 from sawmill_worker.contracts.geometry import ScannerConstants
+from sawmill_worker.contracts.jobs import Failure, FailureKind, JobKind, JobState
 from sawmill_worker.contracts.scanners import ScannerSpec
-from sawmill_worker.contracts.scans import ScanSpec
+from sawmill_worker.contracts.scans import ScanState
 from sawmill_worker.storage.backups.checking import check_backup
 from sawmill_worker.storage.backups.restoring import restore
-from sawmill_worker.storage.backups.taking import Taken, take_backup
+from sawmill_worker.storage.backups.taking import take_backup
+from sawmill_worker.storage.database import Database
+from sawmill_worker.storage.engines import make_engine
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.store import Store
-from sawmill_worker.vocabulary import DataKind
+from sawmill_worker.storage.tables import EventRow, JobRow, ScanRow
 
-FILE_BYTES, NEW = 2_000_000, 10
+FILES, FILE_BYTES, NEW = 58_000, 10_000, 10
+PARTS = ("first", "unchanged", "ten_new", "check", "restore", "copy")
+BATCH = 5000
+FAILURE = Failure(kind=FailureKind.INPUT, code="unknown-format", detail="no reader knows the file")
 
 T = TypeVar("T")
 
 
-def add_scans(store: Store, number: int) -> None:
-    """Accept uploads that nobody reads."""
-    constants = ScannerConstants(source_to_cor_mm=859.46, num_detector_pixels=768, detector_pitch_mm=1.5)
-    scanner = store.scanners.create(ScannerSpec(name="line 2", constants=constants))
-    for _ in range(number):
-        received = store.files.receive([os.urandom(FILE_BYTES)], max_bytes=FILE_BYTES)
-        store.scans.accept(ScanSpec(scanner_id=scanner.id, data=DataKind.COUNTS), received)
+def add_scans(settings: StorageSettings, first: int, number: int, file_bytes: int) -> None:
+    """Write uploads and the rows of scans that were refused, without the price of asking for each."""
+    database = Database(make_engine(settings.url))
+    start = datetime.now(UTC) - timedelta(seconds=first + number)
+    with closing(SimpleNamespace(close=database.engine.dispose)):
+        for begin in range(first, first + number, BATCH):
+            names = [f"scan-{each:06}" for each in range(begin, min(begin + BATCH, first + number))]
+            rows = [_rows(name, start + timedelta(seconds=each), file_bytes) for each, name in enumerate(names, begin)]
+            with database.write() as session:
+                for table, of_table in zip((JobRow, ScanRow, EventRow), zip(*rows, strict=True), strict=True):
+                    session.execute(insert(table), list(of_table))
+            for name in names:
+                path = settings.data_folder / "uploads/scans" / name / "original"
+                path.parent.mkdir(parents=True)
+                path.write_bytes(os.urandom(file_bytes))
 
 
-def timed(what: str, do: Callable[[], T]) -> T:
-    """Do it, and print a row of the table."""
+def _rows(name: str, at: datetime, file_bytes: int) -> tuple[dict[str, Any], ...]:
+    job = {
+        "id": f"job-{name}",
+        "created_at": at,
+        "kind": JobKind.INGEST,
+        "state": JobState.FAILED,
+        "subject_id": name,
+        "attempt": 1,
+        "failure": FAILURE.model_dump(mode="json"),
+        "finished_at": at,
+    }
+    scan = {
+        "id": name,
+        "created_at": at,
+        "scanner_id": "line",
+        "spec": {"data": "counts"},
+        "state": ScanState.REFUSED,
+        "reason": FAILURE.detail,
+        "size_bytes": file_bytes,
+        "sha256": "0" * 64,
+        "job_id": job["id"],
+        "stored_bytes": file_bytes,
+    }
+    event = {
+        "at": at,
+        "what": EventKind.FAILED,
+        "scanner_id": "line",
+        "subject": "scan",
+        "subject_id": name,
+        "job_id": job["id"],
+        "attempt": 1,
+        "detail": job["failure"],
+    }
+    return job, scan, event
+
+
+def ignore(_progress: object) -> None:
+    """Show nothing."""
+
+
+def measured(values: dict[str, float], name: str, do: Callable[[], T]) -> T:
+    """Do it, note its seconds, and print them."""
     os.sync()
-    began = time.perf_counter()
+    clock_s, processor_s = time.perf_counter(), time.process_time()
     done = do()
-    copied = f"{done.copied_bytes / 1e6:.0f} MB" if isinstance(done, Taken) else ""
-    print(f"| {what} | {time.perf_counter() - began:.1f} | {copied} |")
+    values[f"{name}_processor_s"] = time.process_time() - processor_s
+    values[f"{name}_clock_s"] = time.perf_counter() - clock_s
+    print(f"{name:10} {values[f'{name}_processor_s']:9.2f} {values[f'{name}_clock_s']:9.2f}", flush=True)
     return done
 
 
-def main() -> None:
-    """Make the folder, and measure."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--files", type=int, default=1000)
-    parser.add_argument("--folder", type=Path, default=None)
-    asked = parser.parse_args()
-    folder = Path(tempfile.mkdtemp(prefix="sawmill-backups-", dir=asked.folder))
+def measure(folder: Path, files: int, file_bytes: int) -> dict[str, float]:
+    """Make a data folder, and measure."""
     settings = StorageSettings(data_folder=folder / "data", database_url=None)
-    (folder / "disk").mkdir()
+    constants = ScannerConstants(source_to_cor_mm=859.46, num_detector_pixels=768, detector_pitch_mm=1.5)
+    with closing(Store.open(settings)) as store:
+        store.scanners.create(ScannerSpec(name="line", constants=constants), scanner_id="line")
+    add_scans(settings, 0, files, file_bytes)
+    disk = folder / "disk"
+    disk.mkdir()
+    values: dict[str, float] = {"files": files, "file_bytes": file_bytes}
+    print("seconds    processor     clock")
+    measured(values, "first", lambda: take_backup(settings, disk, ignore))
+    measured(values, "unchanged", lambda: take_backup(settings, disk, ignore))
+    add_scans(settings, files, NEW, file_bytes)
+    taken = measured(values, "ten_new", lambda: take_backup(settings, disk, ignore))
+    measured(values, "check", lambda: check_backup(taken.path, ignore))
+    elsewhere = StorageSettings(data_folder=folder / "elsewhere", database_url=None)
+    measured(values, "restore", lambda: restore(taken.path, elsewhere, ignore))
+    measured(values, "copy", lambda: shutil.copytree(settings.data_folder, folder / "copy"))
+    return values
 
-    def silent(_progress: object) -> None:
-        """Nobody looks."""
 
-    try:
-        with closing(Store.open(settings)) as store:
-            add_scans(store, asked.files)
-            timed("the first backup", lambda: take_backup(settings, folder / "disk", silent))
-            add_scans(store, NEW)
-            taken = timed("the second one", lambda: take_backup(settings, folder / "disk", silent))
-        timed("`restore --check`", lambda: check_backup(taken.path, silent))
-        elsewhere = StorageSettings(data_folder=folder / "elsewhere", database_url=None)
-        timed("`restore`", lambda: restore(taken.path, elsewhere, silent))
-        timed("a plain copy, to compare", lambda: shutil.copytree(settings.data_folder, folder / "copy"))
-    finally:
-        shutil.rmtree(folder)
+def main(arguments: list[str] | None = None, reference: Callable[[], float] = reference_s) -> None:
+    """Measure, print and write."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--files", type=int, default=FILES)
+    parser.add_argument("--file-bytes", type=int, default=FILE_BYTES)
+    parser.add_argument("--folder", type=Path, help="on the disk that is measured; by default that of temporary files")
+    parser.add_argument("--results", type=Path, help="where results are written, also those of another size")
+    chosen = parser.parse_args(arguments)
+    complete = (chosen.files, chosen.file_bytes) == (FILES, FILE_BYTES)
+    results = chosen.results or (RESULTS if complete else None)
+    measurement = Measurement.begin(reference)
+    with tempfile.TemporaryDirectory(prefix="sawmill-backups-", dir=chosen.folder) as folder:
+        values = measure(Path(folder), chosen.files, chosen.file_bytes)
+    if results is not None:
+        measurement.write({"backups": values}, results)
 
 
 if __name__ == "__main__":

@@ -1,5 +1,7 @@
 """A backup that is taken while everything goes on, and what comes of it elsewhere, on each database and across."""
 
+import ctypes
+import errno
 import hashlib
 import json
 import os
@@ -17,6 +19,7 @@ from databases import sqlite_alone
 from results import CONSTANTS, RESULTS
 from sqlalchemy import JSON, Boolean, Date, Float, Integer, String, text
 
+from sawmill_worker import whole_files
 from sawmill_worker.contracts.calibrations import CalibrationAsk
 from sawmill_worker.contracts.events import EventKind
 from sawmill_worker.contracts.geometry import ScannerConstants
@@ -199,6 +202,48 @@ def test_a_second_backup_copies_what_is_new_alone(store, settings, work, into):
     assert remove_older(into, 1, second.path) == [of_a_wrong_clock], "not the one that was just taken"
     assert backups_in(into) == [second.path]
     assert check_backup(second.path, silent)[1] == []
+
+
+@sqlite_alone
+def test_a_backup_is_made_durable_as_a_whole_before_it_has_its_name(settings, work, into, monkeypatch):
+    synchronised, flushed = [], []
+
+    def note(_descriptor: int) -> int:
+        (part,) = into.glob(".*.partial")
+        synchronised.append(((part / MANIFEST_SUM).is_file(), backups_in(into)))
+        return 0
+
+    monkeypatch.setattr(whole_files, "_LIBC", SimpleNamespace(syncfs=note))
+    monkeypatch.setattr(os, "fsync", flushed.append)
+    work()
+    flushed.clear()
+    first = take_backup(settings, into, silent)
+    assert synchronised == [(True, [])]
+    few = len(flushed)
+    for _ in range(3):
+        work()
+    flushed.clear()
+    second = take_backup(settings, into, silent)
+    assert second.manifest.number_of_files == 4 * first.manifest.number_of_files
+    assert len(flushed) == few, "no file by itself"
+
+
+def test_a_disk_that_has_lost_what_was_written_has_no_backup_and_no_restored_service(
+    backup, elsewhere, into, monkeypatch
+):
+    def fail(_descriptor: int) -> int:
+        ctypes.set_errno(errno.EIO)
+        return -1
+
+    source = StorageSettings(data_folder=backup.parent / "data", database_url=None)
+    restore(backup, source, silent)
+    monkeypatch.setattr(whole_files, "_LIBC", SimpleNamespace(syncfs=fail))
+    with pytest.raises(OSError, match="Input/output error"):
+        take_backup(source, into, silent)
+    assert list(into.glob("*sawmill-2*")) == []
+    with pytest.raises(OSError, match="Input/output error"):
+        restore(backup, elsewhere, silent)
+    assert list(elsewhere.data_folder.iterdir()) == []
 
 
 @pytest.mark.dialect

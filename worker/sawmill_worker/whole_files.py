@@ -1,5 +1,6 @@
 """Files that are whole on their disk, or not there: for every room, and of the standard library alone."""
 
+import ctypes
 import errno
 import os
 import stat
@@ -9,6 +10,8 @@ from pathlib import Path
 from typing import BinaryIO, TypeVar
 
 File = TypeVar("File", bound=BinaryIO)
+
+_LIBC = ctypes.CDLL(None, use_errno=True)
 
 
 @contextmanager
@@ -43,6 +46,27 @@ def flushed(file: File) -> Iterator[File]:
         yield file
         file.flush()
         os.fsync(file.fileno())
+
+
+@contextmanager
+def flushed_file_system(folder: Path) -> Iterator[None]:
+    """Make all that the block writes to the file system of a folder durable when the block ends well.
+
+    One call for many small files takes a small part of the time that a call for each of them takes.
+
+    Raises
+    ------
+    OSError
+        The disk failed to keep something that was written to it since the block began.
+    """
+    descriptor = os.open(folder, os.O_RDONLY)  # opened first: failures are reported from here on
+    try:
+        yield
+        if _LIBC.syncfs(descriptor) != 0:
+            number = ctypes.get_errno()
+            raise OSError(number, os.strerror(number), str(folder))
+    finally:
+        os.close(descriptor)
 
 
 def flush(path: Path) -> None:

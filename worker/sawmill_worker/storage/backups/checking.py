@@ -46,7 +46,7 @@ class Checked:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.manifest: Manifest = read_manifest(folder)
-        self.statuses: Mapping[str, os.stat_result] = dict(_all_below(folder, folder))
+        self.statuses: Mapping[str, os.stat_result] = dict(_all_below(folder, ""))
         for path, expected in self.manifest.parts().items():
             _compare(path, summed(folder / path), expected.sha256)
         self.entries = list(read_entries(folder))
@@ -122,11 +122,11 @@ def _compare(path: str, found: Summed, expected: str | None) -> None:
         raise Damaged(f"{path} is damaged: its SHA-256 is {found.sha256}, and the backup was written with {expected}")
 
 
-def _all_below(folder: Path, path: Path) -> Iterator[tuple[str, os.stat_result]]:
+def _all_below(folder: Path, prefix: str) -> Iterator[tuple[str, os.stat_result]]:
     """What lies in a backup; no link is followed, so that nothing is read that lies elsewhere."""
-    for found in path.iterdir():
-        status = found.lstat()
-        if stat.S_ISDIR(status.st_mode):
-            yield from _all_below(folder, found)
-        else:
-            yield found.relative_to(folder).as_posix(), status
+    with os.scandir(folder / prefix) as entries:
+        for entry in entries:
+            if entry.is_dir(follow_symlinks=False):
+                yield from _all_below(folder, f"{prefix}{entry.name}/")
+            else:
+                yield f"{prefix}{entry.name}", entry.stat(follow_symlinks=False)

@@ -1,4 +1,4 @@
-"""Files copied into a backup and out of one: whole, summed and durable."""
+"""Files copied into a backup and out of one, with their sums."""
 
 import hashlib
 import os
@@ -8,11 +8,10 @@ from typing import BinaryIO
 
 from sawmill_worker.storage.backups.manifest import Counted, Summed, blocks_of
 from sawmill_worker.storage.errors import StorageFull
-from sawmill_worker.whole_files import flush_names, flushed
 
 
 def copy(reading: BinaryIO, target: Path, counted: Counted, *, mtime_ns: int, most_bytes: int | None = None) -> Summed:
-    """Copy what is open to a new file, and make it durable.
+    """Copy what is open to a new file.
 
     Raises
     ------
@@ -20,7 +19,7 @@ def copy(reading: BinaryIO, target: Path, counted: Counted, *, mtime_ns: int, mo
         What is open cannot be read.
     """
     computed, size_bytes = hashlib.sha256(), 0
-    with flushed(target.open("xb")) as writing:
+    with target.open("xb") as writing:
         for block in blocks_of(reading, most_bytes):
             writing.write(block)
             computed.update(block)
@@ -43,12 +42,6 @@ def check_room_for(folder: Path, needed_bytes: int, what: str, *, reserve_bytes:
     if needed_bytes > free_bytes:
         msg = f"{what} needs {needed_bytes / 1e9:.2f} GB, and {max(free_bytes, 0) / 1e9:.2f} GB are free for it "
         raise StorageFull(msg + f"where {str(folder)!r} is")
-
-
-def flush_folders(folder: Path) -> None:
-    """Make the names in a folder and all below it durable."""
-    for path, _, _ in os.walk(folder):
-        flush_names(Path(path))
 
 
 def has_links(folder: Path) -> bool:

@@ -40,6 +40,7 @@ class Laying:
         self._earlier_folder, self._earlier = earlier if has_links(into) else (into, {})
         self._on_progress = on_progress
         self._laid: dict[str, Entry] = {}
+        self._made_folders = set[str]()
         # Entries of files with several names in the data folder, as an inspected upload and its scan have.
         self._names: dict[tuple[int, int], Entry] = {}
 
@@ -71,31 +72,35 @@ class Laying:
         return [self._laid[file.path] for file in found if file.path in self._laid]
 
     def _lay(self, file: Found) -> Entry:
-        target = self._into / file.path
         if self._laid.pop(file.path, None) is not None:
-            self._remove(target)
-        target.parent.mkdir(parents=True, exist_ok=True)
+            self._remove(self._into / file.path)
+        parent = file.path.rpartition("/")[0]
+        if parent not in self._made_folders:
+            (self._into / parent).mkdir(parents=True, exist_ok=True)
+            self._made_folders.add(parent)
         if file.status is None:
-            target.mkdir()
+            (self._into / file.path).mkdir()
             return Entry(file.path, 0, 0, None)
-        entry = self._linked(file, target) or self._copied(file, target)
+        entry = self._linked(file) or self._copied(file)
         if file.inode is not None:
             self._names[file.inode] = entry
         return entry
 
-    def _linked(self, file: Found, target: Path) -> Entry | None:
+    def _linked(self, file: Found) -> Entry | None:
         """By a second name; None where there is nothing that it could be of, or the file system has none."""
+        # Texts: of many small files, paths would take as long as the calls to the system.
         before = self._earlier.get(file.path)
         twin = None if file.inode is None else self._names.get(file.inode)
         for source, entry in ((self._earlier_folder, before), (self._into, twin)):
             if entry is not None and _same(entry, file):
                 with suppress(OSError):  # no links, too many of them, or the earlier backup lacks it: it is copied
-                    if (source / entry.path).lstat().st_size == file.size_bytes:
-                        os.link(source / entry.path, target, follow_symlinks=False)
+                    if os.lstat(f"{source}/{entry.path}").st_size == file.size_bytes:
+                        os.link(f"{source}/{entry.path}", f"{self._into}/{file.path}", follow_symlinks=False)
                         return entry._replace(path=file.path)
         return None
 
-    def _copied(self, file: Found, target: Path) -> Entry:
+    def _copied(self, file: Found) -> Entry:
+        target = self._into / file.path
         try:
             reading = (self.folder / file.path).open("rb")
         except FileNotFoundError as error:

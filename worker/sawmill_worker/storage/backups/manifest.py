@@ -13,7 +13,7 @@ from sawmill_worker.contracts.base import Contract, Time
 from sawmill_worker.contracts.jobs import JobKind
 from sawmill_worker.storage.errors import Damaged
 from sawmill_worker.storage.files import EXAMPLES, UNFINISHED
-from sawmill_worker.whole_files import flushed, open_regular
+from sawmill_worker.whole_files import open_regular
 
 MANIFEST, MANIFEST_SUM, FILES, ROWS, DATA = "manifest.json", "manifest.sha256", "files.jsonl", "rows", "data"
 FORMAT = 1
@@ -93,11 +93,10 @@ class Manifest(Contract):
 
 
 def write_manifest(folder: Path, manifest: Manifest) -> None:
-    """Write it and its sum, and make them durable."""
+    """Write it and its sum."""
     content = manifest.model_dump_json(indent=1).encode() + b"\n"
     for name, part in ((MANIFEST, content), (MANIFEST_SUM, f"{_sum_of(content)}  {MANIFEST}\n".encode())):
-        with flushed((folder / name).open("xb")) as file:
-            file.write(part)
+        (folder / name).write_bytes(part)
 
 
 def read_manifest(folder: Path) -> Manifest:

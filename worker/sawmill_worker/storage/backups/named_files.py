@@ -1,6 +1,7 @@
 """The files that rows name, as they lie in the data folder."""
 
 import os
+import stat
 from collections.abc import Collection, Iterator
 from datetime import UTC, datetime
 from pathlib import Path
@@ -90,12 +91,17 @@ def look_for(folder: Path, named: list[Named]) -> tuple[list[Found], list[str]]:
     """Files that are named and there, and paths of those that should be and are not."""
     found, lacking = list[Found](), list[str]()
     for one in named:
-        path = folder / one.path
         try:
-            if path.is_dir():
-                found += list(_below(folder, path))
-            elif path.is_file():
-                found.append(Found(one.path, path.stat(), one.most_bytes))
+            status = (folder / one.path).stat()
+        except FileNotFoundError:
+            if one.needed:
+                lacking.append(one.path)
+            continue
+        try:
+            if stat.S_ISDIR(status.st_mode):
+                found += list(_below(folder, one.path))
+            elif stat.S_ISREG(status.st_mode):
+                found.append(Found(one.path, status, one.most_bytes))
             elif one.needed:
                 lacking.append(one.path)
         except FileNotFoundError:  # it is being removed: the next look will tell whether rows still name it
@@ -144,12 +150,13 @@ def _is_there(ids: Select[str], tables: Collection[str]) -> bool:
     return all(isinstance(source, Table) and source.name in tables for source in ids.columns_clause_froms)
 
 
-def _below(folder: Path, path: Path) -> Iterator[Found]:
-    below = sorted(path.iterdir())
+def _below(folder: Path, path: str) -> Iterator[Found]:
+    with os.scandir(folder / path) as entries:
+        below = sorted(entries, key=lambda entry: entry.name)
     if not below:
-        yield Found(path.relative_to(folder).as_posix(), None)
-    for found in below:
-        if found.is_dir():
-            yield from _below(folder, found)
+        yield Found(path, None)
+    for entry in below:
+        if entry.is_dir():
+            yield from _below(folder, f"{path}/{entry.name}")
         else:
-            yield Found(found.relative_to(folder).as_posix(), found.stat())
+            yield Found(f"{path}/{entry.name}", entry.stat())

@@ -19,7 +19,7 @@ from sqlalchemy.orm import Session
 from sawmill_worker.contracts.events import EventKind
 from sawmill_worker.contracts.jobs import JobState
 from sawmill_worker.storage.backups.checking import Checked, Reporter, compare
-from sawmill_worker.storage.backups.copying import check_room_for, copy, flush_folders
+from sawmill_worker.storage.backups.copying import check_room_for, copy
 from sawmill_worker.storage.backups.errors import Refused
 from sawmill_worker.storage.backups.manifest import DATA, FOLDERS, Entry, Manifest, open_plain
 from sawmill_worker.storage.backups.rows import go_on_counting, read_rows
@@ -32,7 +32,7 @@ from sawmill_worker.storage.jobs import requeue
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.tables import JobRow
 from sawmill_worker.vocabulary import ProgressCallback
-from sawmill_worker.whole_files import flush
+from sawmill_worker.whole_files import flush, flushed_file_system
 
 _LOCK = "lock"
 # What is in an empty data folder: of a disk of its own, and of who looks whether it is served.
@@ -118,7 +118,8 @@ def _restore(backup: Checked, folder: Path, settings: StorageSettings, on_progre
     to_url = settings.url if file is None else f"sqlite:///{_unfinished(file)}"
     target = Database(make_engine(to_url, settings.database_password_file))
     try:
-        _copy_files(backup, folder / RESTORING / DATA, settings.disk_reserve_bytes, on_progress)
+        with flushed_file_system(folder / RESTORING):
+            _copy_files(backup, folder / RESTORING / DATA, settings.disk_reserve_bytes, on_progress)
         with target.filled(manifest.revision, lambda to: read_rows(to, backup.folder, manifest.tables)) as session:
             _take_jobs_back(session, backup)
             for path in (folder / RESTORING / DATA).iterdir():
@@ -212,7 +213,6 @@ def _copy_files(backup: Checked, into: Path, reserve_bytes: int, on_progress: Pr
         _copy(backup.folder, entry, target, report)
         if status.st_nlink > 1:
             names[status.st_ino, entry.sha256] = target
-    flush_folders(into)
 
 
 def _sizes(backup: Checked) -> dict[object, int]:

@@ -20,7 +20,6 @@ from sqlalchemy.types import TypeEngine
 from sawmill_worker.storage.backups.manifest import ROWS, Table, open_plain
 from sawmill_worker.storage.errors import Damaged
 from sawmill_worker.storage.tables import Base, ClockRow, SessionRow, UtcDateTime
-from sawmill_worker.whole_files import flushed
 
 # Logins are not restored, and a clock is its machine's.
 LEFT_OUT = {SessionRow.__tablename__, ClockRow.__tablename__}
@@ -94,9 +93,10 @@ def _write(connection: Connection, table: SqlTable, path: Path) -> Table:
     rows = size_bytes = 0
     sum_so_far = hashlib.sha256()
     found = connection.execution_options(yield_per=_BATCH).execute(select(table).order_by(*table.primary_key))
-    with flushed(path.open("xb")) as file:
-        for row in found.mappings():
-            line = json.dumps(dict(row), default=_time).encode() + b"\n"
+    names, encode = list(found.keys()), json.JSONEncoder(default=_time).encode
+    with path.open("xb") as file:
+        for row in found:
+            line = encode(dict(zip(names, row, strict=True))).encode() + b"\n"
             file.write(line)
             sum_so_far.update(line)
             rows, size_bytes = rows + 1, size_bytes + len(line)

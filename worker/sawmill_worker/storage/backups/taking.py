@@ -15,7 +15,6 @@ from typing import NamedTuple
 
 from sqlalchemy import inspect
 
-from sawmill_worker.storage.backups.copying import flush_folders
 from sawmill_worker.storage.backups.errors import Refused
 from sawmill_worker.storage.backups.folders import alone_in, backups_in, new_name, partial_of
 from sawmill_worker.storage.backups.laying import Laying
@@ -41,7 +40,7 @@ from sawmill_worker.storage.files import refuse_half_restored
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.vocabulary import ProgressCallback
 from sawmill_worker.vocabulary.version import VERSION
-from sawmill_worker.whole_files import flush_names, flushed
+from sawmill_worker.whole_files import flush_names, flushed_file_system
 
 _MOST_LOOKS = 20
 # For what is lacking because it is just being removed: its row goes with the next look.
@@ -86,9 +85,9 @@ def take_backup(settings: StorageSettings, into: Path, on_progress: ProgressCall
         part.mkdir(mode=0o700)
         database = Database(make_engine(settings.url, settings.database_password_file))
         try:
-            laying = Laying(folder, part / DATA, _earlier(into), on_progress)
-            manifest = _fill(database, part, laying)
-            flush_folders(part)
+            with flushed_file_system(part):
+                laying = Laying(folder, part / DATA, _earlier(into), on_progress)
+                manifest = _fill(database, part, laying)
         except BaseException:
             shutil.rmtree(part)
             raise
@@ -136,7 +135,7 @@ def _fill(database: Database, part: Path, laying: Laying) -> Manifest:
     else:
         raise StorageUnavailable(f"files went away at each of {_MOST_LOOKS} looks at the data folder: try again later")
     entries = laying.only(found)
-    with flushed((part / FILES).open("xb")) as file:
+    with (part / FILES).open("xb") as file:
         file.writelines(map(write_entry, entries))
     manifest = Manifest(
         version=VERSION,
