@@ -424,10 +424,43 @@ def test_rows_that_the_database_refuses_leave_nothing(backup, target):
     rows = backup / "rows" / "scanners.jsonl"
     rows.write_text(rows.read_text() * 2)
     sign(backup)
-    with pytest.raises(Damaged, match=r"the database refuses a row of rows/scanners.jsonl: .*(UNIQUE|unique)"):
+    with pytest.raises(Damaged, match=r"the database refuses line 2 of rows/scanners.jsonl: .*(UNIQUE|unique)"):
         restore(backup, target, silent)
     check_empty(target)
     assert list(target.data_folder.iterdir()) == []
+
+
+def change_row(backup: Path, table: str, **values: Any) -> None:
+    path = backup / "rows" / f"{table}.jsonl"
+    row, *others = path.read_text().splitlines()
+    path.write_text("\n".join([json.dumps(json.loads(row) | values), *others, ""]))
+
+
+@pytest.mark.parametrize(
+    ("table", "values", "words"),
+    [
+        ("scans", {"id": "../../../../x"}, "line 1 of rows/scans.jsonl is refused: id: String should match pattern"),
+        ("events", {"number": 2**63}, "line 1 of rows/events.jsonl is no row: number must be a whole number of at"),
+    ],
+    ids=["contract", "column"],
+)
+def test_a_row_that_does_not_fit_leaves_nothing(backup, elsewhere, table, values, words):
+    change_row(backup, table, **values)
+    sign(backup)
+    with pytest.raises(Damaged, match=words):
+        restore(backup, elsewhere, silent)
+    assert list(elsewhere.data_folder.iterdir()) == []
+
+
+@pytest.mark.parametrize("more", ["", "/below"], ids=["twice", "below-a-file"])
+def test_a_path_that_two_files_cannot_have_is_refused(backup, elsewhere, more):
+    line = json.loads((backup / FILES).read_text().splitlines()[0])
+    with (backup / FILES).open("a") as file:
+        file.write(json.dumps(line | {"path": line["path"] + more}) + "\n")
+    sign(backup)
+    with pytest.raises(Damaged, match=f"line 5 of files.jsonl names {line['path']}{more}, where another line has"):
+        restore(backup, elsewhere, silent)
+    assert not elsewhere.data_folder.exists()
 
 
 def test_a_backup_of_a_later_version_is_refused(backup, elsewhere):

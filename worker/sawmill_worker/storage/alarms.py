@@ -159,7 +159,12 @@ def _opened(session: Session, scanner_id: str | None) -> list[Alarm]:
     if scanner_id is not None:
         statement = statement.where(AlarmRow.scanner_id == scanner_id)
     rows = session.scalars(statement)
-    return [Alarm.model_validate({name: getattr(row, name) for name in Alarm.model_fields}) for row in rows]
+    return [read_alarm(row) for row in rows]
+
+
+def read_alarm(row: AlarmRow) -> Alarm:
+    """The alarm of a row."""
+    return Alarm.model_validate({name: getattr(row, name) for name in Alarm.model_fields})
 
 
 def _known(session: Session, scanner_id: str | None) -> Iterator[_Known]:

@@ -57,7 +57,9 @@ class Audit:
             `after` is not a cursor that an earlier page gave.
         """
         with self._database.read() as session:
-            return read_numbered_page(session, select(AuditRow), AuditRow.number, _read, after=after, limit=limit)
+            return read_numbered_page(
+                session, select(AuditRow), AuditRow.number, read_audit_entry, after=after, limit=limit
+            )
 
     def all(self) -> Iterator[AuditEntry]:
         """Every entry, the oldest first; a transaction for each few hundred."""
@@ -76,8 +78,9 @@ class Audit:
     def _following(self, number: int) -> list[AuditEntry]:
         statement = select(AuditRow).where(AuditRow.number > number).order_by(AuditRow.number).limit(_BATCH)
         with self._database.read() as session:
-            return [_read(row) for row in session.scalars(statement)]
+            return [read_audit_entry(row) for row in session.scalars(statement)]
 
 
-def _read(row: AuditRow) -> AuditEntry:
+def read_audit_entry(row: AuditRow) -> AuditEntry:
+    """The entry of a row."""
     return AuditEntry.model_validate({column.key: getattr(row, column.key) for column in AuditRow.__table__.columns})

@@ -108,8 +108,7 @@ class DriftCharts:
             active = active_since(session, scanner_id)
             if active is None:
                 return ScannerDrift(charts=[])
-            charts = _charts(session, active)
-            return ScannerDrift(charts=[_read(chart, active, _newest_look(session, chart)) for chart in charts])
+            return ScannerDrift(charts=[read_chart(session, chart) for chart in _charts(session, active)])
 
 
 def known_baselines(session: Session, scanner_id: str, calibration_id: str) -> tuple[KnownBaseline, ...]:
@@ -243,7 +242,9 @@ def _newest_look(session: Session, chart: DriftChartRow) -> MeasurementRow:
     return session.scalars(charted.order_by(MeasurementRow.number.desc()).limit(1)).one()
 
 
-def _read(chart: DriftChartRow, active: ActivationRow, newest: MeasurementRow) -> PooledDrift:
+def read_chart(session: Session, chart: DriftChartRow) -> PooledDrift:
+    """What a chart has found since its activation."""
+    activation, newest = session.get_one(ActivationRow, chart.activation_number), _newest_look(session, chart)
     pooled = {name: getattr(newest, name) for name in PooledDrift.model_fields if name.startswith("pooled_")}
     zero = None if chart.baseline is None else KnownBaseline.model_validate(chart.baseline)
     calibrated_mm = newest.cor_column_mm - (newest.cor_column_change_mm or 0.0)
@@ -252,8 +253,8 @@ def _read(chart: DriftChartRow, active: ActivationRow, newest: MeasurementRow) -
         pooled
         | {
             "method": chart.method,
-            "calibration_id": active.calibration_id,
-            "since": active.activated_at,
+            "calibration_id": activation.calibration_id,
+            "since": activation.activated_at,
             "looks": chart.looks,
             "last_at": chart.changed_at,
             "baseline": zero,

@@ -146,8 +146,12 @@ def _entries(scanner_id: str, kind: HistoryKind | None, since: datetime | None, 
 
 
 def _read(found: Row[Any]) -> HistoryEntry:
-    entry, measured = found.HistoryRow, found.MeasurementRow
-    stored = found._mapping.get(entry.subject) is not None  # noqa: SLF001 - public, as named tuples have it
+    stored = found._mapping.get(found.HistoryRow.subject) is not None  # noqa: SLF001 - public, as named tuples have it
+    return read_entry(found.HistoryRow, found.MeasurementRow, stored=stored)
+
+
+def read_entry(entry: HistoryRow, measured: MeasurementRow | None, *, stored: bool) -> HistoryEntry:
+    """The entry of a row, with what it measured, and with a link where its subject is stored still."""
     names = HistoryEntry.model_fields.keys() - {"link", "measured"}
     return HistoryEntry(
         **{name: getattr(entry, name) for name in names},

@@ -188,7 +188,7 @@ class Jobs:
                 return None
             row = found(session, JobRow, "job", claimed)
             record(session, now, EventKind.STARTED, row)
-            return Claim(_read(row), short_only=short is True)
+            return Claim(read_job(row), short_only=short is True)
 
     def heartbeat(self, claim: Claim, progress: Progress | None = None) -> bool:
         """Say that the attempt is alive, and carry progress out.
@@ -385,7 +385,7 @@ class Jobs:
                 return None
             self._fail(session, row, _worker_lost(row), retries)
             session.flush()
-            return _read(row)
+            return read_job(row)
 
     def queued_job_ids(
         self, *, older_than_s: float = 0.0, short: bool | None = None, limit: int | None = None
@@ -438,7 +438,7 @@ class Jobs:
     def _described(self, session: Session, rows: Sequence[JobRow]) -> list[Job]:
         """Jobs with their places and the time that they may take."""
         estimates = self._estimates.of(session, rows, self._database.now())
-        return [_read(row, estimates.get(row.id, NOTHING_KNOWN)) for row in rows]
+        return [read_job(row, estimates.get(row.id, NOTHING_KNOWN)) for row in rows]
 
     def _fail(
         self,
@@ -544,7 +544,8 @@ def _worker_lost(row: JobRow) -> Failure:
     )
 
 
-def _read(row: JobRow, estimate: WaitEstimate = NOTHING_KNOWN) -> Job:
+def read_job(row: JobRow, estimate: WaitEstimate = NOTHING_KNOWN) -> Job:
+    """The job of a row."""
     return Job.model_validate(
         {
             "id": row.id,

@@ -65,7 +65,7 @@ class KeyStore:
         """Every key, the newest first."""
         with self._database.read() as session:
             rows = session.scalars(select(KeyRow).order_by(KeyRow.created_at.desc(), KeyRow.id))
-            return Keys(keys=[_read(row) for row in rows])
+            return Keys(keys=[read_key(row) for row in rows])
 
     def rotate(self, key_id: str, *, grace_s: int = 0) -> NewKey:
         """Replace a key's secret; the old one opens for `grace_s` seconds more.
@@ -102,14 +102,14 @@ class KeyStore:
                 row.revoked_at = now
                 write_audit(session, now, AuditAction.KEY_REVOKED, key_id, {"name": row.name})
                 _announce(session, now, EventKind.KEY_REVOKED, key_id)
-            return _read(row)
+            return read_key(row)
 
     def good(self, secret_hash: str) -> Key | None:
         """The key that a secret of this hash opens now, if there is one."""
         now = self._database.now()
         with self._database.read() as session:
             row = session.scalar(select(KeyRow).where(opened_by(secret_hash, now)))
-            return None if row is None or not _is_good(row, now) else _read(row)
+            return None if row is None or not _is_good(row, now) else read_key(row)
 
     def used(self, key: Key) -> None:
         """Note that a key was used, at most once a minute."""
@@ -148,9 +148,10 @@ def _new_secret() -> str:
     return PREFIX + secrets.token_urlsafe(RANDOM_BYTES)
 
 
-def _read(row: KeyRow) -> Key:
+def read_key(row: KeyRow) -> Key:
+    """The key of a row."""
     return Key.model_validate({name: getattr(row, name) for name in Key.model_fields})
 
 
 def _with_secret(row: KeyRow, secret: str) -> NewKey:
-    return NewKey(**_read(row).model_dump(), secret=secret)
+    return NewKey(**read_key(row).model_dump(), secret=secret)

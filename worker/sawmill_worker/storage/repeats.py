@@ -122,7 +122,7 @@ class Repeats:
         """
         with self._database.write_as_one() as session:
             if not self._claim(session, request):
-                return _read(_row(session, request)).answer_to(request)
+                return read_kept(_row(session, request)).answer_to(request)
             made = make()
             _row(session, request).answer = asdict(kept_as(made))
             return made
@@ -131,7 +131,7 @@ class Repeats:
         """What has been answered under a request's key."""
         with self._database.read() as session:
             row = session.scalar(select(RepeatRow).where(_named(request), ~_old(self._database.now())))
-            return None if row is None else _read(row)
+            return None if row is None else read_kept(row)
 
     def forget_old(self) -> None:
         """Remove the answers that have been kept for their time."""
@@ -163,7 +163,8 @@ def _row(session: Session, request: KeyedRequest) -> RepeatRow:
     return session.get_one(RepeatRow, (request.caller, request.key))
 
 
-def _read(row: RepeatRow) -> Kept:
+def read_kept(row: RepeatRow) -> Kept:
+    """What a row keeps."""
     request = KeyedRequest(row.caller, row.key, row.request_sha256, row.file_sha256)
     assert row.answer is not None  # noqa: S101 - written before the claim is committed
     return Kept(request, row.created_at, Answer(**row.answer))

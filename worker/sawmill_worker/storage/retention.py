@@ -50,7 +50,7 @@ class RetentionStore:
     def get(self) -> Retention:
         """The rules in force, and what has gone by rules so far."""
         with self._database.read() as session:
-            return _read(session.get(RetentionRow, THE_ROW), self._database.now())
+            return read_retention(session.get(RetentionRow, THE_ROW), self._database.now())
 
     def preview(self, rules: RetentionRules) -> RetentionPreview:
         """List what would go by rules within the time for a confirmation, and what they reach that would stay."""
@@ -90,7 +90,7 @@ class RetentionStore:
             difference = changed(before, after)
             write_audit(session, now, AuditAction.RETENTION_CHANGED, RULES, difference)
             announce(session, now, EventKind.RETENTION_CHANGED, SUBJECT, RULES)
-            return _read(row, now)
+            return read_retention(row, now)
 
 
 def rules_of(row: RetentionRow | None) -> RetentionRules:
@@ -104,7 +104,8 @@ def waits_since(row: RetentionRow, now: datetime) -> datetime | None:
     return last if now - last > LONGEST_GAP else None
 
 
-def _read(row: RetentionRow | None, now: datetime) -> Retention:
+def read_retention(row: RetentionRow | None, now: datetime) -> Retention:
+    """The rules and what went by them; none where there is no row."""
     removed = {} if row is None else row.removed
     return Retention(
         rules=rules_of(row),

@@ -72,18 +72,20 @@ class Schedules:
             write_audit(session, now, AuditAction.SCHEDULE_CREATED, row.id, spec.model_dump(mode="json"))
             _announce(session, now, EventKind.SCHEDULE_CREATED, row)
             session.flush()
-            return _read(session, row)
+            return read_schedule(session, row)
 
     def get(self, schedule_id: str) -> Schedule:
         """One schedule, or `NotFound`."""
         with self._database.read() as session:
-            return _read(session, found(session, ScheduleRow, "schedule", schedule_id))
+            return read_schedule(session, found(session, ScheduleRow, "schedule", schedule_id))
 
     def page(self, *, scanner_id: str | None = None, after: str | None = None, limit: int = 50) -> Page[Schedule]:
         """Schedules, newest first."""
         statement = narrowed(select(ScheduleRow), {ScheduleRow.scanner_id: scanner_id})
         with self._database.read() as session:
-            return read_page(session, statement, ScheduleRow, lambda row: _read(session, row), after=after, limit=limit)
+            return read_page(
+                session, statement, ScheduleRow, lambda row: read_schedule(session, row), after=after, limit=limit
+            )
 
     def update(self, schedule_id: str, spec: ScheduleSpec) -> Schedule:
         """Replace a schedule; it is due next at the first time of its expression from now on.
@@ -106,7 +108,7 @@ class Schedules:
             write_audit(session, now, AuditAction.SCHEDULE_CHANGED, schedule_id, difference)
             _announce(session, now, EventKind.SCHEDULE_CHANGED, row, why=changes_in_words(difference))
             session.flush()
-            return _read(session, row)
+            return read_schedule(session, row)
 
     def delete(self, schedule_id: str) -> None:
         """Remove a schedule and the list of its runs; the calibrations stay."""
@@ -261,10 +263,16 @@ def _runs(session: Session, schedule_id: str, limit: int) -> list[ScheduleRun]:
         .order_by(ScheduleRunRow.due_at.desc())
         .limit(limit)
     )
-    return [ScheduleRun.model_validate({name: getattr(row, name) for name in ScheduleRun.model_fields}) for row in rows]
+    return [read_schedule_run(row) for row in rows]
 
 
-def _read(session: Session, row: ScheduleRow) -> Schedule:
+def read_schedule_run(row: ScheduleRunRow) -> ScheduleRun:
+    """The run of a row."""
+    return ScheduleRun.model_validate({name: getattr(row, name) for name in ScheduleRun.model_fields})
+
+
+def read_schedule(session: Session, row: ScheduleRow) -> Schedule:
+    """The schedule of a row, with its last run."""
     last = _runs(session, row.id, 1)
     known = {name: getattr(row, name) for name in Schedule.model_fields if name != "last_run"}
     return Schedule.model_validate(known | {"last_run": last[0] if last else None})

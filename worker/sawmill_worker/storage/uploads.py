@@ -71,7 +71,7 @@ class Uploads:
             _check_quota(session, row, quota)
             session.add(row)
             announce(session, now, EventKind.UPLOAD_CREATED, "upload", row.id)
-            return _read(row)
+            return read_upload(row)
 
     def get(self, upload_id: str) -> Upload:
         """One upload of the actor's key, or `NotFound`."""
@@ -79,7 +79,7 @@ class Uploads:
             row = found(session, UploadRow, "upload", upload_id)
             if row.key_id != actor().key_id:
                 raise NotFound("upload", upload_id)
-            return _read(row)
+            return read_upload(row)
 
     def begin_part(self, upload_id: str, offset_bytes: int, *, part_bytes: int = 0, reserve_bytes: int = 0) -> Part:
         """Open an upload for its next part, which nobody else writes meanwhile; `close` must follow.
@@ -242,7 +242,8 @@ def _not_usable(upload: Upload) -> Conflict:
     return Conflict("upload-incomplete", msg)
 
 
-def _read(row: UploadRow) -> Upload:
+def read_upload(row: UploadRow) -> Upload:
+    """The upload of a row."""
     return Upload(
         id=row.id,
         created_at=row.created_at,

@@ -88,25 +88,25 @@ class WebhookStore:
         """Every one, the newest first."""
         with self._database.read() as session:
             rows = session.scalars(select(WebhookRow).order_by(WebhookRow.created_at.desc(), WebhookRow.id))
-            return Webhooks(webhooks=[_read(session, row) for row in rows.all()])
+            return Webhooks(webhooks=[read_webhook(session, row) for row in rows.all()])
 
     def get(self, webhook_id: str) -> Webhook:
         """One webhook, or `NotFound`."""
         with self._database.read() as session:
-            return _read(session, found(session, WebhookRow, "webhook", webhook_id))
+            return read_webhook(session, found(session, WebhookRow, "webhook", webhook_id))
 
     def signing(self, webhook_id: str) -> tuple[Webhook, tuple[str, ...]]:
         """One webhook and its secrets, or `NotFound`."""
         with self._database.read() as session:
             row = found(session, WebhookRow, "webhook", webhook_id)
-            return _read(session, row), secret_of(row, self._database.now())
+            return read_webhook(session, row), secret_of(row, self._database.now())
 
     def update(self, webhook_id: str, ask: WebhookAsk) -> Webhook:
         """Replace a webhook; where it is enabled, the next attempt comes at once."""
         with self._database.write() as session:
             row = found(session, WebhookRow, "webhook", webhook_id, lock=True)
             _replace(session, self._database.now(), row, ask)
-            return _read(session, row)
+            return read_webhook(session, row)
 
     def enable(self, webhook_id: str, *, enabled: bool) -> None:
         """Turn it on or off, or `NotFound`."""
@@ -153,7 +153,7 @@ class WebhookStore:
         statement = select(DeliveryRow).where(DeliveryRow.webhook_id == webhook_id)
         with self._database.read() as session:
             found(session, WebhookRow, "webhook", webhook_id)
-            return read_numbered_page(session, statement, DeliveryRow.number, _read_delivery, after=after, limit=limit)
+            return read_numbered_page(session, statement, DeliveryRow.number, read_delivery, after=after, limit=limit)
 
     def forget_deliveries(self) -> None:
         """Remove entries of deliveries that are older than is kept, some at a time."""
@@ -199,7 +199,8 @@ def _state(row: WebhookRow) -> WebhookState:
     return WebhookState.RETRYING if row.failures else WebhookState.ACTIVE
 
 
-def _read(session: Session, row: WebhookRow) -> Webhook:
+def read_webhook(session: Session, row: WebhookRow) -> Webhook:
+    """The webhook of a row as it stands, with what waits for it."""
     oldest = session.scalar(select(EventRow.at).where(wanted_by(row)).order_by(EventRow.number).limit(1))
     some = select(EventRow.number).where(wanted_by(row)).limit(COUNTED).subquery()
     waiting = session.scalar(select(func.count()).select_from(some))
@@ -209,10 +210,11 @@ def _read(session: Session, row: WebhookRow) -> Webhook:
 
 
 def _with_secret(session: Session, row: WebhookRow) -> NewWebhook:
-    return NewWebhook(**_read(session, row).model_dump(), secret=row.secret)
+    return NewWebhook(**read_webhook(session, row).model_dump(), secret=row.secret)
 
 
-def _read_delivery(row: DeliveryRow) -> Delivery:
+def read_delivery(row: DeliveryRow) -> Delivery:
+    """The delivery of a row."""
     return Delivery.model_validate({name: getattr(row, name) for name in Delivery.model_fields})
 
 

@@ -132,16 +132,21 @@ def read_entries(folder: Path) -> Iterator[Entry]:
     Raises
     ------
     Damaged
-        A line is none of a file that could be in a data folder.
+        A line is none of a file that could be in a data folder beside those before it.
     """
     with open_plain(folder / FILES) as file:
-        number = 0
+        number, files, folders = 0, set[str](), set[str]()
         while line := file.readline(_LONGEST_LINE):
             number += 1
             entry = _entry(line)
             if entry is None:
                 sentence = line[:200].decode(errors="replace").strip()
                 raise Damaged(f"line {number} of {FILES} names no file of a data folder: {sentence}")
+            above = {entry.path[: slash.start()] for slash in re.finditer("/", entry.path)}
+            if entry.path in files or entry.path in folders or above & files:
+                raise Damaged(f"line {number} of {FILES} names {entry.path}, where another line has a file")
+            files.add(entry.path)
+            folders |= above
             yield entry
 
 

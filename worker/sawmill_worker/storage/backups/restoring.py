@@ -22,6 +22,7 @@ from sawmill_worker.storage.backups.checking import Checked, Reporter, compare
 from sawmill_worker.storage.backups.copying import check_room_for, copy
 from sawmill_worker.storage.backups.errors import Refused
 from sawmill_worker.storage.backups.manifest import DATA, FOLDERS, Entry, Manifest, open_plain
+from sawmill_worker.storage.backups.row_contracts import refuse_unfit_row
 from sawmill_worker.storage.backups.rows import go_on_counting, read_rows
 from sawmill_worker.storage.database import Database, has_tables, is_known, newest_revision
 from sawmill_worker.storage.engines import make_engine
@@ -121,6 +122,7 @@ def _restore(backup: Checked, folder: Path, settings: StorageSettings, on_progre
         with flushed_file_system(folder / RESTORING):
             _copy_files(backup, folder / RESTORING / DATA, settings.disk_reserve_bytes, on_progress)
         with target.filled(manifest.revision, lambda to: read_rows(to, backup.folder, manifest.tables)) as session:
+            refuse_unfit_row(session, backup.folder)
             _take_jobs_back(session, backup)
             for path in (folder / RESTORING / DATA).iterdir():
                 path.rename(folder / path.name)
