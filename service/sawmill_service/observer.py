@@ -4,6 +4,7 @@ import time
 from http import HTTPMethod, HTTPStatus
 
 import structlog
+from anyio import BrokenResourceError
 from prometheus_client import CollectorRegistry, Counter, Histogram
 from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -53,7 +54,10 @@ class Observer:
 
         started = time.perf_counter()
         try:
-            await self.app(scope, receive, send_observed)
+            try:
+                await self.app(scope, receive, send_observed)
+            except* BrokenResourceError:
+                pass  # an event waited to be sent in FastAPI's stream when its client left, which is how streams end
         except ClientDisconnect:
             status = CLIENT_GONE
         except Exception:

@@ -282,3 +282,32 @@ def test_many_streams_look_at_the_table_as_one_would_and_the_slow_ones_miss_noth
     every = [str(event.number) for event in store.events.following(0)]
     for text in texts:
         assert [block["id"] for block in blocks(text) if block["event"] not in {"alive", "closing"}] == every
+
+
+def test_a_client_that_leaves_while_events_wait_for_it_is_no_failure(seeded, log_lines):
+    """It has not read the first event when it leaves, and others wait behind that."""
+    feed = seeded.app.state.event_feed
+
+    async def story() -> None:
+        sending = asyncio.Event()
+
+        async def receive() -> dict[str, Any]:
+            if not sending.is_set():
+                await sending.wait()
+                await asyncio.to_thread(wait_until, lambda: feed._looked_at_s > 0.0)
+                await asyncio.sleep(0.2)  # several events have come up, and wait
+            return {"type": "http.disconnect"}
+
+        async def send(message: dict[str, Any]) -> None:
+            if message["type"] == "http.response.body":
+                sending.set()
+                await asyncio.Event().wait()
+
+        url = httpx.URL("http://127.0.0.1:8000", path="/v1/events", query=b"after=0")
+        scope = {"type": "http", "http_version": "1.1", "asgi": {"spec_version": "2.3"}, "method": "GET"}
+        scope |= {"path": url.path, "raw_path": url.raw_path, "query_string": url.query, "scheme": "http"}
+        scope |= {"headers": [(b"host", b"127.0.0.1:8000")], "client": ("127.0.0.1", 9), "server": ("127.0.0.1", 8000)}
+        await asyncio.wait_for(seeded.app(scope, receive, send), 60)
+
+    asyncio.run(story())
+    assert [(line["event"], line["level"]) for line in log_lines()] == [("request", "info")]
