@@ -340,6 +340,15 @@ def test_other_folders_on_another_file_system_get_whole_files(watched, tmp_path,
     assert (watched.left(), watched.records(), list((watched.folder / "taken").glob("*/*"))) == ([], [], [])
 
 
+def test_a_mark_that_is_a_link_marks_nothing_and_its_file_is_taken_once_it_stands_still(watched, log):
+    watched.put("scan.npy", b"1")
+    (watched.folder / "scan.npy.done").symlink_to("scan.npy.done")
+    with stepping(watched) as step:
+        step(5)
+    assert [line["file"].rpartition("/")[2] for line in log("left-alone")] == ["scan.npy.done"]
+    assert len(watched.scans()) == 1
+
+
 def test_links_folders_and_names_that_nothing_matches_are_left_alone_and_named_once(watched, log, tmp_path):
     secret = tmp_path / "secret.npy"
     secret.write_bytes(b"secret")

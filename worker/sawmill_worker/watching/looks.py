@@ -110,7 +110,11 @@ class Looks:
     def _is_marked(self, name: str, names: set[str], seen: Signature) -> bool:
         """A mark older than the file is that of an earlier one of its name."""
         marker = self.marker(name)
-        return marker is not None and marker.name in names and signature(marker)[1] >= seen[1]
+        if marker is None or marker.name not in names:
+            return False
+        if marker.is_symlink():
+            return self._leave(marker.name, "it is a link, which marks no file as whole")
+        return signature(marker)[1] >= seen[1]
 
     def _is_watched(self, name: str) -> bool:
         suffix = self._settings.done_suffix
