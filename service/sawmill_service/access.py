@@ -1,6 +1,7 @@
 """Who sends a request, and what that one may do: by the token, a key, a session, or by sitting at this machine."""
 
 import hmac
+import re
 from base64 import b64decode
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -322,8 +323,9 @@ def client_address(scope: RequestScope) -> str | None:
 
 
 def host_name(host: str) -> str:
-    """A Host header without its port, in lower case."""
-    return host.lower() if host.endswith("]") else host.rsplit(":", 1)[0].lower()
+    """Return a Host header without its port, in lower case; as it is where what follows the name is no port."""
+    name, _, port = host.rpartition(":")
+    return (name if name and re.fullmatch("[0-9]{0,5}", port) else host).lower()
 
 
 def came_in_over_loopback(scope: RequestScope) -> bool:

@@ -164,6 +164,7 @@ def create_app(
     app.add_middleware(
         Gate,
         allowed_hosts=settings.names,
+        behind_proxy=settings.behind_proxy,
         access=app.state.access,
         max_body_bytes=settings.max_json_bytes,
         larger_bodies={

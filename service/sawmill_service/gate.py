@@ -79,6 +79,8 @@ class Gate:
     ----------
     allowed_hosts
         Host names without a port. The loopback names are right where the connection came in over loopback.
+    behind_proxy
+        Whether browsers may reach the service through a proxy.
     access
         Finds out who sends a request; whatever is done in it is done in that one's name.
     max_body_bytes
@@ -97,6 +99,7 @@ class Gate:
         app: ASGIApp,
         *,
         allowed_hosts: Iterable[str],
+        behind_proxy: bool,
         access: Access,
         max_body_bytes: int,
         larger_bodies: Mapping[tuple[str, str], int],
@@ -105,6 +108,7 @@ class Gate:
     ) -> None:
         self.app = app
         self.allowed_hosts = frozenset(host.lower() for host in allowed_hosts)
+        self.behind_proxy = behind_proxy
         self.access = access
         self.max_body_bytes = max_body_bytes
         self.larger_bodies = dict(larger_bodies)
@@ -168,7 +172,10 @@ class Gate:
                 "unknown-host",
                 f"this service does not answer as {host[:100]!r}; SAWMILL_ALLOWED_HOSTS adds a name",
             )
-        if scope["method"] not in SAFE_METHODS and _from_elsewhere(headers, host):
+        # A proxy that speaks TLS need not report that to the service.
+        own_schemes = {scope["scheme"], "https"} if self.behind_proxy else {scope["scheme"]}
+        own_origins = {f"{scheme}://{host}" for scheme in own_schemes}
+        if scope["method"] not in SAFE_METHODS and _from_elsewhere(headers, own_origins):
             raise Refused(403, "other-site", "a page of another site may not change anything here")
 
 
@@ -213,12 +220,11 @@ def _check_length(scope: Scope, headers: Headers, limit: int) -> None:
         raise too_large(limit)
 
 
-def _from_elsewhere(headers: Headers, host: str) -> bool:
+def _from_elsewhere(headers: Headers, own_origins: Iterable[str]) -> bool:
     """Whether a browser reports that another site's page sent this; other programs report nothing."""
     if headers.get("sec-fetch-site", "none") not in {"none", "same-origin"}:
         return True
-    origin = headers.get("origin")
-    return origin is not None and origin.partition("://")[2] != host
+    return "origin" in headers and headers["origin"] not in own_origins
 
 
 def too_large(limit: int) -> Refused:

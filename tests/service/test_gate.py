@@ -15,7 +15,15 @@ def test_loopback_names_are_answered(client, host):
 
 
 @pytest.mark.parametrize(
-    "host", ["mill.example", "127.0.0.1.evil.example", "localhost@evil.example", "", "evil:127.0.0.1"]
+    "host",
+    [
+        "mill.example",
+        "127.0.0.1.evil.example",
+        "localhost@evil.example",
+        "",
+        "evil:127.0.0.1",
+        "localhost:80@evil.example",
+    ],
 )
 def test_other_names_are_refused(client, host):
     answer = client.get("/health/live", headers={"Host": host})
@@ -57,6 +65,8 @@ def test_its_own_name_and_allowed_ones_are_answered_from_everywhere(client, stor
     "headers",
     [
         {"Origin": "http://evil.example"},
+        {"Origin": "https://127.0.0.1:8000"},
+        {"Origin": "data://127.0.0.1:8000"},
         {"Origin": "null"},
         {"Origin": "null", "Sec-Fetch-Site": "same-origin"},
         {"Sec-Fetch-Site": "cross-site"},
@@ -73,6 +83,13 @@ def test_another_sites_page_may_read_nothing_into_and_change_nothing(client, hea
 @pytest.mark.parametrize("headers", [{}, {"Origin": "http://127.0.0.1:8000", "Sec-Fetch-Site": "same-origin"}])
 def test_programs_and_our_own_pages_may(client, headers):
     assert client.post("/v1/scanners", json=SPEC, headers=headers).status_code == 201
+
+
+@pytest.mark.parametrize(("origin", "status"), [("https", 401), ("http", 401), ("data", 403)])
+def test_a_page_behind_a_proxy_that_speaks_tls_is_our_own(client, store, origin, status):
+    client.app = create_app(ServiceSettings(public_url="https://mill.example"), store, print)
+    headers = {"Host": "mill.example", "Origin": f"{origin}://mill.example"}
+    assert client.post("/v1/scanners", json=SPEC, headers=headers).status_code == status
 
 
 @pytest.mark.parametrize("path", ["/", "/docs", "/v1/scanners", "/nothing", "/static/console.js"])
