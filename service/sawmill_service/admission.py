@@ -18,6 +18,8 @@ from sawmill_service.unread_bodies import has_body
 
 _MOST_HEADERS = 100
 _MOST_HEAD_BYTES = 20 * 2**10
+# Of all streams every so-manieth is kept for displays on the wall, whose keys are made for nothing else.
+_SHARE_OF_DISPLAYS = 4
 # Places become free as answers begin, most of them within a second.
 _RETRY_S = 2
 
@@ -105,8 +107,13 @@ class Admission:
         caller = who(scope)
         kind = _kind(scope, headers)
         if kind == "streams":
-            detail = f"{self._streams} streams of events are open: close one, or ask now and then instead"
+            advice = "close one, or ask now and then instead"
+            detail = f"{self._streams} streams of events are open: {advice}"
             place.enter_context(self._places.one("all streams", self._streams, detail))
+            if not scope["state"]["caller"].display:
+                most = self._streams - self._streams // _SHARE_OF_DISPLAYS
+                detail = f"{most} streams of events are open, and the others are for displays: {advice}"
+                place.enter_context(self._places.one("streams but those of displays", most, detail))
         detail = f"{self._at_once[kind]} {kind} of {caller} are being answered: wait for one of them"
         place.enter_context(self._places.one(f"{kind} {caller}", self._at_once[kind], detail))
 

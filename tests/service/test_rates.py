@@ -13,6 +13,7 @@ from sawmill_service.callers import who
 from sawmill_service.problems import Refused
 from sawmill_service.rates import BoundedMemory, FailedLogins, Rates
 from sawmill_service.settings import ServiceSettings
+from sawmill_worker.contracts.keys import KeyAsk, NewKey, Scope
 from sawmill_worker.contracts.scanners import ScannerSpec
 from sawmill_worker.contracts.scans import ScanSpec
 from sawmill_worker.storage.acting import Actor, acting_as
@@ -245,5 +246,31 @@ def test_streams_and_waits_are_bounded_all_are_told_the_end_and_leave_their_plac
             assert ["cancelled" in answer.text for answer in answers] == [True] * most
             again = await asyncio.gather(*[http.get(address) for _ in range(most)])
             assert {answer.status_code for answer in again} == {200}
+
+    asyncio.run(story())
+
+
+def test_a_display_finds_a_stream_when_other_keys_have_taken_theirs(limited, store):
+    client = limited(max_streams=4, event_poll_s=0.01)
+    keys = [store.keys.create(KeyAsk(name=name, scope=Scope.READ)) for name in ("first", "second")]
+    display = store.keys.create(KeyAsk(name="wall", scope=Scope.READ, display=True))
+
+    async def story() -> None:
+        transport = httpx.ASGITransport(client.app)
+        async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1:8000", timeout=60) as http:
+
+            def follow(key: NewKey) -> asyncio.Task[httpx.Response]:
+                headers = {"Authorization": f"Bearer {key.secret}"}
+                return asyncio.create_task(http.get("/v1/events", headers=headers))
+
+            streams = [follow(key) for key in (*keys, *keys)]
+            refused, open_streams = await asyncio.wait(streams, timeout=60, return_when=asyncio.FIRST_COMPLETED)
+            assert ["3 streams of events are open" in task.result().text for task in refused] == [True]
+            displays = [follow(display) for _ in range(2)]
+            refused, on_the_wall = await asyncio.wait(displays, timeout=60, return_when=asyncio.FIRST_COMPLETED)
+            assert ["4 streams of events are open" in task.result().text for task in refused] == [True]
+            client.app.state.stopping.begin()
+            ended = await asyncio.gather(*open_streams, *on_the_wall)
+            assert {answer.status_code for answer in ended} == {200}
 
     asyncio.run(story())
