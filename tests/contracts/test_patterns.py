@@ -1,6 +1,8 @@
 """The contract's regular expressions fit what is read, and the conditions between fields what is refused."""
 
 import re
+import sys
+import unicodedata
 from datetime import UTC, datetime
 
 import pytest
@@ -11,6 +13,7 @@ from results import THETA
 
 from sawmill_worker.contracts import patterns
 from sawmill_worker.contracts.base import Name, SteppedRows
+from sawmill_worker.contracts.given import hidden_characters
 from sawmill_worker.contracts.keys import KeyAsk
 from sawmill_worker.contracts.phantoms import PhantomAsk
 from sawmill_worker.contracts.reconstructions import ReconstructionAsk
@@ -47,9 +50,19 @@ def test_rows_and_names_that_fit_their_patterns_are_read():
     for text in ("3", "a:b", "1:0", "0:8:0", "0:16\n"):
         assert not taken(SteppedRows, text), text
         assert re.fullmatch(patterns.STEPPED_ROWS, text) is None, text
-    for name, fits in {"Line 2": True, "Säge": True, "": False, "  ": False, "a\nb": False, "a\u202eb": False}.items():
+    names = {"Line 2": True, "Säge": True, "Mätäsvaara, linja 2 (å)": True, "": False, "  ": False, "a\nb": False}
+    for name, fits in {**names, "a\u202eb": False, "a\u200bb": False, "\u200eab": False, "a\u061cb": False}.items():
         assert (re.fullmatch(patterns.NAME, name) is not None) is fits, name
         assert not fits or taken(Name, name)
+
+
+def test_every_format_character_of_unicode_is_refused_in_a_text():
+    format_characters = [chr(code) for code in range(sys.maxunicode + 1) if unicodedata.category(chr(code)) == "Cf"]
+    assert len(format_characters) > 160
+    sent = {f"{ord(letter):x}": f"a{letter}b" for letter in format_characters}
+    assert len(list(hidden_characters(sent))) == len(sent)
+    shown = {"finnish": "Höyläämö Åbo", "russian": "Лесопилка", "arabic": "منشرة", "wide": "製材所", "emoji": "🪵"}
+    assert list(hidden_characters(shown)) == []
 
 
 @pytest.mark.parametrize(

@@ -147,7 +147,7 @@ def test_half_a_surrogate_is_refused(client):
 )
 def test_a_name_with_a_control_character_is_refused_and_quoted_safely(client, name, seen):
     found = problem(client.post("/v1/scanners", json={**SPEC, "name": name}))
-    assert found.detail.startswith("body.name must be without control characters, not with U+")
+    assert found.detail.startswith("body.name must be without control characters and invisible ones, not with U+")
     assert found.detail.endswith(seen)
     asked = client.post("/v1/scans", params={"scanner_id": "line-2", "data": "counts", "name": name}, content=b"x")
     assert problem(asked).detail.startswith("query.name must be without control characters")

@@ -15,11 +15,14 @@ from pydantic import (
 )
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
+from sawmill_worker.contracts import patterns
 from sawmill_worker.contracts.base import Contract
 
-# Control characters, line separators, half surrogates, and those that reverse the direction of what follows them: a
-# name is one line that looks like what it is.
-_NOT_SHOWN = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069\ud800-\udfff]")
+# With half surrogates, and the format characters of the planes beyond the first.
+_NOT_SHOWN = re.compile(
+    rf"[{patterns.NOT_SHOWN}\ud800-\udfff\U000110bd\U000110cd\U00013430-\U0001343f\U0001bca0-\U0001bca3"
+    r"\U0001d173-\U0001d17a\U000e0001\U000e0020-\U000e007f]"
+)
 _NUMBER = re.compile(r"[-+]?[\d_.]+(e[-+]?\d+)?", re.IGNORECASE)
 _DAY = re.compile("[0-9]{4}-[0-9]{2}-[0-9]{2}")
 _TIME = TypeAdapter(AwareDatetime)
@@ -36,7 +39,8 @@ def hidden_characters(sent: dict[str, Any] | list[Any]) -> Iterator[dict[str, An
             if isinstance(value, dict | list):
                 ahead.append(((*place, name), value))
             elif isinstance(value, str) and (found := _NOT_SHOWN.search(value.strip())):
-                message = f"must be without control characters, not with U+{ord(found[0]):04X} as in {value!r:.100}"
+                wrong = f"U+{ord(found[0]):04X} as in {value!r:.100}"
+                message = f"must be without control characters and invisible ones, not with {wrong}"
                 yield {"type": "value_error", "loc": (*place, name), "msg": message, "input": value}
 
 
