@@ -8,7 +8,7 @@ ROWS = r"^[0-9]{1,9}:[1-9][0-9]{0,8}$"
 STEPPED_ROWS = r"^[0-9]{1,9}:[1-9][0-9]{0,8}(:[1-9][0-9]{0,8})?$"
 
 # Control characters, line separators, and Unicode's format characters (category Cf), which are not seen or change the
-# direction of what follows them: two names that look alike are one. Of the planes beyond the first they stand in
+# direction of what follows them, so two names would look the same. Of the planes beyond the first they stand in
 # `sawmill_worker.contracts.given` alone.
 NOT_SHOWN = (
     r"\x00-\x1f\x7f-\x9f\u00ad\u0600-\u0605\u061c\u06dd\u070f\u0890\u0891\u08e2\u180e\u200b-\u200f\u2028-\u202e"
