@@ -141,8 +141,8 @@ def test_the_published_drawing_is_the_built_in_l(published):
     [
         (np.zeros((4, 100)), FIELD, r"shape \(4, 100\)"),
         (np.zeros((20, 20, 3)), FIELD, r"shape \(20, 20, 3\)"),
-        (np.eye(20), 0.0, "width must be a positive number of millimetres, not 0.0"),
-        (np.eye(20), math.nan, "width must be a positive number"),
+        (np.eye(20), 0.0, "width is 0 mm: give the width of the whole picture, at least 0.1 mm"),
+        (np.eye(20), math.nan, "width is nan mm"),
         (np.full((20, 20), 7.0), FIELD, "of one grey throughout"),
         (np.pad(np.ones((2, 2)), 20), FIELD, "no outline of at least 25 pixels"),
         (np.kron(np.indices((42, 42)).sum(0) % 2, np.ones((8, 8))), FIELD, "outlines, more than 200"),

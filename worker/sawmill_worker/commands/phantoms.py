@@ -3,11 +3,8 @@
 from sawmill_worker.commands.options import PhantomSource
 from sawmill_worker.contracts.built_in import BUILT_IN_PHANTOMS
 from sawmill_worker.contracts.phantoms import PhantomDrawing
-from sawmill_worker.readers.picture import read_picture
-from sawmill_worker.tomography.tracing import trace
-from sawmill_worker.use_cases.capacity import memory_available
-from sawmill_worker.use_cases.conversion import from_phantom
 from sawmill_worker.use_cases.phantom_file import read_drawing
+from sawmill_worker.use_cases.phantom_picture import traced_drawing
 
 
 def drawing_of(source: PhantomSource) -> PhantomDrawing:
@@ -21,6 +18,5 @@ def drawing_of(source: PhantomSource) -> PhantomDrawing:
     if source.is_built_in:
         return BUILT_IN_PHANTOMS[source.text]
     if source.width_mm is not None:
-        picture = read_picture(source.path, free_bytes=memory_available())
-        return from_phantom(trace(picture, source.width_mm, name=source.path.stem))
+        return traced_drawing(source.path, source.width_mm, name=source.path.stem)
     return read_drawing(source.path)

@@ -4,10 +4,7 @@ from typing import Any
 
 from sawmill_worker.jobs.attempt import Attempt
 from sawmill_worker.jobs.needs import Needs
-from sawmill_worker.readers.picture import read_picture
-from sawmill_worker.tomography.tracing import trace
-from sawmill_worker.use_cases.capacity import memory_available
-from sawmill_worker.use_cases.conversion import from_phantom
+from sawmill_worker.use_cases.phantom_picture import traced_drawing
 
 
 def run(attempt: Attempt) -> dict[str, Any]:
@@ -15,9 +12,8 @@ def run(attempt: Attempt) -> dict[str, Any]:
     asked = attempt.given.picture
     assert asked is not None  # noqa: S101 - of the one kind that traces
     attempt.report_stage(0.1, "trace")
-    picture = read_picture(attempt.file, free_bytes=memory_available())
-    traced = trace(picture, asked.width_mm, name=asked.name, size_tolerance=asked.size_tolerance)
-    return from_phantom(traced).model_dump(mode="json")
+    drawing = traced_drawing(attempt.file, asked.width_mm, name=asked.name, size_tolerance=asked.size_tolerance)
+    return drawing.model_dump(mode="json")
 
 
 def needs(_: Attempt) -> Needs:

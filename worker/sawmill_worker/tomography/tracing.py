@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from sawmill_worker.tomography.geometry import FloatArray
 from sawmill_worker.tomography.phantom import Disc, Phantom, PhantomError, Polygon, Shape
-from sawmill_worker.vocabulary import STANDARD_SIZE_TOLERANCE
+from sawmill_worker.vocabulary import MOST_CORNERS, STANDARD_SIZE_TOLERANCE
 
 # In pixels: a contour this close to a circle is one; a polygon may cut corners by so much before its sides are fitted.
 CIRCLE_RMS = 0.4
@@ -15,6 +15,8 @@ CORNER_CUT = 1.5
 # Corners of the outline within this many pixels are left out when a side is fitted: contouring rounds them.
 NEAR_CORNER = 3.0
 LEAST_AREA = 25.0
+# No picture of less shows a polygon of 0.01 mm², the smallest that a drawing may have.
+LEAST_WIDTH_MM = 0.1
 MOST_SHAPES = 200
 # Sides of pixels between bright and dark: one point of an outline each, and some 250 bytes while they are joined.
 MOST_EDGES = 1_000_000
@@ -43,14 +45,17 @@ def trace(
     Raises
     ------
     PhantomError
-        If the picture shows no outline, or far too many.
+        If the picture shows no outline, or far too many, or one of too many corners.
     """
     from skimage.measure import find_contours  # noqa: PLC0415 - takes a second to import, for pictures only
 
     if picture.ndim != 2 or min(picture.shape) < 8:
         raise PhantomError(f"the picture has shape {picture.shape}: give a grey picture of at least 8 x 8 pixels")
-    if not (math.isfinite(width_mm) and width_mm > 0.0):
-        raise PhantomError(f"the picture's width must be a positive number of millimetres, not {width_mm}")
+    if not (math.isfinite(width_mm) and width_mm >= LEAST_WIDTH_MM):
+        raise PhantomError(
+            f"the picture's width is {width_mm:g} mm: give the width of the whole picture, at least {LEAST_WIDTH_MM:g} "
+            "mm"
+        )
     low, high = float(picture.min()), float(picture.max())
     if not high > low:
         raise PhantomError("the picture is of one grey throughout: the phantom must be brighter than its surroundings")
@@ -59,17 +64,14 @@ def trace(
     level = 0.5 * (low + high)
     _check_edges(picture, level)
     first, bright = _bright_part(picture, level, low)
-    shapes: list[Shape] = []
-    for contour in find_contours(bright, level):
-        outline = contour[:-1] + first
-        area = _area(outline)
-        if abs(area) >= LEAST_AREA:
-            # find_contours runs with the bright side on one hand, so the sign of the area tells wood from hole.
-            shapes.append(_shape((outline - centre) * pixel, pixel, 1.0 if area < 0.0 else -1.0))
-    if not shapes:
+    outlines = [contour[:-1] + first for contour in find_contours(bright, level)]
+    outlines = [outline for outline in outlines if abs(_area(outline)) >= LEAST_AREA]
+    if not outlines:
         raise PhantomError("the picture shows no outline of at least 25 pixels")
-    if len(shapes) > MOST_SHAPES:
-        raise PhantomError(f"the picture shows {len(shapes)} outlines, more than {MOST_SHAPES}: give a clean drawing")
+    if len(outlines) > MOST_SHAPES:
+        raise PhantomError(f"the picture shows {len(outlines)} outlines, more than {MOST_SHAPES}: give a clean drawing")
+    # find_contours runs with the bright side on one hand, so the sign of the area tells wood from hole.
+    shapes = [_shape((outline - centre) * pixel, pixel, 1.0 if _area(outline) < 0.0 else -1.0) for outline in outlines]
     if not any(shape.density > 0.0 for shape in shapes):
         raise PhantomError("the picture shows holes only: the phantom must be brighter than its surroundings")
     return Phantom(name, tuple(shapes), max(size_tolerance, _pixel_tolerance(shapes, pixel)))
@@ -138,15 +140,43 @@ def _circle(points: FloatArray) -> tuple[tuple[float, float], float, float]:
 
 
 def _corners(outline: FloatArray, tolerance: float) -> NDArray[np.intp]:
-    """Indices of the outline's corners; it starts at one, so that no side is cut in two."""
-    from skimage.measure import approximate_polygon  # noqa: PLC0415 - takes a second to import, for pictures only
+    """Find the indices of the outline's corners; it starts at one, so that no side is cut in two.
 
+    A side is cut at its farthest point until none is farther than the tolerance (Douglas and Peucker 1973).
+
+    Raises
+    ------
+    PhantomError
+        There are more than MOST_CORNERS.
+    """
     first = int(np.argmax(((outline - outline.mean(axis=0)) ** 2).sum(axis=1)))
     closed = np.concatenate([outline[first:], outline[: first + 1]])
-    kept = approximate_polygon(closed, tolerance)[:-1]
-    # approximate_polygon returns some of the points themselves, in order.
-    where = [int(np.flatnonzero((closed[:-1] == corner).all(axis=1))[0]) for corner in kept]
-    return (np.array(where) + first) % len(outline)
+    x, y = closed.T.copy()
+    corners, sides = [0], [(0, len(outline))]
+    while sides:
+        start, stop = sides.pop()
+        squares = _squared_distances(x[start : stop + 1], y[start : stop + 1])
+        farthest = start + int(np.argmax(squares))
+        if squares[farthest - start] <= tolerance**2:
+            continue
+        corners.append(farthest)
+        if len(corners) > MOST_CORNERS:
+            raise PhantomError(
+                f"an outline of the picture has more than {MOST_CORNERS} corners, which is the most that a polygon may "
+                "have: give a clean drawing, without texture or noise"
+            )
+        # The shorter one first: there, too many corners are found soon.
+        sides += sorted([(start, farthest), (farthest, stop)], key=lambda side: side[0] - side[1])
+    return (np.sort(corners) + first) % len(outline)
+
+
+def _squared_distances(x: FloatArray, y: FloatArray) -> FloatArray:
+    """Squared distances of points from the line segment between the first and the last of them."""
+    across, up = x[-1] - x[0], y[-1] - y[0]
+    x, y = x - x[0], y - y[0]
+    share = np.clip((x * across + y * up) / max(across**2 + up**2, np.finfo(float).tiny), 0.0, 1.0)
+    squares: FloatArray = (x - share * across) ** 2 + (y - share * up) ** 2
+    return squares
 
 
 def _fit_sides(outline: FloatArray, corners: NDArray[np.intp], near: float) -> FloatArray:

@@ -48,6 +48,7 @@ from sawmill_worker.vocabulary.outlines import fault_of_outline
 from sawmill_worker.vocabulary.phantoms import (
     BUILT_IN_OUTLINES,
     LARGEST_ASSUMED_LOG_RADIUS_MM,
+    MOST_CORNERS,
     STANDARD_SIZE_TOLERANCE,
     CoordinateMm,
     Disc,
@@ -63,6 +64,7 @@ __all__ = [
     "FEWEST_PAIRED_VIEWS",
     "LARGEST_ASSUMED_LOG_RADIUS_MM",
     "LARGEST_MM",
+    "MOST_CORNERS",
     "STANDARD_SIZE_TOLERANCE",
     "TAU",
     "WIDEST_MEASURED_STEP_DEG",

@@ -23,6 +23,8 @@ LARGEST_ASSUMED_LOG_RADIUS_MM = 150.0
 # The contract states these bounds, and a drawing that is given is checked: earlier versions have stored other ones.
 SMALLEST_RADIUS_MM = 0.1
 SMALLEST_DENSITY, LARGEST_DENSITY = 1e-6, 1000.0
+# The most corners of a polygon.
+MOST_CORNERS = 2000
 _DENSITY = {
     "description": "Adds to what lies beneath, no unit: 1 is wood, -1 cuts a hole into wood. 0, or at least "
     f"{SMALLEST_DENSITY:g} in size.",
@@ -59,7 +61,7 @@ class Polygon(AsContract):
             "description": "(x, y) of each corner, mm.",
             "examples": [((-100, -150), (100, -150), (100, 150), (-100, 150))],
             "min_length": 3,
-            "max_length": 2000,
+            "max_length": MOST_CORNERS,
         }
     )
     density: float = field(default=1.0, metadata=_DENSITY)
