@@ -65,10 +65,12 @@ def found(run, data):
 def test_an_installation_in_order_has_nothing_bad(run, data):
     findings = json.loads(run("doctor", "--data", data, "--json").stdout)["findings"]
     subjects = {finding["subject"] for finding in findings}
-    expected = {"settings", "versions", "kernels", "memory", "open files", "confinement", "data folder", "disk"}
+    expected = {"settings", "versions", "kernels", "memory", "open files", "user", "confinement", "data folder", "disk"}
     expected |= {"address", "database", "tables", "files", "workers", "clock", "growth", "Redis", "webhooks", "backup"}
     assert subjects == expected
     assert [each for each in findings if each["state"] == "bad"] == []
+    (user,) = [each for each in findings if each["subject"] == "user"]
+    assert user["state"] == ("watch" if os.geteuid() == 0 else "good")
     printed = run("doctor", "--data", data).stdout
     assert "SQLite" in printed
     assert "whole, and of this version" in printed

@@ -5,9 +5,11 @@ For jobs without one, in the name of its phantom or its scanner.
 
 import errno
 import json
+import mmap
 import os
 import resource
 import signal
+import stat
 import sys
 import tempfile
 import threading
@@ -22,6 +24,7 @@ from reaching import endings
 
 from sawmill_worker.contracts.handed_over import HandedOver
 from sawmill_worker.contracts.jobs import FailureKind, Job, JobKind
+from sawmill_worker.execution.protocol import Succeeded, to_line
 from sawmill_worker.storage.files import checkpoints_of
 from sawmill_worker.vocabulary import Progress
 
@@ -152,6 +155,19 @@ def crash_on_a_full_disk(_: Attempt) -> dict[str, Any]:
     return {}
 
 
+def write_many(attempt: Attempt) -> dict[str, Any]:
+    for number in range(10_001):
+        (attempt.output / f"{number}").touch()
+    return succeed(attempt)
+
+
+def share_memory(attempt: Attempt) -> dict[str, Any]:
+    with mmap.mmap(-1, 5 * 2**27) as shared:
+        for _ in range(5):
+            shared.write(bytes(2**27))
+        return succeed(attempt)
+
+
 def open_many(_: Attempt) -> dict[str, Any]:
     return {"files": [Path(os.devnull).open() for _ in range(500)]}
 
@@ -172,9 +188,11 @@ def tell_limits(attempt: Attempt) -> dict[str, Any]:
 
 def tell_all(attempt: Attempt) -> dict[str, Any]:
     """Limits, surroundings, and how far it can reach, in the sentence of a refusal."""
+    status = Path("/proc/self/status").read_text().splitlines()
     with tempfile.NamedTemporaryFile() as scratch:
         reported = {
             "limits": {name: resource.getrlimit(getattr(resource, f"RLIMIT_{name}"))[0] for name in LIMITS},
+            "capabilities": [line for line in status if line.startswith(("CapEff", "CapPrm", "CapAmb"))],
             "folder": str(Path.cwd()),
             "in folder": [path.name for path in Path().iterdir() if path.name != Path(scratch.name).name],
             "scratch": scratch.name,
@@ -245,6 +263,47 @@ def pause(attempt: Attempt) -> dict[str, Any]:
     return succeed(attempt)
 
 
+def write_to_worker(data: bytes) -> None:
+    """Past the protocol: into whatever pipe there is."""
+    for number in range(3, 64):
+        try:
+            if stat.S_ISFIFO(os.fstat(number).st_mode):
+                os.write(number, data)
+        except OSError:
+            continue
+
+
+def answer_and_stay(attempt: Attempt) -> dict[str, Any]:
+    """For ten minutes, deaf to SIGTERM."""
+    result = succeed(attempt)
+    write_process_id(attempt)
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    write_to_worker(to_line(Succeeded(result=result)))
+    return hang(attempt)
+
+
+def name_a_file_outside(attempt: Attempt) -> dict[str, Any]:
+    write_to_worker(b'{"kind":"kept","names":["../../../sawmill.db"]}\n')
+    return hang(attempt)
+
+
+def keep_a_folder(attempt: Attempt) -> dict[str, Any]:
+    (attempt.checkpoints / "steps").mkdir(parents=True)
+    attempt.announce(["steps"])
+    return hang(attempt)
+
+
+def break_off(attempt: Attempt) -> dict[str, Any]:
+    write_to_worker(b'{"kind":"kept","names":\n')
+    return hang(attempt)
+
+
+def never_end_its_line(attempt: Attempt) -> dict[str, Any]:
+    for _ in range(1000):
+        write_to_worker(b" " * 2**20)
+    return hang(attempt)
+
+
 def answer_nonsense(_: Attempt) -> dict[str, Any]:
     return {"format": "NPZ", "surprise": 1}
 
@@ -272,8 +331,15 @@ BEHAVIOURS = {
         creep,
         pause,
         answer_nonsense,
+        answer_and_stay,
+        name_a_file_outside,
+        keep_a_folder,
+        break_off,
+        never_end_its_line,
         burn,
         write_much,
+        write_many,
+        share_memory,
         open_many,
         start_a_thread,
         tell_limits,
@@ -288,7 +354,9 @@ class Needs(NamedTuple):
     file_bytes: int
 
 
-def needs_of(_: Attempt) -> Needs:
+def needs_of(attempt: Attempt) -> Needs:
+    if attempt.job.kind is JobKind.INGEST and attempt.given.file.read_text() == "never-begin":
+        time.sleep(600)
     return Needs(0, 0)
 
 

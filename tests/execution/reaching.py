@@ -1,10 +1,14 @@
 """What somebody would try who got hold of an attempt's process, and how each try ends."""
 
+import ctypes
 import os
+import resource
 import socket
 import subprocess
 from collections.abc import Callable, Iterator
 from pathlib import Path
+
+IO_URING_SETUP, SET_DUMPABLE = 425, 4
 
 
 def tries(output: Path) -> Iterator[tuple[str, Callable[[], object]]]:
@@ -35,6 +39,27 @@ def tries(output: Path) -> Iterator[tuple[str, Callable[[], object]]]:
     yield "change a mode", lambda: canary.chmod(0o777)
     yield "change a time", lambda: os.utime(canary)
     yield "send the worker a signal", lambda: os.kill(worker, 0)
+    yield "limit the worker", lambda: resource.prlimit(worker, resource.RLIMIT_CPU)
+    yield "have a process", os.fork
+    yield "have a process that shares the memory", lambda: os.posix_spawn("/bin/true", ["true"], {})
+    yield "leave its session", os.setsid
+    yield "leave its process group", lambda: os.setpgid(0, 0)
+    yield "make a pair of sockets", socket.socketpair
+    yield "send by a descriptor", lambda: called("sendto", 1, b"x", 1, 0, None, 0)
+    yield "send a message by a descriptor", lambda: called("sendmsg", 1, None, 0)
+    yield "send messages by a descriptor", lambda: called("sendmmsg", 1, None, 0, 0)
+    yield "let the kernel work through a ring", lambda: called("syscall", IO_URING_SETUP, 1, None)
+    yield "have memory that nobody counts", lambda: os.memfd_create("memory")
+    yield "hide its descriptors", lambda: called("prctl", SET_DUMPABLE, 0, 0, 0, 0)
+    yield "rename the machine", lambda: socket.sethostname(socket.gethostname())
+    yield "have another root", lambda: os.chroot("/")
+
+
+def called(name: str, *arguments: int | bytes | None) -> None:
+    """Call a function of the C library that returns a negative number where it fails."""
+    library = ctypes.CDLL(None, use_errno=True)
+    if getattr(library, name)(*arguments) < 0:
+        raise OSError(ctypes.get_errno(), name)
 
 
 def endings(output: Path) -> dict[str, str]:

@@ -1,6 +1,7 @@
 """What the process of an attempt has and reaches, whatever the job, in real processes over tasks without science."""
 
 import json
+import os
 from pathlib import Path
 
 import pytest
@@ -91,6 +92,7 @@ def test_every_kind_of_attempt_has_limits_a_folder_and_its_own_files_alone(store
         assert processor_s(kind) <= each["limits"]["CPU"] <= processor_s(kind) + 60, kind
         assert each["limits"]["FSIZE"] == least.file_bytes, kind
         assert (each["limits"]["NOFILE"], each["limits"]["CORE"]) == (OPEN_FILES, 0), kind
+        assert {line.split()[1] for line in each["capabilities"]} == {"0" * 16}, kind
         folder = Path(each["folder"])
         assert (folder.parents[1], folder.name, each["in folder"]) == (attempts, "work", []), kind
         assert (Path(each["scratch"]).parent, Path(each["home"])) == (folder, folder), kind
@@ -101,3 +103,16 @@ def test_every_kind_of_attempt_has_limits_a_folder_and_its_own_files_alone(store
         assert done == {}, kind
     assert list(attempts.iterdir()) == []
     assert (store.files.folder.parent / "canary").read_text() == "canary"
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="needs root, who alone can give a folder away")
+def test_a_folder_that_root_reaches_by_its_capabilities_alone_is_an_outage(store, runner, queue):
+    job = queue("succeed")
+    store.files.folder.chmod(0o700)
+    os.chown(store.files.folder, 1000, 1000)
+    assert runner.run_next() is JobState.QUEUED
+    waiting = store.jobs.get(job.id)
+    assert (waiting.waiting_for.code, waiting.losses) == ("storage-unavailable", 0)
+    assert "run the service as the user that the data folder belongs to" in waiting.waiting_for.detail
+    os.chown(store.files.folder, 0, 0)
+    assert runner.run_next() is JobState.SUCCEEDED

@@ -1,5 +1,7 @@
 """Kernels that know less of Landlock, or nothing."""
 
+import os
+
 import pytest
 from structlog.testing import capture_logs
 
@@ -16,16 +18,18 @@ def test_rights_that_a_kernel_does_not_know_are_not_asked_for():
 
 
 @pytest.mark.parametrize(
-    ("version", "wanted", "lines"),
+    ("version", "wanted", "user", "lines"),
     [
-        (0, True, ["attempts-not-confined"]),
-        (3, True, ["attempts-confined-in-part"]),
-        (6, True, []),
-        (7, False, ["attempts-not-confined"]),
+        (0, True, 1000, ["attempts-not-confined"]),
+        (3, True, 1000, ["attempts-confined-in-part"]),
+        (6, True, 1000, []),
+        (6, True, 0, ["run-as-root"]),
+        (7, False, 1000, ["attempts-not-confined"]),
     ],
 )
-def test_what_the_kernel_lacks_is_said_once_at_the_start(monkeypatch, version, wanted, lines):
+def test_what_the_kernel_lacks_and_root_are_said_once_at_the_start(monkeypatch, version, wanted, user, lines):
     monkeypatch.setattr(landlock, "version", lambda: version)
+    monkeypatch.setattr(os, "geteuid", lambda: user)
     with capture_logs() as log:
         confinement.say_if_unconfined(ExecutionSettings(confine_attempts=wanted))
     assert [line["event"] for line in log] == lines
@@ -35,4 +39,5 @@ def test_a_kernel_without_landlock_lets_jobs_run(monkeypatch, tmp_path):
     monkeypatch.setattr(landlock, "version", lambda: 0)
     monkeypatch.setattr(landlock, "confine", lambda *_, **__: pytest.fail("there is no Landlock to ask"))
     monkeypatch.setattr(confinement, "refuse_calls", lambda: False)
+    monkeypatch.setattr(confinement.capabilities, "drop_all", lambda: None)  # this process needs them
     confinement.confine_to(confinement.HandedOver(kept=tmp_path), tmp_path)

@@ -70,6 +70,15 @@ def limits_of_system(settings: ServiceSettings, execution: ExecutionSettings) ->
             f"{most} connections need {files_needed(most)} open files; the system allows {possible} connections",
             f"raise its limit (ulimit -n), or set SAWMILL_MAX_CONNECTIONS to {possible}",
         )
+    if os.geteuid() == 0:
+        yield Finding(
+            "user",
+            State.WATCH,
+            "this is root: a service of root that somebody takes over has all rights on the machine",
+            "run the service, and the doctor, as a user of its own: see docs/install.md",
+        )
+    else:
+        yield Finding("user", State.GOOD, f"user {os.geteuid()}, who is not root")
     if not execution.confine_attempts:
         yield Finding(
             "confinement",

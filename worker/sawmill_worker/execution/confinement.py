@@ -15,9 +15,10 @@ from pathlib import Path
 import structlog
 
 from sawmill_worker.contracts.handed_over import HandedOver
-from sawmill_worker.execution import landlock
+from sawmill_worker.execution import capabilities, landlock
 from sawmill_worker.execution.seccomp import refuse_calls
 from sawmill_worker.execution.settings import ExecutionSettings
+from sawmill_worker.storage.errors import StorageUnavailable
 
 # Libraries, the time zones and languages, and what tells how many cores and how much memory there are.
 SYSTEM = (
@@ -49,11 +50,27 @@ def move_into(folder: Path) -> None:
 
 
 def confine_to(given: HandedOver, output: Path) -> None:
-    """Keep this thread, and those that it starts, to the job's own files, as far as there is Landlock and seccomp."""
+    """Keep this thread, and those that it starts, to the job's own files, as far as there is Landlock and seccomp.
+
+    Raises
+    ------
+    StorageUnavailable
+        These files can be used by root's capabilities alone, which are gone then.
+    """
     if landlock.version() > 0:
         readable = [*installation(), given.kept, *([] if given.file is None else [given.file])]
         landlock.confine(readable, [output], held=map(Path, PROC))
+    _drop_capabilities([(output, os.W_OK | os.X_OK), *([] if given.file is None else [(given.file, os.R_OK)])])
     refuse_calls()
+
+
+def _drop_capabilities(needed: Sequence[tuple[Path, int]]) -> None:
+    reached = [(path, right) for path, right in needed if os.access(path, right)]
+    capabilities.drop_all()
+    for path, right in reached:
+        if not os.access(path, right):
+            msg = f"root's jobs may not use {str(path)!r}: run the service as the user that the data folder belongs to"
+            raise StorageUnavailable(msg)
 
 
 @cache
@@ -79,7 +96,11 @@ def installation() -> Sequence[Path]:
 
 
 def say_if_unconfined(settings: ExecutionSettings) -> None:
-    """Warn where nothing keeps attempts to their own files, or the kernel's Landlock leaves something out."""
+    """Warn of root, and where nothing keeps attempts to their own files or the kernel's Landlock leaves a gap."""
+    if os.geteuid() == 0:
+        structlog.get_logger().warning(
+            "run-as-root", remedy="run the service as a user of its own: see docs/install.md"
+        )
     found = landlock.version() if settings.confine_attempts else 0
     if found < landlock.COMPLETE:
         structlog.get_logger().warning(

@@ -16,9 +16,10 @@ from typing import NamedTuple
 SET_FILTER, ALL_THREADS, NO_SPECULATION_CHANGE = 1, 1, 4
 NO_NEW_PRIVILEGES = 38
 ALLOW, FAIL = 0x7FFF0000, 0x00050000
-# Load a word of the call's description; jump if it equals, or is at least, a number; return.
-LOAD, JUMP_EQUAL, JUMP_AT_LEAST, RETURN = 0x20, 0x15, 0x35, 0x06
-NUMBER, ARCHITECTURE = 0, 4
+# Load a word of the call's description; jump if it equals, is at least, or has a bit of, a number; return.
+LOAD, JUMP_EQUAL, JUMP_AT_LEAST, JUMP_BIT, RETURN = 0x20, 0x15, 0x35, 0x45, 0x06
+# The last is the lower half of the first argument, where both kinds of machine have it: no call below takes more of it.
+NUMBER, ARCHITECTURE, FIRST_ARGUMENT = 0, 4, 16
 # Beyond it x86-64 has the same calls under other numbers, for another ABI.
 OTHER_ABI = 0x40000000
 
@@ -35,6 +36,10 @@ _CALLS: Mapping[str, tuple[int | None, int | None]] = MappingProxyType(
     {
         # To talk to others.
         "socket": (41, 198),
+        "socketpair": (53, 199),
+        "sendto": (44, 206),
+        "sendmsg": (46, 211),
+        "sendmmsg": (307, 269),
         "connect": (42, 203),
         "bind": (49, 200),
         "listen": (50, 201),
@@ -45,9 +50,13 @@ _CALLS: Mapping[str, tuple[int | None, int | None]] = MappingProxyType(
         "process_vm_readv": (310, 270),
         "process_vm_writev": (311, 271),
         "pidfd_getfd": (438, 438),
-        # To run programs.
+        # To run programs, and to have other processes, which would outlive this one or leave its group.
         "execve": (59, 221),
         "execveat": (322, 281),
+        "fork": (57, None),
+        "vfork": (58, None),
+        "setsid": (112, 157),
+        "setpgid": (109, 154),
         # To change what a file is beside its content.
         "chmod": (90, None),
         "fchmod": (91, 52),
@@ -78,13 +87,35 @@ _CALLS: Mapping[str, tuple[int | None, int | None]] = MappingProxyType(
         "add_key": (248, 217),
         "request_key": (249, 218),
         "keyctl": (250, 219),
-        # Memory and queues that would outlive the process and its limits.
+        # Memory and queues that would outlive the process or that no limit counts.
+        "memfd_create": (319, 279),
+        "memfd_secret": (447, 447),
         "shmget": (29, 194),
         "semget": (64, 190),
         "msgget": (68, 186),
         "mq_open": (240, 180),
     }
 )
+
+
+class _Condition(NamedTuple):
+    """A call that is allowed by its first argument: where the jump's test of it is as it should be."""
+
+    numbers: tuple[int, int]
+    jump: int
+    operand: int
+    allowed_if: bool
+
+
+# <linux/sched.h>, <sys/prctl.h>
+CLONE_THREAD, SET_DUMPABLE = 0x10000, 4
+_CONDITIONS = (
+    _Condition((56, 220), JUMP_BIT, CLONE_THREAD, allowed_if=True),  # clone: threads, no processes
+    _Condition((157, 167), JUMP_EQUAL, SET_DUMPABLE, allowed_if=False),  # prctl: its supervisor sees its open files
+    _Condition((302, 261), JUMP_EQUAL, 0, allowed_if=True),  # prlimit64: its own limits, not the service's
+)
+# Its flags lie in memory, which no filter reads; where it is not implemented, the C library calls clone.
+_CLONE3 = 435
 
 _LIBC = ctypes.CDLL(None, use_errno=True)
 _LIBC.syscall.restype = ctypes.c_long
@@ -96,6 +127,8 @@ class _Program(ctypes.Structure):
 
 def refuse_calls() -> bool:
     """Let the calls fail with EACCES, as one that may not be made; those of other architectures too.
+
+    From then on this process has threads alone: it is one process for good.
 
     Returns
     -------
@@ -123,16 +156,30 @@ def refuse_calls() -> bool:
 
 
 def _instructions(machine: _Machine) -> bytes:
-    numbers = sorted(number for each in _CALLS.values() if (number := each[machine.column]) is not None)
-    refusal = FAIL | errno.EACCES
-    # The jumps count the instructions that they leave out.
-    lines = [
+    refused = sorted(number for each in _CALLS.values() if (number := each[machine.column]) is not None)
+    lines: list[tuple[int, int | str, int | str, int]] = [
         (LOAD, 0, 0, ARCHITECTURE),
-        (JUMP_EQUAL, 0, len(numbers) + 3, machine.architecture),
+        (JUMP_EQUAL, 0, "refuse", machine.architecture),
         (LOAD, 0, 0, NUMBER),
-        (JUMP_AT_LEAST, len(numbers) + 1, 0, OTHER_ABI),
-        *((JUMP_EQUAL, len(numbers) - place, 0, number) for place, number in enumerate(numbers)),
-        (RETURN, 0, 0, ALLOW),
-        (RETURN, 0, 0, refusal),
+        (JUMP_AT_LEAST, "refuse", 0, OTHER_ABI),
+        *((JUMP_EQUAL, "refuse", 0, number) for number in refused),
+        (JUMP_EQUAL, "lack", 0, _CLONE3),
     ]
-    return b"".join(struct.pack("=HBBI", *line) for line in lines)
+    for numbers, jump, operand, allowed_if in _CONDITIONS:
+        outcomes = ("allow", "refuse") if allowed_if else ("refuse", "allow")
+        lines += [
+            (JUMP_EQUAL, 0, 2, numbers[machine.column]),
+            (LOAD, 0, 0, FIRST_ARGUMENT),
+            (jump, *outcomes, operand),
+        ]
+    returns = {"allow": ALLOW, "refuse": FAIL | errno.EACCES, "lack": FAIL | errno.ENOSYS}
+    places = {name: len(lines) + number for number, name in enumerate(returns)}
+
+    def skipped(target: int | str, place: int) -> int:
+        """Count the instructions that a jump leaves out."""
+        return target if isinstance(target, int) else places[target] - place - 1
+
+    jumps = [(code, skipped(yes, at), skipped(no, at), word) for at, (code, yes, no, word) in enumerate(lines)]
+    return b"".join(
+        struct.pack("=HBBI", *line) for line in [*jumps, *((RETURN, 0, 0, word) for word in returns.values())]
+    )
