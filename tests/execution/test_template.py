@@ -153,6 +153,33 @@ def test_children_draw_different_numbers():
     assert len(drawn) == 4
 
 
+LEAVING = """
+import os, socket, time
+from sawmill_worker.execution.forking import REQUESTS, serve
+
+def leave(channel):
+    if os.fork() == 0:
+        os.setsid()
+        if os.fork() == 0:
+            channel.write(b"%d\\n" % os.getpid())
+            time.sleep(600)
+        os._exit(0)
+    os.wait()
+
+serve(socket.socket(fileno=int(os.environ[REQUESTS])), leave)
+"""
+
+
+def test_what_a_child_leaves_ends_before_its_own_end_is_reported(is_running):
+    leaving = Template([sys.executable, "-c", LEAVING], os.environ, template_library())
+    child = leaving.start()
+    left = int(child._channel.readline())
+    assert child._process.wait(60) == 0
+    assert not is_running(left)
+    child.end(5)
+    leaving.close()
+
+
 def test_a_fork_that_the_system_refuses_is_a_process_that_never_was():
     assignment, book = os.pipe()[1], os.pipe()
     os.close(book[1])

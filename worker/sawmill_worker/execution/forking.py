@@ -2,18 +2,20 @@
 
 It is a child of the supervisor, which `template` shows. Requests come over an inherited socket, packet by packet: each
 brings three descriptors, the child's standard input, its channel (see `protocol`) and its book, a pipe into which the
-template writes two lines, the child's process id and, when it has ended, its exit code.
+template writes two lines, the child's process id and, when it and all that it had started have ended, its exit code.
 """
 
 import ctypes
 import gc
 import os
 import selectors
+import signal
 import socket
 import sys
 import traceback
 from collections.abc import Callable
 from contextlib import suppress
+from pathlib import Path
 from typing import BinaryIO
 
 import structlog
@@ -21,6 +23,8 @@ import structlog
 REQUESTS = "SAWMILL_ATTEMPT_REQUESTS"
 TBB = "SAWMILL_ATTEMPT_TBB"
 WARM = b"warm"
+# <linux/prctl.h>: orphans among a process's descendants become its children.
+SET_CHILD_SUBREAPER = 36
 
 AttemptMain = Callable[[BinaryIO], None]
 
@@ -40,6 +44,7 @@ def serve(requests: socket.socket, attempt: AttemptMain) -> None:
         ctypes.CDLL(None).malloc_trim(0)
     # What lives now lives as long as the process: a child's collector need not look at it, and so copies no pages.
     gc.freeze()
+    ctypes.CDLL(None).prctl(SET_CHILD_SUBREAPER, 1, 0, 0, 0)
     children = _Children(requests)
     with suppress(ConnectionError):  # the supervisor is gone already
         requests.send(WARM)
@@ -87,8 +92,17 @@ class _Children:
         self._events.unregister(descriptor)
         os.close(descriptor)
         _, status = os.waitpid(process_id, 0)
+        self._end_orphans()
         _enter(book, os.waitstatus_to_exitcode(status))
         os.close(book)
+
+    def _end_orphans(self) -> None:
+        """Kill and reap what ended attempts have started and left; the ending of one may leave others."""
+        attempts = {key.data[0] for key in self._events.get_map().values() if key.data is not None}
+        while orphans := _children() - attempts:
+            for process_id in orphans:
+                os.kill(process_id, signal.SIGKILL)
+                os.waitpid(process_id, 0)
 
     def _become_child(self, assignment: int, channel: int, attempt: AttemptMain) -> None:
         """Run the attempt and end, in a session of its own, with nothing of the template's or of other children's."""
@@ -112,6 +126,13 @@ class _Children:
             sys.stdout.flush()
             sys.stderr.flush()
             os._exit(code)  # the template's own ending is not the child's to do
+
+
+def _children() -> set[int]:
+    """The ids of this process's children; none on a kernel that does not list them."""
+    with suppress(FileNotFoundError):
+        return {int(word) for word in Path(f"/proc/self/task/{os.getpid()}/children").read_text().split()}
+    return set()
 
 
 def _enter(book: int, number: int) -> None:
