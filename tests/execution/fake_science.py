@@ -155,12 +155,6 @@ def crash_on_a_full_disk(_: Attempt) -> dict[str, Any]:
     return {}
 
 
-def write_many(attempt: Attempt) -> dict[str, Any]:
-    for number in range(10_001):
-        (attempt.output / f"{number}").touch()
-    return succeed(attempt)
-
-
 def share_memory(attempt: Attempt) -> dict[str, Any]:
     with mmap.mmap(-1, 5 * 2**27) as shared:
         for _ in range(5):
@@ -338,7 +332,6 @@ BEHAVIOURS = {
         never_end_its_line,
         burn,
         write_much,
-        write_many,
         share_memory,
         open_many,
         start_a_thread,

@@ -90,6 +90,7 @@ TOO_MUCH = (
     ("start-a-thread", "out-of-memory", "more memory than the 0.5 GiB that it may take"),
     ("write-much", "file-too-large", "a larger file than it may"),
     ("open-many", "too-many-files", "more than the 256 open files that it may have"),
+    ("share-memory", "out-of-memory", "GiB of private and shared memory, and may take 0.5 GiB"),
 )
 
 

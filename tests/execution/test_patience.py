@@ -15,10 +15,12 @@ from sawmill_worker.vocabulary import Progress
 class Waiting:
     """A supervisor's patience with a calibration, one look a second."""
 
-    def __init__(self, **settings: float) -> None:
+    def __init__(self, *, begun: bool = True, **settings: float) -> None:
         self.now = 1000.0
         asked = ExecutionSettings(progress_s=1.0, broker_url=None, **settings)
         self.patience = Patience(JobKind.CALIBRATE, asked, monotonic=lambda: self.now)
+        if begun:
+            self.patience.moved()
 
     def until_ended(self, said: Progress | None = None, *, most_s: float = 200_000.0) -> float:
         begun = self.now
@@ -33,6 +35,14 @@ class Waiting:
 
 def test_silence_ends_an_attempt_after_its_kinds_time():
     assert Waiting().until_ended() == declaration_of(JobKind.CALIBRATE).stall_s
+
+
+def test_a_process_that_does_not_begin_has_a_minute():
+    waiting = Waiting(begun=False)
+    assert waiting.until_ended() == 60.0
+    failure = waiting.patience.end()
+    assert (failure.kind, failure.code) == (FailureKind.PASSING, "attempt-stalled")
+    assert failure.detail.startswith("the job's process sent nothing for 60 seconds after it was given the job")
 
 
 def test_a_report_that_repeats_the_same_is_no_progress():
@@ -103,6 +113,14 @@ def test_an_attempt_that_hangs_is_a_loss_and_the_third_is_final(store, start, qu
     assert fates(store, job) == [EventKind.LOST] * 3 + [EventKind.FAILED]
     assert store.events.of_job(job.id)[1].detail["code"] == "attempt-stalled"
     assert list((store.files.folder / "attempts").iterdir()) == []
+
+
+@pytest.mark.slow
+def test_an_attempt_that_does_not_begin_is_a_loss(store, start, queue):
+    job = queue("never-begin")
+    assert start(stall_s=0.6).run_next() is JobState.QUEUED
+    assert "sent nothing for 0.6" in store.jobs.get(job.id).waiting_for.detail
+    assert (store.jobs.get(job.id).losses, fates(store, job)) == (1, [EventKind.LOST])
 
 
 @pytest.mark.slow

@@ -176,6 +176,30 @@ def test_a_large_result_comes_with_its_digest(store, runner, queue):
     assert noted_digest(volume, volume.stat()) == hashlib.sha256(bytes(2**23)).digest()
 
 
+def test_a_result_is_published_once_its_process_is_gone(store, runner, queue, is_running, monkeypatch):
+    job = queue("answer-and-stay")
+    publish, noted = store.jobs.succeed, []
+
+    def succeed(claim, result, output, **options):
+        noted.append(is_running(int((output / "pid").read_text())))
+        publish(claim, result, output, **options)
+
+    monkeypatch.setattr(store.jobs, "succeed", succeed)
+    assert runner.run_next() is JobState.SUCCEEDED
+    assert store.jobs.get(job.id).attempt == 1
+    assert noted == [False]
+
+
+@pytest.mark.parametrize("behaviour", ["name-a-file-outside", "keep-a-folder", "break-off", "never-end-its-line"])
+def test_nonsense_ends_its_attempt_and_not_its_worker(store, runner, queue, behaviour):
+    job, next_job = queue(behaviour), queue("succeed")
+    assert [runner.run_next(), runner.run_next()] == [JobState.FAILED, JobState.SUCCEEDED]
+    failure = store.jobs.get(job.id).failure
+    assert (failure.kind, failure.code) == (FailureKind.INTERNAL, "invalid-result")
+    assert store.jobs.get(next_job.id).attempt == 1
+    assert leftovers(store) == list((store.files.folder / "kept").iterdir()) == []
+
+
 def test_a_full_disk_is_waited_out(store, runner, queue):
     job = queue("fill-the-disk")
     assert [runner.run_next() for _ in range(4)] == [JobState.QUEUED] * 4

@@ -160,9 +160,10 @@ from sawmill_worker.execution.forking import REQUESTS, serve
 def leave(channel):
     if os.fork() == 0:
         os.setsid()
-        if os.fork() == 0:
-            channel.write(b"%d\\n" % os.getpid())
+        left = os.fork()
+        if left == 0:
             time.sleep(600)
+        channel.write(b"%d\\n" % left)
         os._exit(0)
     os.wait()
 

@@ -10,7 +10,7 @@ import shutil
 import socket
 import threading
 import traceback
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import BinaryIO
@@ -23,7 +23,17 @@ from sawmill_worker.execution.failures import failure_of
 from sawmill_worker.execution.forking import REQUESTS, TBB, serve
 from sawmill_worker.execution.limits import keep_to, limits_of, peak_memory_bytes
 from sawmill_worker.execution.logs import about_attempt, configure_logs
-from sawmill_worker.execution.protocol import CHANNEL, Assignment, Failed, Kept, ProgressMade, Ready, Succeeded, to_line
+from sawmill_worker.execution.protocol import (
+    CHANNEL,
+    Assignment,
+    Begun,
+    Failed,
+    Kept,
+    ProgressMade,
+    Ready,
+    Succeeded,
+    to_line,
+)
 from sawmill_worker.execution.settings import ExecutionSettings
 from sawmill_worker.execution.threading_layer import load
 from sawmill_worker.jobs.running import Attempt, make_ready, needs_of, run, warm_up
@@ -62,7 +72,7 @@ def _attempt(channel: BinaryIO, settings: ExecutionSettings) -> None:
     if line:
         assignment = Assignment.model_validate_json(line)
         with about_attempt(assignment.job):
-            answer, error = _answer(_attempt_at(assignment, channel), settings, supervisor)
+            answer, error = _answer(partial(_run, _attempt_at(assignment, channel), settings, supervisor, channel))
             measured = answer.model_copy(update={"peak_memory_bytes": peak_memory_bytes()})
             channel.write(to_line(measured))  # before it is logged: a log that cannot be written must not take it away
             _log(answer, error)
@@ -81,12 +91,10 @@ def _end_with(supervisor: BinaryIO) -> None:
     os._exit(1)
 
 
-def _answer(
-    attempt: Attempt, settings: ExecutionSettings, supervisor: BinaryIO
-) -> tuple[Succeeded | Failed, Exception | None]:
+def _answer(work: Callable[[], dict[str, object]]) -> tuple[Succeeded | Failed, Exception | None]:
     """The attempt's answer, and the exception that nobody foresaw."""
     try:
-        return Succeeded(result=_run(attempt, settings, supervisor)), None
+        return Succeeded(result=work()), None
     except JobFailure as error:
         return Failed(failure=Failure(kind=error.kind, code=error.code, detail=error.detail)), None
     except MemoryError as error:
@@ -117,7 +125,7 @@ def _attempt_at(assignment: Assignment, channel: BinaryIO) -> Attempt:
     )
 
 
-def _run(attempt: Attempt, settings: ExecutionSettings, supervisor: BinaryIO) -> dict[str, object]:
+def _run(attempt: Attempt, settings: ExecutionSettings, supervisor: BinaryIO, channel: BinaryIO) -> dict[str, object]:
     # Only now: the process was started before anybody knew which job it would run.
     limits = limits_of(attempt.job.kind, **needs_of(attempt)._asdict(), memory_limit_bytes=settings.memory_limit_bytes)
     keep_to(limits)
@@ -127,6 +135,7 @@ def _run(attempt: Attempt, settings: ExecutionSettings, supervisor: BinaryIO) ->
         confine_to(attempt.given, attempt.output)
     # Not before: it confines the threads that are started from then on.
     threading.Thread(target=_end_with, args=(supervisor,), daemon=True).start()
+    channel.write(to_line(Begun(data_bytes=limits.data_bytes, file_bytes=limits.file_bytes)))
     result = run(attempt)
     os.chdir(attempt.output)
     # Its supervisor may be taking checkpoints; none is needed any more, and none of this is a result.

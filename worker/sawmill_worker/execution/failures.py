@@ -15,7 +15,7 @@ from sawmill_worker.storage.errors import StorageFull, StorageUnavailable, means
 # A defect of a program, which comes again with the same input; a kill from outside does not.
 _CRASHES = frozenset({signal.SIGSEGV, signal.SIGBUS, signal.SIGABRT, signal.SIGFPE, signal.SIGILL})
 # A job that took more than it may was at fault, whatever else was wrong.
-LIMITS_MET = frozenset({"too-long", "file-too-large"})
+LIMITS_MET = frozenset({"too-long", "file-too-large", "out-of-memory", "too-many-files"})
 # Python's message when there is no room for a thread's stack.
 _NO_THREAD = "can't start new thread"
 
@@ -95,6 +95,12 @@ def stalled(still_s: float, stage: str | None) -> Failure:
     """The failure of an attempt whose process is there and gets no further."""
     where = "before its first stage" if stage is None else f"in the stage {stage!r}"
     detail = f"the job hung: nothing moved for {duration(still_s)} {where}, and its process was ended"
+    return Failure(kind=FailureKind.PASSING, code="attempt-stalled", detail=detail)
+
+
+def not_begun(still_s: float) -> Failure:
+    """The failure of an attempt whose process was given its job and never began with it."""
+    detail = f"the job's process sent nothing for {duration(still_s)} after it was given the job, and was ended"
     return Failure(kind=FailureKind.PASSING, code="attempt-stalled", detail=detail)
 
 

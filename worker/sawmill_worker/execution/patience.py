@@ -5,13 +5,15 @@ from collections.abc import Callable
 
 from sawmill_worker.contracts.jobs import Failure, JobKind
 from sawmill_worker.contracts.kinds import declaration_of
-from sawmill_worker.execution.failures import stalled, too_long
+from sawmill_worker.execution.failures import not_begun, stalled, too_long
 from sawmill_worker.execution.observed_time import ObservedTime
 from sawmill_worker.execution.settings import ExecutionSettings
 from sawmill_worker.vocabulary import Progress
 
 # Beyond two looks: what a late one may count for.
 LATE_S = 5.0
+# From its assignment a process has this long to begin: it has imported everything, and compiles under a stage's name.
+BEGIN_S = 60.0
 
 
 class Patience:
@@ -36,6 +38,7 @@ class Patience:
         self._stall_s = settings.stall_s or declared.stall_s
         self._time = ObservedTime(2.0 * settings.progress_s + LATE_S, monotonic)
         self._taken_s = self._still_s = 0.0
+        self._begun = False
         self._seen: Progress | None = None
 
     def heard(self, progress: Progress) -> None:
@@ -45,7 +48,8 @@ class Patience:
         self._seen = progress
 
     def moved(self) -> None:
-        """Something got further."""
+        """Something got further, the beginning included."""
+        self._begun = True
         self._still_s = 0.0
 
     def end(self) -> Failure | None:
@@ -55,6 +59,8 @@ class Patience:
         self._still_s += step_s
         if self._taken_s >= self._limit_s:
             return too_long(self._kind, self._limit_s)
+        if not self._begun and self._still_s >= min(BEGIN_S, self._stall_s):
+            return not_begun(self._still_s)
         if self._still_s >= self._stall_s:
             return stalled(self._still_s, None if self._seen is None else self._seen.stage)
         return None

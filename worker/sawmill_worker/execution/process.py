@@ -11,16 +11,15 @@ from fcntl import F_SETPIPE_SZ, fcntl
 from typing import IO, Protocol
 
 import structlog
+from pydantic import ValidationError
 
 from sawmill_worker.execution.protocol import (
     CHANNEL,
+    LONGEST_LINE_BYTES,
     MESSAGE,
+    AnyMessage,
     Assignment,
-    Failed,
-    Kept,
-    ProgressMade,
     Ready,
-    Succeeded,
     to_line,
 )
 
@@ -32,6 +31,10 @@ PIPE_BYTES = 2**16
 
 class AttemptNotStarted(Exception):  # noqa: N818 - an outcome's name
     """A process did not become ready: the installation is broken, no job is to blame."""
+
+
+class AttemptTalksNonsense(Exception):  # noqa: N818
+    """What a process sends is not of the protocol: nothing that it sends is believed any more."""
 
 
 class Running(Protocol):
@@ -66,7 +69,7 @@ class AttemptProcess:
     def __init__(self, process: Running, channel: int) -> None:
         self._process = process
         self._channel = open(channel, "rb", buffering=0)  # noqa: SIM115 - a descriptor, closed by `end`
-        self._unread = b""
+        self._unread = bytearray()
         self._ready = False
         self.hung_up = False
 
@@ -106,13 +109,18 @@ class AttemptProcess:
         except BrokenPipeError:
             self.hung_up = True
 
-    def receive(self, timeout_s: float) -> list[Ready | ProgressMade | Kept | Succeeded | Failed]:
+    @property
+    def process_id(self) -> int | None:
+        """None where it is not known."""
+        return self._process.pid
+
+    def receive(self, timeout_s: float) -> list[AnyMessage]:
         """Messages that arrive within a time; none when there are none, or when it `hung_up`.
 
         Raises
         ------
-        pydantic.ValidationError
-            A line is not of the protocol.
+        AttemptTalksNonsense
+            A line is not of the protocol, or has no end.
         """
         waiting = select.poll()
         waiting.register(self._channel, select.POLLIN)
@@ -120,8 +128,16 @@ class AttemptProcess:
             return []
         data = self._channel.read(65_536)
         self.hung_up = not data
-        *lines, self._unread = (self._unread + data).split(b"\n")
-        return [MESSAGE.validate_json(line) for line in lines]
+        self._unread += data
+        if len(self._unread) > LONGEST_LINE_BYTES:
+            raise AttemptTalksNonsense(f"a line of more than {LONGEST_LINE_BYTES} bytes")
+        if b"\n" not in data:
+            return []
+        *lines, self._unread = self._unread.split(b"\n")
+        try:
+            return [MESSAGE.validate_json(line) for line in lines]
+        except ValidationError as error:
+            raise AttemptTalksNonsense(str(error)) from error
 
     def end(self, grace_s: float) -> int:
         """End it and all it started: asked first, killed after `grace_s`.

@@ -1,8 +1,9 @@
 """The messages between a supervisor and the process of an attempt, one JSON object a line.
 
 Down, on the process's standard input: one `Assignment`; then nothing; its end means that the supervisor is gone.
-Up, on the inherited pipe that the environment variable `CHANNEL` names: `Ready`, then, after the assignment,
-any number of `ProgressMade` and `Kept` and one `Succeeded` or `Failed`. Standard output stays free for whoever prints.
+Up, on the inherited pipe that the environment variable `CHANNEL` names: `Ready`, then, after the assignment, `Begun`,
+any number of `ProgressMade` and `Kept`, and one `Succeeded` or `Failed`. No line is longer than `LONGEST_LINE_BYTES`.
+Standard output stays free for whoever prints.
 """
 
 from pathlib import Path
@@ -16,6 +17,8 @@ from sawmill_worker.contracts.jobs import Failure, Job
 from sawmill_worker.vocabulary import Progress
 
 CHANNEL = "SAWMILL_ATTEMPT_CHANNEL"
+# A hundred times the longest answer of the science.
+LONGEST_LINE_BYTES = 16 * 2**20
 
 
 class Assignment(Contract):
@@ -30,6 +33,17 @@ class Ready(Contract):
     """Everything is imported: the process waits for its assignment."""
 
     kind: Literal["ready"] = "ready"
+
+
+class Begun(Contract):
+    """The process keeps to its limits and its own files, and begins with the job.
+
+    The limits are those of `limits.Limits`: they are sent before anything that a stranger wrote is read.
+    """
+
+    kind: Literal["begun"] = "begun"
+    data_bytes: int
+    file_bytes: int
 
 
 class ProgressMade(Contract):
@@ -62,8 +76,8 @@ class Failed(Contract):
     peak_memory_bytes: int | None = None
 
 
-Message = Annotated[Ready | ProgressMade | Kept | Succeeded | Failed, Field(discriminator="kind")]
-MESSAGE: TypeAdapter[Ready | ProgressMade | Kept | Succeeded | Failed] = TypeAdapter(Message)
+AnyMessage = Ready | Begun | ProgressMade | Kept | Succeeded | Failed
+MESSAGE: TypeAdapter[AnyMessage] = TypeAdapter(Annotated[AnyMessage, Field(discriminator="kind")])
 
 
 def to_line(message: Contract) -> bytes:

@@ -16,9 +16,15 @@ from sawmill_worker.execution.failures import LIMITS_MET, died, failure_of
 from sawmill_worker.execution.importing import PROGRAM
 from sawmill_worker.execution.logs import about_attempt
 from sawmill_worker.execution.naming import process_name
+from sawmill_worker.execution.overuse import overuse
 from sawmill_worker.execution.patience import Patience
-from sawmill_worker.execution.process import AttemptNotStarted, AttemptProcess, FreshProcesses
-from sawmill_worker.execution.protocol import Assignment, Failed, Kept, ProgressMade, Succeeded
+from sawmill_worker.execution.process import (
+    AttemptNotStarted,
+    AttemptProcess,
+    AttemptTalksNonsense,
+    FreshProcesses,
+)
+from sawmill_worker.execution.protocol import AnyMessage, Assignment, Begun, Failed, Kept, ProgressMade, Succeeded
 from sawmill_worker.execution.settings import ExecutionSettings
 from sawmill_worker.execution.template import Template, template_library
 from sawmill_worker.execution.threading_layer import wait_passively
@@ -231,6 +237,7 @@ class _Supervision:
         self._last_beat = time.monotonic()
         self._give_back_at: float | None = None
         self._last_look = self._last_beat
+        self._limits: Begun | None = None
 
     def run(self, output: Path) -> JobState:
         answer: Succeeded | Failed | JobState | None = self._begin(output)
@@ -238,9 +245,11 @@ class _Supervision:
             if answer is None:
                 answer = self._watch(output)
             if isinstance(answer, Succeeded):
+                # With all that it has started: nobody writes to what is published.
+                self._process.end(self._settings.kill_grace_s)
                 self._publish(answer, output)
                 return JobState.SUCCEEDED
-        except ValidationError:
+        except (AttemptTalksNonsense, ValidationError):
             structlog.get_logger().exception("attempt-answered-nonsense")
             answer = Failed(failure=_NONSENSE)
         if isinstance(answer, Failed):
@@ -287,21 +296,15 @@ class _Supervision:
         """Wait for the answer, or for the state in which the job was ended without one."""
         while True:
             for message in self._process.receive(self._settings.progress_s):
-                if isinstance(message, Failed) and message.failure.kind is FailureKind.INTERNAL:
-                    return message.model_copy(update={"failure": self._outage() or message.failure})
                 if isinstance(message, Succeeded | Failed):
-                    return message
-                if isinstance(message, ProgressMade):
-                    self._progress = message.progress
-                    self._patience.heard(message.progress)
-                if isinstance(message, Kept):
-                    self._patience.moved()
-                    self._keep(message, output)
+                    return self._checked(message, output)
+                self._note(message, output)
             if self._process.hung_up:
                 failure = died(self._process.end(self._settings.kill_grace_s), self._claim.job.kind)
                 own_limit = failure.code in LIMITS_MET
                 return Failed(failure=failure if own_limit else self._outage() or failure)
-            beyond = self._patience.end()
+            looking = self._time_to_look()
+            beyond = (self._overuse(output) if looking else None) or self._patience.end()
             if beyond is not None:
                 structlog.get_logger().warning("attempt-ended-by-limit", reason=beyond.detail)
                 self._process.end(self._settings.kill_grace_s)
@@ -310,13 +313,51 @@ class _Supervision:
                 self._process.end(self._settings.kill_grace_s)
                 self._store.jobs.cancelled(self._claim)
                 return JobState.CANCELLED
-            if self._time_to_give_back() or self._others_wait():
+            if self._time_to_give_back() or (looking and self._others_wait()):
                 self._process.end(self._settings.kill_grace_s)
                 return self._store.jobs.release(self._claim)
+
+    def _checked(self, answer: Succeeded | Failed, output: Path) -> Succeeded | Failed:
+        """The answer, or the reason for which it does not count."""
+        if isinstance(answer, Failed):
+            if answer.failure.kind is not FailureKind.INTERNAL:
+                return answer
+            return answer.model_copy(update={"failure": self._outage() or answer.failure})
+        if self._limits is None:
+            raise AttemptTalksNonsense("an answer from a process that has not begun")
+        too_much = self._overuse(output)  # since the last look
+        return answer if too_much is None else Failed(failure=too_much)
+
+    def _note(self, message: AnyMessage, output: Path) -> None:
+        if isinstance(message, Begun) and self._limits is None:
+            self._limits = message
+            self._patience.moved()
+        if isinstance(message, ProgressMade):
+            self._progress = message.progress
+            self._patience.heard(message.progress)
+        if isinstance(message, Kept):
+            self._patience.moved()
+            self._keep(message, output)
+
+    def _time_to_look(self) -> bool:
+        """Whether `progress_s` have passed since this was so the last time."""
+        if time.monotonic() - self._last_look < self._settings.progress_s:
+            return False
+        self._last_look = time.monotonic()
+        return True
+
+    def _overuse(self, output: Path) -> Failure | None:
+        """The failure of an attempt that takes what its limits forbid and the system does not count."""
+        if self._limits is None:
+            return None
+        reserve_bytes = self._store.settings.disk_reserve_bytes
+        return overuse(self._process.process_id, output, self._limits, reserve_bytes=reserve_bytes)
 
     def _keep(self, message: Kept, output: Path) -> None:
         try:
             self._store.jobs.keep(self._claim, output, message.names)
+        except NotFound as error:
+            raise AttemptTalksNonsense(str(error)) from error
         except (StorageFull, StorageUnavailable) as error:
             # The attempt goes on; its next checkpoint is due soon.
             structlog.get_logger().warning("progress-not-kept", reason=str(error))
@@ -345,9 +386,8 @@ class _Supervision:
 
     def _others_wait(self) -> bool:
         """Whether this is a background job, and another one waits."""
-        if not self._claim.job.background or time.monotonic() - self._last_look < self._settings.progress_s:
+        if not self._claim.job.background:
             return False
-        self._last_look = time.monotonic()
         try:
             return self._store.jobs.is_in_the_way(self._claim)
         except StorageUnavailable as error:

@@ -74,6 +74,7 @@ def _keeper(attempt: Attempt, given: ReconstructionInput, options: Reconstructio
 def make_ready(attempt: Attempt) -> None:
     """Compile what a fitted method needs and nobody has compiled yet: the attempt could not keep it later."""
     if may_fit(attempt.asked(Reconstruction).options.method):
+        attempt.report_stage(0.0, "prepare")
         load_iterative_methods()
 
 

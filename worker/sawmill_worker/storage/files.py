@@ -147,8 +147,11 @@ class FileStore:
         with disk_full_reported("keeping a job's progress"):
             folder.mkdir(exist_ok=True)
             for name in names:
+                checkpoint = checkpoints_of(output) / _checked(name)
+                if checkpoint.is_dir():
+                    raise NotFound("checkpoint", name)
                 with suppress(FileNotFoundError):
-                    (checkpoints_of(output) / _checked(name)).rename(folder / name)
+                    checkpoint.rename(folder / name)
             flush(folder)
 
     def forget_kept(self, job_id: str) -> None:

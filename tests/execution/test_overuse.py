@@ -1,0 +1,74 @@
+"""What an attempt takes and no limit of the system counts, in folders and of processes as they are."""
+
+import mmap
+import os
+
+import pytest
+
+from sawmill_worker.contracts.jobs import FailureKind
+from sawmill_worker.execution.overuse import DEEPEST, SMALL_BYTES, overuse
+from sawmill_worker.execution.protocol import Begun
+from sawmill_worker.storage.errors import StorageFull
+
+MIB = 2**20
+
+
+@pytest.fixture
+def looked_at(tmp_path):
+    """What this process, with a folder of its own, takes beyond its limits."""
+
+    def look(*, file_bytes=MIB, data_bytes=2**40, reserve_bytes=0):
+        limits = Begun(data_bytes=data_bytes, file_bytes=file_bytes)
+        return overuse(os.getpid(), tmp_path, limits, reserve_bytes=reserve_bytes)
+
+    return look
+
+
+def test_files_count_together_and_checkpoints_apart(tmp_path, looked_at):
+    (tmp_path / "kept").mkdir()
+    for name in ("scan.h5", "kept/steps"):
+        (tmp_path / name).write_bytes(bytes(MIB * 3 // 4))
+    assert looked_at() is None
+    (tmp_path / "work").mkdir()
+    (tmp_path / "work" / "scratch").write_bytes(bytes(MIB // 2))
+    failure = looked_at()
+    assert (failure.kind, failure.code) == (FailureKind.INPUT, "file-too-large")
+    assert "GiB of disk for its files together, and may take 0.000977 GiB: ask for fewer rows" in failure.detail
+
+
+def test_a_file_counts_that_is_open_and_has_no_name(tmp_path, looked_at):
+    with (tmp_path / "scratch").open("wb") as file:
+        file.write(bytes(2 * MIB))
+        file.flush()
+        (tmp_path / "scratch").unlink()
+        assert looked_at().code == "file-too-large"
+    assert looked_at() is None
+
+
+def test_folders_in_folders_are_bounded(tmp_path, looked_at):
+    deep = tmp_path.joinpath(*"d" * DEEPEST)
+    deep.mkdir(parents=True)
+    assert looked_at() is None
+    (deep / "d").mkdir()
+    failure = looked_at()
+    assert failure.code == "too-many-files"
+    assert failure.detail == "the job may write 10000 files, in folders at most 8 deep, and has written more"
+
+
+def test_shared_memory_counts_with_private(looked_at):
+    assert looked_at(data_bytes=MIB) is None, "what the system counts is its to refuse"
+    with mmap.mmap(-1, 2 * SMALL_BYTES) as shared:
+        shared.write(bytes(2 * SMALL_BYTES))
+        assert looked_at() is None
+        assert looked_at(data_bytes=MIB).code == "out-of-memory"
+
+
+def test_the_reserve_of_the_disk_is_kept_from_attempts_that_write_much(tmp_path, looked_at):
+    assert looked_at(reserve_bytes=2**62) is None
+    (tmp_path / "scan.h5").write_bytes(bytes(2 * SMALL_BYTES))
+    with pytest.raises(StorageFull, match=r"less than its reserve of .* and the job has written 0.03"):
+        looked_at(file_bytes=2**40, reserve_bytes=2**62)
+
+
+def test_a_process_that_has_ended_takes_its_files_alone(tmp_path):
+    assert overuse(None, tmp_path, Begun(data_bytes=MIB, file_bytes=MIB), reserve_bytes=0) is None
