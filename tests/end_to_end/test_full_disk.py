@@ -8,8 +8,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+import httpx
 import pytest
-from live_service import stop_outside_a_transaction, workers
+from live_service import SCANNER, Service, stop_outside_a_transaction, wait_until, workers
 
 from sawmill_worker.tomography.geometry import Theta
 
@@ -83,3 +84,35 @@ def test_an_accepted_job_waits_for_room_and_the_worker_stays(tmp_path, offline, 
         assert service.wait(job_id)["state"] == "succeeded"
         assert service.get("/health/ready").json()["state"] == "ready"
         assert list((disk / "attempts").iterdir()) == []
+
+
+@pytest.mark.nightly
+def test_a_running_and_a_waiting_job_are_cancelled_on_a_full_disk(
+    tmp_path, offline, serve, small_disk, write_phantom_scan
+):
+    write_phantom_scan(tmp_path / "scan.h5", Theta(0.7, 728.0, -254.0, -37.0, -0.21))
+    environment = {**offline.variables, "SAWMILL_DISK_RESERVE_BYTES": "1000000", "SAWMILL_OUTAGE_WAIT_S": "0.2"}
+    with serve(tmp_path, environment, "--no-examples", prefix=small_disk) as service:
+        disk = Path(f"/proc/{service.process_id}/root{service.data}")
+        scanner_id = service.create_scanner()
+        content = (tmp_path / "scan.h5").read_bytes()
+        scan = service.upload(content, scanner_id=scanner_id, data="counts", phantom_id="l-shape")
+        service.wait(scan["job_id"])
+        wait_until((disk / "sawmill.db.spare").exists)
+        ask = {"scan_id": scan["id"], "method": "paper", "paper": {"max_generations": 1000}}
+        jobs = [service.post("/v1/calibrations", json=ask | {"seed": seed})["job_id"] for seed in range(2)]
+        wait_until(lambda: service.get(f"/v1/jobs/{jobs[0]}").json()["progress"])
+        leave_free(disk / "ballast", 0)
+        # The write-ahead log may have pages that are free still.
+        wait_until(lambda: rename(service, scanner_id).status_code == 507)
+        for job_id in reversed(jobs):
+            # As a page sends it, and as a program does.
+            headers = {"Idempotency-Key": job_id} if job_id == jobs[0] else {}
+            service.post(f"/v1/jobs/{job_id}/cancel", headers=headers)
+            assert service.wait(job_id)["state"] == "cancelled"
+        assert (disk / "ballast").exists()
+
+
+def rename(service: Service, scanner_id: str) -> httpx.Response:
+    scanner = {"name": str(time.monotonic()), "constants": vars(SCANNER)}
+    return service.client.put(f"/v1/scanners/{scanner_id}", json=scanner)

@@ -287,6 +287,17 @@ def test_a_worker_outlives_claims_that_cannot_be_written(store, settings, comman
     assert store.jobs.get(job.id).state is JobState.SUCCEEDED
 
 
+def test_a_cancellation_reaches_a_job_whose_heartbeats_find_the_disk_full(
+    store, runner, queue, in_background, wait_for, monkeypatch
+):
+    job = queue("wait-for-leave")
+    monkeypatch.setattr(store.jobs, "heartbeat", Outage(store.jobs.heartbeat, 10**6, StorageFull("the disk is full")))
+    outcome = in_background(runner.run_next)
+    wait_for(lambda: any(store.files.folder.glob("attempts/*/waiting")))
+    store.jobs.request_cancel(job.id)
+    assert outcome.result(timeout=60) is JobState.CANCELLED
+
+
 def test_what_passes_does_not_come_back(store, runner, queue):
     job = queue("stumble")
     assert [runner.run_next(), runner.run_next()] == [JobState.QUEUED, JobState.SUCCEEDED]

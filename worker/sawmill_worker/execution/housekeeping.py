@@ -67,6 +67,7 @@ class Housekeeping:
             self._retire,
             self._remove_leftovers,
             self._store.repeats.forget_old,
+            self._store.fill_spare_room,
         ]
         if (now_s := time.monotonic()) >= self._seldom_due_s:
             self._seldom_due_s = now_s + SELDOM_S

@@ -382,6 +382,14 @@ class _Supervision:
         except (StorageFull, StorageUnavailable) as error:
             # The lease outlives several heartbeats; the next one is due soon.
             structlog.get_logger().warning("heartbeat-missed", reason=str(error))
+            return isinstance(error, StorageFull) and self._cancellation_can_be_read()
+
+    def _cancellation_can_be_read(self) -> bool:
+        """Whether somebody has asked for a cancellation, where the disk has no room for a heartbeat."""
+        try:
+            return self._store.jobs.get(self._claim.job_id).cancel_requested
+        except StorageUnavailable as error:
+            structlog.get_logger().warning("look-put-off", reason=str(error))
             return False
 
     def _others_wait(self) -> bool:

@@ -15,6 +15,7 @@ from sqlalchemy.orm import Session
 from sawmill_worker.storage.clock import Clock, SharedClock, set_if_new
 from sawmill_worker.storage.errors import StorageMisconfigured
 from sawmill_worker.storage.outages import Door, WriterQueue, trouble_translated
+from sawmill_worker.storage.spare_room import SpareRoom
 from sawmill_worker.storage.tables import Base
 from sawmill_worker.vocabulary.version import VERSION
 
@@ -62,10 +63,11 @@ class Database:
         self.engine = engine
         self.clock = SharedClock(self.read)
         self.now = clock or self.clock
+        one_writer = engine.dialect.name == "sqlite"
+        self.spare_room = SpareRoom(Path(file) if one_writer and (file := engine.url.database) else None)
         self._writer = engine.execution_options(writes=True)
         self._reading = Door()
         # SQLite reads while somebody holds its write lock.
-        one_writer = engine.dialect.name == "sqlite"
         self._writing = Door() if one_writer else self._reading
         self._turn = WriterQueue().turn if one_writer else nullcontext
 

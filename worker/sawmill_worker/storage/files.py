@@ -17,6 +17,7 @@ kept/<job>/                     checkpoints, for the job's next attempt; until t
 removed/                        what is being deleted
 examples/                       what the examples were made of, so that they are made once in a folder's life
 serve.lock                      of the process that serves the folder (`execution/sole_service.py`); SQLite alone
+sawmill.db.spare                room that a cancellation is written into when the disk is full (`spare_room`)
 last-backup.json                when and where the last one was taken (`backups/newest.py`)
 restoring/                      what a restore has not put into its place: no store opens (`backups/restoring.py`)
 

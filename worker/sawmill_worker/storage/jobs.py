@@ -126,7 +126,7 @@ class Jobs:
             return dict.fromkeys(JobState, 0) | {row.state: row.number for row in counted}
 
     def request_cancel(self, job_id: str) -> Job:
-        """Cancel a queued job at once; ask the worker of a running one to stop.
+        """Cancel a queued job at once; ask the worker of a running one to stop; on a full disk too.
 
         Raises
         ------
@@ -134,6 +134,7 @@ class Jobs:
             There is no such job, or it has ended.
         """
         with self._ending() as session:
+            self._database.spare_room.give_up_piece()
             row = found(session, JobRow, "job", job_id, lock=True)
             if row.state.ended:
                 raise Conflict("job-ended", f"job {job_id!r} has {row.state} already and cannot be cancelled")
@@ -469,6 +470,7 @@ class Jobs:
         self._end(session, row, JobState.FAILED, EventKind.FAILED, reason=failure.detail, detail=reported)
 
     def _cancel(self, session: Session, row: JobRow) -> None:
+        self._database.spare_room.give_up_piece()
         self._end(session, row, JobState.CANCELLED, EventKind.CANCELLED, reason=_CANCELLED)
 
     def _end(

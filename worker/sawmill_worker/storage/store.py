@@ -182,6 +182,10 @@ class Store:
         else:
             self.files.check_room(reserve_bytes, needed_by="writing a result")
 
+    def fill_spare_room(self) -> None:
+        """Keep room for cancellations free as long as the disk does not count as full; raise `OSError`."""
+        self._database.spare_room.fill(self.settings.disk_reserve_bytes)
+
     def check_room_for(self, size_bytes: int) -> int:
         """Check that an upload of this size leaves the disk its reserve, and room for the uploads that were begun.
 
