@@ -5,7 +5,19 @@ import struct
 import h5py
 import numpy as np
 import pytest
-from hostile import MEBIBYTE, Outcome, archive_of, checkers, chunk_of, deflated, deflated_twice, outcome, pages_of
+import tifffile
+from hostile import (
+    MEBIBYTE,
+    Outcome,
+    archive_of,
+    checkers,
+    chunk_of,
+    deflated,
+    deflated_twice,
+    outcome,
+    pages_of,
+    tiles_of,
+)
 from PIL import Image
 
 from sawmill_worker.files.errors import UnreadableScan
@@ -246,6 +258,18 @@ class TestTiff:
 
     def test_packbits_that_unpack_to_what_they_declare_are_read(self, file):
         pages_of(file, b"\x81\7" * 1_600, (20, 10_240), 1, compression=32773)
+        assert outcome(file).code == "read"
+
+    def test_tiles_that_are_far_larger_than_their_pages(self, file):
+        tiles_of(file, 4096, (2, 16), 12)
+        refused(file, "too-large", "page 0 of the file has the shape (2, 16) and tiles of (4096, 4096)", "in strips")
+
+    def test_tiles_that_unpack_to_more_in_all_than_a_file_may(self, file):
+        tiles_of(file, 2048, (1024, 1024), 60)
+        refused(file, "too-large", "tiles of pages 0 to 16 of the file unpack to 71303168 bytes", "at most 200 times")
+
+    def test_small_pages_in_tiles_of_the_usual_size_are_read(self, file):
+        tifffile.imwrite(file, np.ones((20, 3, 40), np.uint16), tile=(256, 256), compression="zlib")
         assert outcome(file).code == "read"
 
     def test_pages_that_share_a_long_text(self, file):

@@ -164,3 +164,18 @@ def pages_of(
     links = [first + (index + 1) * (len(page) + 4) for index in range(pages - 1)]
     chain = b"".join(page + struct.pack("<L", link) for link in [*links, 0])
     path.write_bytes(struct.pack("<2sHL", b"II", 42, first) + strip + chain)
+
+
+def tiles_of(path: Path, tile: int, shape: tuple[int, int], pages: int) -> None:
+    """A TIFF of pages of bytes that are each stored as one tile of zeros, of `tile` x `tile` bytes in whole MiB."""
+    rows, cells = shape
+    stored = deflated(b"", tile * tile)
+    first = 8 + len(stored) * pages
+    chain = b""
+    for page in range(pages):
+        tags = {256: cells, 257: rows, 258: 8, 259: 8, 262: 1, 277: 1, 322: tile, 323: tile}
+        tags |= {324: 8 + len(stored) * page, 325: len(stored)}
+        entries = b"".join(struct.pack("<2H2L", tag, 4, 1, value) for tag, value in tags.items())
+        following = first + (page + 1) * (len(entries) + 6) if page + 1 < pages else 0
+        chain += struct.pack("<H", len(tags)) + entries + struct.pack("<L", following)
+    path.write_bytes(struct.pack("<2sHL", b"II", 42, first) + stored * pages + chain)

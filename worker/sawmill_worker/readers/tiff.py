@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 
 from sawmill_worker.files.errors import UnreadableScan, quoted
 from sawmill_worker.readers.arrays import (
+    HARMLESS_BYTES,
+    LARGEST_RATIO,
     Bounds,
     as_float32,
     check_number_type,
@@ -28,6 +30,9 @@ UNCOMPRESSED = 1
 PACKINGS = {8: DEFLATE, 32946: DEFLATE, 32773: PACKBITS}
 READABLE_COMPRESSIONS = frozenset({UNCOMPRESSED, *PACKINGS})
 _LONGEST_DESCRIPTION = 4096
+# A tile that reaches beyond its page is unpacked as a whole: at most this number of times the page's pixels, or of a
+# small page the usual 256 x 256.
+MOST_TILE_PAGES, USUAL_TILE_PIXELS = 4, 256 * 256
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +114,7 @@ def open_pages(source: Path | BinaryIO, name: str, size_bytes: int, bounds: Boun
             (f"a page of {name}", first.shape, bounds.piece),
         ):
             check_size(what, shape, itemsize, stored_bytes=size_bytes, max_bytes=most)
-        claimed = 0
+        claimed = unpacked = 0
         for index, page in enumerate(tiff.pages):
             _check_page(page, f"page {index} of {name}", first.shape, size_bytes, bounds.piece)
             claimed += sum(page.databytecounts)
@@ -118,6 +123,14 @@ def open_pages(source: Path | BinaryIO, name: str, size_bytes: int, bounds: Boun
                     "too-large",
                     f"pages 0 to {index} of {name} claim to be stored in {claimed} bytes of its {size_bytes}: they "
                     "share their data; store each page on its own",
+                )
+            unpacked += len(page.dataoffsets) * math.prod(page.chunks) * itemsize
+            if unpacked > max(HARMLESS_BYTES, LARGEST_RATIO * size_bytes):
+                raise UnreadableScan(
+                    "too-large",
+                    f"the strips or tiles of pages 0 to {index} of {name} unpack to {unpacked} bytes and the file has "
+                    f"{size_bytes}; above {HARMLESS_BYTES >> 20} MiB they may unpack to at most {LARGEST_RATIO} times "
+                    "as many: store the pages in strips",
                 )
         if count == 1:
             _check_nothing_follows(tiff.pages.first, name, size_bytes)
@@ -178,6 +191,13 @@ def _check_page(
     if max(ends, default=0) > size_bytes or (page.compression == UNCOMPRESSED and stored < needed):
         raise UnreadableScan(
             "truncated-file", f"{where} declares more data than the file of {size_bytes} bytes holds; export it again"
+        )
+    pixels = math.prod(page.chunks)
+    if pixels > max(USUAL_TILE_PIXELS, MOST_TILE_PAGES * math.prod(page.shape)):
+        raise UnreadableScan(
+            "too-large",
+            f"{where} has the shape {page.shape} and tiles of {page.chunks}; a tile may have at most {MOST_TILE_PAGES} "
+            f"times the pixels of its page, or {USUAL_TILE_PIXELS}: store the pages in smaller tiles or in strips",
         )
     if page.compression != UNCOMPRESSED:
         _check_strips(page, f"a strip or tile of {where}", itemsize, size_bytes, most_bytes)
