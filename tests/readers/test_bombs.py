@@ -141,6 +141,13 @@ class TestHdf5:
                     group.id.links.create_hard(b"%d" % link, group.id, b"first")
         refused(file, "too-large", "the file has more than 10000 groups and datasets", "leave out what is no part")
 
+    def test_a_thousand_entries_are_refused_in_one_short_sentence(self, file):
+        with h5py.File(file, "w") as h5:
+            for number in range(1000):
+                h5[f"entry {number}/definition"] = "NXtomo"
+        found = refused(file, "dataset-ambiguous", "several NXtomo entries (/entry 0, ", "the right one with dataset")
+        assert len(found.sentence) < 1010
+
     def test_names_that_are_no_utf8_are_no_obstacle(self, file):
         with h5py.File(file, "w") as h5:
             h5["data"] = np.ones((20, 1, 768), np.float32)
@@ -222,7 +229,7 @@ class TestArchives:
 
 class TestMat:
     def packed(self, file, shape, data_bytes, name=b"arr"):
-        head = struct.pack("<4I", 6, 8, 6, 0) + struct.pack("<2I2i", 5, 8, *shape)
+        head = struct.pack("<4I", 6, 8, 6, 0) + struct.pack(f"<2I{len(shape)}i", 5, 4 * len(shape), *shape)
         head += struct.pack("<2H4s", 1, len(name), name) + struct.pack("<2I", 9, data_bytes)
         body = struct.pack("<2I", 14, len(head) + data_bytes) + head
         stored = deflated(body, data_bytes)
@@ -232,6 +239,11 @@ class TestMat:
     def test_a_length_of_3_gb_inside_a_packed_element(self, file):
         self.packed(file, (20, 3 * 2**30 // 160), 3 * 2**30 // 160 * 160)
         refused(file, "too-large", "'arr' needs 3221225440 bytes")
+
+    def test_twenty_thousand_axes_are_refused_in_one_short_sentence(self, file):
+        self.packed(file, (1,) * 20_000, 8)
+        found = refused(file, "dataset-missing", "arr (1, 1, 1, ", "20000 axes instead of 2 or 3")
+        assert len(found.sentence) < 1010
 
     def test_zeros_that_fit_into_the_memory(self, file):
         self.packed(file, (32, 2**21), 2**29)

@@ -15,6 +15,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 LONGEST_QUOTE = 200
+# Of a sentence that lists what a file holds, its beginning and its end; the end says what to do.
+LONGEST_SENTENCE, SENTENCE_END = 1000, 250
 # What goes wrong in a parser that believed the file: its words are about the parser.
 OF_THE_PROGRAM = (ArithmeticError, AssertionError, AttributeError, LookupError, NameError, TypeError, struct.error)
 OF_NO_USE = ("pickle", " object at 0x")  # no advice to trust a file, no addresses
@@ -38,9 +40,11 @@ MACHINE_ERRORS = frozenset(
 
 
 class FileError(Exception):
-    """What is wrong with a file, in a sentence; `code` is stable, for programs."""
+    """What is wrong with a file, in a sentence of bounded length; `code` is stable, for programs."""
 
     def __init__(self, code: str, message: str) -> None:
+        if len(message) > LONGEST_SENTENCE:
+            message = f"{message[: LONGEST_SENTENCE - SENTENCE_END]} ... {message[-SENTENCE_END:]}"
         super().__init__(message)
         self.code = code
 
