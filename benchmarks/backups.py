@@ -37,7 +37,14 @@ from sawmill_worker.storage.store import Store
 from sawmill_worker.storage.tables import EventRow, JobRow, ScanRow
 
 FILES, FILE_BYTES, NEW = 58_000, 10_000, 10
-PARTS = ("first", "unchanged", "ten_new", "check", "restore", "copy")
+PARTS = {
+    "first": "the first backup",
+    "unchanged": "the next one, nothing is new",
+    "ten_new": "the next one, ten files are new",
+    "check": "`restore --check`",
+    "restore": "`restore`",
+    "copy": "a plain copy, to compare",
+}
 BATCH = 5000
 FAILURE = Failure(kind=FailureKind.INPUT, code="unknown-format", detail="no reader knows the file")
 
@@ -134,6 +141,15 @@ def measure(folder: Path, files: int, file_bytes: int) -> dict[str, float]:
     return values
 
 
+def table(values: dict[str, float]) -> str:
+    """Write the seconds as a table of Markdown."""
+    rows = [
+        f"| {words} | {values[f'{part}_processor_s']:.1f} | {values[f'{part}_clock_s']:.1f} |"
+        for part, words in PARTS.items()
+    ]
+    return "\n".join(("| what | processor, s | clock, s |", "|---|---|---|", *rows))
+
+
 def main(arguments: list[str] | None = None, reference: Callable[[], float] = reference_s) -> None:
     """Measure, print and write."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -148,7 +164,7 @@ def main(arguments: list[str] | None = None, reference: Callable[[], float] = re
     with tempfile.TemporaryDirectory(prefix="sawmill-backups-", dir=chosen.folder) as folder:
         values = measure(Path(folder), chosen.files, chosen.file_bytes)
     if results is not None:
-        measurement.write({"backups": values}, results)
+        measurement.write({"backups": values | {"table": table(values)}}, results)
 
 
 if __name__ == "__main__":

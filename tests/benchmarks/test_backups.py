@@ -15,6 +15,7 @@ def study(folder, *arguments):
 def test_a_small_study_measures_everything(tmp_path):
     values = study(tmp_path, "--files", "20", "--file-bytes", "1000")
     parts = {f"{part}_{kind}_s" for part in backups.PARTS for kind in ("processor", "clock")}
+    assert "| `restore` |" in values.pop("table")
     assert values.keys() == {"files", "file_bytes", *parts}
     assert min(values.values()) > 0.0
 

@@ -40,6 +40,7 @@ def test_numbers_are_written_as_the_language_does_and_unknown_ones_are_said_to_b
     assert english.percent(1.5, signed=True) == "+1.50\N{NO-BREAK SPACE}%"
     assert english.degrees(-0.25) == "-0.250°"
     assert english.mm(None) == english.mm(float("nan")) == english.bytes(None) == "not known"
+    assert english.mm(-1e30) == "-1E30\N{NO-BREAK SPACE}mm"
     assert [english.bytes(value) for value in (0, 1023, 1536, 2**42)] == ["0 B", "1,023 B", "1.5 KiB", "4.0 TiB"]
 
 

@@ -124,7 +124,8 @@ def changed(backup: Path, tmp_path: Path, empty_tables: Database) -> Callable[..
     def refusal(table: str, column: str, value: Any) -> str | None:
         path = folder / "rows" / f"{table}.jsonl"
         rows = [json.loads(line) for line in (backup / "rows" / path.name).read_text().splitlines()]
-        next((row for row in rows if row[column] is not None), rows[0])[column] = value
+        row = next((row for row in rows if row[column] is not None), rows[0])
+        row[column] = value(row[column]) if callable(value) else value
         path.write_text("".join(f"{json.dumps(row)}\n" for row in rows))
         try:
             with empty_tables.write() as session:
@@ -191,11 +192,12 @@ def test_each_column_of_each_table_is_read(changed, backup, table):
             "line 1 of rows/drifts.jsonl is refused: job_id: 'example' is a job of",
         ),
         ("alarms", "last_at", None, "line 1 of rows/alarms.jsonl is refused: last_at: an alarm scanner-quiet has one"),
+        ("calibrations", "result", lambda old: old | {"covariance": [[0.0] * 5]}, "covariance: a covariance must have"),
+        ("drifts", "result", lambda old: old | {"tolerance_mm": 0}, "tolerance_mm: .* greater than 0, not 0"),
         ("calibrations", "result", None, "its job has succeeded, and it has no result"),
         ("schedules", "cron", "at noon", "line 1 of rows/schedules.jsonl is refused: cron must be five fields"),
         ("activations", "calibration_id", "gone", "the database refuses line 1 of rows/activations.jsonl: FOREIGN KEY"),
     ],
-    ids=str,
 )
 def test_a_row_that_its_contract_refuses_is_named_with_its_line(changed, table, column, value, words):
     assert re.search(words, changed(table, column, value)) is not None

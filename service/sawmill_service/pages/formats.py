@@ -9,9 +9,11 @@ from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
 from babel import Locale
 from babel.dates import format_date, format_skeleton, format_time, format_timedelta, get_datetime_format
-from babel.numbers import format_decimal
+from babel.numbers import format_decimal, format_scientific
 
 _BINARY = ("B", "KiB", "MiB", "GiB", "TiB")
+# Beyond it babel has no digits for a number's end.
+_LARGEST_IN_FULL = 1e15
 
 
 class Formats:
@@ -51,6 +53,8 @@ class Formats:
         """Rounded to `digits` decimals; `signed` writes the plus too."""
         if value is None or not math.isfinite(value):
             return self._text.gettext("not known")
+        if abs(value) >= _LARGEST_IN_FULL:
+            return str(format_scientific(value, locale=self._locale))
         pattern = "#,##0" + ("." + "0" * digits if digits else "")
         written: str = format_decimal(value, f"+{pattern};-{pattern}" if signed else pattern, locale=self._locale)
         return written

@@ -120,6 +120,17 @@ def check_range(value: tuple[float, float]) -> tuple[float, float]:
     return value
 
 
+def _check_square(rows: list[list[float]]) -> list[list[float]]:
+    lengths = [len(row) for row in rows]
+    if not rows or lengths != [len(rows)] * len(rows):
+        msg = f"a covariance must have as many numbers in each row as it has rows, not {lengths} in {len(rows)} rows"
+        raise ValueError(msg)
+    return rows
+
+
+Covariance = Annotated[list[list[float]], AfterValidator(_check_square)]
+
+
 Item = TypeVar("Item")
 
 

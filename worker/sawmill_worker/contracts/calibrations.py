@@ -8,7 +8,7 @@ from uuid import uuid4
 from pydantic import Field
 from typing_extensions import TypeAliasType
 
-from sawmill_worker.contracts.base import ChosenViews, Contract, Identifier, PositiveMm, Rows, Stamped
+from sawmill_worker.contracts.base import ChosenViews, Contract, Covariance, Identifier, PositiveMm, Rows, Stamped
 from sawmill_worker.contracts.choices import (
     Axis,
     PaperCorrelation,
@@ -345,7 +345,7 @@ class CalibrationResult(Contract):
         description="The geometry with the source on the axis: what the data can see."
     )
     standard_deviation: StandardDeviation | None = Field(description="Null from a method that has no error bars.")
-    covariance: list[list[float]] | None = Field(
+    covariance: Covariance | None = Field(
         description="Covariance of (psi_rad, source_distance_mm, source_to_detector_mm, cor_column_mm, tilt_rad), in "
         "the products of their units; the row of a parameter that was held, or that the scan does not determine, is "
         "zero. Null without error bars.",
@@ -359,7 +359,7 @@ class CalibrationResult(Contract):
             ]
         ],
     )
-    theta_covariance: list[list[float]] | None = Field(
+    theta_covariance: Covariance | None = Field(
         None,
         description="Covariance of (initial_angle_rad, detector_to_cor_mm, source_shift_mm, detector_shift_mm, "
         "detector_tilt), in the products of their units; null where the source shift or the first angle is not "

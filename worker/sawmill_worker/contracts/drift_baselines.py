@@ -2,7 +2,7 @@
 
 from pydantic import Field
 
-from sawmill_worker.contracts.base import Contract, Time
+from sawmill_worker.contracts.base import Contract, Covariance, Time
 from sawmill_worker.contracts.choices import DriftMethod
 from sawmill_worker.contracts.detector_values import DetectorDeviation, DetectorGeometry
 
@@ -24,7 +24,7 @@ class KnownBaseline(Contract):
     )
     cor_column_offset_mm: float = Field(description="u_c of the zero less the calibrated one, mm.", examples=[0.08])
     tilt_offset_rad: float = Field(description="tau of the zero less the calibrated one, radians.", examples=[-0.0001])
-    covariance: list[list[float]] = Field(
+    covariance: Covariance = Field(
         description="Covariance of the zero, (cor_column_mm, tilt_rad), in the products of their units, without the "
         "calibration's.",
         examples=[[[0.0001, 0.0], [0.0, 1e-08]]],

@@ -5,7 +5,7 @@ from typing import Self
 
 from pydantic import Field
 
-from sawmill_worker.contracts.base import Contract, Identifier, Rows, Stamped, Time
+from sawmill_worker.contracts.base import Contract, Covariance, Identifier, Rows, Stamped, Time
 from sawmill_worker.contracts.choices import DisturbedPart, DriftMethod, DriftReference
 from sawmill_worker.contracts.detector_values import DetectorDeviation, DetectorGeometry
 from sawmill_worker.contracts.drift_baselines import DriftBaseline
@@ -56,7 +56,7 @@ class DriftResult(Contract):
 
     measured: DetectorGeometry = Field(description="What this scan shows of the geometry.")
     standard_deviation: DetectorDeviation = Field(description="Of what was measured.")
-    covariance: list[list[float]] = Field(
+    covariance: Covariance = Field(
         description="Covariance of what was measured, (cor_column_mm, tilt_rad, source_to_detector_mm), in the "
         "products of their units.",
         examples=[[[0.0025, 0, 0], [0, 1.6e-07, 0], [0, 0, 0]]],
@@ -95,7 +95,7 @@ class DriftResult(Contract):
         None, description="Of the change of scale, 95 %.", examples=[0.4]
     )
     radius_mm: float = Field(description="Of the disc in which rays are compared.", examples=[150.0])
-    tolerance_mm: float = Field(description="RMS ray distance up to which nothing moved.", examples=[0.5])
+    tolerance_mm: float = Field(gt=0, description="RMS ray distance up to which nothing moved.", examples=[0.5])
     within_tolerance: bool | None = Field(
         description="False: a change beyond chance moved the rays, or the image's size, by more than is allowed. Null: "
         "the scan is too uncertain to say.",

@@ -4,7 +4,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from sawmill_worker.contracts.base import Contract, Identifier, Stamped
+from sawmill_worker.contracts.base import Contract, Covariance, Identifier, Stamped
 from sawmill_worker.contracts.calibrations import PredictedRayError, StandardDeviation
 from sawmill_worker.contracts.geometry import GivenTheta, ReportedSourceFrame, ScannerConstants
 from sawmill_worker.contracts.given import Given
@@ -56,7 +56,7 @@ class PlanResult(Contract):
     theta: Theta = Field(description="The geometry that it is planned for.")
     source_frame: ReportedSourceFrame = Field(description="The geometry with the source on the axis.")
     standard_deviation: StandardDeviation = Field(description="The standard deviations that one scan will have.")
-    covariance: list[list[float]] = Field(
+    covariance: Covariance = Field(
         description="Covariance of (psi, R, SDD, u_c, tau) in rad and mm, in the products of their units.",
         examples=[
             [
