@@ -17,7 +17,8 @@ from sawmill_worker.contracts.jobs import FailureKind, JobState, Priority
 from sawmill_worker.contracts.scans import ScanState
 from sawmill_worker.execution import process
 from sawmill_worker.execution.poller import run_worker
-from sawmill_worker.execution.process import AttemptNotStarted, AttemptProcess
+from sawmill_worker.execution.process import AttemptNotStarted, AttemptProcess, FreshProcesses
+from sawmill_worker.execution.protocol import CHANNEL, Ready, to_line
 from sawmill_worker.execution.runner import Runner
 from sawmill_worker.storage.acting import Actor, acting_as
 from sawmill_worker.storage.errors import StorageFull, StorageUnavailable
@@ -457,6 +458,25 @@ def test_a_broken_installation_uses_up_no_attempts(store, settings, stop, queue,
         runner.run_next()
     assert store.jobs.get(job.id).attempt == 0
     runner.close()
+
+
+# As a compiler does that other processes leave little of the machine: ready long after the limit.
+BUSY_NOW_AND_THEN = f"""
+import os, time
+for round in range(10):
+    until = time.process_time() + 0.02
+    while time.process_time() < until:
+        pass
+    time.sleep(0.2)
+os.write(int(os.environ["{CHANNEL}"]), {to_line(Ready())!r})
+time.sleep(60)
+"""
+
+
+def test_a_start_that_goes_on_working_is_not_ended_by_its_limit():
+    started = FreshProcesses([sys.executable, "-S", "-c", BUSY_NOW_AND_THEN], os.environ).start()
+    started.wait_until_ready(0.5)
+    started.end(60)
 
 
 def test_a_failing_database_is_survived_by_a_running_job(store, runner, queue, in_background, wait_for, monkeypatch):

@@ -8,6 +8,7 @@ import time
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from fcntl import F_SETPIPE_SZ, fcntl
+from pathlib import Path
 from typing import IO, Protocol
 
 import structlog
@@ -64,10 +65,13 @@ class AttemptProcess:
         Speaks `protocol`.
     channel
         Descriptor from which its messages are read; closed by `end`.
+    template_id
+        The process that forks it once it has imported everything; null: it does that itself.
     """
 
-    def __init__(self, process: Running, channel: int) -> None:
+    def __init__(self, process: Running, channel: int, template_id: int | None = None) -> None:
         self._process = process
+        self._template_id = template_id
         self._channel = open(channel, "rb", buffering=0)  # noqa: SIM115 - a descriptor, closed by `end`
         self._unread = bytearray()
         self._ready = False
@@ -79,23 +83,33 @@ class AttemptProcess:
         return self._process.poll() is None
 
     def wait_until_ready(self, timeout_s: float) -> None:
-        """Wait until it has imported everything.
+        """Wait until it has imported everything, as long as it works at that: the first import compiles for minutes.
 
         Raises
         ------
         AttemptNotStarted
-            It ended, or took longer than `timeout_s`.
+            It ended, or used no processor time for `timeout_s`.
         """
-        deadline = time.monotonic() + timeout_s
+        deadline, ticks = time.monotonic() + timeout_s, self._processor_ticks()
         while not self._ready:
             left_s = deadline - time.monotonic()
             if left_s <= 0:
-                raise AttemptNotStarted(f"a process was not ready after {timeout_s:g} s")
+                before, ticks = ticks, self._processor_ticks()
+                if ticks == before:
+                    raise AttemptNotStarted(f"a process stood still for {timeout_s:g} s before it was ready")
+                deadline, left_s = time.monotonic() + timeout_s, timeout_s
             for message in self.receive(left_s):
                 if isinstance(message, Ready):
                     self._ready = True
             if self.hung_up:
                 raise AttemptNotStarted(f"a process ended with exit code {self._process.wait()} before it was ready")
+
+    def _processor_ticks(self) -> int:
+        """Processor time that whoever imports has used, in ticks of the kernel (proc(5)); 0: it has ended."""
+        with suppress(FileNotFoundError, ProcessLookupError):
+            stat = Path(f"/proc/{self._template_id or self._process.pid}/stat").read_text()
+            return sum(map(int, stat.rpartition(")")[2].split()[11:13]))
+        return 0
 
     def assign(self, assignment: Assignment) -> None:
         """Hand over the one attempt; `receive` finds out where the process has died by now."""

@@ -65,8 +65,8 @@ class ExecutionSettings(BaseSettings):
     )
     start_timeout_s: Seconds = Field(
         120.0,
-        description="For a template or a fresh process to import the science; generous because the first import "
-        "compiles.",
+        description="For a template or a fresh process that uses no processor time before it has imported the science; "
+        "the first import compiles, which may take minutes, and is not ended for that.",
     )
     spare_processes: Annotated[int, Field(ge=1, le=8)] = Field(
         1,

@@ -59,7 +59,8 @@ class Template:
             finally:
                 for theirs in (assignment_in, channel_in, book_in):
                     os.close(theirs)
-        return AttemptProcess(ForkedProcess(assignment, book), channel)
+            template_id = None if self._process is None else self._process.pid
+        return AttemptProcess(ForkedProcess(assignment, book), channel, template_id)
 
     def patience_s(self, start_timeout_s: float) -> float:
         """How long a child may take until it is ready: little once the template is warm."""
