@@ -1,6 +1,6 @@
-"""What h5py and HDF5 pack and sum up in C, unpacked and summed up within the bounds of our own memory.
+"""LZF data unpacked within the bounds of what they may unpack to.
 
-LZF: a byte below 32 is followed by as many literals and one more; any other one repeats (its upper three bits, and the
+A byte below 32 is followed by as many literals and one more; any other one repeats (its upper three bits, and the
 next byte where they are 7) + 2 bytes from as far back as its lower five bits and the next byte tell (M. Lehmann,
 LibLZF, lzf_d.c).
 """
@@ -44,19 +44,3 @@ def unpack_lzf(packed, unpacked):
                 unpacked[to + offset] = unpacked[start + offset]
         to += length
     return to
-
-
-@njit(cache=True)
-def fletcher32(data):
-    """Sum up bytes as the checksum of HDF5 does: Fletcher's, of 16-bit numbers whose first byte is the higher one."""
-    low, high = 0, 0
-    # Neither sum of 360 numbers exceeds 32 bits before it is folded.
-    for start in range(0, data.size, 2 * 360):
-        for at in range(start, min(start + 2 * 360, data.size), 2):
-            low += int(data[at]) << 8
-            if at + 1 < data.size:
-                low += int(data[at + 1])
-            high += low
-        low, high = (low & 0xFFFF) + (low >> 16), (high & 0xFFFF) + (high >> 16)
-    low, high = (low & 0xFFFF) + (low >> 16), (high & 0xFFFF) + (high >> 16)
-    return high << 16 | low

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_worker.files.errors import UnreadableScan, quoted
+from sawmill_worker.files.packing import fletcher32
 
 CHECKSUM_BYTES = 4
 # szip data begin with the number of bytes that they unpack to (HDF5, H5Zszip.c).
@@ -106,6 +107,11 @@ def check_unpacked(dataset: h5py.Dataset) -> None:
         chunks.read(offset)
 
 
+def load_kernels() -> None:
+    """Load or compile what unpacks LZF, so that no reading waits for it."""
+    _of_lzf(np.frombuffer(b"\0\0", np.uint8), 1)
+
+
 def read_chunked(
     dataset: h5py.Dataset, into: NDArray[Any], images: NDArray[np.intp], parts: tuple[slice, ...] = ()
 ) -> None:
@@ -186,10 +192,8 @@ def _of_lzf(data: NDArray[np.uint8], most: int) -> NDArray[np.uint8]:
 
 
 def _checked(data: NDArray[np.uint8], _: int) -> NDArray[np.uint8]:
-    from sawmill_worker.files._chunks_numba import fletcher32  # noqa: PLC0415 - Numba, for such data only
-
     values, stored = data[:-CHECKSUM_BYTES], data[-CHECKSUM_BYTES:]
-    if fletcher32(values) != int.from_bytes(stored, "little"):
+    if fletcher32(values.tobytes()) != int.from_bytes(stored, "little"):
         raise ValueError("a chunk does not have the checksum that is stored with it")
     return values
 

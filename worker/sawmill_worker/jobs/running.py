@@ -10,11 +10,12 @@ from types import MappingProxyType
 from typing import Any, Protocol, cast
 
 from sawmill_worker.contracts.jobs import JobKind
+from sawmill_worker.files import hdf5_chunks
 from sawmill_worker.jobs import reconstruct
 from sawmill_worker.jobs.attempt import Attempt
 from sawmill_worker.jobs.needs import Needs
+from sawmill_worker.tomography import warm_up as science
 from sawmill_worker.tomography.kernel_cache import only_read
-from sawmill_worker.tomography.warm_up import warm_up
 from sawmill_worker.use_cases.failures import input_errors_translated
 
 __all__ = ["Attempt", "Needs", "make_ready", "needs_of", "run", "warm_up"]
@@ -32,6 +33,12 @@ def _module_of(kind: JobKind) -> _JobModule:
 
 # At import, so that a process that is kept ready has everything loaded.
 _MODULES: Mapping[JobKind, _JobModule] = MappingProxyType({kind: _module_of(kind) for kind in JobKind})
+
+
+def warm_up() -> None:
+    """Load or compile the kernels that every job needs: those of the science, and those of packed files."""
+    science.warm_up()
+    hdf5_chunks.load_kernels()
 
 
 def run(attempt: Attempt) -> dict[str, Any]:
