@@ -58,6 +58,7 @@ from sawmill_service.slow_bodies import SlowBodies
 from sawmill_service.stopping import Stopping
 from sawmill_service.transfers import Transfers
 from sawmill_service.waiting import JobEnds
+from sawmill_service.webhooks import described_messages
 from sawmill_worker.storage.store import Store
 from sawmill_worker.vocabulary.version import VERSION
 
@@ -124,6 +125,9 @@ def create_app(
         version=VERSION,
         description=DESCRIPTION,
         openapi_tags=TAGS,
+        license_info={"name": "Apache License 2.0", "identifier": "Apache-2.0"},
+        servers=[{"url": "/"}],
+        webhooks=described_messages.router,
         openapi_url=None,
         docs_url=None,
         redoc_url=None,

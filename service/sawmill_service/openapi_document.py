@@ -17,6 +17,7 @@ from sawmill_service.openapi_words import complete
 from sawmill_service.problem_types import PATH as PROBLEMS
 from sawmill_service.problems import Problem
 from sawmill_service.refusals import CODES_KEY, list_refusals
+from sawmill_service.sent_form import FILE
 from sawmill_service.sent_form import MEDIA_TYPE as FORM
 
 TRY = "x-try"
@@ -119,8 +120,8 @@ def example_requests(app: FastAPI) -> list[ExampleRequest]:
     return [_example_request(path, method, operation) for path, method, operation in _operations(app.openapi())]
 
 
-def _operations(document: dict[str, Any]) -> Iterator[tuple[str, str, dict[str, Any]]]:
-    for path, item in document["paths"].items():
+def _operations(document: dict[str, Any], part: str = "paths") -> Iterator[tuple[str, str, dict[str, Any]]]:
+    for path, item in document[part].items():
         for method, operation in item.items():
             yield path, method, operation
 
@@ -139,6 +140,9 @@ def _finish(document: dict[str, Any]) -> dict[str, Any]:
     components["headers"] = HEADERS
     components["securitySchemes"] = SECURITY_SCHEMES
     complete(schemas, _parameters(document))
+    for _, _, message in _operations(document, "webhooks"):
+        _drop_generated_refusal(message["responses"])
+    _state_items(document)
     for path, method, operation in _operations(document):
         _describe_access(method.upper(), path, operation)
         _describe_repeats(operation)
@@ -177,6 +181,18 @@ def _replace_references(part: Any, refer: dict[str, str]) -> None:  # noqa: ANN4
             _replace_references(value, refer)
         elif isinstance(value, str) and value in refer:
             part[key] = refer[value]
+
+
+def _state_items(part: Any) -> None:  # noqa: ANN401 - any JSON value
+    """State the type of the items of each pair, in place: generators that pass over `prefixItems` read it.
+
+    Its length already forbids further items. `items: false` would say so again, and openapi-python-client refuses it.
+    """
+    if isinstance(part, dict) and "prefixItems" in part:
+        [kind] = {item["type"] for item in part["prefixItems"]}
+        part["items"] = {"type": kind}
+    for each in part.values() if isinstance(part, dict) else part if isinstance(part, list) else ():
+        _state_items(each)
 
 
 def _parameters(document: dict[str, Any]) -> Iterator[dict[str, Any]]:
@@ -238,8 +254,8 @@ def _give_examples(operation: dict[str, Any], values: dict[str, Any]) -> None:
         elif parameter["required"] and examples:
             parameter["example"] = examples[0]
     if "body" in values:
-        [media] = operation["requestBody"]["content"].values()
-        media["example"] = values["body"]
+        [(media_type, media)] = operation["requestBody"]["content"].items()
+        media["example"] = values["body"] | ({FILE: "the bytes of the file"} if media_type == FORM else {})
 
 
 def _example_request(path: str, method: str, operation: dict[str, Any]) -> ExampleRequest:
@@ -251,13 +267,16 @@ def _example_request(path: str, method: str, operation: dict[str, Any]) -> Examp
             path = path.replace(f"{{{parameter['name']}}}", str(parameter["example"]))
     content = operation.get("requestBody", {}).get("content", {})
     media_type = next(iter(content), None)
+    body = content[media_type].get("example") if media_type else None
+    if media_type == FORM and body:
+        body = {name: value for name, value in body.items() if name != FILE}
     return ExampleRequest(
         operation_id=operation["operationId"],
         method=method.upper(),
         path=path,
         headers=headers,
         query=query,
-        body=content[media_type].get("example") if media_type else None,
+        body=body,
         body_file=operation.get("x-example-file"),
         media_type=media_type,
     )

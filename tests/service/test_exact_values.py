@@ -89,7 +89,7 @@ def unbounded(document, schema, place, bounds=frozenset()):
         yield from unbounded(document, part, place, bounds)
     for name, part in [*schema.get("properties", {}).items(), *enumerate(schema.get("prefixItems", []))]:
         yield from unbounded(document, part, f"{place}.{name}")
-    if "items" in schema:
+    if "items" in schema and "prefixItems" not in schema:
         yield from unbounded(document, schema["items"], place)
 
 

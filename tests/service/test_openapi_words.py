@@ -1,7 +1,9 @@
 """Every property and parameter of the OpenAPI document has a description, a unit and an example that is valid."""
 
+import json
 import re
 from collections import Counter
+from datetime import UTC, datetime
 
 import pytest
 from jsonschema import Draft202012Validator
@@ -9,6 +11,8 @@ from jsonschema import Draft202012Validator
 from sawmill_service.app import create_app
 from sawmill_service.openapi_words import unit_of
 from sawmill_service.settings import ServiceSettings
+from sawmill_service.webhooks.messages import body_of_event
+from sawmill_worker.contracts.events import Event
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.store import Store
 
@@ -97,3 +101,41 @@ def test_every_example_is_valid(document):
         validator = Draft202012Validator(schema | root, format_checker=Draft202012Validator.FORMAT_CHECKER)
         for example in schema.get("examples", []):
             assert [error.message for error in validator.iter_errors(example)] == [], where
+
+
+def parts(document, place=""):
+    """Every object of the document, with its place."""
+    for name, value in document.items() if isinstance(document, dict) else enumerate(document):
+        if isinstance(value, dict | list):
+            yield from parts(value, f"{place}/{name}")
+    if isinstance(document, dict):
+        yield place, document
+
+
+def test_linters_and_generators_find_what_they_look_for(document):
+    assert document["servers"] == [{"url": "/"}]
+    assert document["info"]["license"]["identifier"] == "Apache-2.0"
+    pairs = [part for _, part in parts(document) if "prefixItems" in part]
+    assert [pair for pair in pairs if {pair["items"]["type"]} != {item["type"] for item in pair["prefixItems"]}] == []
+    assert [pair for pair in pairs if pair["maxItems"] != len(pair["prefixItems"])] == []
+    assert [place for place, part in parts(document) if {"minimum", "exclusiveMinimum"} <= part.keys()] == []
+    names = [part["operationId"] for _, part in parts(document) if isinstance(part.get("operationId"), str)]
+    assert [name for name, number in Counter(names).items() if number > 1] == []
+
+
+def test_the_example_of_every_body_is_valid(document):
+    root = {"components": document["components"]}
+    bodies = [
+        part for place, part in parts(document["paths"]) if "/requestBody/content/" in place and "example" in part
+    ]
+    assert len(bodies) > 10
+    for media in bodies:
+        Draft202012Validator(media["schema"] | root).validate(media["example"])
+
+
+def test_a_message_to_a_webhook_is_as_described(document):
+    message = document["webhooks"]["event"]["post"]["requestBody"]["content"]["application/json"]["schema"]
+    event = Event(number=42, at=datetime.now(UTC), what="alarm-opened", scanner_id="example", detail={"what": "drift"})
+    validator = Draft202012Validator(message | {"components": document["components"]})
+    validator.validate(json.loads(body_of_event(event)))
+    assert not validator.is_valid(event.model_dump(mode="json"))

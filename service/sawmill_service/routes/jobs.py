@@ -151,7 +151,7 @@ def _pause_s(waited_s: float, longest_s: float) -> float:
 
 
 @router.get("/{job_id}/history", summary="Each attempt at a job and its fate", responses=refuses("job-not-found"))
-def job_history(job_id: Identifier, store: TheStore) -> JobHistory:
+def get_job_history(job_id: Identifier, store: TheStore) -> JobHistory:
     """When each attempt started, on which worker, and how it ended: `lost`, `put-off`, `given-back` or for good."""
     return JobHistory(events=store.events.of_job(job_id))
 

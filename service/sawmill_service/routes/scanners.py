@@ -179,6 +179,6 @@ def list_measurements(scanner_id: Identifier, which: Annotated[Since, Query()], 
     summary="Get what a scanner's drift checks show together",
     responses=refuses("scanner-not-found"),
 )
-def scanner_drift(scanner_id: Identifier, store: TheStore) -> ScannerDrift:
+def get_scanner_drift(scanner_id: Identifier, store: TheStore) -> ScannerDrift:
     """Since its active calibration: the baseline, the newest checks pooled, and whether it jumped or drifts slowly."""
     return store.drift_charts.of_scanner(scanner_id)

@@ -2,25 +2,19 @@
 
 import hashlib
 import hmac
-import json
 from base64 import b64decode, b64encode
 from collections.abc import Sequence
 from datetime import datetime
 
 from sawmill_worker.contracts.events import Event
+from sawmill_worker.contracts.webhooks import EventMessage
 from sawmill_worker.storage.webhooks import PREFIX
 from sawmill_worker.vocabulary.version import VERSION
 
 
-def body_of(what: str, at: datetime, data: object) -> bytes:
-    """The JSON of a message: what happened, when, and all that is known about it."""
-    text = json.dumps({"type": what, "timestamp": at.isoformat(), "data": data}, separators=(",", ":"))
-    return text.encode()
-
-
 def body_of_event(event: Event) -> bytes:
-    """As `/v1/events` has the event."""
-    return body_of(event.what, event.at, event.model_dump(mode="json"))
+    """Write the message about an event."""
+    return EventMessage(type=event.what, timestamp=event.at, data=event).model_dump_json().encode()
 
 
 def headers_of(message_id: str, now: datetime, body: bytes, secrets: Sequence[str]) -> dict[str, str]:

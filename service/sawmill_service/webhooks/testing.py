@@ -4,11 +4,9 @@ import asyncio
 from uuid import uuid4
 
 from sawmill_service.webhooks.destinations import AllowedDestinations
-from sawmill_service.webhooks.messages import body_of, headers_of
-from sawmill_worker.contracts.webhooks import WebhookTest
+from sawmill_service.webhooks.messages import headers_of
+from sawmill_worker.contracts.webhooks import TestedWebhook, WebhookTest, WebhookTestMessage
 from sawmill_worker.storage.store import Store
-
-TYPE = "webhook-test"
 
 
 def send_test(store: Store, allowed: AllowedDestinations, webhook_id: str) -> WebhookTest:
@@ -24,7 +22,8 @@ def send_test(store: Store, allowed: AllowedDestinations, webhook_id: str) -> We
 
     webhook, secrets = store.webhooks.signing(webhook_id)
     now, message_id = store.now(), f"msg_{uuid4().hex}"
-    body = body_of(TYPE, now, {"webhook_id": webhook_id, "description": webhook.description})
+    tested = TestedWebhook(webhook_id=webhook_id, description=webhook.description)
+    body = WebhookTestMessage(timestamp=now, data=tested).model_dump_json().encode()
     headers = headers_of(message_id, now, body, secrets)
     answer = asyncio.run(Sending(allowed).post(webhook.url, headers, body))
     return WebhookTest(

@@ -27,6 +27,7 @@ def without(*names: str) -> Schema:
 def bounded(schema: Schema, bounds: Mapping[str, tuple[float, float]]) -> None:
     """Closer bounds of numbers, which are null too where they may be left out."""
     for name, (least, largest) in bounds.items():
+        schema["properties"][name].pop("exclusiveMinimum", None)
         schema["properties"][name] |= {"minimum": least, "maximum": largest}
 
 

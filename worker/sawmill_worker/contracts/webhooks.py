@@ -3,13 +3,13 @@
 import re
 from collections.abc import Iterable
 from enum import StrEnum
-from typing import Annotated, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 from pydantic import AfterValidator, Field
 
 from sawmill_worker.contracts import patterns
 from sawmill_worker.contracts.base import Contract, Identifier, Name, Stamped, Time
-from sawmill_worker.contracts.events import EventKind
+from sawmill_worker.contracts.events import Event, EventKind
 from sawmill_worker.contracts.given import Given
 
 _URL = re.compile(patterns.WEBHOOK_URL)
@@ -244,3 +244,26 @@ class WebhookTest(Contract):
     webhook_id: Identifier = Field(description="Id of the webhook.", examples=["example"])
     status: int | None = Field(description="The answer's status. Null: there was none.", examples=[200])
     reason: str | None = Field(description="Why it was not delivered. Null: it was.", examples=[None])
+
+
+class EventMessage(Contract):
+    """A message that is posted to a webhook when something has happened."""
+
+    type: EventKind = Field(description="What happened, as in `data`.", examples=["alarm-opened"])
+    timestamp: Time = Field(description="When it happened, RFC 3339, UTC.")
+    data: Event = Field(description="The event as `/v1/events` has it.")
+
+
+class TestedWebhook(Contract):
+    """The webhook that a test message is sent to."""
+
+    webhook_id: Identifier
+    description: Name | None = Field(description="Who listens there. Null: not given.", examples=["shift office"])
+
+
+class WebhookTestMessage(Contract):
+    """A message that somebody sends to a webhook for a test."""
+
+    type: Literal["webhook-test"] = Field("webhook-test", description="That it is a test.")
+    timestamp: Time = Field(description="When it was sent, RFC 3339, UTC.")
+    data: TestedWebhook = Field(description="The webhook that it was sent to.")
