@@ -175,6 +175,9 @@ def test_files_that_are_lost_are_counted_and_named(found, run, data):
     named = f"uploads/scans/{first}/original, uploads/scans/{second}/original, uploads/scans/{third}/original, ..."
     assert finding["sentence"] == f"4 files that rows name are missing in the data folder: {named}"
     assert "restore the last backup" in finding["cure"]
+    shutil.rmtree(data / "uploads" / "scans" / ids[4])
+    (data / "uploads" / "scans" / ids[4]).symlink_to(ids[4])
+    assert "cannot be read" in found("files")["sentence"]
 
 
 def test_a_server_that_is_away(found, monkeypatch):

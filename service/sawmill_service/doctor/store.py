@@ -108,7 +108,11 @@ def _damage(store: Store) -> Finding:
 
 
 def _files(store: Store) -> Finding:
-    lost = store.lost_files()
+    try:
+        lost = store.lost_files()
+    except OSError as error:
+        sentence = f"the data folder cannot be read: {error}"
+        return Finding("files", State.BAD, sentence, "look for errors of its disk in the system's log (dmesg)")
     if not lost:
         return Finding("files", State.GOOD, "every file that rows name is there")
     named = ", ".join(lost[:_NAMED]) + (", ..." if len(lost) > _NAMED else "")

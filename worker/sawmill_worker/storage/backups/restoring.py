@@ -33,6 +33,7 @@ from sawmill_worker.storage.jobs import requeue
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.tables import JobRow
 from sawmill_worker.vocabulary import ProgressCallback
+from sawmill_worker.vocabulary.version import VERSION
 from sawmill_worker.whole_files import flush, flushed_file_system
 
 _LOCK = "lock"
@@ -185,8 +186,9 @@ def _clear(folder: Path, settings: StorageSettings) -> None:
 def _checked(backup: Path) -> Checked:
     checked = Checked(backup)
     if not is_known(checked.manifest.revision):
-        msg = f"the backup was taken by version {checked.manifest.version} with tables of revision "
-        msg += f"{checked.manifest.revision}, and this version knows {newest_revision()}: install that version"
+        theirs = f"version {checked.manifest.version} with tables of revision {checked.manifest.revision}"
+        ours = f"version {VERSION}, knows revision {newest_revision()}"
+        msg = f"the backup was taken by {theirs}, and this program, {ours}: install version {checked.manifest.version}"
         raise Refused(msg)
     problems = list(checked.problems().values())
     if problems:
