@@ -2,6 +2,7 @@ import asyncio
 import errno
 import hashlib
 import os
+import subprocess
 from pathlib import Path
 from threading import Lock
 
@@ -41,6 +42,26 @@ def test_what_is_made_on_request_is_made_once_and_whole_or_not_at_all(files):
         )
         assert (path, path.read_bytes()) == (folder / "report.png", b"drawn")
     assert incoming(files) == []
+
+
+@pytest.fixture
+def nested(files, monkeypatch):
+    """An attempt's folder with folders in it deeper than Python's recursion goes, the last one closed to its owner."""
+    folder = files.make_attempt_folder("job", 1)
+    with monkeypatch.context() as inside:
+        inside.chdir(folder)
+        for _ in range(1200):
+            Path("deeper").mkdir()
+            os.chdir("deeper")
+        Path("file").touch()
+        Path("closed").mkdir(mode=0)
+    yield folder
+    subprocess.run(["rm", "-rf", files.folder], check=True)  # which pytest could not either
+
+
+def test_folders_that_were_made_to_stay_are_removed(files, nested):
+    files.remove(nested)
+    assert list((files.folder / "attempts").iterdir()) == list((files.folder / "removed").iterdir()) == []
 
 
 def test_what_is_made_for_a_removed_subject_is_not_kept(files):

@@ -26,6 +26,7 @@ What is in none of the rows goes with time (`leftovers`).
 
 import asyncio
 import fcntl
+import os
 import re
 import shutil
 import threading
@@ -193,10 +194,29 @@ class FileStore:
 
     def delete(self, path: Path) -> None:
         """Delete what was set aside."""
-        if path.is_dir():
-            shutil.rmtree(path)
-        else:
+        if not path.is_dir():
             path.unlink()
+            return
+        try:
+            shutil.rmtree(path)
+        except (RecursionError, PermissionError):  # made by somebody who wanted it to stay
+            self._delete_one_by_one(path)
+
+    def _delete_one_by_one(self, path: Path) -> None:
+        """Delete a folder however deep its folders lie, and though they are closed to their owner."""
+        path.chmod(0o700)
+        folders = [path]
+        while folders:
+            folder = folders.pop()
+            with os.scandir(folder) as found:
+                entries = list(found)
+            for entry in entries:
+                if entry.is_dir(follow_symlinks=False):
+                    Path(entry.path).chmod(0o700)
+                    folders.append(Path(entry.path).rename(self.folder / "removed" / uuid4().hex))
+                else:
+                    Path(entry.path).unlink()
+            folder.rmdir()
 
     def room(self) -> Room:
         """How much there is on the data folder's disk, or an `OSError`."""
