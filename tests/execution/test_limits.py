@@ -85,20 +85,20 @@ def test_a_job_whose_phantom_was_deleted_meanwhile_is_refused(store, start):
 
 
 TOO_MUCH = (
+    ("share-memory", "out-of-memory", "GiB of private and shared memory, and may take 0.5 GiB"),
     ("eat-memory", "out-of-memory", "more memory than the 0.5 GiB that it may take"),
     ("burn", "too-long", "of processor time that it may take: give a smaller file"),
     ("start-a-thread", "out-of-memory", "more memory than the 0.5 GiB that it may take"),
     ("write-much", "file-too-large", "a larger file than it may"),
     ("open-many", "too-many-files", "more than the 256 open files that it may have"),
-    ("share-memory", "out-of-memory", "GiB of private and shared memory, and may take 0.5 GiB"),
 )
 
 
 @fresh_by_night
 def test_a_job_that_takes_more_than_it_may_is_refused_once(store, start, settings, queue):
     runner = start()
-    # Of fresh processes, which take a second each, one that answers and one that a signal ends.
-    for behaviour, code, words in TOO_MUCH if settings.fork_attempts else TOO_MUCH[:2]:
+    # Of fresh processes, which take a second each, one that is ended, one that answers and one that a signal ends.
+    for behaviour, code, words in TOO_MUCH if settings.fork_attempts else TOO_MUCH[:3]:
         job = queue(behaviour)
         assert runner.run_next() is JobState.FAILED
         failure = store.jobs.get(job.id).failure

@@ -125,8 +125,8 @@ class AttemptProcess:
 
     @property
     def process_id(self) -> int | None:
-        """None where it is not known."""
-        return self._process.pid
+        """None where it has ended, or is not known yet."""
+        return self._process.pid if self.alive else None
 
     def receive(self, timeout_s: float) -> list[AnyMessage]:
         """Messages that arrive within a time; none when there are none, or when it `hung_up`.
