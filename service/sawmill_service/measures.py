@@ -23,7 +23,7 @@ from sawmill_worker.contracts.events import EventKind
 from sawmill_worker.contracts.failure_codes import DEFECTS, OTHER, counted_as
 from sawmill_worker.contracts.jobs import FailureKind, JobKind, JobState
 from sawmill_worker.contracts.retention import Removed
-from sawmill_worker.storage.errors import StorageMisconfigured, StorageUnavailable
+from sawmill_worker.storage.errors import FolderUnavailable, StorageMisconfigured, StorageUnavailable
 from sawmill_worker.storage.store import Store
 from sawmill_worker.storage.tallies import DURATIONS_S, NONE, Amount, Fate, Tally
 
@@ -63,7 +63,7 @@ class Measures(Collector):
 def _folder(store: Store) -> Iterator[Metric]:
     try:
         room = store.files.room()
-    except OSError:
+    except FolderUnavailable:
         yield gauge("sawmill_data_folder_up", "Whether the data folder can be looked at.", 0)
         return
     yield gauge("sawmill_data_folder_up", "Whether the data folder can be looked at.", 1)

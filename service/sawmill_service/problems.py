@@ -23,6 +23,7 @@ from sawmill_worker.storage.errors import (
     Busy,
     Conflict,
     Damaged,
+    FolderUnavailable,
     Invalid,
     NotFound,
     QueueFull,
@@ -31,6 +32,7 @@ from sawmill_worker.storage.errors import (
     StorageMisconfigured,
     StorageUnavailable,
     UploadTooLarge,
+    outage_of,
 )
 
 MEDIA_TYPE = "application/problem+json"
@@ -43,6 +45,7 @@ STATUS: Mapping[type[Exception], int] = {
     QueueFull: 429,
     UploadTooLarge: 413,
     StorageUnavailable: 503,
+    FolderUnavailable: 503,
     StorageMisconfigured: 503,
     StorageFull: 507,
     NotStored: 409,
@@ -256,9 +259,18 @@ def _on_stored(request: Request, error: Exception) -> JSONResponse:
     return problem_response(request.url.path, status, code, str(error), headers=headers)
 
 
+def _on_disk(request: Request, error: Exception) -> JSONResponse:
+    """Answer an error of the data folder's disk; any other one of the system is ours."""
+    outage = outage_of(cast("OSError", error), "the request")
+    if outage is None:
+        raise error
+    return _on_stored(request, outage)
+
+
 def install(app: FastAPI) -> None:
     """Give every kind of error its problem; the observer sees to the rest."""
     app.add_exception_handler(RequestValidationError, _on_validation)
     app.add_exception_handler(HTTPException, _on_http)
     for stored in (StorageError, FileError):
         app.add_exception_handler(stored, _on_stored)
+    app.add_exception_handler(OSError, _on_disk)

@@ -1,3 +1,7 @@
+import errno
+import os
+from pathlib import Path
+
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
@@ -53,6 +57,38 @@ def test_a_data_folder_or_database_that_is_away_is_reported(client, store, monke
     assert (answer.status_code, answer.json()["code"]) == (503, "storage-unavailable")
     assert "mill.example" not in answer.text  # anybody may ask; the log has the rest
     assert client.get("/health/live").status_code == 200
+
+
+@pytest.mark.parametrize(
+    ("trouble", "words"),
+    [
+        ("not mounted", "has no file 'identity'"),
+        ("another one", "is another one"),
+        ("read-only", "Read-only file system"),
+    ],
+)
+def test_a_data_folder_that_cannot_be_used_is_named_and_uploads_are_put_off(seeded, store, monkeypatch, trouble, words):
+    identity = store.files.folder / "identity"
+    if trouble == "not mounted":
+        identity.unlink()
+    elif trouble == "another one":
+        identity.write_text("of another service\n")
+    else:
+
+        def refuse(path, mode="r", *rest, **options):
+            if set(mode) & set("wxa"):
+                raise OSError(errno.EROFS, os.strerror(errno.EROFS), str(path))
+            return opened(path, mode, *rest, **options)
+
+        opened = Path.open
+        monkeypatch.setattr("pathlib.Path.open", refuse)
+    ready = seeded.get("/health/ready")
+    assert (ready.status_code, ready.json()["code"], ready.headers["retry-after"]) == (503, "storage-unavailable", "5")
+    assert words in ready.json()["detail"]
+    sent = seeded.post("/v1/scans?scanner_id=example&data=counts", content=b"scan")
+    assert (sent.status_code, sent.json()["code"]) == (503, "storage-unavailable")
+    assert words in sent.json()["detail"]
+    assert seeded.get("/v1/scans").status_code == 200
 
 
 @pytest.mark.parametrize(("running", "state"), [(0, "without-worker"), (1, "ready")])

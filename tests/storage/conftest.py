@@ -79,10 +79,10 @@ def settings(tmp_path: Path, database_url: str | None) -> StorageSettings:
 
 
 @pytest.fixture
-def filled(settings: StorageSettings, empty_data: Path) -> StorageSettings:
+def filled(request: pytest.FixtureRequest, settings: StorageSettings, empty_data: Path) -> StorageSettings:
     """Of a store whose tables and built-in phantoms are there: that is quicker than migrating."""
-    if settings.database_url is None:
-        shutil.copytree(empty_data, settings.data_folder)
+    on_sqlite = settings.database_url is None
+    shutil.copytree(empty_data if on_sqlite else request.getfixturevalue("databases").data, settings.data_folder)
     return settings
 
 

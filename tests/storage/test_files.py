@@ -9,15 +9,18 @@ from threading import Lock
 import pytest
 
 from sawmill_worker.contracts.jobs import JobKind
-from sawmill_worker.storage.errors import NotFound, StorageFull, UploadTooLarge, disk_full_reported
-from sawmill_worker.storage.files import FileStore
+from sawmill_worker.storage.errors import NotFound, StorageFull, UploadTooLarge, disk_outage_reported
+from sawmill_worker.storage.files import IDENTITY, FileStore
 
 LOCK = Lock()
 
 
 @pytest.fixture
 def files(tmp_path: Path) -> FileStore:
-    return FileStore(tmp_path)
+    store = FileStore(tmp_path)
+    store.make_folders()
+    (tmp_path / IDENTITY).write_text("of a test")
+    return store
 
 
 def incoming(files: FileStore) -> list[Path]:
@@ -106,7 +109,7 @@ def test_a_full_disk_is_reported_and_leaves_nothing(files):
 
 
 def test_other_trouble_with_the_disk_is_not_called_full():
-    with pytest.raises(PermissionError), disk_full_reported("a test"):
+    with pytest.raises(PermissionError), disk_outage_reported("a test"):
         raise PermissionError(errno.EACCES, "no")
 
 

@@ -9,7 +9,7 @@ from sawmill_worker.contracts.calibrations import CalibrationAsk
 from sawmill_worker.contracts.jobs import Failure, FailureKind, JobState, Priority
 from sawmill_worker.contracts.reconstructions import ReconstructionAsk
 from sawmill_worker.contracts.scans import ScanSpec, ScanState
-from sawmill_worker.storage.errors import Conflict, LeaseLost, NotFound
+from sawmill_worker.storage.errors import Conflict, FolderUnavailable, LeaseLost, NotFound
 from sawmill_worker.storage.retries import Retries
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.store import Store
@@ -148,7 +148,7 @@ def test_a_result_of_the_wrong_form_is_not_stored(store, upload):
 def test_files_that_cannot_be_published_leave_the_row_as_it_was(store, upload):
     scan = upload(store)
     held = claim(store)
-    with pytest.raises(FileNotFoundError):
+    with pytest.raises(FolderUnavailable, match="publishing a result was given up"):
         store.jobs.succeed(held, READING, store.files.folder / "attempts" / "missing")
     assert store.scans.get(scan.id).state is ScanState.INGESTING
     assert store.jobs.get(held.job_id).state is JobState.RUNNING

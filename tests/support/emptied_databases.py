@@ -31,11 +31,12 @@ class EmptiedDatabases:
     Parameters
     ----------
     data
-        An empty data folder, for the template that each is a copy of.
+        An empty data folder, for the template that each is a copy of: it goes with the databases.
     """
 
     def __init__(self, server: PostgresDatabases, data: Path) -> None:
         self._server, self._template = server, f"template_{uuid4().hex}"
+        self.data = data
         self._free: list[str] = []
         server.run(f"CREATE DATABASE {self._template}")
         Store.open(StorageSettings(data_folder=data, database_url=server.url(self._template))).close()

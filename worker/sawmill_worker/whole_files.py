@@ -11,6 +11,13 @@ from typing import BinaryIO, TypeVar
 
 File = TypeVar("File", bound=BinaryIO)
 
+# No room, or an exhausted quota.
+DISK_FULL = frozenset({errno.ENOSPC, errno.EDQUOT})
+# A disk that has errors or was made read-only for them; a share whose server is away or has lost the folder.
+DISK_AWAY = frozenset(
+    {errno.EROFS, errno.EIO, errno.EUCLEAN, errno.ESTALE, errno.ENOTCONN, errno.EHOSTDOWN, errno.ETIMEDOUT}
+)
+
 _LIBC = ctypes.CDLL(None, use_errno=True)
 
 

@@ -13,13 +13,13 @@ from sawmill_service.dependencies import TheStore
 from sawmill_service.problems import COME_BACK, MEDIA_TYPE
 from sawmill_worker.contracts.base import Contract
 from sawmill_worker.contracts.jobs import JobState
-from sawmill_worker.storage.errors import StorageFull, StorageUnavailable
+from sawmill_worker.storage.errors import FolderUnavailable, StorageFull, StorageUnavailable
 from sawmill_worker.storage.store import Store
 
 if TYPE_CHECKING:
     from sawmill_worker.execution.broker_report import BrokerReport
 
-NOT_READY = "the database or the data folder cannot be used now: the service's log has the reason"
+NOT_READY = "the database cannot be used now: the service's log has the reason"
 PATIENCE_S = 30.0  # several times what an idle worker needs to take a job
 
 log = structlog.get_logger(__name__)
@@ -67,6 +67,9 @@ def ready(request: Request, store: TheStore, response: Response) -> Health:
     """
     try:
         health = health_of(store, request.app.state.broker_url)
+    except FolderUnavailable as error:
+        log.warning("not-ready", reason=str(error))
+        raise
     except StorageUnavailable as error:
         # Anybody may ask, and the database's own words name hosts and users.
         log.warning("not-ready", reason=str(error))

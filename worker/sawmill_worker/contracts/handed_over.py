@@ -27,7 +27,8 @@ class HandedOver(Contract):
     baselines
         What the first logs after the calibration measured, for a drift check; of each method none or one.
     file
-        The only file that the job may read: the upload, or the scan that was made of one.
+        The only file that the job may read: the upload, or the scan that was made of one; null: the job reads none, or
+        the scan was refused.
     kept
         The folder with checkpoints of earlier attempts, if there is one.
     """

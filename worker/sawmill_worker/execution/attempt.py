@@ -102,7 +102,7 @@ def _answer(work: Callable[[], dict[str, object]]) -> tuple[Succeeded | Failed, 
         return Failed(failure=failure_of(error)), None
     except Exception as error:  # noqa: BLE001 - `_log` logs it once the answer is out
         failure = failure_of(error)
-        return Failed(failure=failure), None if failure.kind is FailureKind.INPUT else error
+        return Failed(failure=failure), error if failure.kind is FailureKind.INTERNAL else None
 
 
 def _log(answer: Succeeded | Failed, error: Exception | None) -> None:

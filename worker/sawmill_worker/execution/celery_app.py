@@ -192,7 +192,7 @@ class _Engine:
         # Celery listens to signals later, and the first process of a container hears none that it does not handle.
         before = signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
         try:
-            store = open_store(self._storage, self._stop)
+            store = open_store(self._storage, self._stop, may_begin=False)
         except (StorageError, OSError) as error:  # Celery would log it and go on without a store
             raise SystemExit(f"this worker cannot start: {error}") from error
         finally:
@@ -228,7 +228,7 @@ class _Engine:
         try:
             self._runner.run_next(short=short)
         except (StorageFull, StorageUnavailable) as error:
-            structlog.get_logger().warning("claim-put-off", reason=str(error))
+            self._runner.log_put_off(error)
             return
         except (AttemptNotStarted, OSError) as error:  # no job was claimed: the sweep announces it again
             structlog.get_logger().error("attempt-not-started", reason=str(error))

@@ -10,7 +10,7 @@ import signal
 from sawmill_worker.contracts.jobs import Failure, FailureKind, JobKind
 from sawmill_worker.contracts.kinds import declaration_of
 from sawmill_worker.execution.limits import processor_s
-from sawmill_worker.storage.errors import StorageFull, StorageUnavailable, means_disk_full
+from sawmill_worker.storage.errors import StorageFull, StorageUnavailable, outage_of
 
 # A defect of a program, which comes again with the same input; a kill from outside does not.
 _CRASHES = frozenset({signal.SIGSEGV, signal.SIGBUS, signal.SIGABRT, signal.SIGFPE, signal.SIGILL})
@@ -22,11 +22,9 @@ _NO_THREAD = "can't start new thread"
 
 def failure_of(error: Exception) -> Failure:
     """The failure that an exception stands for; what nobody foresaw is ours and keeps its details for the log."""
-    if isinstance(error, StorageFull | StorageUnavailable):
-        return Failure(kind=FailureKind.PASSING, code=error.code, detail=str(error))
-    if isinstance(error, OSError) and means_disk_full(error):
-        detail = "the disk is full: free some space in the data folder and ask again"
-        return Failure(kind=FailureKind.PASSING, code=StorageFull.code, detail=detail)
+    outage = outage_of(error, "the attempt") if isinstance(error, OSError) else error
+    if isinstance(outage, StorageFull | StorageUnavailable):
+        return Failure(kind=FailureKind.PASSING, code=outage.code, detail=str(outage))
     beyond = _beyond_a_limit(error)
     if beyond is not None:
         return beyond

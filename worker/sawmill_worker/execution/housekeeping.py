@@ -44,7 +44,7 @@ class Housekeeping:
         self._leases = LeaseObserver(settings.lease_s, cancel_s, settings.housekeeping_s)
         self._leftovers = store.leftovers(grace_s=settings.leftovers_s)
         self._retention = store.retention_keeper()
-        self._clock_is_off = False
+        self._clock_is_off = self._folder_is_away = False
         self._seldom_due_s = time.monotonic()
         self._thread = threading.Thread(target=self._loop, name="housekeeping", daemon=True)
 
@@ -63,18 +63,29 @@ class Housekeeping:
             self._run_due_schedules,
             self._follow_drift,
             self._compare_clocks,
-            self._remove_uploads,
-            self._retire,
-            self._remove_leftovers,
             self._store.repeats.forget_old,
             self._store.fill_spare_room,
         ]
+        if self._folder_is_ours():
+            duties += [self._remove_uploads, self._retire, self._remove_leftovers]
         if (now_s := time.monotonic()) >= self._seldom_due_s:
             self._seldom_due_s = now_s + SELDOM_S
             duties += [self._check_alarms, self._store.webhooks.forget_deliveries]
         for duty in duties:
             with going_on("housekeeping-put-off", duty=duty.__name__.strip("_")):  # nobody else does these duties
                 duty()
+
+    def _folder_is_ours(self) -> bool:
+        """Whether files may be looked at and removed: in another folder all would be leftovers; said once if not."""
+        try:
+            self._store.check_folder()
+        except StorageUnavailable as error:
+            if not self._folder_is_away:
+                structlog.get_logger().warning("files-not-looked-after", reason=str(error))
+            self._folder_is_away = True
+            return False
+        self._folder_is_away = False
+        return True
 
     def _take_back_silent(self) -> None:
         """Give up on workers without heartbeats; not on those that could not write any in an outage."""

@@ -9,6 +9,7 @@ from typing import Literal, TextIO, cast
 import structlog
 
 from sawmill_worker.contracts.jobs import Job
+from sawmill_worker.storage.errors import StorageFull, StorageUnavailable, outage_of
 
 
 def configure_logs(log_format: Literal["console", "json"]) -> None:
@@ -53,12 +54,16 @@ def about_attempt(job: Job) -> Iterator[None]:
 
 @contextmanager
 def going_on(event: str, **details: object) -> Iterator[None]:
-    """Log whatever the block raises, and go on: for a thread that nobody would start again."""
+    """Log whatever the block raises, an outage in one line, and go on: for a thread that nobody would start again."""
     try:
         yield
-    except Exception:  # noqa: BLE001 - the next round comes whatever happens in this one
+    except Exception as error:  # noqa: BLE001 - the next round comes whatever happens in this one
         with suppress(Exception):  # out of memory, say: then there is nothing left to say it with
-            structlog.get_logger().exception(event, **details)
+            outage = outage_of(error, event) if isinstance(error, OSError) else error
+            if isinstance(outage, StorageFull | StorageUnavailable):
+                structlog.get_logger().warning(event, reason=str(outage), **details)
+            else:
+                structlog.get_logger().exception(event, **details)
 
 
 class _BestEffort:

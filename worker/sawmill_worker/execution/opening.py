@@ -4,7 +4,7 @@ import threading
 
 import structlog
 
-from sawmill_worker.storage.errors import StorageMisconfigured, StorageUnavailable
+from sawmill_worker.storage.errors import FolderUnavailable, StorageMisconfigured, StorageUnavailable
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.store import Store
 
@@ -12,8 +12,8 @@ _FIRST_WAIT_S = 0.5
 _LONGEST_WAIT_S = 10.0
 
 
-def open_store(settings: StorageSettings, stop: threading.Event) -> Store | None:
-    """Open a store, waiting for a database that does not answer yet.
+def open_store(settings: StorageSettings, stop: threading.Event, *, may_begin: bool = True) -> Store | None:
+    """Open a store, waiting for a database that does not answer yet and for a data folder that is not there yet.
 
     Parameters
     ----------
@@ -21,11 +21,13 @@ def open_store(settings: StorageSettings, stop: threading.Event) -> Store | None
         As for `Store.open`.
     stop
         Ends the waiting.
+    may_begin
+        As for `Store.open`; a worker waits for the service to do so.
 
     Returns
     -------
     Store or None
-        None when `stop` was set before the database answered.
+        None when `stop` was set before.
 
     Raises
     ------
@@ -34,14 +36,17 @@ def open_store(settings: StorageSettings, stop: threading.Event) -> Store | None
     StorageFull, OSError
         The data folder cannot be used.
     """
-    wait_s = _FIRST_WAIT_S
+    wait_s, logged = _FIRST_WAIT_S, ""
     while not stop.is_set():
         try:
-            return Store.open(settings)
+            return Store.open(settings, may_begin=may_begin)
         except StorageMisconfigured:
             raise
         except StorageUnavailable as error:
-            structlog.get_logger().warning("database-awaited", next_try_in_s=wait_s, reason=str(error))
+            if str(error) != logged:
+                awaited = "data-folder-awaited" if isinstance(error, FolderUnavailable) else "database-awaited"
+                structlog.get_logger().warning(awaited, reason=str(error))
+                logged = str(error)
             stop.wait(wait_s)
             wait_s = min(2.0 * wait_s, _LONGEST_WAIT_S)
     return None

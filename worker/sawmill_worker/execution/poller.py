@@ -9,8 +9,6 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import closing, suppress
 
-import structlog
-
 from sawmill_worker.execution.housekeeping import Housekeeping
 from sawmill_worker.execution.logs import configure_logs
 from sawmill_worker.execution.opening import open_store
@@ -67,7 +65,7 @@ def run_worker(
             except (StorageFull, StorageUnavailable, AttemptNotStarted, OSError) as error:
                 if isinstance(error, AttemptNotStarted) and not runner.able:
                     raise
-                structlog.get_logger().warning("claim-put-off", reason=str(error))
+                runner.log_put_off(error)
                 wake.wait(settings.outage_wait_s)
                 continue
             if idle:
@@ -98,7 +96,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if options.watch_parent:
         threading.Thread(target=_listen_to_parent, args=(stop, wake), daemon=True).start()
     try:
-        store = open_store(StorageSettings(), stop)
+        store = open_store(StorageSettings(), stop, may_begin=False)
         if store is not None:
             with closing(store):
                 run_worker(

@@ -28,7 +28,7 @@ from sawmill_worker.execution.protocol import AnyMessage, Assignment, Begun, Fai
 from sawmill_worker.execution.settings import ExecutionSettings
 from sawmill_worker.execution.template import Template, template_library
 from sawmill_worker.execution.threading_layer import wait_passively
-from sawmill_worker.storage.errors import LeaseLost, NotFound, StorageFull, StorageUnavailable
+from sawmill_worker.storage.errors import LeaseLost, NotFound, StorageFull, StorageUnavailable, disk_outage_reported
 from sawmill_worker.storage.jobs import Claim
 from sawmill_worker.storage.store import Store
 from sawmill_worker.vocabulary import Progress
@@ -83,6 +83,7 @@ class Runner:
         self._lock = threading.Lock()
         self.name = process_name()
         self.able = False
+        self._put_off_for = ""
 
     def run_next(self, *, short: bool | None = None) -> JobState | None:
         """Claim the job whose turn it is and run it to the end of the attempt.
@@ -105,7 +106,7 @@ class Runner:
         OSError
             The system starts no process now. No job was claimed.
         StorageFull, StorageUnavailable
-            The database cannot write. No job was claimed.
+            The database cannot write, or the data folder is not in its place. No job was claimed.
         """
         if self._stop.is_set():
             return None
@@ -115,6 +116,7 @@ class Runner:
         except BaseException:
             self._keep(process)
             raise
+        self._put_off_for = ""
         if not self.able:
             self.able = True
             self._on_able()
@@ -124,6 +126,12 @@ class Runner:
         if not self._spares:
             self.warm_up()
         return self._run(claim, process)
+
+    def log_put_off(self, error: Exception) -> None:
+        """Log why no job was claimed: once, until one could be or the reason is another one."""
+        if str(error) != self._put_off_for:
+            self._put_off_for = str(error)
+            structlog.get_logger().warning("claim-put-off", reason=str(error))
 
     def warm_up(self) -> None:
         """Start the spare processes that are missing, so that no job need wait for one.
@@ -238,6 +246,7 @@ class _Supervision:
         self._give_back_at: float | None = None
         self._last_look = self._last_beat
         self._limits: Begun | None = None
+        self._input: Path | None = None
 
     def run(self, output: Path) -> JobState:
         answer: Succeeded | Failed | JobState | None = self._begin(output)
@@ -262,7 +271,13 @@ class _Supervision:
         return answer
 
     def _begin(self, output: Path) -> Failed | None:
-        """Hand the job over to the process, or return why it cannot be handed over."""
+        """Hand the job over to the process, or return why it cannot be handed over.
+
+        Raises
+        ------
+        StorageUnavailable
+            The database does not answer, or the file that the job reads is missing.
+        """
         try:
             given = self._store.jobs.handed_over(self._claim.job_id)
         except NotFound as error:
@@ -270,6 +285,9 @@ class _Supervision:
         except ValidationError as error:
             structlog.get_logger().exception("row-not-read")
             return Failed(failure=failure_of(error))
+        self._input = given.file
+        if given.file is not None:
+            self._store.files.check_file(given.file)
         self._process.assign(Assignment(job=self._claim.job, given=given, output=output))
         return None
 
@@ -289,6 +307,8 @@ class _Supervision:
                     raise
                 structlog.get_logger().warning("end-put-off", reason=str(error))
                 self._stop.wait(self._settings.housekeeping_s)
+                if self._cancellation_came_in():
+                    raise
             else:
                 return
 
@@ -320,9 +340,7 @@ class _Supervision:
     def _checked(self, answer: Succeeded | Failed, output: Path) -> Succeeded | Failed:
         """The answer, or the reason for which it does not count."""
         if isinstance(answer, Failed):
-            if answer.failure.kind is not FailureKind.INTERNAL:
-                return answer
-            return answer.model_copy(update={"failure": self._outage() or answer.failure})
+            return answer.model_copy(update={"failure": self._outage_behind(answer.failure)})
         if self._limits is None:
             raise AttemptTalksNonsense("an answer from a process that has not begun")
         too_much = self._overuse(output)  # since the last look
@@ -351,7 +369,8 @@ class _Supervision:
         if self._limits is None:
             return None
         reserve_bytes = self._store.settings.disk_reserve_bytes
-        return overuse(self._process.process_id, output, self._limits, reserve_bytes=reserve_bytes)
+        with disk_outage_reported("an attempt"):
+            return overuse(self._process.process_id, output, self._limits, reserve_bytes=reserve_bytes)
 
     def _keep(self, message: Kept, output: Path) -> None:
         try:
@@ -362,10 +381,19 @@ class _Supervision:
             # The attempt goes on; its next checkpoint is due soon.
             structlog.get_logger().warning("progress-not-kept", reason=str(error))
 
+    def _outage_behind(self, failure: Failure) -> Failure:
+        """Return the outage behind an attempt's failure; behind a refusal of its file, only that the file has gone."""
+        gone = self._input is not None and not self._input.is_file()
+        if failure.kind is FailureKind.INTERNAL or (failure.kind is FailureKind.INPUT and gone):
+            return self._outage() or failure
+        return failure
+
     def _outage(self) -> Failure | None:
         """The outage behind a crash or a defect: where nothing can be written, HDF5, for one, crashes."""
         try:
             self._store.check(reserve_bytes=min(BUFFER_BYTES, self._store.settings.disk_reserve_bytes))
+            if self._input is not None:
+                self._store.files.check_file(self._input)
         except (StorageFull, StorageUnavailable) as error:
             return failure_of(error)
         return None

@@ -9,7 +9,7 @@ import structlog
 
 from sawmill_worker.files.checkpoint import UnusableCheckpoint, read_checkpoint, write_checkpoint
 from sawmill_worker.jobs.attempt import Attempt
-from sawmill_worker.storage.errors import StorageFull, disk_full_reported
+from sawmill_worker.storage.errors import FolderUnavailable, StorageFull, disk_outage_reported
 from sawmill_worker.storage.files import check_room
 from sawmill_worker.storage.software import software
 from sawmill_worker.use_cases.keeping import Arrays, MadeWith
@@ -63,10 +63,10 @@ class AttemptKeeper:
         folder = self._attempt.checkpoints
         try:
             check_room(self._attempt.output, needed, needed_by="a checkpoint beside the result")
-            with disk_full_reported("a checkpoint"):
+            with disk_outage_reported("a checkpoint"):
                 folder.mkdir(exist_ok=True)
                 write_checkpoint(folder / name, {**self._origin, "made_with": made_with}, arrays)
-        except StorageFull as error:
+        except (StorageFull, FolderUnavailable) as error:
             self._leave_out(name, error)
             return
         with self._lock:
@@ -82,7 +82,7 @@ class AttemptKeeper:
         self._begun, self._pause_began_at = True, time.monotonic()
         self._pause_s = min(max(2.0 * self._pause_s, SECOND_PAUSE_AGAIN_S), PAUSE_S)
 
-    def _leave_out(self, name: str, error: StorageFull) -> None:
+    def _leave_out(self, name: str, error: StorageFull | FolderUnavailable) -> None:
         with self._lock:
             if not self._left_out:
                 self._log.warning("checkpoint-left-out", name=name, reason=str(error))

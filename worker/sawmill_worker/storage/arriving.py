@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO, Protocol, TypeVar
 
-from sawmill_worker.storage.errors import StorageFull, UploadTooLarge, disk_full_reported
+from sawmill_worker.storage.errors import StorageFull, UploadTooLarge, disk_outage_reported
 
 # What goes to a thread at once: as much for each upload is in memory twice at most.
 PART_BYTES = 256 * 2**10
@@ -73,7 +73,7 @@ class Arriving:
         self._max_bytes, self._reserve_bytes = max_bytes, reserve_bytes
         self._size, self._next_step = 0, STEP_BYTES
         self._hash = hashlib.sha256()
-        with disk_full_reported("the upload"):
+        with disk_outage_reported("the upload"):
             self._file: BinaryIO = path.open("xb")
 
     def write(self, chunk: bytes) -> None:
@@ -87,7 +87,7 @@ class Arriving:
         self._size += len(chunk)
         if self._size > self._max_bytes:
             raise UploadTooLarge(self._max_bytes)
-        with disk_full_reported("the upload"):
+        with disk_outage_reported("the upload"):
             self._file.write(chunk)
             if self._size >= self._next_step:
                 self._next_step = self._size + STEP_BYTES
@@ -109,7 +109,7 @@ class Arriving:
     def finish(self, content: Content) -> Received:
         """Make it durable, if it came whole."""
         content.end()
-        with disk_full_reported("the upload"):
+        with disk_outage_reported("the upload"):
             self._file.flush()
             os.fsync(self._file.fileno())
             self._file.close()
@@ -117,7 +117,7 @@ class Arriving:
 
     def abandon(self) -> None:
         """Leave nothing behind."""
-        with disk_full_reported("the upload"):
+        with disk_outage_reported("the upload"):
             self._path.unlink(missing_ok=True)
             self._file.close()
 
@@ -171,8 +171,11 @@ def check_free(folder: Path, reserve_bytes: int, *, needed_by: str) -> None:
     ------
     StorageFull
         Less is.
+    FolderUnavailable
+        The folder is not there, or its disk fails.
     """
-    free = shutil.disk_usage(folder).free
+    with disk_outage_reported("measuring the disk"):
+        free = shutil.disk_usage(folder).free
     if free < reserve_bytes:
         msg = (
             f"the disk is full: {free} bytes are free in the data folder, and {needed_by} needs {reserve_bytes}; "

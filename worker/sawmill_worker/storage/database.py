@@ -13,7 +13,7 @@ from sqlalchemy import Connection, Engine, inspect, text
 from sqlalchemy.orm import Session
 
 from sawmill_worker.storage.clock import Clock, SharedClock, set_if_new
-from sawmill_worker.storage.errors import StorageMisconfigured
+from sawmill_worker.storage.errors import StorageMisconfigured, disk_outage_reported
 from sawmill_worker.storage.outages import Door, WriterQueue, trouble_translated
 from sawmill_worker.storage.spare_room import SpareRoom
 from sawmill_worker.storage.tables import Base
@@ -143,8 +143,16 @@ class Database:
         whole = _WHOLE.get()
         return whole if whole is not None and whole.database is self else None
 
-    def upgrade(self, revision: str = "head") -> None:
+    def upgrade(
+        self, revision: str = "head", *, and_then: Callable[[Connection, bool], None] = lambda *_: None
+    ) -> None:
         """Bring the tables to a revision, the newest by default; safe when several processes start together.
+
+        Parameters
+        ----------
+        and_then
+            Called within the transaction, with whether the database had no tables before; if it raises, nothing is
+            changed.
 
         Raises
         ------
@@ -157,6 +165,12 @@ class Database:
             found = known_revision(connection)
             if revision != "head" or found != newest_revision():
                 _migrate(connection, revision)
+            and_then(connection, found is None)
+
+    def is_new(self) -> bool:
+        """Whether there are no tables yet, or raise `StorageUnavailable`."""
+        with self.read() as session:
+            return revision_of(session.connection()) is None
 
     @contextmanager
     def snapshot(self) -> Iterator[Connection]:
@@ -341,6 +355,8 @@ def _one_process_at_a_time(engine: Engine) -> AbstractContextManager[None]:
 
 @contextmanager
 def _file_lock(path: Path) -> Iterator[None]:
-    with path.open("w") as file:
+    with disk_outage_reported("opening the database"):
+        opened = path.open("w")
+    with opened as file:
         fcntl.flock(file, fcntl.LOCK_EX)
         yield

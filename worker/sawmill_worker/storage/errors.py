@@ -10,13 +10,15 @@ StorageError
 ├── Damaged             other bytes than declared
 ├── LeaseLost           another attempt owns the job
 ├── StorageFull         no room left on the disk
-└── StorageUnavailable  the database does not answer
-    └── StorageMisconfigured    and will not before its settings are changed
+└── StorageUnavailable  the database does not answer, or the data folder cannot be used
+    ├── FolderUnavailable       the data folder is not in its place, or its disk fails or is read-only
+    └── StorageMisconfigured    the database will not answer before its settings are changed
 """
 
-import errno
 from collections.abc import Iterator
 from contextlib import contextmanager
+
+from sawmill_worker.whole_files import DISK_AWAY, DISK_FULL
 
 
 class StorageError(Exception):
@@ -97,23 +99,42 @@ class StorageFull(StorageError):  # noqa: N818
 
 
 class StorageUnavailable(StorageError):  # noqa: N818
-    """The database does not answer; asking again later may help."""
+    """The database does not answer, or the data folder cannot be used; asking again later may help."""
 
     code = "storage-unavailable"
+
+
+class FolderUnavailable(StorageUnavailable):
+    """The data folder is missing, empty or another one, or its disk fails or is read-only."""
 
 
 class StorageMisconfigured(StorageUnavailable):
     """The database refuses its user, or there is none of this name: waiting does not help."""
 
 
-def means_disk_full(error: OSError) -> bool:
-    """Whether it is a full disk or an exhausted quota."""
-    return error.errno in {errno.ENOSPC, errno.EDQUOT}
+def outage_of(error: OSError, doing: str) -> StorageFull | FolderUnavailable | None:
+    """Return the outage of a disk that an error of the system means; None where it means something else.
+
+    Parameters
+    ----------
+    error
+        Of a call that read or wrote in the data folder.
+    doing
+        What was being done, for the sentence.
+    """
+    if error.errno in DISK_FULL:
+        return StorageFull(f"the disk is full: {doing} was given up; free some space in the data folder and try again")
+    if error.errno in DISK_AWAY:
+        reason = f"the data folder cannot be used ({error.strerror}): {doing} was given up"
+        return FolderUnavailable(f"{reason}; look at its disk or mount in the system's log")
+    return None
 
 
 @contextmanager
-def disk_full_reported(doing: str) -> Iterator[None]:
-    """Turn a full disk or an exhausted quota into `StorageFull`.
+def disk_outage_reported(doing: str) -> Iterator[None]:
+    """Turn a disk that is full, fails, is read-only or away into `StorageFull` or `FolderUnavailable`.
+
+    In the block no file may be missing but with a folder of ours: that is an outage too.
 
     Parameters
     ----------
@@ -122,8 +143,11 @@ def disk_full_reported(doing: str) -> Iterator[None]:
     """
     try:
         yield
+    except FileNotFoundError as error:
+        msg = f"the data folder is not as it was ({str(error.filename)!r} is missing): {doing} was given up; look at "
+        raise FolderUnavailable(f"{msg}its disk or mount in the system's log") from error
     except OSError as error:
-        if means_disk_full(error):
-            msg = f"the disk is full: {doing} was given up; free some space in the data folder and try again"
-            raise StorageFull(msg) from error
-        raise
+        outage = outage_of(error, doing)
+        if outage is None:
+            raise
+        raise outage from error

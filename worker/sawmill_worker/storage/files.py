@@ -16,6 +16,7 @@ attempts/<…>/work/              where its process works: what libraries write 
 kept/<job>/                     checkpoints, for the job's next attempt; until the job ends
 removed/                        what is being deleted
 examples/                       what the examples were made of, so that they are made once in a folder's life
+identity                        a random id that the database knows too (`folder_identity`)
 serve.lock                      of the process that serves the folder (`execution/sole_service.py`); SQLite alone
 sawmill.db.spare                room that a cancellation is written into when the disk is full (`spare_room`)
 last-backup.json                when and where the last one was taken (`backups/newest.py`)
@@ -37,14 +38,18 @@ from pathlib import Path
 from typing import NamedTuple
 from uuid import uuid4
 
+import structlog
+
 from sawmill_worker.contracts.jobs import JobKind
 from sawmill_worker.storage.arriving import Arriving, AsSent, Content, Received, check_free, receive_in_threads
 from sawmill_worker.storage.errors import (
+    FolderUnavailable,
     NotFound,
+    StorageFull,
     StorageMisconfigured,
     StorageUnavailable,
-    disk_full_reported,
-    means_disk_full,
+    disk_outage_reported,
+    outage_of,
 )
 from sawmill_worker.whole_files import flush
 
@@ -56,8 +61,11 @@ UNFINISHED = "unfinished"
 EXAMPLES = "examples"
 LAST_BACKUP = "last-backup.json"
 RESTORING = "restoring"
+IDENTITY = "identity"
 _TRIAL_BYTES = 4096
 _SAFE_NAME = re.compile(r"[a-z0-9][a-z0-9-]{0,63}")
+
+_log = structlog.get_logger()
 
 
 class Room(NamedTuple):
@@ -73,13 +81,56 @@ class FileStore:
     Parameters
     ----------
     folder
-        Made if it is missing. Everything in it must be on one file system: publishing is a rename.
+        Everything in it must be on one file system: publishing is a rename. Nothing is made before `make_folders`.
     """
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder.absolute()
+
+    def make_folders(self) -> None:
+        """Make what a data folder has; only where it is known to be the right one."""
         for name in (*_TEMPORARY, *(kind.plural for kind in JobKind), "attempts", _KEPT, UNFINISHED):
             (self.folder / name).mkdir(parents=True, exist_ok=True)
+
+    def check_there(self) -> None:
+        """Check that a data folder is in its place, without asking the database which one.
+
+        Raises
+        ------
+        FolderUnavailable
+            It is missing or empty, or its disk fails.
+        """
+        if read_identity(self.folder) is None:
+            raise FolderUnavailable(f"the data folder {str(self.folder)!r} is missing, empty or not mounted")
+
+    def check_writable(self) -> None:
+        """Check that this user may write to the data folder.
+
+        Raises
+        ------
+        FolderUnavailable
+            The user may not, or its disk is read-only or fails.
+        """
+        refuse_read_only(self.folder)
+        if not os.access(self.folder, os.W_OK | os.X_OK):
+            raise FolderUnavailable(
+                f"the data folder {str(self.folder)!r} cannot be written to by this user: check its owner"
+            )
+
+    def check_file(self, path: Path) -> None:
+        """Check that a file is there that rows name.
+
+        Raises
+        ------
+        FolderUnavailable
+            It is not.
+        """
+        if not path.is_file():
+            name = str(path.relative_to(self.folder))
+            raise FolderUnavailable(
+                f"the data folder {str(self.folder)!r} lacks the file {name!r}, which the database names: mount the "
+                "right folder, or restore the file from a backup"
+            )
 
     def upload(self, kind: JobKind, subject_id: str) -> Path:
         """Where the file lies that was uploaded for a job of this kind, as a scan's (`ingest`)."""
@@ -96,9 +147,12 @@ class FileStore:
         ------
         NotFound
             The job has not written it.
+        FolderUnavailable
+            The data folder is not in its place.
         """
         path = self.results(kind, subject_id) / name
         if not path.is_file():
+            self.check_there()
             raise NotFound(name.replace(".", "-"), subject_id)
         return path
 
@@ -135,7 +189,7 @@ class FileStore:
     def make_attempt_folder(self, job_id: str, attempt: int) -> Path:
         """An empty folder that this attempt alone writes and removes; what others left is not touched."""
         path = self.folder / "attempts" / f"{_checked(job_id)}-{attempt}-{uuid4().hex}"
-        with disk_full_reported("a job's output folder"):
+        with disk_outage_reported("a job's output folder"):
             path.mkdir()
         return path
 
@@ -146,7 +200,7 @@ class FileStore:
     def keep(self, output: Path, job_id: str, names: Sequence[str]) -> None:
         """Move an attempt's checkpoints to its job, in place of older ones; one that is gone was moved before."""
         folder = self.kept_with(job_id)
-        with disk_full_reported("keeping a job's progress"):
+        with disk_outage_reported("keeping a job's progress"):
             folder.mkdir(exist_ok=True)
             for name in names:
                 checkpoint = checkpoints_of(output) / _checked(name)
@@ -162,13 +216,25 @@ class FileStore:
 
     def publish(self, output: Path, final: Path) -> None:
         """Rename an attempt's flushed output folder to its final name; an older folder of that name goes."""
-        with disk_full_reported("publishing a result"):
-            self.remove(final)
+        with disk_outage_reported("publishing a result"):
+            self._remove(final)
             output.rename(final)
             flush(final.parent)
 
     def remove(self, path: Path) -> None:
-        """Remove a file or folder in one step, as others see it; nothing happens if there is none."""
+        """Remove a file or folder in one step, as others see it; nothing happens if there is none.
+
+        What a disk that fails or is read-only keeps is a leftover: housekeeping removes it later.
+        """
+        try:
+            self._remove(path)
+        except OSError as error:
+            outage = outage_of(error, "removing files")
+            if outage is None:
+                raise
+            _log.warning("left-for-housekeeping", name=str(path.relative_to(self.folder)), reason=str(outage))
+
+    def _remove(self, path: Path) -> None:
         parting = self.set_aside(path)
         if parting is not None:
             self.delete(parting)
@@ -187,7 +253,7 @@ class FileStore:
         except FileNotFoundError:
             return None
         except OSError as error:
-            if not means_disk_full(error):
+            if not isinstance(outage_of(error, "removing files"), StorageFull):
                 raise
             return path  # a full disk may have no room for one more name: then its files go one by one
         return parting
@@ -219,7 +285,8 @@ class FileStore:
             folder.rmdir()
 
     def room(self) -> Room:
-        """How much there is on the data folder's disk, or an `OSError`."""
+        """Return what the data folder's disk has, or raise `FolderUnavailable`."""
+        self.check_there()
         usage = shutil.disk_usage(self.folder)
         return Room(free_bytes=usage.free, size_bytes=usage.total)
 
@@ -235,8 +302,9 @@ class FileStore:
         StorageFull, StorageUnavailable
             The disk is full, or the upload was so long on its way that it was taken for a leftover.
         """
+        self.check_there()
         path = self.upload(kind, subject_id)
-        with disk_full_reported("storing the upload"):
+        with disk_outage_reported("storing the upload"):
             path.parent.mkdir(parents=True, exist_ok=True)
             try:
                 received.path.rename(path)
@@ -252,10 +320,11 @@ class FileStore:
     def second_name(self, file: Path, *, size_bytes: int, sha256: str) -> Received | None:
         """A file as an upload that belongs to nobody; None: it is gone."""
         path = self.folder / "incoming" / uuid4().hex
-        with disk_full_reported("the upload"):
+        with disk_outage_reported("the upload"):
             try:
                 path.hardlink_to(file)
             except FileNotFoundError:
+                self.check_there()
                 return None
         return Received(path, size_bytes, sha256)
 
@@ -304,7 +373,7 @@ class FileStore:
         """
         upload = self._arriving(max_bytes)
         try:
-            with disk_full_reported("the upload"):
+            with disk_outage_reported("the upload"):
                 for chunk in chunks:
                     upload.write(chunk)
             return upload.finish(AsSent())
@@ -349,6 +418,48 @@ class FileStore:
         return Arriving(path, max_bytes=max_bytes, reserve_bytes=reserve_bytes)
 
 
+def read_identity(folder: Path) -> str | None:
+    """Return the identity in a folder; None: there is none, as where a share is not mounted.
+
+    Raises
+    ------
+    FolderUnavailable
+        The folder's disk fails.
+    """
+    with disk_outage_reported("reading its identity"):
+        try:
+            return (folder / IDENTITY).read_text(errors="replace").strip()
+        except (FileNotFoundError, NotADirectoryError):
+            return None
+
+
+def is_read_only(folder: Path) -> bool:
+    """Whether a folder's disk is mounted read-only, as the system does itself when a disk has errors.
+
+    Raises
+    ------
+    FolderUnavailable
+        The folder is not there, or its disk fails.
+    """
+    with disk_outage_reported("looking at its disk"):
+        return bool(os.statvfs(folder).f_flag & os.ST_RDONLY)
+
+
+def refuse_read_only(folder: Path) -> None:
+    """Refuse a folder on a disk that cannot be written to.
+
+    Raises
+    ------
+    FolderUnavailable
+        The disk is mounted read-only or fails, or the folder is not there.
+    """
+    if is_read_only(folder):
+        raise FolderUnavailable(
+            f"the data folder {str(folder)!r} is on a disk that is read-only now: look for the disk's errors in the "
+            "system's log, and mount it for writing again"
+        )
+
+
 def refuse_half_restored(folder: Path) -> None:
     """Refuse a data folder that a restore was putting together when it was ended.
 
@@ -384,14 +495,16 @@ def check_room(folder: Path, reserve_bytes: int, *, needed_by: str) -> None:
     ------
     StorageFull
         Less than `reserve_bytes` is free, or no room for a small file.
+    FolderUnavailable
+        The folder is not there, or its disk fails or is read-only.
     """
     check_free(folder, reserve_bytes, needed_by=needed_by)
     trial = folder / uuid4().hex
-    try:
-        with disk_full_reported("a trial"):
+    with disk_outage_reported("a trial"):
+        try:
             trial.write_bytes(bytes(_TRIAL_BYTES))
-    finally:
-        trial.unlink(missing_ok=True)
+        finally:
+            trial.unlink(missing_ok=True)
 
 
 def flush_tree(folder: Path) -> None:
@@ -402,7 +515,7 @@ def flush_tree(folder: Path) -> None:
     StorageFull
         The disk is full.
     """
-    with disk_full_reported("a result"):
+    with disk_outage_reported("a result"):
         for path in folder.rglob("*"):
             flush(path)
         flush(folder)

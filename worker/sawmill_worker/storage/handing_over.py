@@ -9,6 +9,7 @@ from sawmill_worker.contracts.calibrations import Calibration
 from sawmill_worker.contracts.handed_over import HandedOver
 from sawmill_worker.contracts.jobs import JobKind
 from sawmill_worker.contracts.kinds import AskedKind, declaration_of
+from sawmill_worker.contracts.scans import ScanState
 from sawmill_worker.storage.asked_rows import found_asked, read_asked
 from sawmill_worker.storage.drift_charts import known_baselines
 from sawmill_worker.storage.files import SCAN_FILE, FileStore
@@ -47,7 +48,8 @@ def _of_asked(session: Session, files: FileStore, declared: AskedKind[Any, Any],
     if hasattr(asked, "scan_id"):
         scan = found(session, ScanRow, "scan", asked.scan_id)
         fields["scan"] = read_scan(scan)
-        fields["file"] = files.results(JobKind.INGEST, scan.id) / SCAN_FILE
+        if scan.state is ScanState.READY:
+            fields["file"] = files.results(JobKind.INGEST, scan.id) / SCAN_FILE
     if hasattr(asked, "phantom_id"):
         fields["phantom"] = read_phantom(found(session, PhantomRow, "phantom", asked.phantom_id))
     if declared.upload is not None:

@@ -25,7 +25,8 @@ from sawmill_worker.storage.audit import write_audit
 from sawmill_worker.storage.database import Database, after_commit, lock_files_of
 from sawmill_worker.storage.errors import Conflict, LeaseLost, StorageFull, StorageUnavailable
 from sawmill_worker.storage.events import PEAK_MEMORY, record, record_cancel_requested
-from sawmill_worker.storage.files import FileStore
+from sawmill_worker.storage.files import FileStore, read_identity
+from sawmill_worker.storage.folder_identity import check_identity, database_expects
 from sawmill_worker.storage.handing_over import handed_over
 from sawmill_worker.storage.paging import found, narrowed, rows_of_page
 from sawmill_worker.storage.retries import LONGEST_WAIT_S, Retries
@@ -164,14 +165,24 @@ class Jobs:
         -------
         Claim or None
             None when there is nothing to do. Of many callers at once, one gets a job.
+
+        Raises
+        ------
+        FolderUnavailable
+            The data folder is missing, empty, another one than the database's or read-only.
+        StorageFull, StorageUnavailable
+            The database cannot write.
         """
+        identity = read_identity(self._files.folder)
+        if identity is not None:
+            self._files.check_writable()
         now = self._database.now()
         ready = _claimable(now, short=short).with_only_columns(JobRow.id).order_by(*ORDER).limit(1)
         with self._database.write() as session:
             claimed = session.scalar(
                 update(JobRow)
                 .where(JobRow.id == ready.with_for_update(skip_locked=True).scalar_subquery())
-                .where(JobRow.state == JobState.QUEUED)
+                .where(JobRow.state == JobState.QUEUED, database_expects(identity))
                 .values(
                     state=JobState.RUNNING,
                     attempt=JobRow.attempt + 1,
@@ -186,6 +197,7 @@ class Jobs:
                 .execution_options(synchronize_session=False)
             )
             if claimed is None:
+                check_identity(session, self._files.folder)
                 return None
             row = found(session, JobRow, "job", claimed)
             record(session, now, EventKind.STARTED, row)

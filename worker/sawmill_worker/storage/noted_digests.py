@@ -10,7 +10,7 @@ import re
 import threading
 from pathlib import Path
 
-from sawmill_worker.storage.errors import StorageUnavailable, disk_full_reported
+from sawmill_worker.storage.errors import StorageUnavailable, disk_outage_reported
 from sawmill_worker.storage.files import SCAN_FILE, note_of
 from sawmill_worker.whole_files import renamed
 
@@ -31,7 +31,7 @@ def note_digests(folder: Path) -> None:
     for path in list(folder.rglob("*")):
         status = path.stat()
         if path.is_file() and status.st_size >= NOTED_FROM_BYTES and path.name != SCAN_FILE:
-            with disk_full_reported("a result"):
+            with disk_outage_reported("a result"):
                 note_digest(path, status, compute_digest(path, status))
 
 

@@ -1,10 +1,8 @@
 """Everything that is stored, behind one object."""
 
-import os
 from contextlib import AbstractContextManager
 from datetime import datetime
-
-from sqlalchemy import text
+from functools import partial
 
 from sawmill_worker.contracts import drifts, plans, reconstructions
 from sawmill_worker.contracts.built_in import BUILT_IN_PHANTOMS
@@ -19,9 +17,10 @@ from sawmill_worker.storage.database import Database
 from sawmill_worker.storage.database_report import DatabaseReport, damage_of, report_of
 from sawmill_worker.storage.drift_charts import DriftCharts
 from sawmill_worker.storage.engines import make_engine
-from sawmill_worker.storage.errors import StorageUnavailable
+from sawmill_worker.storage.errors import FolderUnavailable
 from sawmill_worker.storage.events import Events
-from sawmill_worker.storage.files import FileStore, refuse_half_restored
+from sawmill_worker.storage.files import FileStore, refuse_half_restored, refuse_read_only
+from sawmill_worker.storage.folder_identity import check_identity, settle_identity
 from sawmill_worker.storage.history import Histories
 from sawmill_worker.storage.inspections import Inspections
 from sawmill_worker.storage.jobs import Jobs
@@ -113,25 +112,49 @@ class Store:
         return RetentionKeeper(self._database, self.files)
 
     @classmethod
-    def open(cls, settings: StorageSettings, *, clock: Clock | None = None) -> "Store":
-        """A store whose tables are up to date and which holds the built-in phantoms.
+    def open(cls, settings: StorageSettings, *, clock: Clock | None = None, may_begin: bool = True) -> "Store":
+        """A store whose tables are up to date and which holds the built-in phantoms, in the folder of its database.
 
         Parameters
         ----------
         settings
-            Where it is; the data folder is made if it is missing.
+            Where it is.
         clock
             The time for rows and due times; null: the one that all processes on this store share.
+        may_begin
+            Whether to set up a new database and an empty folder. A worker does not: its share may not be mounted yet.
+
+        Raises
+        ------
+        FolderUnavailable
+            The data folder is missing, empty, another one or read-only: nothing was made in it.
+        StorageMisconfigured, StorageFull, StorageUnavailable
+            The database cannot be used.
         """
         store = cls(settings, clock=clock)
         try:
-            store._database.upgrade()
+            store._prepare_folder(may_begin=may_begin)
+            store._database.upgrade(and_then=partial(settle_identity, folder=store.files.folder, may_begin=may_begin))
+            store.files.make_folders()
             store._database.start_clock()
             store.phantoms.seed_built_in(BUILT_IN_PHANTOMS)
         except BaseException:
             store.close()
             raise
         return store
+
+    def _prepare_folder(self, *, may_begin: bool) -> None:
+        """Make the folder of a new database file, where that may begin here; refuse a folder on a read-only disk."""
+        folder, file = self.files.folder, self.settings.database_file
+        if not may_begin and ((file is not None and not file.is_file()) or self._database.is_new()):
+            raise FolderUnavailable(
+                f"the data folder {str(folder)!r} and its database have not been set up: mount the right folder, or "
+                "start sawmill serve first"
+            )
+        if file is not None:
+            folder.mkdir(parents=True, exist_ok=True)
+        if folder.exists():
+            refuse_read_only(folder)
 
     @property
     def time_has_an_owner(self) -> bool:
@@ -169,14 +192,12 @@ class Store:
         Raises
         ------
         StorageUnavailable
-            The database does not answer, or the data folder cannot be written to.
+            The database does not answer, or the data folder is not in its place or cannot be written to.
         StorageFull
             The disk is full, or nearly so.
         """
-        with self._database.read() as session:
-            session.execute(text("SELECT 1"))
-        if not os.access(self.files.folder, os.W_OK | os.X_OK):
-            raise StorageUnavailable(f"the data folder {str(self.files.folder)!r} cannot be written to")
+        self.check_folder()
+        self.files.check_writable()
         if reserve_bytes is None:
             self.files.check_room(self.settings.disk_reserve_bytes, needed_by="SAWMILL_DISK_RESERVE_BYTES")
         else:
@@ -185,6 +206,17 @@ class Store:
     def fill_spare_room(self) -> None:
         """Keep room for cancellations free as long as the disk does not count as full; raise `OSError`."""
         self._database.spare_room.fill(self.settings.disk_reserve_bytes)
+
+    def check_folder(self) -> None:
+        """Check that the data folder is the one of the database.
+
+        Raises
+        ------
+        StorageUnavailable
+            The database does not answer, or (`FolderUnavailable`) the folder is missing, empty or another one.
+        """
+        with self._database.read() as session:
+            check_identity(session, self.files.folder)
 
     def check_room_for(self, size_bytes: int) -> int:
         """Check that an upload of this size leaves the disk its reserve, and room for the uploads that were begun.
@@ -197,9 +229,10 @@ class Store:
         Raises
         ------
         StorageFull, StorageUnavailable
-            Less would be free, or the database could not take what is made of it.
+            Less would be free, the data folder is not in its place, or the database could not take what is made of it.
         """
         self._database.check_writable()
+        self.check_folder()
         reserved_bytes = self.settings.disk_reserve_bytes + self.uploads.promised_bytes()
         needed_by = f"an upload of {size_bytes} bytes, beside others that were begun and SAWMILL_DISK_RESERVE_BYTES,"
         self.files.check_room(reserved_bytes + size_bytes, needed_by=needed_by)

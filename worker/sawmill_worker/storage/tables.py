@@ -227,6 +227,15 @@ class ClockRow(Base):
     offset_s: Mapped[float] = mapped_column(Float(53))
 
 
+class DataFolderRow(Base):
+    """One row: the identity of the data folder that has this database's files (`storage/folder_identity.py`)."""
+
+    __tablename__ = "data_folder"
+
+    number: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
+    identity: Mapped[str] = mapped_column(String(64))
+
+
 class ScannerRow(Resource):
     """A scanner; its active calibration is its newest activation."""
 

@@ -17,7 +17,7 @@ from sawmill_worker.contracts.events import EventKind
 from sawmill_worker.contracts.uploads import Upload, UploadState
 from sawmill_worker.storage.arriving import STEP_BYTES, Content, check_free
 from sawmill_worker.storage.database import Database
-from sawmill_worker.storage.errors import Busy, Conflict, Damaged, NotFound, disk_full_reported
+from sawmill_worker.storage.errors import Busy, Conflict, Damaged, NotFound, disk_outage_reported
 from sawmill_worker.storage.events import announce
 from sawmill_worker.storage.tables import UploadRow
 from sawmill_worker.whole_files import flush
@@ -46,7 +46,7 @@ class Part:
         # Who is cancelled closes the file while a thread may still write to it.
         self._writing = threading.Lock()
         self._closed = False
-        with disk_full_reported("the upload"):
+        with disk_outage_reported("the upload"):
             self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
         try:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -135,14 +135,14 @@ class Part:
 
     def _flush(self) -> None:
         """Make what has come durable, at first with the file's name."""
-        with self._open(), disk_full_reported("the upload"):
+        with self._open(), disk_outage_reported("the upload"):
             os.fdatasync(self._file)
             if not self._committed:
                 flush(self._path.parent)
         self._flushed, self._flushed_s = self._written, time.monotonic()
 
     def _write(self, chunk: bytes) -> None:
-        with self._open(), disk_full_reported("the upload"):
+        with self._open(), disk_outage_reported("the upload"):
             left = memoryview(chunk)
             while left:
                 left = left[os.write(self._file, left) :]

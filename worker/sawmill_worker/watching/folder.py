@@ -17,6 +17,7 @@ from sawmill_worker.watching.service import Json, Refusal, RequestFails, Service
 from sawmill_worker.watching.settings import WatchedFolder
 from sawmill_worker.watching.stopping import Stop
 from sawmill_worker.watching.takings import Taking, Takings
+from sawmill_worker.whole_files import DISK_AWAY, DISK_FULL
 
 LOCK = "watch.lock"
 # Taken at a time: the others stay where everybody sees them, and the service's queue stays short.
@@ -149,7 +150,7 @@ class Folder:
         except (FileChanged, FileNotFoundError):
             return None  # the next look sees what it is now
         except OSError as error:
-            if error.errno in {errno.ENOSPC, errno.EDQUOT, errno.EROFS}:
+            if error.errno in DISK_FULL | DISK_AWAY:
                 raise
             # On a share of Windows its writer still has it open.
             self._news.trouble(str(path), "not-movable", f"it cannot be taken: {error.strerror}")

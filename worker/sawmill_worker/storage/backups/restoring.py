@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from contextlib import closing, contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
+from uuid import uuid4
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session
@@ -28,7 +29,8 @@ from sawmill_worker.storage.database import Database, has_tables, is_known, newe
 from sawmill_worker.storage.engines import make_engine
 from sawmill_worker.storage.errors import Damaged
 from sawmill_worker.storage.events import record, record_restored
-from sawmill_worker.storage.files import RESTORING
+from sawmill_worker.storage.files import IDENTITY, RESTORING
+from sawmill_worker.storage.folder_identity import write_identity
 from sawmill_worker.storage.jobs import requeue
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.tables import JobRow
@@ -125,6 +127,7 @@ def _restore(backup: Checked, folder: Path, settings: StorageSettings, on_progre
         with target.filled(manifest.revision, lambda to: read_rows(to, backup.folder, manifest.tables)) as session:
             refuse_unfit_row(session, backup.folder)
             _take_jobs_back(session, backup)
+            write_identity(session, folder / RESTORING / DATA, uuid4().hex)
             for path in (folder / RESTORING / DATA).iterdir():
                 path.rename(folder / path.name)
             flush(folder)
@@ -178,6 +181,7 @@ def _clear(folder: Path, settings: StorageSettings) -> None:
     for path in (*(folder / name for name in FOLDERS), folder / RESTORING / DATA):
         if path.exists():
             shutil.rmtree(path)
+    (folder / IDENTITY).unlink(missing_ok=True)
     if (file := settings.database_file) is not None:
         for path in file.parent.glob(f"{_unfinished(file).name}*"):
             path.unlink()

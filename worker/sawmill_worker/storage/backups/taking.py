@@ -37,7 +37,9 @@ from sawmill_worker.storage.database import Database, known_revision
 from sawmill_worker.storage.engines import make_engine
 from sawmill_worker.storage.errors import Damaged, StorageUnavailable
 from sawmill_worker.storage.files import refuse_half_restored
+from sawmill_worker.storage.folder_identity import check_identity
 from sawmill_worker.storage.settings import StorageSettings
+from sawmill_worker.storage.tables import DataFolderRow
 from sawmill_worker.vocabulary import ProgressCallback
 from sawmill_worker.vocabulary.version import VERSION
 from sawmill_worker.whole_files import flush_names, flushed_file_system
@@ -73,7 +75,7 @@ def take_backup(settings: StorageSettings, into: Path, on_progress: ProgressCall
     Refused
         There is nothing to back up, the folder is not there or lies in the data folder, or another backup is taken.
     StorageFull, StorageUnavailable
-        There is no room for it, or the database does not answer.
+        There is no room for it, the database does not answer, or the data folder is not the database's.
     OSError
         The folder cannot be written to, or the data folder not be read.
     """
@@ -124,7 +126,7 @@ def _fill(database: Database, part: Path, laying: Laying) -> Manifest:
     lacking_before: list[str] = []
     for _ in range(_MOST_LOOKS):
         taken_at = datetime.now(UTC)
-        tables, revision, named = _look(database, part)
+        tables, revision, named = _look(database, part, laying.folder)
         found, lacking = look_for(laying.folder, named)
         went, unreadable = laying.lay(found)
         lacking += unreadable
@@ -152,7 +154,7 @@ def _fill(database: Database, part: Path, laying: Laying) -> Manifest:
     return manifest
 
 
-def _look(database: Database, part: Path) -> tuple[dict[str, Table], str, list[Named]]:
+def _look(database: Database, part: Path, folder: Path) -> tuple[dict[str, Table], str, list[Named]]:
     """Write the rows of this instant, and find what they name."""
     if (part / ROWS).exists():
         shutil.rmtree(part / ROWS)
@@ -160,5 +162,8 @@ def _look(database: Database, part: Path) -> tuple[dict[str, Table], str, list[N
         revision = known_revision(connection)
         if revision is None:
             raise Refused("the database has no tables: a first start of sawmill serve makes them")
+        names = inspect(connection).get_table_names()
+        if DataFolderRow.__tablename__ in names:
+            check_identity(connection, folder)
         tables = write_rows(connection, part)
-        return tables, revision, named_by(connection, inspect(connection).get_table_names())
+        return tables, revision, named_by(connection, names)

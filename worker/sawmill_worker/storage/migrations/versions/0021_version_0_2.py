@@ -132,7 +132,10 @@ def _single() -> sa.Column[Any]:
 
 
 def _change_tables_of_jobs() -> None:
-    """Count losses and heartbeats; keep why a job waits, its lane, its priority and whose request queued it."""
+    """Count losses and heartbeats; keep why a job waits, its lane, its priority and whose request queued it.
+
+    The two tables of a row each are the time and the identity of the data folder that workers go by.
+    """
     for column in (
         *(sa.Column(name, _INTEGER, nullable=False, server_default="0") for name in ("losses", "outages")),
         *_perhaps(not_before_s=_REAL, waiting_for=_JSON),
@@ -145,6 +148,9 @@ def _change_tables_of_jobs() -> None:
     op.drop_column("jobs", "lease_expires_s")
     op.create_table(
         "clock", _single(), *_needed(boot=_ID, offset_s=_REAL), sa.PrimaryKeyConstraint("number", name="pk_clock")
+    )
+    op.create_table(
+        "data_folder", _single(), *_needed(identity=_ID), sa.PrimaryKeyConstraint("number", name="pk_data_folder")
     )
 
 

@@ -1,0 +1,82 @@
+"""A data folder that goes, comes back, lacks a file or becomes read-only: jobs wait, and no attempt is lost."""
+
+import errno
+import os
+import shutil
+import threading
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+from structlog.testing import capture_logs
+
+from sawmill_worker.contracts.jobs import JobState
+from sawmill_worker.execution.poller import run_worker
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture
+def storage(storage, empty_data, tmp_path):
+    """With the database elsewhere, as on a server: the folder alone can go."""
+    shutil.copy(empty_data / "sawmill.db", tmp_path / "apart.db")
+    return storage.model_copy(update={"database_url": f"sqlite:///{tmp_path}/apart.db"})
+
+
+def test_a_worker_waits_for_its_folder_says_so_once_and_does_the_job_then(store, settings, command, queue, wait_for):
+    job, stop = queue("succeed"), threading.Event()
+    folder, aside = store.files.folder, store.files.folder.with_name("mounted elsewhere")
+    folder.rename(aside)
+    folder.mkdir()
+    with capture_logs() as log, ThreadPoolExecutor(1) as pool:
+
+        def said(event):
+            return [entry for entry in log if entry["event"] == event]
+
+        outcome = pool.submit(run_worker, store, settings, stop, command=command)
+        wait_for(lambda: said("claim-put-off") and said("files-not-looked-after"))
+        assert (list(folder.iterdir()), store.jobs.get(job.id).state) == ([], JobState.QUEUED)
+        folder.rmdir()
+        aside.rename(folder)
+        wait_for(lambda: store.jobs.get(job.id).state is JobState.SUCCEEDED or outcome.done())
+        stop.set()
+        outcome.result(timeout=60)
+        assert [len(said(event)) for event in ("claim-put-off", "files-not-looked-after")] == [1, 1]
+    ended = store.jobs.get(job.id)
+    assert (ended.state, ended.attempt, ended.losses) == (JobState.SUCCEEDED, 1, 0)
+
+
+def test_a_job_whose_file_is_missing_waits_until_it_is_back(store, runner, queue):
+    job = queue("succeed")
+    file = store.files.upload(job.kind, job.subject_id)
+    file.rename(file.with_name("aside"))
+    assert runner.run_next() is JobState.QUEUED
+    waiting = store.jobs.get(job.id)
+    assert (waiting.waiting_for.code, waiting.losses) == ("storage-unavailable", 0)
+    assert f"lacks the file 'uploads/scans/{job.subject_id}/original'" in waiting.waiting_for.detail
+    file.with_name("aside").rename(file)
+    assert runner.run_next() is JobState.SUCCEEDED
+
+
+@pytest.mark.parametrize("call", ["mkdir", "rename"])
+def test_a_disk_that_becomes_read_only_costs_no_loss(store, runner, stop, queue, monkeypatch, call):
+    def refuse(*_, **__):
+        raise OSError(errno.EROFS, os.strerror(errno.EROFS), "/mill")
+
+    job = queue("succeed")
+    with monkeypatch.context() as patched:
+        patched.setattr(f"pathlib.Path.{call}", refuse)
+        if call == "rename":  # what was computed waits while the disk can be read; a stopping worker gives it back
+            patched.setattr(store.jobs, "succeed", stopping(store.jobs.succeed, stop))
+        assert runner.run_next() is JobState.QUEUED
+    waiting = store.jobs.get(job.id)
+    assert (waiting.waiting_for.code, waiting.losses, waiting.attempt) == ("storage-unavailable", 0, 1)
+    stop.clear()
+    assert runner.run_next() is JobState.SUCCEEDED
+
+
+def stopping(succeed, stop):
+    def call(*arguments, **options):
+        stop.set()
+        return succeed(*arguments, **options)
+
+    return call
