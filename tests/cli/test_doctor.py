@@ -272,6 +272,39 @@ def test_the_disk_s_own_folder_is_nobody_s_fault(run, data):
     run("doctor", "--data", data)
 
 
+def test_a_disk_that_is_mounted_read_only(found, monkeypatch):
+    statvfs = os.statvfs
+    monkeypatch.setattr("os.statvfs", lambda path: ReadOnly(statvfs(path)))
+    finding = found("data folder")
+    assert "is on a disk that is mounted read-only" in finding["sentence"]
+    assert "chown" not in finding["cure"]
+
+
+class ReadOnly:
+    """What a file system says of itself, but that it is read-only."""
+
+    def __init__(self, status: os.statvfs_result) -> None:
+        self._status = status
+
+    @property
+    def f_flag(self) -> int:
+        return self._status.f_flag | os.ST_RDONLY
+
+    def __getattr__(self, name: str) -> int:
+        return getattr(self._status, name)
+
+
+@pytest.mark.parametrize("content", [None, "of another service"])
+def test_a_data_folder_that_is_not_the_database_s(found, data, content):
+    identity = data / "identity"
+    expected = identity.read_text().strip()
+    identity.unlink() if content is None else identity.write_text(content)
+    finding = found("data folder")
+    assert str(data) in finding["sentence"]
+    assert f"the database expects the folder with the identity {expected}" in finding["sentence"]
+    assert finding["cure"].startswith("mount the folder")
+
+
 def test_what_another_user_left(found, data):
     if os.getuid() != 0:
         pytest.skip("only root can give files away")

@@ -49,6 +49,7 @@ def _examine(settings: ServiceSettings, storage: StorageSettings, execution: Exe
     yield from _service(settings, storage)
     if storage.is_made:
         yield store.backup(storage.data_folder)
+    if storage.is_made or not storage.is_one_file:
         yield from store.database(storage, settings)
 
 

@@ -18,8 +18,8 @@ from sawmill_service.pages.system_parts import Disk
 from sawmill_service.settings import ServiceSettings
 from sawmill_worker.execution import landlock
 from sawmill_worker.execution.settings import ExecutionSettings
-from sawmill_worker.storage.errors import StorageMisconfigured
-from sawmill_worker.storage.files import refuse_half_restored
+from sawmill_worker.storage.errors import FolderUnavailable, StorageMisconfigured
+from sawmill_worker.storage.files import is_read_only, refuse_half_restored
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.vocabulary.version import VERSION
 
@@ -114,7 +114,9 @@ def data_folder(storage: StorageSettings) -> Iterator[Finding]:
     """Whether it is there, on a disk that will do, with room, and this user's; nothing is made."""
     folder = storage.data_folder
     if not folder.is_dir():
-        yield Finding("data folder", State.WATCH, f"{folder} is not there", "the first start of sawmill serve makes it")
+        if storage.is_one_file:  # a server knows whether there should be one
+            cure = "the first start of sawmill serve makes it"
+            yield Finding("data folder", State.WATCH, f"{folder} is not there", cure)
         return
     yield _writable(folder)
     if not is_closed(folder):
@@ -143,6 +145,12 @@ def is_closed(folder: Path) -> bool:
 
 
 def _writable(folder: Path) -> Finding:
+    cure = "look for the disk's errors in the system's log (dmesg), mend it (fsck), and mount it for writing again"
+    try:
+        if is_read_only(folder):
+            return Finding("data folder", State.BAD, f"{folder} is on a disk that is mounted read-only", cure)
+    except FolderUnavailable as error:
+        return Finding("data folder", State.BAD, str(error), cure)
     if is_closed(folder):
         return Finding(
             "data folder",

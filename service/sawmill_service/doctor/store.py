@@ -14,7 +14,7 @@ from sawmill_worker.execution.broker_report import report_of
 from sawmill_worker.execution.housekeeping import TOLERABLE_S
 from sawmill_worker.storage.backups.newest import newest_backup
 from sawmill_worker.storage.database_report import DatabaseReport
-from sawmill_worker.storage.errors import StorageError, StorageMisconfigured
+from sawmill_worker.storage.errors import FolderUnavailable, StorageError, StorageMisconfigured
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.store import Store
 
@@ -24,6 +24,7 @@ _RESTORE = "stop the service, move the data folder away, and restore the last ba
 # A day more than a week, for one that is taken each week.
 _OLD = timedelta(days=8)
 _TAKE = "take one to another disk, each night: sawmill backup FOLDER"
+_MOUNT = "mount the folder that the service used before, or give it with --data or SAWMILL_DATA_FOLDER"
 _NO_KEY = "the service can be reached from other machines by its settings, and there is no key: it would not start"
 _MAKE_A_KEY = "make one with sawmill key create --name NAME --scope admin, or set SAWMILL_TOKEN"
 
@@ -37,7 +38,9 @@ def database(storage: StorageSettings, settings: ServiceSettings) -> Iterator[Fi
             if report.migration == report.newest_migration:
                 damage = _damage(store)
                 yield damage
-                if damage.state is State.BAD:
+                folder = _folder(store)
+                yield folder
+                if State.BAD in {damage.state, folder.state}:
                     return
                 if settings.may_be_reached and settings.token is None and not store.keys.any_good():
                     yield Finding("keys", State.BAD, _NO_KEY, _MAKE_A_KEY)
@@ -118,6 +121,15 @@ def _files(store: Store) -> Finding:
     named = ", ".join(lost[:_NAMED]) + (", ..." if len(lost) > _NAMED else "")
     sentence = f"{len(lost)} files that rows name are missing in the data folder: {named}"
     return Finding("files", State.BAD, sentence, f"{_RESTORE}; or delete the scans and results whose files are missing")
+
+
+def _folder(store: Store) -> Finding:
+    """Whether the data folder is the one that the database knows."""
+    try:
+        store.check_folder()
+    except FolderUnavailable as error:
+        return Finding("data folder", State.BAD, str(error), _MOUNT)
+    return Finding("data folder", State.GOOD, "the one that the database knows")
 
 
 def _workers(store: Store) -> Finding:
