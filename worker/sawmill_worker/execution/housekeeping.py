@@ -79,7 +79,7 @@ class Housekeeping:
         """Whether files may be looked at and removed: in another folder all would be leftovers; said once if not."""
         try:
             self._store.check_folder()
-        except StorageUnavailable as error:
+        except (StorageUnavailable, OSError) as error:
             if not self._folder_is_away:
                 structlog.get_logger().warning("files-not-looked-after", reason=str(error))
             self._folder_is_away = True
