@@ -14,15 +14,18 @@ from structlog.testing import capture_logs
 from sawmill_worker.contracts.calibrations import CalibrationAsk
 from sawmill_worker.contracts.jobs import JobState
 from sawmill_worker.contracts.measurements import MeasurementKind
+from sawmill_worker.contracts.retention import RetentionAsk, RetentionRules
 from sawmill_worker.contracts.scanners import AlarmLimits
 from sawmill_worker.contracts.schedules import ScheduleSpec
 from sawmill_worker.contracts.webhooks import WebhookAsk
+from sawmill_worker.execution import housekeeping
 from sawmill_worker.execution.housekeeping import Housekeeping
 from sawmill_worker.execution.logs import configure_logs
+from sawmill_worker.storage import retiring
 from sawmill_worker.storage.errors import StorageUnavailable
 from sawmill_worker.storage.jobs import Pulse
 from sawmill_worker.storage.outbox import Attempt
-from sawmill_worker.storage.tables import ActivationRow, DeliveryRow, MeasurementRow, ScannerRow
+from sawmill_worker.storage.tables import ActivationRow, DeliveryRow, EventRow, JobRow, MeasurementRow, ScannerRow
 from sawmill_worker.storage.webhooks import KEPT
 
 pytestmark = pytest.mark.slow
@@ -130,6 +133,21 @@ def test_old_deliveries_are_forgotten_each_minute(store, settings, monkeypatch):
     monkeypatch.setattr(time, "monotonic", lambda: a_minute_on)
     housekeeping.once()
     assert store.webhooks.deliveries(webhook.id).items == []
+
+
+def test_many_batches_go_by_the_rules_of_retention_in_a_round(store, settings, queue, monkeypatch):
+    for _ in range(3):
+        queue("succeed")
+    rules = RetentionRules(events_days=1)
+    store.retention.replace(RetentionAsk(**rules.model_dump(), remove_at_most=1_000))
+    with store._database.write() as session:
+        session.execute(update(EventRow).values(at=store.now() - timedelta(days=2)))
+        session.execute(update(JobRow).values(state=JobState.CANCELLED))
+    monkeypatch.setattr(retiring, "EVENTS_A_ROUND", 2)
+    monkeypatch.setattr(housekeeping, "RETENTION_S", 60.0)
+    Housekeeping(store, settings, threading.Event()).once()
+    (went,) = (each.number for each in store.retention.get().removed if each.number)
+    assert went == 3, "the newest events stay"
 
 
 def test_trouble_is_logged_and_the_next_round_comes(store, settings, wait_for, monkeypatch):

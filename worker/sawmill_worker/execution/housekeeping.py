@@ -20,6 +20,8 @@ TOLERABLE_S = 5.0
 SELDOM_S = 60.0
 # Seconds of a round in which drift charts go on, if they are many or are begun anew; leases wait for it.
 DRIFT_S = 1.0
+# Seconds of a round in which batches go by the rules of retention, at least one; leases wait for it.
+RETENTION_S = 1.0
 
 
 class Housekeeping:
@@ -140,8 +142,10 @@ class Housekeeping:
             structlog.get_logger().info("upload-expired", upload_id=upload_id)
 
     def _retire(self) -> None:
-        """A batch of what the rules of retention reach, whose event says what went."""
-        self._retention.remove_some()
+        """Remove batches of what the rules of retention reach; the event of each says what went."""
+        until_s = time.monotonic() + RETENTION_S
+        while self._retention.remove_some() is not None and time.monotonic() < until_s:
+            pass
 
     def _remove_leftovers(self) -> None:
         removed = self._leftovers.remove_some()

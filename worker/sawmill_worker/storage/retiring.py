@@ -35,7 +35,7 @@ from sawmill_worker.storage.tables import (
 )
 
 EVERY_S = 600.0
-# In a transaction and a round: files of 230 MB each are deleted within the time of a round.
+# In a transaction: files of 230 MB each are deleted within the time of a round.
 ITEMS_A_ROUND = 50
 EVENTS_A_ROUND = 2000
 _DAYS = [name for name in RetentionRules.model_fields if name.endswith("_days")]
