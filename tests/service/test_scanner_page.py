@@ -85,7 +85,9 @@ def test_logs_together_are_a_line_with_its_band_behind_which_single_ones_are_fai
         began_at=NOW - timedelta(days=8),
         began_between=(NOW - timedelta(days=8.5), NOW - timedelta(days=7.5)),
         cor_column_change_mm=0.1,
+        cor_column_standard_deviation_mm=0.01,
         tilt_change_deg=0.0,
+        tilt_standard_deviation_deg=0.01,
     )
     together = PooledDrift(
         method="view-pairs",

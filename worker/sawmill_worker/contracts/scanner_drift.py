@@ -2,9 +2,9 @@
 
 from collections.abc import Callable
 from datetime import datetime
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from sawmill_worker.contracts.base import Contract, Identifier, Time
 from sawmill_worker.contracts.choices import DriftFindingKind, DriftMethod
@@ -41,6 +41,15 @@ class DriftFinding(Contract):
         None, description="Of a jump the change of tau, degrees; of a trend the change a day, degrees.", examples=[0.01]
     )
     tilt_standard_deviation_deg: float | None = Field(None, description="Of that, degrees.", examples=[0.005])
+
+    @model_validator(mode="after")
+    def _change_is_whole(self) -> Self:
+        of_change = [name for name, field in type(self).model_fields.items() if not field.is_required()]
+        missing = [name for name in of_change if getattr(self, name) is None]
+        if missing and len(missing) < len(of_change):
+            msg = f"a change must have {', '.join(of_change)}, and {', '.join(missing)} is null"
+            raise ValueError(msg)
+        return self
 
     @property
     def sentence(self) -> str:
