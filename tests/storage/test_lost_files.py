@@ -7,7 +7,7 @@ from sawmill_worker.contracts.jobs import JobKind
 from sawmill_worker.contracts.reconstructions import ReconstructionAsk
 from sawmill_worker.storage.backups import named_files
 
-pytestmark = [pytest.mark.slow, pytest.mark.dialect]
+pytestmark = pytest.mark.slow
 
 
 def test_uploads_and_results_without_their_file_are_lost(store, upload, finish):
