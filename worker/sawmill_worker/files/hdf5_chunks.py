@@ -159,6 +159,8 @@ def _unpack(dataset: h5py.Dataset, code: int, values: tuple[int, ...]) -> Unpack
         return partial(_unshuffled, dataset.id.get_type().get_size())
     if code == h5py.h5z.FILTER_SZIP:
         return _Szip(dataset, values)
+    if code == h5py.h5z.FILTER_FLETCHER32 and dataset.compression == "gzip":
+        return _without_checksum
     return {
         h5py.h5z.FILTER_DEFLATE: _inflated,
         h5py.h5z.FILTER_LZF: _of_lzf,
@@ -189,6 +191,11 @@ def _of_lzf(data: NDArray[np.uint8], most: int) -> NDArray[np.uint8]:
     if count < 0:
         raise ValueError("LZF data that are cut off or refer to what is not there")
     return unpacked[:count]
+
+
+def _without_checksum(data: NDArray[np.uint8], _: int) -> NDArray[np.uint8]:
+    """Leave out the checksum of a deflate stream, which ends with one of its own."""
+    return data[:-CHECKSUM_BYTES]
 
 
 def _checked(data: NDArray[np.uint8], _: int) -> NDArray[np.uint8]:
