@@ -5,6 +5,7 @@ import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor, as_completed
 
+from sawmill_worker.files import hdf5_chunks
 from sawmill_worker.tomography.warm_up import PARTS
 from sawmill_worker.vocabulary import Progress, ProgressCallback
 
@@ -21,6 +22,8 @@ def compile_kernels(on_progress: ProgressCallback) -> None:
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         compiled = {pool.submit(_compile, part): part for part in PARTS}
         left = list(PARTS)
+        # In half a second, while those are compiled.
+        hdf5_chunks.load_kernels()
         for future in as_completed(compiled):
             future.result()
             left.remove(compiled[future])
