@@ -14,11 +14,18 @@ from sawmill_worker.storage.errors import Busy
 
 
 class Transfer:
-    """One part that is coming."""
+    """One part that is coming.
+
+    Attributes
+    ----------
+    over : asyncio.Event
+        Set once what has come is counted.
+    """
 
     def __init__(self, upload_id: str) -> None:
-        self._upload_id = upload_id
-        self._wait, self._is_ended, self._is_over = anyio.CancelScope(), False, asyncio.Event()
+        self.over = asyncio.Event()
+        self._upload_id, self._is_ended = upload_id, False
+        self._wait = anyio.CancelScope()
 
     async def until_ended(self, chunks: AsyncGenerator[bytes]) -> AsyncIterator[bytes]:
         """Yield a body's chunks as they come.
@@ -42,11 +49,7 @@ class Transfer:
         """Wait for nothing more of the body, and return once what has come is counted."""
         self._is_ended = True
         self._wait.cancel()
-        await self._is_over.wait()
-
-    def is_over(self) -> None:
-        """Let those go on who wait for the end."""
-        self._is_over.set()
+        await self.over.wait()
 
 
 class Transfers:
@@ -69,4 +72,4 @@ class Transfers:
             yield transfer
         finally:
             del self._coming[upload_id]
-            transfer.is_over()
+            transfer.over.set()
