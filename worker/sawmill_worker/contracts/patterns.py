@@ -53,4 +53,4 @@ _HOST, _PORT, _TARGET = r"[A-Za-z0-9._-]+|\[[0-9A-Fa-f:.]+\]", "[0-9]{1,5}", r"[
 WEBHOOK_URL = rf"(?P<scheme>https?)://(?P<host>{_HOST})(?::(?P<port>{_PORT}))?(?P<target>{_TARGET})?"
 WEBHOOK_URL_SCHEMA = rf"^https?://({_HOST})(:{_PORT})?({_TARGET})?$"
 # The `what` of an event, or its beginning with a star.
-EVENT_NAME = r"^[a-z-]*\*?$"
+EVENT_NAME = r"^([a-z-]+\*?|\*)$"
