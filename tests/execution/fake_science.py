@@ -69,6 +69,10 @@ def refuse(_: Attempt) -> dict[str, Any]:
     raise JobFailure(FailureKind.INPUT, "angles-missing", "the file carries no angles: give angles_deg")
 
 
+def quote_a_nul(_: Attempt) -> dict[str, Any]:
+    raise JobFailure(FailureKind.INPUT, "angles-missing", "the dataset 'data\0' has no angles")
+
+
 def stumble(attempt: Attempt) -> dict[str, Any]:
     if attempt.job.attempt == 1:
         raise JobFailure(FailureKind.PASSING, "busy", "something was busy")
@@ -281,6 +285,12 @@ def name_a_file_outside(attempt: Attempt) -> dict[str, Any]:
     return hang(attempt)
 
 
+def keep_behind_a_file(attempt: Attempt) -> dict[str, Any]:
+    attempt.checkpoints.touch()
+    attempt.announce(["steps"])
+    return succeed(attempt)
+
+
 def keep_a_folder(attempt: Attempt) -> dict[str, Any]:
     (attempt.checkpoints / "steps").mkdir(parents=True)
     attempt.announce(["steps"])
@@ -307,6 +317,7 @@ BEHAVIOURS = {
     for behaviour in (
         succeed,
         refuse,
+        quote_a_nul,
         stumble,
         outlast,
         wait_for_leave,
@@ -328,6 +339,7 @@ BEHAVIOURS = {
         answer_and_stay,
         name_a_file_outside,
         keep_a_folder,
+        keep_behind_a_file,
         break_off,
         never_end_its_line,
         burn,

@@ -8,7 +8,7 @@ import pytest
 from sawmill_worker.contracts.jobs import FailureKind
 from sawmill_worker.execution.overuse import DEEPEST, SMALL_BYTES, overuse
 from sawmill_worker.execution.protocol import Begun
-from sawmill_worker.storage.errors import StorageFull
+from sawmill_worker.storage.errors import FolderUnavailable, StorageFull
 
 MIB = 2**20
 
@@ -68,6 +68,11 @@ def test_the_reserve_of_the_disk_is_kept_from_attempts_that_write_much(tmp_path,
     (tmp_path / "scan.h5").write_bytes(bytes(2 * SMALL_BYTES))
     with pytest.raises(StorageFull, match=r"less than its reserve of .* and the job has written 0.03"):
         looked_at(file_bytes=2**40, reserve_bytes=2**62)
+
+
+def test_a_folder_that_is_gone_is_an_outage(tmp_path):
+    with pytest.raises(FolderUnavailable):
+        overuse(None, tmp_path / "gone", Begun(data_bytes=MIB, file_bytes=MIB), reserve_bytes=0)
 
 
 def test_a_process_that_has_ended_takes_its_files_alone(tmp_path):

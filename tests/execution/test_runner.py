@@ -131,6 +131,7 @@ def test_the_end_of_a_job_is_reported_to_those_who_may_wait_for_it(store, settin
     ("behaviour", "kind", "code", "words"),
     [
         ("refuse", FailureKind.INPUT, "angles-missing", "give angles_deg"),
+        ("quote-a-nul", FailureKind.INPUT, "angles-missing", "the dataset 'data\ufffd' has no angles"),
         ("blunder", FailureKind.INTERNAL, "internal-error", "unexpected KeyError"),
         ("eat-memory", FailureKind.INPUT, "out-of-memory", "ask for fewer rows"),
         ("answer-nonsense", FailureKind.INTERNAL, "invalid-result", "a defect"),
@@ -199,6 +200,12 @@ def test_nonsense_ends_its_attempt_and_not_its_worker(store, runner, queue, beha
     assert (failure.kind, failure.code) == (FailureKind.INTERNAL, "invalid-result")
     assert store.jobs.get(next_job.id).attempt == 1
     assert leftovers(store) == list((store.files.folder / "kept").iterdir()) == []
+
+
+def test_checkpoints_that_are_not_there_are_passed_over(store, runner, queue):
+    job = queue("keep-behind-a-file")
+    assert runner.run_next() is JobState.SUCCEEDED
+    assert store.jobs.get(job.id).attempt == 1
 
 
 def test_a_full_disk_is_waited_out(store, runner, queue):

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from sawmill_worker.contracts.jobs import Failure, FailureKind
 from sawmill_worker.execution.protocol import Begun
-from sawmill_worker.storage.errors import StorageFull
+from sawmill_worker.storage.errors import StorageFull, disk_outage_reported
 from sawmill_worker.storage.files import checkpoints_of
 
 # Files and folders in the folder of an attempt, and folders in each other: many times what any job writes.
@@ -44,11 +44,18 @@ def overuse(process_id: int | None, output: Path, limits: Begun, *, reserve_byte
     ------
     StorageFull
         Less is free on the disk than should be, and the attempt has written some of what is missing.
+    FolderUnavailable
+        The attempt's folder is gone, or its disk fails.
     """
     private, shared = _memory_bytes(process_id)
     if shared > SMALL_BYTES and private + shared > limits.data_bytes:
         return _too_much("out-of-memory", "private and shared memory", private + shared, limits.data_bytes)
-    kept, others = 0, sum(_removed_and_open(process_id))
+    with disk_outage_reported("looking at a job's files"):
+        return _overuse_of_disk(sum(_removed_and_open(process_id)), output, limits, reserve_bytes)
+
+
+def _overuse_of_disk(nameless_bytes: int, output: Path, limits: Begun, reserve_bytes: int) -> Failure | None:
+    kept, others = 0, nameless_bytes
     for number, (path, size_bytes) in enumerate(_below(output)):
         if number == MOST_FILES or size_bytes is None:
             detail = f"the job may write {MOST_FILES} files, in folders at most {DEEPEST} deep, and has written more"

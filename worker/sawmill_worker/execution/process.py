@@ -149,7 +149,8 @@ class AttemptProcess:
             return []
         *lines, self._unread = self._unread.split(b"\n")
         try:
-            return [MESSAGE.validate_json(line) for line in lines]
+            # PostgreSQL keeps no text with a NUL, which a stranger's file may have put into a sentence.
+            return [MESSAGE.validate_json(line.replace(rb"\u0000", rb"\ufffd")) for line in lines]
         except ValidationError as error:
             raise AttemptTalksNonsense(str(error)) from error
 

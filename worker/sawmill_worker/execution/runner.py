@@ -375,7 +375,7 @@ class _Supervision:
     def _keep(self, message: Kept, output: Path) -> None:
         try:
             self._store.jobs.keep(self._claim, output, message.names)
-        except NotFound as error:
+        except (NotFound, PermissionError) as error:  # a folder of checkpoints that is closed to its owner
             raise AttemptTalksNonsense(str(error)) from error
         except (StorageFull, StorageUnavailable) as error:
             # The attempt goes on; its next checkpoint is due soon.

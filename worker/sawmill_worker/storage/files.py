@@ -204,10 +204,11 @@ class FileStore:
             folder.mkdir(exist_ok=True)
             for name in names:
                 checkpoint = checkpoints_of(output) / _checked(name)
-                if checkpoint.is_dir():
+                if checkpoint.is_file():
+                    with suppress(FileNotFoundError):
+                        checkpoint.rename(folder / name)
+                elif checkpoint.exists():
                     raise NotFound("checkpoint", name)
-                with suppress(FileNotFoundError):
-                    checkpoint.rename(folder / name)
             flush(folder)
 
     def forget_kept(self, job_id: str) -> None:
