@@ -30,3 +30,19 @@ def test_a_page_that_was_taken_from_a_stack_is_read_though_it_still_speaks_of_th
     with tifffile.TiffWriter(tmp_path / "one.tif") as one:
         one.write(STACK[0], description="ImageJ=1.53\nimages=12\n", metadata=None)
     assert shape_of(tmp_path / "one.tif") == (1, 4, 16)
+
+
+@pytest.mark.parametrize("counts", [1, 2], ids=["left out", "empty"])
+@pytest.mark.parametrize("options", [{"rowsperstrip": 2}, {"tile": (16, 16)}], ids=["strips", "tiles"])
+def test_a_page_that_lacks_a_strip_or_tile_is_refused(tmp_path, options, counts):
+    stack = np.ones((4, 4, 32), np.uint16)
+    tifffile.imwrite(tmp_path / "short.tif", stack, photometric="minisblack", compression="zlib", **options)
+    assert shape_of(tmp_path / "short.tif") == stack.shape
+    kind = "Tile" if "tile" in options else "Strip"
+    with tifffile.TiffFile(tmp_path / "short.tif", mode="r+") as file:
+        tags = file.pages[1].tags
+        tags[f"{kind}ByteCounts"].overwrite([tags[f"{kind}ByteCounts"].value[0], 0][:counts])
+        tags[f"{kind}Offsets"].overwrite([tags[f"{kind}Offsets"].value[0], 0][:counts])
+    with pytest.raises(UnreadableScan, match="page 1 of the file has 1 of its 2 strips or tiles") as refusal:
+        shape_of(tmp_path / "short.tif")
+    assert refusal.value.code == "truncated-file"

@@ -53,7 +53,9 @@ class TiffPages:
         for index, image in enumerate(block, pages.start):
             page = self.tiff.pages[index]
             _check_unpacked(page, f"a strip or tile of page {index}")
-            image[:] = as_float32(page.asarray(maxworkers=1)[rows])
+            # Zeros: the library leaves what it does not fill as it was.
+            stored = np.zeros(page.shape, page.dtype)
+            image[:] = as_float32(page.asarray(out=stored, maxworkers=1)[rows])
         return block
 
 
@@ -191,6 +193,12 @@ def _check_page(
     if max(ends, default=0) > size_bytes or (page.compression == UNCOMPRESSED and stored < needed):
         raise UnreadableScan(
             "truncated-file", f"{where} declares more data than the file of {size_bytes} bytes holds; export it again"
+        )
+    pieces = sum(count > 0 for count in page.databytecounts)
+    if pieces < math.prod(page.chunked):
+        raise UnreadableScan(
+            "truncated-file",
+            f"{where} has {pieces} of its {math.prod(page.chunked)} strips or tiles; export the file again",
         )
     pixels = math.prod(page.chunks)
     if pixels > max(USUAL_TILE_PIXELS, MOST_TILE_PAGES * math.prod(page.shape)):
