@@ -21,6 +21,7 @@ from sawmill_worker.contracts.scanners import ScannerSpec
 from sawmill_worker.contracts.scans import ScanSpec
 from sawmill_worker.execution import landlock
 from sawmill_worker.execution.limits import OPEN_FILES, limits_of, processor_s
+from sawmill_worker.storage.files import SCAN_FILE
 from sawmill_worker.vocabulary import DataKind
 
 pytestmark = pytest.mark.slow
@@ -35,6 +36,7 @@ def finish(store):
     def do():
         claim = store.jobs.claim("test")
         output = store.files.make_attempt_folder(claim.job_id, claim.attempt)
+        (output / SCAN_FILE).touch()
         store.jobs.succeed(claim, RESULTS[claim.job.kind](), output)
 
     return do
