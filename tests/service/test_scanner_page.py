@@ -8,7 +8,7 @@ from datetime import UTC, datetime, timedelta
 import pytest
 from sqlalchemy import insert, select
 
-from sawmill_service.pages.charts import MOST_MARKS, days_of, span_of, thinned
+from sawmill_service.pages.charts import MOST_MARKS, days_of, range_of, span_of, thinned
 from sawmill_service.pages.drift_chart import DRIFT, drift_chart
 from sawmill_service.pages.schedule_form import plain
 from sawmill_worker.contracts.calibrations import CalibrationAsk
@@ -69,6 +69,12 @@ def test_many_measurements_are_thinned_and_keep_their_extremes():
     assert [one.at for one in shown] == sorted(one.at for one in shown)
     for one in (two_years[0], two_years[300], two_years[400], two_years[500], two_years[-1]):
         assert one in shown
+
+
+def test_the_range_of_an_absurd_value_is_one():
+    low, high = range_of([1e300], least=0.01)
+    assert low < 1e300 < high
+    assert range_of([5.0], least=0.01) == pytest.approx((4.999, 5.001))
 
 
 def test_logs_together_are_a_line_with_its_band_behind_which_single_ones_are_faint():

@@ -225,7 +225,8 @@ def range_of(numbers: Sequence[float], *, least: float) -> tuple[float, float]:
     if not numbers:
         return 0.0, 1.0
     low, high = min(numbers), max(numbers)
-    room = 0.1 * max(high - low, least)
+    # Of huge values alone, `least` would be lost in rounding.
+    room = 0.1 * max(high - low, least, 1e-9 * max(-low, high))
     return low - room, high + room
 
 
