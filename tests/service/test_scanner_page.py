@@ -421,7 +421,7 @@ def test_finnish_decimals_are_read(seeded, store):
 def test_a_schedule_s_outcome_leads_to_a_report_only_where_there_is_one(seeded, store):
     running = store.calibrations.accept(CalibrationAsk(scan_id="example")).id
     with store._database.write() as session:
-        for minute, calibration_id in enumerate(("example", running)):
+        for minute, calibration_id in enumerate(("example", running, None)):
             due_at = NOW.replace(minute=minute)
             session.add(
                 ScheduleRunRow(schedule_id="example", due_at=due_at, outcome="queued", calibration_id=calibration_id)
@@ -430,3 +430,4 @@ def test_a_schedule_s_outcome_leads_to_a_report_only_where_there_is_one(seeded, 
     schedules = page[page.index('id="schedules"') : page.index('id="settings"')]
     assert f'href="/calibrate?calibration={running}"' in schedules
     assert 'href="/calibrations/example/report"' in schedules
+    assert "a calibration, which was removed since" in schedules

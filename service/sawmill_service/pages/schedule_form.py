@@ -29,8 +29,9 @@ KINDS = {
     "recalibrate": marked("Calibrate with the newest phantom scan"),
     "check-drift": marked("Look for drift on the newest log"),
 }
-# Of a due time at which nothing was queued.
+# Of a due time of which no calibration and no drift check is stored.
 OUTCOMES = {
+    "queued": marked("a calibration, which was removed since"),
     "no-new-phantom-scan": marked("no new phantom scan"),
     "no-new-log-scan": marked("no new log that a drift check could use"),
     "no-active-calibration": marked("no active calibration"),
