@@ -276,7 +276,7 @@ def test_a_disk_that_is_mounted_read_only(found, monkeypatch):
     statvfs = os.statvfs
     monkeypatch.setattr("os.statvfs", lambda path: ReadOnly(statvfs(path)))
     finding = found("data folder")
-    assert "is on a disk that is mounted read-only" in finding["sentence"]
+    assert "is on a disk that is read-only" in finding["sentence"]
     assert "chown" not in finding["cure"]
 
 

@@ -141,14 +141,17 @@ def _half_restored(folder: Path) -> Iterator[Finding]:
 
 def is_closed(folder: Path) -> bool:
     """Whether the folder is there and this user cannot work in it."""
-    return folder.is_dir() and not os.access(folder, os.R_OK | os.W_OK | os.X_OK)
+    try:
+        return folder.is_dir() and (is_read_only(folder) or not os.access(folder, os.R_OK | os.W_OK | os.X_OK))
+    except FolderUnavailable:
+        return True
 
 
 def _writable(folder: Path) -> Finding:
     cure = "look for the disk's errors in the system's log (dmesg), mend it (fsck), and mount it for writing again"
     try:
         if is_read_only(folder):
-            return Finding("data folder", State.BAD, f"{folder} is on a disk that is mounted read-only", cure)
+            return Finding("data folder", State.BAD, f"{folder} is on a disk that is read-only", cure)
     except FolderUnavailable as error:
         return Finding("data folder", State.BAD, str(error), cure)
     if is_closed(folder):

@@ -14,7 +14,7 @@ from sawmill_worker.execution.broker_report import report_of
 from sawmill_worker.execution.housekeeping import TOLERABLE_S
 from sawmill_worker.storage.backups.newest import newest_backup
 from sawmill_worker.storage.database_report import DatabaseReport
-from sawmill_worker.storage.errors import FolderUnavailable, StorageError, StorageMisconfigured
+from sawmill_worker.storage.errors import FolderUnavailable, StorageError, StorageFull, StorageMisconfigured
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.store import Store
 
@@ -24,7 +24,7 @@ _RESTORE = "stop the service, move the data folder away, and restore the last ba
 # A day more than a week, for one that is taken each week.
 _OLD = timedelta(days=8)
 _TAKE = "take one to another disk, each night: sawmill backup FOLDER"
-_MOUNT = "mount the folder that the service used before, or give it with --data or SAWMILL_DATA_FOLDER"
+_MOUNT = "mount the folder that the service used before, for writing, or give it with --data or SAWMILL_DATA_FOLDER"
 _NO_KEY = "the service can be reached from other machines by its settings, and there is no key: it would not start"
 _MAKE_A_KEY = "make one with sawmill key create --name NAME --scope admin, or set SAWMILL_TOKEN"
 
@@ -124,11 +124,13 @@ def _files(store: Store) -> Finding:
 
 
 def _folder(store: Store) -> Finding:
-    """Whether the data folder is the one that the database knows."""
+    """Whether the data folder is the one that the database knows, and takes files."""
     try:
-        store.check_folder()
+        store.check(reserve_bytes=0)
     except FolderUnavailable as error:
         return Finding("data folder", State.BAD, str(error), _MOUNT)
+    except StorageFull:
+        pass  # the disk's own finding says so
     return Finding("data folder", State.GOOD, "the one that the database knows")
 
 

@@ -26,6 +26,7 @@ What is in none of the rows goes with time (`leftovers`).
 """
 
 import asyncio
+import errno
 import fcntl
 import os
 import re
@@ -435,7 +436,7 @@ def read_identity(folder: Path) -> str | None:
 
 
 def is_read_only(folder: Path) -> bool:
-    """Whether a folder's disk is mounted read-only, as the system does itself when a disk has errors.
+    """Whether a folder's disk is read-only now, as a file system makes itself when the disk has errors.
 
     Raises
     ------
@@ -443,7 +444,14 @@ def is_read_only(folder: Path) -> bool:
         The folder is not there, or its disk fails.
     """
     with disk_outage_reported("looking at its disk"):
-        return bool(os.statvfs(folder).f_flag & os.ST_RDONLY)
+        if os.statvfs(folder).f_flag & os.ST_RDONLY:
+            return True
+    # ext4 does not report it by that flag any more, and refuses every new file: also one without a name.
+    try:
+        os.close(os.open(folder, os.O_WRONLY | os.O_TMPFILE, 0o600))
+    except OSError as error:
+        return error.errno == errno.EROFS
+    return False
 
 
 def refuse_read_only(folder: Path) -> None:
