@@ -205,11 +205,11 @@ class FileStore:
             folder.mkdir(exist_ok=True)
             for name in names:
                 checkpoint = checkpoints_of(output) / _checked(name)
-                if checkpoint.is_file():
+                if checkpoint.is_file() and not checkpoint.is_symlink():
                     with suppress(FileNotFoundError):
                         checkpoint.rename(folder / name)
-                elif checkpoint.exists():
-                    raise NotFound("checkpoint", name)
+                elif os.path.lexists(checkpoint):
+                    raise NotFound("file", name)
             flush(folder)
 
     def forget_kept(self, job_id: str) -> None:
