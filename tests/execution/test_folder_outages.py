@@ -10,6 +10,7 @@ import pytest
 from structlog.testing import capture_logs
 
 from sawmill_worker.contracts.jobs import JobState
+from sawmill_worker.execution.housekeeping import Housekeeping
 from sawmill_worker.execution.poller import run_worker
 
 pytestmark = pytest.mark.slow
@@ -55,6 +56,18 @@ def test_a_job_whose_file_is_missing_waits_until_it_is_back(store, runner, queue
     assert f"lacks the file 'uploads/scans/{job.subject_id}/original'" in waiting.waiting_for.detail
     file.with_name("aside").rename(file)
     assert runner.run_next() is JobState.SUCCEEDED
+
+
+def test_housekeeping_removes_nothing_in_a_folder_of_another_service(store, settings, stop):
+    identity, theirs = store.files.folder / "identity", store.files.folder / "scans" / "theirs"
+    ours = identity.read_text()
+    theirs.mkdir()
+    housekeeping = Housekeeping(store, settings.model_copy(update={"leftovers_s": 0.0}), stop)
+    for content, stays in (("of another service", True), (ours, False)):
+        identity.write_text(content)
+        for _ in range(3):
+            housekeeping.once()
+        assert theirs.exists() is stays
 
 
 @pytest.mark.parametrize("call", ["mkdir", "rename"])

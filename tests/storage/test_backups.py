@@ -43,7 +43,7 @@ from sawmill_worker.storage.database import Database, newest_revision
 from sawmill_worker.storage.engines import make_engine
 from sawmill_worker.storage.errors import Damaged, StorageFull, StorageMisconfigured
 from sawmill_worker.storage.events import NUMBERS_SKIPPED
-from sawmill_worker.storage.files import RESTORING
+from sawmill_worker.storage.files import RESTORING, read_identity
 from sawmill_worker.storage.keys import hash_of
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.store import Store
@@ -151,6 +151,8 @@ def test_what_is_restored_elsewhere_is_all_there_and_goes_on(
     for name in before.keys() - LEFT_OUT - {"jobs", "events"}:
         assert after[name] == before[name], name
     assert after["sessions"] == []
+    (restored_folder,), (folder,) = after["data_folder"], before["data_folder"]
+    assert restored_folder["identity"] == read_identity(target.data_folder) != folder["identity"]
     numbers = [event["number"] for event in before["events"]]
     assert after["events"][: len(numbers)] == before["events"]
     mark, given_back = after["events"][len(numbers) :]

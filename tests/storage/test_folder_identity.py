@@ -11,6 +11,7 @@ import pytest
 from make_data_0_1_0 import ARCHIVE
 from sqlalchemy import text
 
+from sawmill_worker.storage.backups.taking import take_backup
 from sawmill_worker.storage.errors import (
     FolderUnavailable,
     StorageMisconfigured,
@@ -130,6 +131,14 @@ def test_a_folder_of_0_1_0_gets_its_identity_with_its_database_and_no_empty_one_
     ) as store:
         assert identity_of(store) == read_identity(tmp_path / "data")
     assert list((tmp_path / "empty").iterdir()) == []
+
+
+@sqlite_alone
+def test_no_backup_is_taken_of_a_folder_that_is_not_the_database_s(apart, tmp_path):
+    (tmp_path / "backups").mkdir()
+    with replaced(apart.data_folder, "empty"), pytest.raises(FolderUnavailable, match="the database expects"):
+        take_backup(apart, tmp_path / "backups", lambda _: None)
+    assert list((tmp_path / "backups").glob("sawmill-*")) == []
 
 
 @pytest.mark.parametrize("number", [errno.EROFS, errno.EIO, errno.ESTALE, errno.ENOENT])
