@@ -193,6 +193,7 @@ def test_each_column_of_each_table_is_read(changed, backup, table):
         ),
         ("alarms", "last_at", None, "line 1 of rows/alarms.jsonl is refused: last_at: an alarm scanner-quiet has one"),
         ("calibrations", "result", lambda old: old | {"covariance": [[0.0] * 5]}, "covariance: a covariance must have"),
+        ("scans", "reading", lambda old: old | {"shape": None}, "line 1 of rows/scans.jsonl is refused: shape: "),
         ("drifts", "result", lambda old: old | {"tolerance_mm": 0}, "tolerance_mm: .* greater than 0, not 0"),
         ("calibrations", "result", None, "its job has succeeded, and it has no result"),
         ("schedules", "cron", "at noon", "line 1 of rows/schedules.jsonl is refused: cron must be five fields"),

@@ -7,6 +7,7 @@ import json
 import os
 import shutil
 import signal
+import tarfile
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from datetime import UTC, datetime, timedelta
@@ -16,6 +17,7 @@ from typing import Any
 
 import pytest
 from databases import sqlite_alone
+from make_data_0_1_0 import ARCHIVE
 from results import CONSTANTS, RESULTS
 from sqlalchemy import JSON, Boolean, Date, Float, Integer, String, text
 
@@ -497,6 +499,17 @@ def test_a_backup_of_an_earlier_version_is_brought_up_to_date(empty_url, into, e
         claim = restored.jobs.claim("test")
     assert (claim.job_id, claim.attempt, claim.job.losses) == ("old", 3, 0)
     assert claim.job.created_at == datetime(2026, 3, 2, 5, tzinfo=UTC)
+
+
+def test_a_row_of_an_earlier_version_that_cannot_be_brought_up_to_date_leaves_nothing(into, elsewhere, tmp_path):
+    with tarfile.open(ARCHIVE) as archive:
+        archive.extractall(tmp_path / "old", filter="data")
+    taken = take_backup(StorageSettings(data_folder=tmp_path / "old", database_url=None), into, silent)
+    change_row(taken.path, "drifts", result={})
+    sign(taken.path)
+    with pytest.raises(Damaged, match="the rows of revision 0003 cannot be brought up to date: KeyError 'measured'"):
+        restore(taken.path, elsewhere, silent)
+    assert list(elsewhere.data_folder.iterdir()) == []
 
 
 def test_what_must_not_be_done_is_refused_in_a_sentence(store, settings, upload, backup, into, elsewhere, monkeypatch):

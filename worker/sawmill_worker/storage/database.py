@@ -10,10 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from sqlalchemy import Connection, Engine, inspect, text
+from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
 from sawmill_worker.storage.clock import Clock, SharedClock, set_if_new
-from sawmill_worker.storage.errors import StorageMisconfigured, disk_outage_reported
+from sawmill_worker.storage.errors import Damaged, StorageMisconfigured, disk_outage_reported
 from sawmill_worker.storage.outages import Door, WriterQueue, trouble_translated
 from sawmill_worker.storage.spare_room import SpareRoom
 from sawmill_worker.storage.tables import Base
@@ -200,6 +201,8 @@ class Database:
         ------
         StorageFull, StorageUnavailable
             The database cannot write, or has tables.
+        Damaged
+            A migration cannot read a row.
         """
         with self._setting_up() as connection:
             if has_tables(connection):
@@ -208,7 +211,7 @@ class Database:
                 _migrate(connection, revision)
                 fill(connection)
                 if revision != newest_revision():
-                    _migrate(connection, "head")
+                    _bring_up_to_date(connection, revision)
                 with Session(connection) as session:
                     yield session
                     session.flush()
@@ -316,6 +319,15 @@ def _migrate(connection: Connection, revision: str) -> None:
         command.upgrade(config, revision)
     if _notes_product_version(connection):
         connection.execute(text("UPDATE alembic_version SET product_version = :version"), {"version": VERSION})
+
+
+def _bring_up_to_date(connection: Connection, revision: str) -> None:
+    """Migrate rows that nobody has read yet."""
+    try:
+        _migrate(connection, "head")
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError, IntegrityError) as error:
+        reason = f"{type(error).__name__} {error}"
+        raise Damaged(f"the rows of revision {revision} cannot be brought up to date: {reason}") from error
 
 
 def _any_time(connection: Connection) -> AbstractContextManager[None]:

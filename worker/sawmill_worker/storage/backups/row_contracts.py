@@ -15,7 +15,7 @@ from sqlalchemy.types import NullType
 from sawmill_worker.contracts.alarms import Alarm, AlarmKind
 from sawmill_worker.contracts.base import placed_complaint
 from sawmill_worker.contracts.events import Event, EventKind
-from sawmill_worker.contracts.jobs import JobState
+from sawmill_worker.contracts.jobs import JobKind, JobState
 from sawmill_worker.contracts.kinds import AskedKind, declaration_of
 from sawmill_worker.contracts.phantoms import PhantomState, StoredPhantom
 from sawmill_worker.contracts.scanner_drift import PooledDrift
@@ -158,6 +158,8 @@ def _read_event(_: Session, row: EventRow) -> Event:
 
 def _read_scan(_: Session, row: ScanRow) -> Scan:
     _check_result(row.state is ScanState.READY, row.reading)
+    if row.reading is not None:
+        declaration_of(JobKind.INGEST).result.model_validate(row.reading)
     return read_scan(row)
 
 
