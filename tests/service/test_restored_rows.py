@@ -193,6 +193,7 @@ def test_each_column_of_each_table_is_read(changed, backup, table):
         ),
         ("alarms", "last_at", None, "line 1 of rows/alarms.jsonl is refused: last_at: an alarm scanner-quiet has one"),
         ("calibrations", "result", lambda old: old | {"covariance": [[0.0] * 5]}, "covariance: a covariance must have"),
+        ("repeats", "answer", lambda old: old | {"body": 7}, "line 1 of rows/repeats.jsonl is refused: body: "),
         ("scans", "reading", lambda old: old | {"shape": None}, "line 1 of rows/scans.jsonl is refused: shape: "),
         ("drifts", "result", lambda old: old | {"tolerance_mm": 0}, "tolerance_mm: .* greater than 0, not 0"),
         ("calibrations", "result", None, "its job has succeeded, and it has no result"),
@@ -220,7 +221,8 @@ def store(request: pytest.FixtureRequest, backup: Path, tmp_path: Path) -> Itera
         yield opened
 
 
-@pytest.mark.parametrize("store", [pytest.param("now", marks=pytest.mark.nightly), "0.1.0"], indirect=True)
+@pytest.mark.nightly
+@pytest.mark.parametrize("store", ["now", "0.1.0"], indirect=True)
 def test_what_is_restored_makes_every_page(client):
     statuses: dict[str, int] = {}
     ahead = ["/", *(path for path, methods in client.app.openapi()["paths"].items() if "get" in methods)]

@@ -501,10 +501,11 @@ def test_a_backup_of_an_earlier_version_is_brought_up_to_date(empty_url, into, e
     assert claim.job.created_at == datetime(2026, 3, 2, 5, tzinfo=UTC)
 
 
-def test_a_row_of_an_earlier_version_that_cannot_be_brought_up_to_date_leaves_nothing(into, elsewhere, tmp_path):
+def test_rows_of_0_1_0_are_restored_and_one_that_cannot_be_brought_up_to_date_leaves_nothing(into, elsewhere, tmp_path):
     with tarfile.open(ARCHIVE) as archive:
         archive.extractall(tmp_path / "old", filter="data")
     taken = take_backup(StorageSettings(data_folder=tmp_path / "old", database_url=None), into, silent)
+    assert restore(taken.path, StorageSettings(data_folder=tmp_path / "good", database_url=None), silent) is not None
     change_row(taken.path, "drifts", result={})
     sign(taken.path)
     with pytest.raises(Damaged, match="the rows of revision 0003 cannot be brought up to date: KeyError 'measured'"):

@@ -28,14 +28,14 @@ from sawmill_worker.storage.backups.manifest import ROWS
 from sawmill_worker.storage.backups.rows import line_of
 from sawmill_worker.storage.drift_charts import read_chart
 from sawmill_worker.storage.due_times import next_due
-from sawmill_worker.storage.errors import Damaged, StorageError
+from sawmill_worker.storage.errors import Damaged, Invalid
 from sawmill_worker.storage.event_reader import read_event
 from sawmill_worker.storage.history import read_entry
 from sawmill_worker.storage.jobs import read_job
 from sawmill_worker.storage.keys import read_key
 from sawmill_worker.storage.measurements import read_measurement
 from sawmill_worker.storage.phantoms import picture_of, read_phantom
-from sawmill_worker.storage.repeats import read_kept
+from sawmill_worker.storage.repeats import Answer, Kept, read_kept
 from sawmill_worker.storage.retention import read_retention
 from sawmill_worker.storage.scanners import read_scanner
 from sawmill_worker.storage.scans import read_scan
@@ -76,8 +76,9 @@ from sawmill_worker.storage.webhooks import read_delivery, read_webhook
 
 _BATCH = 500
 # What reading a row raises where a value does not fit. A database that does not answer raises others.
-_UNFIT = (ArithmeticError, AttributeError, LookupError, TypeError, ValueError, NoResultFound, StorageError)
+_UNFIT = (ArithmeticError, AttributeError, LookupError, TypeError, ValueError, NoResultFound, Invalid)
 _OBJECT = TypeAdapter(dict[str, object])
+_ANSWER = TypeAdapter(Answer)
 _OF_CLOCKS = {EventKind.CLOCK_OFF, EventKind.CLOCK_STEPPED}
 # What pages show of an open alarm.
 _OF_ALARMS = {
@@ -209,6 +210,11 @@ def _read_schedule(session: Session, row: ScheduleRow) -> Schedule:
     return read_schedule(session, row)
 
 
+def _read_repeat(_: Session, row: RepeatRow) -> Kept:
+    _ANSWER.validate_python(row.answer)
+    return read_kept(row)
+
+
 def _load(_: Session, row: Base) -> Base:
     """Take a row that is loaded: its columns and foreign keys are all that there is to it."""
     return row
@@ -236,7 +242,7 @@ READ: Mapping[type[Base], Read] = MappingProxyType(
         WebhookRow: read_webhook,
         DeliveryRow: lambda _, row: read_delivery(row),
         SenderRow: _load,
-        RepeatRow: lambda _, row: row.answer and read_kept(row),
+        RepeatRow: _read_repeat,
         AuditRow: lambda _, row: read_audit_entry(row),
     }
 )
