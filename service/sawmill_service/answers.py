@@ -18,6 +18,7 @@ from sawmill_service.problems import Refused
 from sawmill_worker.contracts import patterns
 from sawmill_worker.contracts.given import Given, GivenTime
 from sawmill_worker.contracts.jobs import Priority
+from sawmill_worker.files.errors import regular_status
 
 
 class Png(Response):
@@ -145,12 +146,14 @@ def one_part(headers: Headers, content: bytes, tag: str) -> tuple[bytes, int, di
 class Download(FileResponse):
     """A stored file, whole or in ranges, or 304 for a client that holds it; begun once its digest is known."""
 
+    check: Callable[[], None]
+
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer one request."""
         status = cast("os.stat_result", self.stat_result)
         digests: Digests = scope["app"].state.digests
         try:
-            digest = await digests.of_file(Path(self.path), status)
+            digest = await digests.of_file(Path(self.path), status, self.check)
         except FileNotFoundError:
             raise _missing(Path(self.path)) from None
         tag, modified, asked = tag_of(digest), self.headers["Last-Modified"], Headers(scope=scope)
@@ -166,15 +169,32 @@ class Download(FileResponse):
         await super().__call__({**scope, "headers": given}, receive, send)
 
 
-def file(request: Request, path: Path, media_type: str, *, save_as: str | None = None) -> Response:
-    """A stored file as a download."""
+def file(
+    request: Request,
+    path: Path,
+    media_type: str,
+    *,
+    save_as: str | None = None,
+    check: Callable[[], None] = lambda: None,
+) -> Response:
+    """A stored file as a download.
+
+    Parameters
+    ----------
+    save_as
+        The name under which a browser saves it; None: by the request's path.
+    check
+        Refuses a damaged file; called before its digest is taken for the first time.
+    """
     try:
-        status = path.stat()
+        status = regular_status(path)
     except FileNotFoundError:
         raise _missing(path) from None
     disposition = "inline" if media_type.startswith("image/") else "attachment"
     headers = _saved(disposition, save_as or _name_of(request))
-    return Download(path, media_type=media_type, stat_result=status, headers=headers)
+    download = Download(path, media_type=media_type, stat_result=status, headers=headers)
+    download.check = check
+    return download
 
 
 def _missing(path: Path) -> Refused:

@@ -81,7 +81,7 @@ def drawn(*codes: str, headers: dict[str, Any] | None = None) -> Responses:
 
 def stored(*codes: str) -> Responses:
     """As `drawn`, of a stored file, which may have been removed."""
-    return drawn("file-missing", *codes)
+    return drawn("file-missing", "result-damaged", *codes)
 
 
 def events(description: str, example: str, data: Mapping[str, dict[str, Any]]) -> Responses:

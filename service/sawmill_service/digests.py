@@ -6,13 +6,14 @@ import os
 import threading
 from base64 import b64encode
 from collections import OrderedDict
-from collections.abc import Hashable
+from collections.abc import Callable, Hashable
 from pathlib import Path
 
 import structlog
 from fastapi.concurrency import run_in_threadpool
 
-from sawmill_worker.storage.noted_digests import NOTED_FROM_BYTES, compute_digest, note_digest, noted_digest
+from sawmill_worker.files.errors import DamagedResult
+from sawmill_worker.storage.noted_digests import NOTED_FROM_BYTES, compute_digest, note_digest, read_note
 
 # Of pictures that are kept as they were sent; one alone may have a quarter.
 _KEPT_BYTES = 16 * 1024**2
@@ -74,7 +75,7 @@ class Digests:
                 self._kept_bytes -= len(self._contents.popitem(last=False)[1])
         return digest
 
-    async def of_file(self, path: Path, status: os.stat_result) -> bytes:
+    async def of_file(self, path: Path, status: os.stat_result, check: Callable[[], None]) -> bytes:
         """The digest of a file as it was when `status` was taken; the first time may take as long as reading it.
 
         Of many that ask for one file one computes it, and the others hold no thread.
@@ -85,23 +86,30 @@ class Digests:
             It is gone.
         StorageUnavailable
             It is another one by now.
+        DamagedResult
+            `check` refuses it, or it is not the file whose digest was noted.
         """
         key = (str(path), status.st_size, status.st_mtime_ns)
         if (digest := self.known(key)) is not None:
             return digest
         if key not in self._reading:
-            self._reading[key] = asyncio.create_task(self._read(key, path, status))
+            self._reading[key] = asyncio.create_task(self._read(key, path, status, check))
             self._reading[key].add_done_callback(lambda _: self._reading.pop(key))
         return await asyncio.shield(self._reading[key])  # whoever goes leaves it to the others
 
-    async def _read(self, key: Hashable, path: Path, status: os.stat_result) -> bytes:
-        if status.st_size < NOTED_FROM_BYTES:
+    async def _read(self, key: Hashable, path: Path, status: os.stat_result, check: Callable[[], None]) -> bytes:
+        await run_in_threadpool(check)
+        noted = await run_in_threadpool(read_note, path)
+        if noted is not None and noted.is_of(status):
+            digest = noted.digest
+        elif status.st_size < NOTED_FROM_BYTES:
             digest = await run_in_threadpool(compute_digest, path, status)
-        elif (noted := await run_in_threadpool(noted_digest, path, status)) is not None:
-            digest = noted
         else:
             async with self._large:
                 digest = await run_in_threadpool(compute_digest, path, status)
+        if noted is not None and noted.digest != digest:
+            raise DamagedResult(path.name, "its digest is not the one that was taken when it was written")
+        if status.st_size >= NOTED_FROM_BYTES and (noted is None or not noted.is_of(status)):
             await run_in_threadpool(_keep, path, status, digest)
         with self._lock:
             self._note(key, digest)

@@ -11,9 +11,13 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from sawmill_service.finished import middle_row
 from sawmill_service.problems import Refused
 from sawmill_worker.contracts.calibrations import CalibrationResult
 from sawmill_worker.contracts.jobs import JobKind
+from sawmill_worker.contracts.reconstructions import ReconstructionResult
+from sawmill_worker.contracts.scans import Scan, ScanShape
+from sawmill_worker.files.errors import damage_reported
 from sawmill_worker.storage.store import Store
 
 if TYPE_CHECKING:
@@ -81,7 +85,8 @@ def shown_log(store: Store, calibration_id: str) -> ShownLog | None:
     arrays = read_arrays(path, "log_row", "log_before", "log_before_with") if path.is_file() else {}
     if "log_row" not in arrays:
         return None
-    return ShownLog(int(arrays["log_row"]), log_before_with(arrays).value if "log_before" in arrays else None)
+    with damage_reported(path.name):
+        return ShownLog(int(arrays["log_row"]), log_before_with(arrays).value if "log_before" in arrays else None)
 
 
 def _page_png(path: Path, picture: CalibrationPicture) -> bytes:
@@ -90,8 +95,10 @@ def _page_png(path: Path, picture: CalibrationPicture) -> bytes:
     from sawmill_worker.pictures.calibration_report import overlay_png, report_png
 
     record = calibration_file.read_calibration(path)
+    with damage_reported(path.name):
+        result, arrays = CalibrationResult.model_validate(record.answer), CalibrationArrays.of(record.arrays)
     drawn = report_png if picture is CalibrationPicture.REPORT else overlay_png
-    return drawn(CalibrationResult.model_validate(record.answer), CalibrationArrays.of(record.arrays))
+    return drawn(result, arrays)
 
 
 def _log_png(path: Path, calibration_id: str, name: str) -> bytes:
@@ -114,8 +121,8 @@ def drawn_alpha_curve(columns: "Mapping[str, NDArray[Any]]") -> bytes:
         return alpha_curve_png(**columns)
 
 
-def scan_thumbnail(store: Store, scan_id: str, row: int) -> Path:
-    """Where the thumbnail of a scan lies, a sinogram of one row; drawn and kept as a calibration's picture.
+def scan_thumbnail(store: Store, scan: Scan, shape: ScanShape) -> Path:
+    """Where the thumbnail of a scan lies, the sinogram of its middle row; drawn and kept as a calibration's picture.
 
     Raises
     ------
@@ -129,18 +136,21 @@ def scan_thumbnail(store: Store, scan_id: str, row: int) -> Path:
         from sawmill_worker.files import scan_reader
         from sawmill_worker.pictures.arrays import thumbnail_png
 
-        return thumbnail_png(scan_reader.sinogram(store.files.scan(scan_id), row).data)
+        path, row = store.files.scan(scan.id), middle_row(scan, shape)
+        return thumbnail_png(scan_reader.sinogram(path, shape.lengths, row).data)
 
-    return store.files.kept(JobKind.INGEST, scan_id, THUMBNAIL, draw, one_at_a_time=_SMALL)
+    return store.files.kept(JobKind.INGEST, scan.id, THUMBNAIL, draw, one_at_a_time=_SMALL)
 
 
-def volume_thumbnail(store: Store, reconstruction_id: str, index: int, window: tuple[float, float]) -> Path:
-    """Where the thumbnail of a volume lies, one of its slices; the rest as for a scan."""
+def volume_thumbnail(store: Store, reconstruction_id: str, result: ReconstructionResult) -> Path:
+    """Where the thumbnail of a volume lies, its middle slice; the rest as for a scan."""
 
     def draw() -> bytes:
         from sawmill_worker.files import volume_reader
         from sawmill_worker.pictures.arrays import thumbnail_png
 
-        return thumbnail_png(volume_reader.volume_slice(store.files.volume(reconstruction_id), index).data, window)
+        path = store.files.volume(reconstruction_id)
+        middle = volume_reader.volume_slice(path, result.shape, result.shape[0] // 2)
+        return thumbnail_png(middle.data, result.value_range)
 
     return store.files.kept(JobKind.RECONSTRUCT, reconstruction_id, THUMBNAIL, draw, one_at_a_time=_SMALL)

@@ -18,7 +18,7 @@ from structlog.contextvars import get_contextvars
 
 from sawmill_service.allowed_methods import allowed_methods
 from sawmill_service.problem_types import CODE_PATTERN, describe_code, title_of, type_of
-from sawmill_worker.files.errors import FileError, NotStored, OutOfRange
+from sawmill_worker.files.errors import DamagedResult, FileError, NotStored, OutOfRange
 from sawmill_worker.storage.errors import (
     Busy,
     Conflict,
@@ -49,6 +49,7 @@ STATUS: Mapping[type[Exception], int] = {
     StorageMisconfigured: 503,
     StorageFull: 507,
     NotStored: 409,
+    DamagedResult: 409,
     OutOfRange: 422,
 }
 # Pydantic's remark on a default that depends on a refused value.

@@ -28,8 +28,8 @@ _OF_UPLOADS = (
 )
 OF_UPLOAD_ID = ("upload-not-found", "upload-incomplete", "upload-lost", "upload-used", "two-files")
 OF_QUEUE = ("queue-full",)
-OF_SCAN = ("scan-not-found", "scan-ingesting", "scan-refused")
-OF_RESULT = ("reconstruction-not-found", "reconstruction-without-result")
+OF_SCAN = ("scan-not-found", "scan-ingesting", "scan-refused", "result-damaged")
+OF_RESULT = ("reconstruction-not-found", "reconstruction-without-result", "result-damaged")
 _OF_REFERENCES = {
     Reference.SCAN: ("scan-not-found", "scan-refused"),
     Reference.SCANNER: ("scanner-not-found",),

@@ -1,10 +1,14 @@
+import tracemalloc
+import zlib
+
 import h5py
 import numpy as np
 import pytest
 
-from sawmill_worker.files.errors import OutOfRange, UnreadableScan
+from sawmill_worker.files.errors import DamagedResult, OutOfRange, UnreadableScan
 from sawmill_worker.files.scan_reader import open_scan, read_stored_scan, sinogram
-from sawmill_worker.files.volume_reader import side_view, volume_slice, volume_slices
+from sawmill_worker.files.scan_writer import write_scan
+from sawmill_worker.files.volume_reader import check_volume, side_view, volume_slice, volume_slices
 from sawmill_worker.files.volume_writer import new_reconstruction
 
 
@@ -17,24 +21,29 @@ def stack() -> np.ndarray:
 @pytest.fixture
 def scan(tmp_path, stack):
     path = tmp_path / "scan.h5"
-    with h5py.File(path, "w") as file:
-        file["/entry/instrument/detector/data"] = stack
-        file["/entry/instrument/detector/x_pixel_size"] = 1.5
-        file["/entry/sample/rotation_angle"] = np.arange(5) * 72.0
+    write_scan(
+        path,
+        line_integrals=stack,
+        angles_rad=np.deg2rad(np.arange(5) * 72.0),
+        detector_pitch_mm=1.5,
+        row_pitch_mm=None,
+        air_level=None,
+        provenance={},
+    )
     return path
 
 
 def test_a_sinogram_is_one_row_of_the_stack(scan, stack):
-    read = sinogram(scan, 2)
+    read = sinogram(scan, stack.shape, 2)
     np.testing.assert_array_equal(read.data, stack[:, 2, :])
-    np.testing.assert_array_equal(read.angles_deg, [0, 72, 144, 216, 288])
+    np.testing.assert_allclose(read.angles_deg, [0, 72, 144, 216, 288])
     assert read.pitch_mm == 1.5
 
 
-def test_deviations_are_read_and_refused_as_what_they_are_of(scan, stack):
+def test_deviations_are_read_as_what_they_are_of_and_damaged_values_are_refused(scan, stack):
     with h5py.File(scan, "a") as file:
-        damaged = file.create_dataset("/entry/instrument/detector/data_errors", data=stack / 9, fletcher32=True)
-        place = damaged.id.get_chunk_info(0).byte_offset
+        file["/entry/instrument/detector/data_errors"] = stack / 9
+        place = file["/entry/instrument/detector/data"].id.get_chunk_info(0).byte_offset
     views = np.array([3, 1])
     read = read_stored_scan(scan, slice(1, 3), views)
     np.testing.assert_array_equal(read.line_integrals, stack[views, 1:3])
@@ -43,22 +52,9 @@ def test_deviations_are_read_and_refused_as_what_they_are_of(scan, stack):
         file.seek(place)
         file.write(b"damaged!")
     with open_scan(scan) as opened:
-        np.testing.assert_array_equal(opened.rows(range(3)), stack)
+        np.testing.assert_array_equal(opened.deviations_of(range(3)), stack / 9)
         with pytest.raises(UnreadableScan):
-            opened.deviations_of(range(3))
-
-
-def test_a_slice_is_one_of_the_volume_s(tmp_path, stack):
-    path = tmp_path / "volume.h5"
-    with h5py.File(path, "w") as file:
-        file["/entry/reconstruction/data"] = stack
-        file["/entry/reconstruction/data"].attrs["units"] = "1/mm"
-        file["/entry/reconstruction/x"] = (np.arange(3) - 1) * 2.5
-        file["/entry/reconstruction/y"] = (np.arange(3) - 1) * 2.5
-    read = volume_slice(path, 1)
-    np.testing.assert_array_equal(read.data, stack[1])
-    assert (read.pixel_mm, read.unit) == (2.5, "1/mm")
-    assert (read.height_mm, read.label) == (None, "slice 1")
+            opened.rows(range(3))
 
 
 @pytest.fixture
@@ -88,18 +84,26 @@ def volume(tmp_path):
     return write
 
 
+def test_a_slice_is_one_of_the_volume_s(volume):
+    path, slices = volume(None)
+    read = volume_slice(path, slices.shape, 1)
+    np.testing.assert_array_equal(read.data, slices[1])
+    assert (read.pixel_mm, read.unit) == (2.5, "1/mm")
+    assert (read.height_mm, read.label) == (None, "slice 1")
+
+
 def test_slices_know_where_they_lie_along_the_log(volume):
     path, slices = volume(20.0)
-    read = list(volume_slices(path, [2, 0]))
+    read = list(volume_slices(path, slices.shape, [2, 0]))
     np.testing.assert_array_equal([one.data for one in read], slices[[2, 0]])
     assert [one.label for one in read] == ["slice 2, 100 mm", "slice 0, 60 mm"]
     with pytest.raises(OutOfRange, match="slice must be between 0 and 2, not 3"):
-        list(volume_slices(path, [0, 3]))
+        list(volume_slices(path, slices.shape, [0, 3]))
 
 
 def test_side_views_are_the_densest_along_their_axis(volume):
     path, slices = volume(20.0)
-    along_x, along_y = side_view(path, "x"), side_view(path, "y")
+    along_x, along_y = side_view(path, slices.shape, "x"), side_view(path, slices.shape, "y")
     np.testing.assert_array_equal(along_x.data, slices.max(axis=1))
     np.testing.assert_array_equal(along_y.data, slices.max(axis=2))
     assert (along_x.across, along_x.across_mm, along_x.along_mm) == ("y", (-25.0, -15.0), (50.0, 110.0))
@@ -107,10 +111,29 @@ def test_side_views_are_the_densest_along_their_axis(volume):
 
 
 def test_a_side_view_of_slices_without_spacing_has_no_length(volume):
-    assert side_view(volume(None)[0], "x").along_mm is None
+    path, slices = volume(None)
+    assert side_view(path, slices.shape, "x").along_mm is None
+
+
+def test_a_slice_that_unpacks_to_more_is_refused_and_takes_no_more_memory_than_its_own(tmp_path):
+    path, shape = tmp_path / "volume.h5", (1, 64, 64)
+    made = {"pixel_mm": 2.5, "row_pitch_mm": None, "unit": "1/mm", "geometry": {}, "parameters": {}}
+    with new_reconstruction(path, shape, **made, software_version="0", input_sha256="") as volume_file:
+        volume_file.write(0, np.ones(shape, np.float32))
+    volume_slice(path, shape, 0)
+    with h5py.File(path, "r+") as file:
+        bomb = zlib.compress(bytes(2**23)) + bytes(4)
+        file["entry/reconstruction/data"].id.write_direct_chunk((0, 0, 0), bomb)
+    check_volume(path, shape)
+    tracemalloc.start()
+    with pytest.raises(DamagedResult, match="does not hold the 16384 bytes"):
+        volume_slice(path, shape, 0)
+    _, most_bytes = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert most_bytes < 2**18
 
 
 @pytest.mark.parametrize("row", [-1, 3])
-def test_a_row_that_is_not_there_is_refused_with_the_range(scan, row):
+def test_a_row_that_is_not_there_is_refused_with_the_range(scan, stack, row):
     with pytest.raises(OutOfRange, match=f"row must be between 0 and 2, not {row}"):
-        sinogram(scan, row)
+        sinogram(scan, stack.shape, row)

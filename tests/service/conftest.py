@@ -37,6 +37,7 @@ from sawmill_worker.contracts.webhooks import WebhookAsk
 from sawmill_worker.execution.logs import configure_logs
 from sawmill_worker.files.calibration_file import NamedArray
 from sawmill_worker.files.calibration_file import write_calibration as write_calibration_file
+from sawmill_worker.files.nexus import PACKED
 from sawmill_worker.files.scan_writer import write_scan as write_scan_file
 from sawmill_worker.files.volume_writer import NewVolume, new_reconstruction
 from sawmill_worker.storage.jobs import Claim
@@ -367,7 +368,8 @@ def write_sparse_reconstruction(folder: Path) -> None:
         }
         volume_file.note_alpha_curve({**columns, "alpha": np.array(1.0)})
     with h5py.File(folder / "volume.h5", "r+") as file:
-        file["entry/reconstruction/data_errors"] = 0.1 * make_volume()
+        stored = {"chunks": (1, SIDE, SIDE), **PACKED, "fletcher32": True}
+        file.create_dataset("entry/reconstruction/data_errors", data=0.1 * make_volume(), **stored)
         file["entry/reconstruction/data_errors"].attrs["units"] = "1/mm"
 
 

@@ -14,6 +14,7 @@ from documented import check_documented
 from sawmill_service import digests
 from sawmill_service.app import create_app
 from sawmill_service.settings import ServiceSettings
+from sawmill_worker.contracts.jobs import JobKind
 from sawmill_worker.storage import noted_digests
 from sawmill_worker.storage.noted_digests import note_digests
 
@@ -96,9 +97,14 @@ def test_the_digest_of_a_large_file_is_kept_beside_it_and_of_that_file_alone(see
     first = seeded.get(VOLUME).headers["ETag"]
     path = store.files.volume("example")
     note = path.with_name(f".{path.name}.sha256")
-    assert note.read_text().startswith(first.strip('"'))
-    path.write_bytes(b"another one")
-    assert seeded.get(VOLUME).headers["ETag"] == f'"{hashlib.sha256(b"another one").hexdigest()}"'
+    written = note.read_text()
+    assert written.startswith(first.strip('"'))
+    os.utime(path, ns=(0, 0))  # as of a file that was put back from a backup
+    assert seeded.get(VOLUME).headers["ETag"] == first
+    assert note.read_text() != written
+    with path.open("ab") as file:
+        file.write(b"x")
+    assert seeded.get(VOLUME).json()["code"] == "result-damaged"
 
 
 def test_a_digest_that_a_worker_has_noted_is_not_computed(seeded, store, monkeypatch):
@@ -116,7 +122,6 @@ GARBLED = {
     "too short": b"ab %s",
     "too long": b"ab" * 33 + b" %s",
     "no stamp": b"ab" * 32,
-    "another stamp": b"ab" * 32 + b" 11 12",
     "nothing": b"",
 }
 
@@ -313,12 +318,13 @@ def test_conditions_of_time_are_kept_where_the_time_is_known(seeded):
 
 def test_a_range_of_a_date_is_answered_with_the_whole(seeded, store):
     """A file may be written twice within a second: parts of both are not to be joined."""
-    path = store.files.volume("example")
-    modified = seeded.get(VOLUME).headers["Last-Modified"]
+    thumbnail = f"{LOG}/thumbnail.png"
+    modified = seeded.get(thumbnail).headers["Last-Modified"]
+    path = store.files.results(JobKind.RECONSTRUCT, "example") / "thumbnail.png"
     status = path.stat()
     path.write_bytes(path.read_bytes()[::-1])
     os.utime(path, ns=(status.st_atime_ns, status.st_mtime_ns // 10**9 * 10**9 + (status.st_mtime_ns + 1) % 10**9))
-    answer = seeded.get(VOLUME, headers={"Range": "bytes=0-9", "If-Range": modified})
+    answer = seeded.get(thumbnail, headers={"Range": "bytes=0-9", "If-Range": modified})
     assert answer.headers["Last-Modified"] == modified
     assert (answer.status_code, answer.content) == (200, path.read_bytes())
 

@@ -14,6 +14,7 @@ from sawmill_service.settings import ServiceSettings
 from sawmill_worker.contracts.failure_codes import CODES
 from sawmill_worker.contracts.jobs import Failure, FailureKind, JobState
 from sawmill_worker.contracts.scans import ScanState
+from sawmill_worker.files.errors import DamagedResult
 from sawmill_worker.storage import errors
 
 ROOT = Path(__file__).parents[2]
@@ -76,7 +77,8 @@ def literals(node: ast.expr) -> list[str] | None:
 
 
 def answered_codes() -> set[str]:
-    found = {getattr(errors, name).code for name in OWN_CODES} | set(assigned_codes())
+    own = {getattr(errors, name).code for name in OWN_CODES} | {DamagedResult("volume.h5", "").code}
+    found = own | set(assigned_codes())
     for name, call in calls():
         at, shape = CODES_AT.get(name, (99, ""))
         if len(call.args) > at:

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from sawmill_worker.storage.errors import StorageFull, StorageUnavailable
-from sawmill_worker.storage.noted_digests import NOTED_FROM_BYTES, compute_digest, note_digests, noted_digest
+from sawmill_worker.storage.noted_digests import NOTED_FROM_BYTES, compute_digest, note_digests, read_note
 
 LARGE = bytes(NOTED_FROM_BYTES)
 
@@ -29,7 +29,8 @@ def test_large_files_that_are_downloaded_have_their_digests_beside_them(tmp_path
         *("volume.h5", "result.h5", "scan.h5", "more"),
         ".volume.h5.sha256",
     }
-    assert noted_digest(volume, volume.stat()) == hashlib.sha256(LARGE).digest()
+    note = read_note(volume)
+    assert (note.digest, note.is_of(volume.stat())) == (hashlib.sha256(LARGE).digest(), True)
 
 
 def test_a_note_stands_for_no_other_content(tmp_path, volume):
@@ -37,14 +38,14 @@ def test_a_note_stands_for_no_other_content(tmp_path, volume):
     status = volume.stat()
     note_digests(tmp_path)
     os.utime(volume, ns=(status.st_atime_ns, status.st_mtime_ns + 1))
-    assert noted_digest(volume, volume.stat()) is None
+    assert not read_note(volume).is_of(volume.stat())
     os.utime(volume, ns=(status.st_atime_ns, status.st_mtime_ns))
-    assert noted_digest(volume, volume.stat()) is not None
+    assert read_note(volume).is_of(volume.stat())
     note = tmp_path / ".volume.h5.sha256"
     written = note.read_bytes()
     for garbled in (b"", b"\xff", written[2:], b"0x" + written[2:], b"00" + written, written + b"\n"):
         note.write_bytes(garbled)
-        assert noted_digest(volume, volume.stat()) is None, garbled
+        assert read_note(volume) is None, garbled
 
 
 def test_a_file_that_is_replaced_while_it_is_read_has_no_digest(volume):

@@ -279,8 +279,10 @@ class _Demo:
         with _step(self._bar, what) as on_progress:
             answer = demo_client.post(self._client, "/v1/reconstructions", json=asked)
             demo_client.wait(self._client, answer["job_id"], on_progress)
-            demo_client.download(self._client, f"/v1/reconstructions/{answer['id']}/volume.h5", path)
-        return volume_slice(path, 0).data
+            log = f"/v1/reconstructions/{answer['id']}"
+            demo_client.download(self._client, f"{log}/volume.h5", path)
+            slices, x, y = demo_client.get(self._client, log)["result"]["shape"]
+        return volume_slice(path, (slices, x, y), 0).data
 
 
 def _theta_rows(found: CalibrationSucceeded, truth: Theta) -> list[tuple[str, ...]]:

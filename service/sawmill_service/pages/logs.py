@@ -91,11 +91,11 @@ def _volume(store: Store, log: Reconstruction) -> dict[str, Any] | None:
     """Where a volume's slices and pixels lie, as the viewer's script reads it; None where its file is gone."""
     from sawmill_worker.files.volume_reader import volume_grid  # noqa: PLC0415 - a service that shows none has no h5py
 
+    assert log.result is not None  # noqa: S101 - the caller has looked
     try:
-        grid = volume_grid(store.files.volume(log.id))
+        grid = volume_grid(store.files.volume(log.id), log.result.shape)
     except NotFound:
         return None
-    assert log.result is not None  # noqa: S101 - the caller has looked
     return {
         "id": log.id,
         "shape": grid.shape,

@@ -17,6 +17,7 @@ from sawmill_worker.contracts.base import Identifier
 from sawmill_worker.contracts.calibrations import CalibrationSucceeded
 from sawmill_worker.contracts.history import HistoryEntry
 from sawmill_worker.contracts.jobs import JobKind
+from sawmill_worker.files.errors import damage_reported
 from sawmill_worker.storage.errors import NotFound
 from sawmill_worker.storage.store import Store
 
@@ -79,4 +80,6 @@ def _arrays(store: Store, calibration_id: str) -> "CalibrationArrays | None":
         path = store.files.result(JobKind.CALIBRATE, calibration_id, "result.h5")
     except NotFound:
         return None
-    return CalibrationArrays.of(calibration_file.read_calibration(path).arrays)
+    arrays = calibration_file.read_calibration(path).arrays
+    with damage_reported(path.name):
+        return CalibrationArrays.of(arrays)

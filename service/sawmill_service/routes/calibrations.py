@@ -91,9 +91,16 @@ def get_log_after(calibration_id: Identifier, request: Request, store: TheStore)
 )
 def get_calibration_file(calibration_id: Identifier, request: Request, store: TheStore) -> Response:
     """Every number, with the sinogram, the model's and the residual."""
-    succeeded(store, calibration_id, "result.h5")
+    calibration = succeeded(store, calibration_id, "result.h5")
     path = store.files.result(JobKind.CALIBRATE, calibration_id, "result.h5")
-    return file(request, path, Hdf5.media_type, save_as=f"calibration-{calibration_id}.h5")
+
+    def check() -> None:
+        # Imported by the first download: a service at rest does not hold h5py.
+        from sawmill_worker.files.calibration_file import check_calibration  # noqa: PLC0415
+
+        check_calibration(path, (calibration.views, calibration.scanner.num_detector_pixels))
+
+    return file(request, path, Hdf5.media_type, save_as=f"calibration-{calibration_id}.h5", check=check)
 
 
 @router.post(

@@ -141,10 +141,10 @@ def get_slice(
         from sawmill_worker.pictures.windows import window_of
 
         if query.show is Shown.DEVIATION:
-            image = volume_reader.deviation_slice(path, index)
+            image = volume_reader.deviation_slice(path, result.shape, index)
             window = _window(query, window_of(image.data))
         else:
-            image = volume_reader.volume_slice(path, index)
+            image = volume_reader.volume_slice(path, result.shape, index)
             window = _window(query, result.value_range)
         if query.bits is Bits.SIXTEEN:
             return image_png16(image.data, window)
@@ -177,7 +177,7 @@ def get_mosaic(
         from sawmill_worker.files import volume_reader
         from sawmill_worker.pictures.log_pictures import mosaic_png
 
-        slices = volume_reader.volume_slices(store.files.volume(reconstruction_id), indices)
+        slices = volume_reader.volume_slices(store.files.volume(reconstruction_id), result.shape, indices)
         return mosaic_png(
             ((image.data, image.label) for image in slices),
             pixel_mm=result.pixel_mm if query.scale_bar else None,
@@ -200,14 +200,14 @@ def get_side_view(
     reconstruction_id: Identifier, query: Annotated[SideQuery, Query()], request: Request, store: TheStore
 ) -> Response:
     """The densest value behind each point of the log's side; the log runs to the right."""
-    result_of(store, reconstruction_id)
+    shape = result_of(store, reconstruction_id).shape
 
     def draw() -> bytes:
         from sawmill_worker.files import volume_reader
         from sawmill_worker.pictures.log_pictures import side_view_png
         from sawmill_worker.pictures.windows import window_of
 
-        view = volume_reader.side_view(store.files.volume(reconstruction_id), query.along)
+        view = volume_reader.side_view(store.files.volume(reconstruction_id), shape, query.along)
         return side_view_png(
             view.data,
             across_mm=view.across_mm,
@@ -245,9 +245,15 @@ def get_alpha_curve(reconstruction_id: Identifier, request: Request, store: TheS
 )
 def get_volume(reconstruction_id: Identifier, request: Request, store: TheStore) -> Response:
     """`/entry/reconstruction/data`, float32 (slice, x, y). `Range` requests are answered."""
-    result_of(store, reconstruction_id)
+    shape = result_of(store, reconstruction_id).shape
     path = store.files.volume(reconstruction_id)
-    return file(request, path, Hdf5.media_type, save_as=f"reconstruction-{reconstruction_id}.h5")
+
+    def check() -> None:
+        from sawmill_worker.files.volume_reader import check_volume
+
+        check_volume(path, shape)
+
+    return file(request, path, Hdf5.media_type, save_as=f"reconstruction-{reconstruction_id}.h5", check=check)
 
 
 def _window(query: WindowQuery, usual: Window) -> Window:

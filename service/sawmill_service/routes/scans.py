@@ -11,7 +11,7 @@ from sawmill_service.answers import AskedPriority, Dated, Png, accept, file, pic
 from sawmill_service.dependencies import TheSettings, TheStore, TheWake, Wake
 from sawmill_service.described_answers import drawn, stored
 from sawmill_service.drawing import scan_thumbnail
-from sawmill_service.finished import middle_row, ready_scan
+from sawmill_service.finished import ready_scan
 from sawmill_service.openapi_document import trying, trying_file
 from sawmill_service.refusals import OF_QUEUE, OF_SCAN, OF_UPLOAD_ID, refuses, refuses_upload
 from sawmill_service.repeats import TheRepeatableWithFile
@@ -21,7 +21,7 @@ from sawmill_service.waiting import TheWaiting
 from sawmill_worker.contracts.base import LARGEST_NUMBER, Identifier, Page
 from sawmill_worker.contracts.given import Given
 from sawmill_worker.contracts.jobs import Priority
-from sawmill_worker.contracts.scans import Scan, ScanSpec, ScanState
+from sawmill_worker.contracts.scans import Scan, ScanShape, ScanSpec, ScanState
 from sawmill_worker.storage.arriving import Received
 from sawmill_worker.storage.store import Store
 
@@ -153,7 +153,7 @@ def delete_scan(scan_id: Identifier, store: TheStore) -> None:
 def preview_scan(scan_id: Identifier, request: Request, store: TheStore) -> Response:
     """The middle row's sinogram."""
     scan, shape = ready_scan(store, scan_id)
-    return _sinogram(request, store, scan, shape.rows // 2)
+    return _sinogram(request, store, scan, shape, shape.rows // 2)
 
 
 @router.get(
@@ -167,8 +167,8 @@ def get_sinogram(
     scan_id: Identifier, query: Annotated[SinogramQuery, Query()], request: Request, store: TheStore
 ) -> Response:
     """Line integrals over views and detector cells."""
-    scan, _ = ready_scan(store, scan_id)
-    return _sinogram(request, store, scan, query.row)
+    scan, shape = ready_scan(store, scan_id)
+    return _sinogram(request, store, scan, shape, query.row)
 
 
 @router.get(
@@ -177,16 +177,16 @@ def get_sinogram(
 def get_scan_thumbnail(scan_id: Identifier, request: Request, store: TheStore) -> Response:
     """The middle row's sinogram as a square of 160 pixels, for lists."""
     scan, shape = ready_scan(store, scan_id)
-    return file(request, scan_thumbnail(store, scan_id, middle_row(scan, shape)), Png.media_type)
+    return file(request, scan_thumbnail(store, scan, shape), Png.media_type)
 
 
-def _sinogram(request: Request, store: Store, scan: Scan, row: int) -> Response:
+def _sinogram(request: Request, store: Store, scan: Scan, shape: ScanShape, row: int) -> Response:
     def draw() -> bytes:
         # Imported by the first picture: a service that draws none does not hold NumPy, h5py and Pillow.
         from sawmill_worker.files import scan_reader  # noqa: PLC0415
         from sawmill_worker.pictures.images import sinogram_png  # noqa: PLC0415
 
-        sinogram = scan_reader.sinogram(store.files.scan(scan.id), row)
+        sinogram = scan_reader.sinogram(store.files.scan(scan.id), shape.lengths, row)
         return sinogram_png(
             sinogram.data, angles_deg=sinogram.angles_deg, pitch_mm=sinogram.pitch_mm, unit="line integral"
         )

@@ -91,7 +91,7 @@ def get_slice_array(
         from sawmill_worker.files import volume_reader
         from sawmill_worker.pictures.arrays import averaged, npy
 
-        image = volume_reader.volume_slice(store.files.volume(reconstruction_id), index)
+        image = volume_reader.volume_slice(store.files.volume(reconstruction_id), result.shape, index)
         # The middle of the first block of pixels.
         shift_mm = 0.5 * (factor - 1) * image.pixel_mm
         headers = {
@@ -119,14 +119,15 @@ def get_side_array(
     reconstruction_id: Identifier, query: Annotated[SideArrayQuery, Query()], request: Request, store: TheStore
 ) -> Response:
     """float32 (slice, y) or (slice, x): the densest value behind each point of the log's side."""
-    slices, *size = result_of(store, reconstruction_id).shape
+    shape = result_of(store, reconstruction_id).shape
+    slices, *size = shape
 
     def read() -> tuple[bytes, Mapping[str, str]]:
         from sawmill_worker.files import volume_reader
         from sawmill_worker.pictures.arrays import npy
         from sawmill_worker.pictures.log_pictures import densest_of
 
-        view = volume_reader.side_view(store.files.volume(reconstruction_id), query.along)
+        view = volume_reader.side_view(store.files.volume(reconstruction_id), shape, query.along)
         most = (query.max_size or slices, query.max_size or max(size))
         return npy(densest_of(view.data, most)), {"X-Unit": view.unit}
 
@@ -144,7 +145,7 @@ def get_side_array(
 def get_reconstruction_thumbnail(reconstruction_id: Identifier, request: Request, store: TheStore) -> Response:
     """The middle slice, 160 pixels a side, for lists."""
     result = result_of(store, reconstruction_id)
-    drawn = volume_thumbnail(store, reconstruction_id, result.shape[0] // 2, result.value_range)
+    drawn = volume_thumbnail(store, reconstruction_id, result)
     return file(request, drawn, Png.media_type)
 
 

@@ -49,18 +49,18 @@ def reconstruct_scan(
 
 
 def _middle(volume: Path, result: ReconstructionResult, name: str) -> bytes:
-    middle = volume_slice(volume, result.shape[0] // 2)
+    middle = volume_slice(volume, result.shape, result.shape[0] // 2)
     return image_png(middle.data, pixel_mm=middle.pixel_mm, unit=middle.unit, title=f"{name}, {middle.label}")
 
 
 def _mosaic(volume: Path, result: ReconstructionResult, name: str) -> bytes:
-    slices = volume_slices(volume, spread(MOSAIC_SLICES, result.shape[0]))
+    slices = volume_slices(volume, result.shape, spread(MOSAIC_SLICES, result.shape[0]))
     tiles = ((image.data, image.label) for image in slices)
     return mosaic_png(tiles, pixel_mm=result.pixel_mm, unit=result.unit, window=result.value_range, title=name)
 
 
-def _side(volume: Path, _: ReconstructionResult, name: str) -> bytes:
-    view = side_view(volume, "x")
+def _side(volume: Path, result: ReconstructionResult, name: str) -> bytes:
+    view = side_view(volume, result.shape, "x")
     return side_view_png(
         view.data, across_mm=view.across_mm, across=view.across, along_mm=view.along_mm, unit=view.unit, title=name
     )

@@ -62,6 +62,7 @@ ASKS = frozenset(
         "phantom-outside-field",
         "phantom-refused",
         "physics",
+        "result-damaged",
         "rows-not-aligned",
         "rows-outside",
         "rows-overlap",

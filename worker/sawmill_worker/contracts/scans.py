@@ -124,6 +124,11 @@ class ScanShape(Contract):
     rows: int = Field(description="Number of detector rows.", examples=[16])
     detector: int = Field(description="Number of detector cells.", examples=[768])
 
+    @property
+    def lengths(self) -> tuple[int, int, int]:
+        """Return the number of views, rows and cells, as an array of the stack has them."""
+        return self.views, self.rows, self.detector
+
 
 UsableRows = Annotated[
     tuple[int, int] | None,

@@ -1,16 +1,17 @@
 """A calibration's file: its answer as JSON text and as groups, and the arrays behind it."""
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
 from numpy.typing import NDArray
 
-from sawmill_worker.files.hdf5 import open_hdf5, whole_hdf5
+from sawmill_worker.files.hdf5 import whole_hdf5
 from sawmill_worker.files.nexus import new_entry, new_group, write_mapping, write_process, write_scalar
+from sawmill_worker.files.own_hdf5 import check_members, dataset_at, group_at, needed, reading_own, values_of
 
 # The answer as JSON text, the same as groups, and the arrays.
 ANSWER = "entry/calibration_json"
@@ -70,15 +71,30 @@ def write_calibration(
             group[name].attrs["axes_description"] = axes
 
 
+def check_calibration(path: Path, sinogram: tuple[int, int]) -> None:
+    """Check that result.h5 holds a calibration of such a sinogram (views, detector), and nothing that leads elsewhere.
+
+    Raises
+    ------
+    DamagedResult
+        It does not; so do the functions that read it.
+    """
+    with reading_own(path) as file:
+        # The sinogram, its model and the residual.
+        check_members(file, path, 3 * 8 * math.prod(sinogram))
+        for name in ("sinogram", "model", "residual"):
+            needed(dataset_at(file, f"{ARRAYS}/{name}", sinogram), name)
+        needed(dataset_at(file, ANSWER), ANSWER)
+
+
 def read_arrays(path: Path, *names: str) -> dict[str, NDArray[Any]]:
     """Those arrays of result.h5 that it holds, by name."""
-    with open_hdf5(path) as file:
-        group = file[ARRAYS]
-        return {name: np.asarray(group[name][()]) for name in names if name in group}
+    with reading_own(path) as file:
+        return {name: values_of(file, f"{ARRAYS}/{name}") for name in names if dataset_at(file, f"{ARRAYS}/{name}")}
 
 
 def read_calibration(path: Path) -> CalibrationRecord:
     """Read result.h5 of a calibration."""
-    with open_hdf5(path) as file:
-        arrays = {name: np.asarray(dataset[()]) for name, dataset in file[ARRAYS].items()}
-        return CalibrationRecord(answer=json.loads(file[ANSWER][()]), arrays=arrays)
+    with reading_own(path) as file:
+        arrays = {name: values_of(file, f"{ARRAYS}/{name}") for name in group_at(file, ARRAYS) or ()}
+        return CalibrationRecord(answer=json.loads(values_of(file, ANSWER).item()), arrays=arrays)

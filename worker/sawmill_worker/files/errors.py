@@ -4,9 +4,11 @@ FileError
   UnreadableScan  a file that cannot be used
   OutOfRange      an index that a file of ours does not have
   NotStored       a part that a file of ours does not hold
+  DamagedResult   a file of ours that is not as it was written
 """
 
 import errno
+import os
 import re
 import stat
 import struct
@@ -70,6 +72,20 @@ class NotStored(FileError):  # noqa: N818
     """Something that a file of ours may hold and this one does not."""
 
 
+class DamagedResult(FileError):  # noqa: N818
+    """A file of ours that is damaged, or is another one than the job wrote; `reason` is what is wrong with it."""
+
+    def __init__(self, name: str, reason: str) -> None:
+        sentence = f"{name} is damaged, or is another file than the job wrote ({reason})"
+        remedy = "restore it from a backup, or ask for it again"
+        super().__init__(code="result-damaged", message=f"{sentence}: {remedy}")
+        self.reason = reason
+
+
+class NotAsWritten(ValueError):  # noqa: N818
+    """What is wrong with a file of ours; `damage_reported` makes a sentence of it."""
+
+
 def check_index(name: str, index: int, length: int) -> None:
     """Refuse an index outside 0 .. length - 1.
 
@@ -101,6 +117,21 @@ def library_errors_translated(what: str) -> Iterator[None]:
         raise UnreadableScan(code, f"this {what} file is incomplete or damaged ({reason}); export it again") from error
 
 
+@contextmanager
+def damage_reported(name: str) -> Iterator[None]:
+    """Turn whatever is raised on a damaged file of ours into `DamagedResult`, the cause chained."""
+    try:
+        yield
+    except (NotAsWritten, UnreadableScan) as error:
+        raise DamagedResult(name, str(error)) from error
+    except (FileError, MemoryError):
+        raise
+    except Exception as error:
+        if isinstance(error, OSError) and error.errno in MACHINE_ERRORS:
+            raise
+        raise DamagedResult(name, _reason(error)) from error
+
+
 def _reason(error: Exception) -> str:
     """What a library says of a file, where it speaks of the file: not of itself, of paths or of trust in pickles."""
     text = str(error)
@@ -127,3 +158,19 @@ def check_regular(path: Path) -> None:
     """
     if not stat.S_ISREG(path.stat().st_mode):
         raise UnreadableScan("broken-file", f"{path.name!r} is a pipe, a device or a folder: give a file")
+
+
+def regular_status(path: Path) -> os.stat_result:
+    """The status of a result's file.
+
+    Raises
+    ------
+    DamagedResult
+        It is a link, a pipe, a device or a folder.
+    FileNotFoundError
+        There is nothing.
+    """
+    status = path.lstat()
+    if not stat.S_ISREG(status.st_mode):
+        raise DamagedResult(path.name, "it is a link, a pipe, a device or a folder")
+    return status

@@ -1,7 +1,8 @@
 """Reading back the scans of `scan_writer`: whole, some rows and views, or one sinogram."""
 
+import math
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,8 +10,25 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from sawmill_worker.files.errors import OutOfRange, check_index, library_errors_translated
+from sawmill_worker.files.errors import (
+    NotAsWritten,
+    OutOfRange,
+    check_index,
+    damage_reported,
+    library_errors_translated,
+)
 from sawmill_worker.files.hdf5 import open_hdf5
+from sawmill_worker.files.own_hdf5 import (
+    CHECKED,
+    check_chunk,
+    check_chunks,
+    check_members,
+    dataset_at,
+    needed,
+    reading_own,
+    values_at,
+    values_of,
+)
 from sawmill_worker.files.scan_layout import (
     AIR_LEVEL,
     ANGLES,
@@ -21,6 +39,8 @@ from sawmill_worker.files.scan_layout import (
     ROWS_PRESENT,
     USABLE,
 )
+
+Shape = tuple[int, int, int]
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,29 +123,68 @@ def _read(dataset: h5py.Dataset, selected: slice | range, views: NDArray[np.inte
     return stack if views is None or np.array_equal(views, np.arange(len(stack))) else stack[views]
 
 
+def check_scan(path: Path, shape: Shape) -> None:
+    """Check that scan.h5 holds the scan that is recorded, and nothing that leads elsewhere; no image is read.
+
+    Parameters
+    ----------
+    shape : (views, rows, detector)
+        As it is recorded.
+
+    Raises
+    ------
+    DamagedResult
+        It does not.
+    """
+    with reading_own(path) as file:
+        check_members(file, path, 2 * 4 * math.prod(shape))
+        _opened(file, shape)
+
+
 @contextmanager
 def open_scan(path: Path) -> Iterator[OpenScan]:
-    """Open a file that this product wrote; uploads go through `reading_scan`."""
-    with open_hdf5(path) as file:
-        present, usable_rows = _rows_present(file)
-        yield OpenScan(
-            shape=file[DATA].shape,
-            angles_rad=np.deg2rad(file[ANGLES][()]),
-            detector_pitch_mm=float(file[CELL_PITCH][()]),
-            row_pitch_mm=float(file[ROW_PITCH][()]) if ROW_PITCH in file else None,
-            data=file[DATA],
-            air_level=file.get(AIR_LEVEL),
-            present=present,
-            usable_rows=usable_rows,
-            deviations=file.get(DEVIATIONS),
-        )
+    """Open a file that this product wrote; uploads go through `reading_scan`.
+
+    Raises
+    ------
+    DamagedResult
+        It is damaged, or another file.
+    """
+    with ExitStack() as files:
+        with damage_reported(path.name):
+            file = files.enter_context(open_hdf5(path))
+            opened = _opened(file, needed(dataset_at(file, DATA, filters=CHECKED), DATA).shape)
+            check_chunks(opened.data)
+        yield opened
 
 
-def _rows_present(file: h5py.File) -> tuple[NDArray[np.bool_], tuple[int, int]] | tuple[None, None]:
-    if ROWS_PRESENT not in file:
+def _opened(file: h5py.File, shape: Shape) -> OpenScan:
+    views, rows, detector = shape
+    data = needed(dataset_at(file, DATA, shape, CHECKED), DATA)
+    present, usable_rows = _rows_present(file, (views, rows))
+    row_pitch = values_at(file, ROW_PITCH, ())
+    return OpenScan(
+        shape=shape,
+        angles_rad=np.deg2rad(values_of(file, ANGLES, (views,))),
+        detector_pitch_mm=float(values_of(file, CELL_PITCH, ())),
+        row_pitch_mm=None if row_pitch is None else float(row_pitch),
+        data=data,
+        air_level=dataset_at(file, AIR_LEVEL, (rows, detector)),
+        present=present,
+        usable_rows=usable_rows,
+        deviations=dataset_at(file, DEVIATIONS, shape),
+    )
+
+
+def _rows_present(
+    file: h5py.File, shape: tuple[int, int]
+) -> tuple[NDArray[np.bool_], tuple[int, int]] | tuple[None, None]:
+    present = dataset_at(file, ROWS_PRESENT, shape)
+    if present is None:
         return None, None
-    present = file[ROWS_PRESENT]
     first, last = (int(row) for row in present.attrs[USABLE])
+    if not 0 <= first < last <= shape[1]:
+        raise NotAsWritten(f"its usable rows are {first}:{last} of {shape[1]}")
     return present[()].astype(bool), (first, last)
 
 
@@ -172,20 +231,32 @@ class Sinogram:
     pitch_mm: float
 
 
-def sinogram(path: Path, row: int) -> Sinogram:
+def sinogram(path: Path, shape: Shape, row: int) -> Sinogram:
     """Read one detector row of scan.h5, of the views that have it.
+
+    Parameters
+    ----------
+    shape : (views, rows, detector)
+        As it is recorded.
 
     Raises
     ------
     OutOfRange
         The scan has no such row, or no view of it has.
+    DamagedResult
+        The file is damaged, or another one.
     """
-    with open_hdf5(path) as file:
-        check_index("row", row, file[DATA].shape[1])
-        data, angles_deg = file[DATA][:, row, :], file[ANGLES][:].astype(np.float64)
-        if ROWS_PRESENT in file:
-            there = file[ROWS_PRESENT][:, row].astype(bool)
+    views, rows, _ = shape
+    check_index("row", row, rows)
+    with reading_own(path) as file:
+        scan = needed(dataset_at(file, DATA, shape, CHECKED), DATA)
+        for first in range(0, views, scan.chunks[0]):
+            check_chunk(scan, (first, row, 0))
+        data, angles_deg = scan[:, row, :], values_of(file, ANGLES, (views,)).astype(np.float64)
+        present = values_at(file, ROWS_PRESENT, (views, rows))
+        if present is not None:
+            there = present[:, row].astype(bool)
             if not there.any():
                 raise OutOfRange("row-out-of-range", f"no view has row {row}: the views that show it lost it")
             data, angles_deg = data[there], angles_deg[there]
-        return Sinogram(data=data, angles_deg=angles_deg, pitch_mm=float(file[CELL_PITCH][()]))
+        return Sinogram(data=data, angles_deg=angles_deg, pitch_mm=float(values_of(file, CELL_PITCH, ())))

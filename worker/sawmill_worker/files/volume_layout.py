@@ -15,6 +15,7 @@ VALUES = "data"
 DEVIATION = "data_errors"
 # Tikhonov's choice of alpha: a column each.
 ALPHA_CURVE = f"{RECONSTRUCTION}/alpha_curve"
+ALPHA_COLUMNS = ("alphas", "residual_norms", "solution_norms", "alpha", "gcv")
 # The densest values, seen from the side: `side_view` for each axis.
 SIDE_VIEWS = f"{ENTRY}/side_view"
 

@@ -1,19 +1,34 @@
 """Reading back the volumes of `volume_writer`: slices, side views, and what alpha was chosen from."""
 
+import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_worker.files import volume_layout as layout
-from sawmill_worker.files.errors import NotStored, check_index
-from sawmill_worker.files.hdf5 import open_hdf5
+from sawmill_worker.files.errors import NotAsWritten, NotStored, check_index
+from sawmill_worker.files.own_hdf5 import (
+    PACKED,
+    check_members,
+    dataset_at,
+    group_at,
+    needed,
+    read_packed,
+    reading_own,
+    unit_of,
+    values_at,
+    values_of,
+)
 
 Axis = Literal["x", "y"]
+Shape = tuple[int, int, int]
+# Of a rule for alpha.
+MOST_POINTS = 10_000
 
 
 @dataclass(frozen=True)
@@ -96,22 +111,53 @@ class SideView:
     unit: str
 
 
-def volume_grid(path: Path) -> VolumeGrid:
+def check_volume(path: Path, shape: Shape) -> None:
+    """Check that volume.h5 holds the volume that is recorded, and nothing that leads elsewhere; no slice is read.
+
+    Parameters
+    ----------
+    shape : (slice, x, y)
+        As it is recorded; so in every function here.
+
+    Raises
+    ------
+    DamagedResult
+        It does not; so does every function here.
+    """
+    with reading_own(path) as file:
+        check_members(file, path, 4 * math.prod(shape))
+        _grid(file, shape)
+        needed(_values(file, layout.VALUES, shape), layout.VALUES)
+        for along in get_args(Axis):
+            dataset_at(file, f"{layout.side_view(along)}/data", _side_shape(shape, along), PACKED)
+
+
+def volume_grid(path: Path, shape: Shape) -> VolumeGrid:
     """Read where the slices and pixels of volume.h5 lie."""
-    with open_hdf5(path) as file:
-        group = file[layout.RECONSTRUCTION]
-        x_mm = group["x"]
-        heights = [float(height) for height in group["z"][:2]] if "z" in group else []
-        return VolumeGrid(
-            shape=group[layout.VALUES].shape,
-            pixel_mm=float(x_mm[1] - x_mm[0]),
-            first_pixel_mm=(float(x_mm[0]), float(group["y"][0])),
-            first_height_mm=heights[0] if heights else None,
-            spacing_mm=heights[1] - heights[0] if len(heights) > 1 else None,
-        )
+    with reading_own(path) as file:
+        return _grid(file, shape)[0]
 
 
-def volume_slice(path: Path, index: int) -> VolumeSlice:
+def _grid(file: h5py.File, shape: Shape) -> tuple[VolumeGrid, NDArray[np.float64] | None]:
+    """Where slices and pixels lie, and the height of each slice; None where slices have no spacing."""
+    z_mm = values_at(file, f"{layout.RECONSTRUCTION}/z", shape[:1])
+    x_mm = values_of(file, f"{layout.RECONSTRUCTION}/x", shape[1:2])
+    y_mm = values_of(file, f"{layout.RECONSTRUCTION}/y", shape[2:])
+    grid = VolumeGrid(
+        shape=shape,
+        pixel_mm=float(x_mm[1] - x_mm[0]),
+        first_pixel_mm=(float(x_mm[0]), float(y_mm[0])),
+        first_height_mm=None if z_mm is None else float(z_mm[0]),
+        spacing_mm=None if z_mm is None or len(z_mm) == 1 else float(z_mm[1] - z_mm[0]),
+    )
+    return grid, z_mm
+
+
+def _values(file: h5py.File, name: str, shape: Shape) -> h5py.Dataset | None:
+    return dataset_at(file, f"{layout.RECONSTRUCTION}/{name}", shape, PACKED)
+
+
+def volume_slice(path: Path, shape: Shape, index: int) -> VolumeSlice:
     """Read one slice of volume.h5.
 
     Raises
@@ -119,10 +165,10 @@ def volume_slice(path: Path, index: int) -> VolumeSlice:
     OutOfRange
         The volume has no such slice.
     """
-    return next(volume_slices(path, [index]))
+    return next(volume_slices(path, shape, [index]))
 
 
-def volume_slices(path: Path, indices: Iterable[int]) -> Iterator[VolumeSlice]:
+def volume_slices(path: Path, shape: Shape, indices: Iterable[int]) -> Iterator[VolumeSlice]:
     """Read slices of volume.h5, one at a time.
 
     Raises
@@ -130,25 +176,25 @@ def volume_slices(path: Path, indices: Iterable[int]) -> Iterator[VolumeSlice]:
     OutOfRange
         The volume has no such slice.
     """
-    with open_hdf5(path) as file:
-        yield from _slices(file[layout.RECONSTRUCTION], layout.VALUES, indices)
+    with reading_own(path) as file:
+        yield from _slices(file, needed(_values(file, layout.VALUES, shape), layout.VALUES), indices)
 
 
-def _slices(group: h5py.Group, name: str, indices: Iterable[int]) -> Iterator[VolumeSlice]:
-    data, x_mm = group[name], group["x"]
+def _slices(file: h5py.File, values: h5py.Dataset, indices: Iterable[int]) -> Iterator[VolumeSlice]:
+    (grid, heights_mm), unit = _grid(file, values.shape), unit_of(values)
     for index in indices:
-        check_index("slice", index, data.shape[0])
+        check_index("slice", index, len(values))
         yield VolumeSlice(
-            data=data[index],
+            data=read_packed(values, index, index + 1)[0],
             index=index,
-            height_mm=float(group["z"][index]) if "z" in group else None,
-            pixel_mm=float(x_mm[1] - x_mm[0]),
-            first_pixel_mm=(float(x_mm[0]), float(group["y"][0])),
-            unit=_text(data.attrs["units"]),
+            height_mm=None if heights_mm is None else float(heights_mm[index]),
+            pixel_mm=grid.pixel_mm,
+            first_pixel_mm=grid.first_pixel_mm,
+            unit=unit,
         )
 
 
-def deviation_slice(path: Path, index: int) -> VolumeSlice:
+def deviation_slice(path: Path, shape: Shape, index: int) -> VolumeSlice:
     """Read the standard deviation of each pixel of a slice of volume.h5.
 
     Raises
@@ -156,10 +202,11 @@ def deviation_slice(path: Path, index: int) -> VolumeSlice:
     OutOfRange, NotStored
         The volume has no such slice, or no standard deviations.
     """
-    with open_hdf5(path) as file:
-        if layout.DEVIATION not in file[layout.RECONSTRUCTION]:
+    with reading_own(path) as file:
+        deviations = _values(file, layout.DEVIATION, shape)
+        if deviations is None:
             raise NotStored("no-deviation", "this volume has no standard deviations: only earlier versions made them")
-        return next(_slices(file[layout.RECONSTRUCTION], layout.DEVIATION, [index]))
+        return next(_slices(file, deviations, [index]))
 
 
 def alpha_curve(path: Path) -> dict[str, NDArray[Any]]:
@@ -170,13 +217,21 @@ def alpha_curve(path: Path) -> dict[str, NDArray[Any]]:
     NotStored
         The volume was reconstructed by another method, or shows nothing.
     """
-    with open_hdf5(path) as file:
-        if layout.ALPHA_CURVE not in file:
+    with reading_own(path) as file:
+        group = group_at(file, layout.ALPHA_CURVE)
+        if group is None:
             raise NotStored("no-alpha-curve", "no alpha was chosen: not by method tikhonov, or nothing there to see")
-        return {name: column[()] for name, column in file[layout.ALPHA_CURVE].items()}
+        points = needed(dataset_at(file, f"{layout.ALPHA_CURVE}/alphas"), "alphas").shape
+        if len(points) != 1 or points[0] > MOST_POINTS:
+            raise NotAsWritten(f"its alphas have the shape {points}")
+        return {
+            name: values_of(file, f"{layout.ALPHA_CURVE}/{name}", () if name == "alpha" else points)
+            for name in layout.ALPHA_COLUMNS
+            if name in group
+        }
 
 
-def side_view(path: Path, along: Axis) -> SideView:
+def side_view(path: Path, shape: Shape, along: Axis) -> SideView:
     """Read what volume.h5 shows when looked at along x or along y; the slices themselves are not read.
 
     Raises
@@ -184,28 +239,32 @@ def side_view(path: Path, along: Axis) -> SideView:
     NotStored
         The volume was written before side views were stored.
     """
-    with open_hdf5(path) as file:
-        if layout.side_view(along) not in file:
+    with reading_own(path) as file:
+        view = layout.side_view(along)
+        side_shape = _side_shape(shape, along)
+        data = dataset_at(file, f"{view}/data", side_shape, PACKED)
+        if data is None:
             raise NotStored("no-side-view", "this volume was written without side views: reconstruct the scan again")
-        view = file[layout.side_view(along)]
         across = "y" if along == "x" else "x"
-        across_mm = view[across][()]
+        across_mm = values_of(file, f"{view}/{across}", side_shape[1:])
+        along_mm = values_at(file, f"{view}/z", side_shape[:1])
         pixel_mm = float(across_mm[1] - across_mm[0])
         return SideView(
-            data=view["data"][()],
+            data=read_packed(data, 0, len(data)),
             across=across,
             across_mm=_ends(across_mm, pixel_mm),
             # One slice alone has no spacing: it is shown as thick as its pixels are wide.
-            along_mm=_ends(view["z"][()], pixel_mm) if "z" in view else None,
-            unit=_text(view["data"].attrs["units"]),
+            along_mm=None if along_mm is None else _ends(along_mm, pixel_mm),
+            unit=unit_of(data),
         )
+
+
+def _side_shape(shape: Shape, along: Axis) -> tuple[int, int]:
+    slices, x, y = shape
+    return slices, y if along == "x" else x
 
 
 def _ends(centres_mm: NDArray[np.float64], only_mm: float) -> tuple[float, float]:
     """Half a spacing beyond the first and the last; `only_mm` is the spacing of one alone."""
     half = 0.5 * float(centres_mm[1] - centres_mm[0] if len(centres_mm) > 1 else only_mm)
     return float(centres_mm[0]) - half, float(centres_mm[-1]) + half
-
-
-def _text(value: Any) -> str:  # noqa: ANN401 - h5py gives str or bytes, as the file was written
-    return value.decode() if isinstance(value, bytes) else str(value)

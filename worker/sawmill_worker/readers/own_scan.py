@@ -1,6 +1,6 @@
 """Whether a file that somebody names is a scan of our own, to be read as it is."""
 
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from pathlib import Path
 
 import h5py
@@ -23,6 +23,7 @@ from sawmill_worker.files.scan_layout import (
     ROWS_PRESENT,
     USABLE,
 )
+from sawmill_worker.files.scan_reader import open_scan
 from sawmill_worker.readers.arrays import MAX_BYTES, Bounds
 from sawmill_worker.readers.hdf5_guard import find, numbers, read_values
 from sawmill_worker.readers.hdf5_texts import attribute, attribute_text, read_text
@@ -37,8 +38,11 @@ def is_own_scan(path: Path) -> bool:
     """
     if not h5py.is_hdf5(path):
         return False
-    with suppress(UnreadableScan), library_errors_translated("HDF5"), open_hdf5(path) as file:
-        return _is_marked(file) and _is_whole(file)
+    with suppress(UnreadableScan), library_errors_translated("HDF5"):
+        with open_hdf5(path) as file:
+            own = _is_marked(file) and _is_whole(file)
+        with open_scan(path) if own else nullcontext():  # one that was repacked is read as any other file
+            return own
     return False
 
 

@@ -1,7 +1,7 @@
 """The sha256 of large files, noted beside them: a download begins with it, and need not read the file twice.
 
-`.<name>.sha256` holds the digest with the size and the modification time that the file had: it stands for no other
-content of that name.
+`.<name>.sha256` holds the digest with the size and the modification time that the file had. While these are the same,
+the file is not read; a file with another digest is not the one that was noted.
 """
 
 import hashlib
@@ -9,6 +9,7 @@ import os
 import re
 import threading
 from pathlib import Path
+from typing import NamedTuple
 
 from sawmill_worker.storage.errors import StorageUnavailable, disk_outage_reported
 from sawmill_worker.storage.files import SCAN_FILE, note_of
@@ -17,7 +18,7 @@ from sawmill_worker.whole_files import renamed
 # Smaller files are read within some 30 ms.
 NOTED_FROM_BYTES = 8 * 1024**2
 
-_DIGEST = re.compile(rb"[0-9a-f]{64}")
+_NOTE = re.compile(rb"([0-9a-f]{64}) ([0-9]+ [0-9]+)")
 
 
 def note_digests(folder: Path) -> None:
@@ -28,22 +29,31 @@ def note_digests(folder: Path) -> None:
     StorageFull
         The disk is full.
     """
-    for path in list(folder.rglob("*")):
+    for path in list(folder.iterdir()):
         status = path.stat()
         if path.is_file() and status.st_size >= NOTED_FROM_BYTES and path.name != SCAN_FILE:
             with disk_outage_reported("a result"):
                 note_digest(path, status, compute_digest(path, status))
 
 
-def noted_digest(path: Path, status: os.stat_result) -> bytes | None:
-    """The digest that is noted of a file as it was when `status` was taken; a garbled note is none."""
+class Note(NamedTuple):
+    """The digest of a file, and the size and the time by which the file is known to be the same."""
+
+    digest: bytes
+    stamp: str
+
+    def is_of(self, status: os.stat_result) -> bool:
+        """Whether a file of this status needs no reading."""
+        return self.stamp == _stamp(status)
+
+
+def read_note(path: Path) -> Note | None:
+    """What is noted of a file; a garbled note is none."""
     try:
-        digest, _, noted_for = note_of(path).read_bytes().partition(b" ")
+        found = _NOTE.fullmatch(note_of(path).read_bytes())
     except FileNotFoundError:
         return None
-    if noted_for != _stamp(status).encode() or not _DIGEST.fullmatch(digest):
-        return None
-    return bytes.fromhex(digest.decode())
+    return found and Note(bytes.fromhex(found[1].decode()), found[2].decode())
 
 
 def note_digest(path: Path, status: os.stat_result, digest: bytes) -> None:

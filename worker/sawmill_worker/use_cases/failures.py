@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from sawmill_worker.contracts.jobs import FailureKind
-from sawmill_worker.files.errors import UnreadableScan
+from sawmill_worker.files.errors import DamagedResult, UnreadableScan
 from sawmill_worker.tomography.calibration.errors import CalibrationError
 from sawmill_worker.tomography.drift import DriftError
 from sawmill_worker.tomography.geometry import GeometryError
@@ -44,7 +44,7 @@ def input_errors_translated() -> Iterator[None]:
         yield
     except UnreadableScan as error:
         raise _of_file(error) from error
-    except (CalibrationError, DriftError) as error:
+    except (CalibrationError, DamagedResult, DriftError) as error:
         raise refused(error.code, str(error)) from error
     except GeometryError as error:
         raise refused("geometry", str(error)) from error

@@ -1,0 +1,58 @@
+"""Files of results that were damaged or replaced in the data folder: one problem document, and nothing read."""
+
+import pytest
+from damaged_files import DAMAGES, another_file
+
+from sawmill_worker.contracts.jobs import JobKind
+
+SCAN, LOG, FOUND = "/v1/scans/example", "/v1/reconstructions/example-sparse", "/v1/calibrations/example"
+# The values of each file, what is made of them first, and what else.
+FILES = {
+    "scan": (JobKind.INGEST, "example/scan.h5", "entry/instrument/detector/data", f"{SCAN}/sinogram.png?row=0"),
+    "volume": (JobKind.RECONSTRUCT, "example-sparse/volume.h5", "entry/reconstruction/data", f"{LOG}/slices/0.npy"),
+    "calibration": (JobKind.CALIBRATE, "example/result.h5", "entry/arrays/sinogram", f"{FOUND}/result.h5"),
+}
+OTHERS = {
+    "scan": ["preview", "thumbnail.png"],
+    "volume": [
+        *("slices/0.png", "slices/0.png?show=deviation", "mosaic.png", "side.png", "side.npy", "thumbnail.png"),
+        *("alpha-curve.png", "volume.h5"),
+    ],
+    "calibration": ["report.png", "overlay.png", "log-before.png"],
+}
+
+
+def file_of(store, result):
+    kind, name, values, first = FILES[result]
+    return store.files.folder / kind.plural / name, values, first
+
+
+def check_problem(answer):
+    assert (answer.status_code, answer.headers["Content-Type"]) == (409, "application/problem+json"), answer.url
+    assert answer.json()["code"] == "result-damaged"
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_a_damaged_file_is_one_problem(seeded, store, damage):
+    for result in FILES:
+        path, values, first = file_of(store, result)
+        DAMAGES[damage](path, values)
+        check_problem(seeded.get(first))
+    check_problem(seeded.get(f"{LOG}/volume.h5"))
+
+
+@pytest.mark.parametrize("result", FILES)
+def test_so_is_everything_that_is_made_of_it(seeded, store, result):
+    path, _, first = file_of(store, result)
+    another_file(path, "")
+    for name in OTHERS[result]:
+        check_problem(seeded.get(f"{first.rpartition('/')[0].removesuffix('/slices')}/{name}"))
+
+
+@pytest.mark.parametrize("page", ["/logs/example-sparse", "/calibrations/example/report"])
+def test_a_page_of_it_gives_the_sentence(seeded, store, page):
+    for result in FILES:
+        another_file(file_of(store, result)[0], "")
+    answer = seeded.get(page, headers={"Accept": "text/html"})
+    assert answer.status_code == 409
+    assert "is another file than the job wrote" in answer.text
