@@ -20,13 +20,22 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
 
+import h5py
+import numpy as np
 from reaching import endings
 
 from sawmill_worker.contracts.handed_over import HandedOver
 from sawmill_worker.contracts.jobs import FailureKind, Job, JobKind
+from sawmill_worker.contracts.reconstructions import Reconstruction
 from sawmill_worker.execution.protocol import Succeeded, to_line
-from sawmill_worker.storage.files import checkpoints_of
+from sawmill_worker.files.scan_layout import DATA
+from sawmill_worker.files.scan_writer import write_scan
+from sawmill_worker.files.volume_writer import new_reconstruction
+from sawmill_worker.storage.files import checkpoints_of, work_of
 from sawmill_worker.vocabulary import Progress
+
+sys.path.append(str(Path(__file__).parents[1] / "support"))
+import results
 
 LIMITS = ("DATA", "CPU", "FSIZE", "NOFILE", "CORE")
 
@@ -53,15 +62,23 @@ class Attempt:
 def succeed(attempt: Attempt) -> dict[str, Any]:
     print("libraries print things")  # noqa: T201 - must not disturb the protocol
     attempt.report(Progress(fraction=0.5, stage="reading"))
-    (attempt.output / "scan.h5").write_text(f"attempt {attempt.job.attempt}, process {os.getpid()}")
-    shape = {"views": 20, "rows": 1, "detector": 768}
-    return {"format": "NPZ", "shape": shape, "angular_range_deg": (0.0, 342.0)}
+    write_scan(
+        attempt.output / "scan.h5",
+        line_integrals=np.zeros((20, 1, 768), np.float32),
+        angles_rad=np.arange(20) * 0.1,
+        detector_pitch_mm=1.5,
+        row_pitch_mm=None,
+        air_level=None,
+        provenance={},
+    )
+    return results.reading(remarks=[f"attempt {attempt.job.attempt}, process {os.getpid()}"])
 
 
 def wait_for_leave(attempt: Attempt) -> dict[str, Any]:
     (attempt.output / "waiting").touch()
     while not (attempt.output.parents[1] / "leave").exists():
         time.sleep(0.05)
+    (attempt.output / "waiting").unlink()
     return succeed(attempt)
 
 
@@ -112,8 +129,27 @@ def keep_and_succeed(attempt: Attempt) -> dict[str, Any]:
 
 
 def write_a_volume(attempt: Attempt) -> dict[str, Any]:
-    (attempt.output / "volume.h5").write_bytes(bytes(2**23))
+    size = Reconstruction.model_validate_json(attempt.given.asked_json or "").options.size
+    shape, about = (1, size, size), {"software_version": "0", "input_sha256": ""}
+    made = {"pixel_mm": 1.0, "row_pitch_mm": None, "unit": "1/mm", "geometry": {}, "parameters": {}}
+    with new_reconstruction(attempt.output / "volume.h5", shape, **made, **about) as volume:
+        volume.write(0, np.zeros(shape, np.float32))
+    return results.reconstruction_result(shape=shape)
+
+
+def leave_more(attempt: Attempt) -> dict[str, Any]:
+    (attempt.output / "more").touch()
     return succeed(attempt)
+
+
+def name_the_database(attempt: Attempt) -> dict[str, Any]:
+    """As the place of the line integrals."""
+    reported = succeed(attempt)
+    with h5py.File(attempt.output / "scan.h5", "r+") as file:
+        del file[DATA]
+        database = str(attempt.output.parents[1] / "sawmill.db")
+        file.create_dataset(DATA, (20, 1, 768), "f4", external=[(database, 0, 4 * 20 * 768)])
+    return reported
 
 
 def blunder(_: Attempt) -> dict[str, Any]:
@@ -178,10 +214,8 @@ def start_a_thread(_: Attempt) -> dict[str, Any]:
 
 
 def tell_limits(attempt: Attempt) -> dict[str, Any]:
-    reported = succeed(attempt)
     limits = {name: resource.getrlimit(getattr(resource, f"RLIMIT_{name}")) for name in LIMITS}
-    (attempt.output / "scan.h5").write_text(json.dumps(limits))
-    return reported
+    return succeed(attempt) | {"remarks": [json.dumps(limits)]}
 
 
 def tell_all(attempt: Attempt) -> dict[str, Any]:
@@ -274,7 +308,7 @@ def write_to_worker(data: bytes) -> None:
 def answer_and_stay(attempt: Attempt) -> dict[str, Any]:
     """For ten minutes, deaf to SIGTERM."""
     result = succeed(attempt)
-    write_process_id(attempt)
+    work_of(attempt.output).rmdir()
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
     write_to_worker(to_line(Succeeded(result=result)))
     return hang(attempt)
@@ -324,6 +358,8 @@ BEHAVIOURS = {
         work_on_and_die,
         keep_and_succeed,
         write_a_volume,
+        leave_more,
+        name_the_database,
         blunder,
         crash_on_a_full_disk,
         fill_the_disk,
@@ -370,7 +406,8 @@ def run(attempt: Attempt) -> dict[str, Any]:
     if attempt.job.kind in {JobKind.INGEST, JobKind.INSPECT, JobKind.TRACE_PHANTOM}:
         return BEHAVIOURS[given.file.read_text()](attempt)
     named = (each.name for each in (given.phantom, given.scanner) if each is not None and each.name in BEHAVIOURS)
-    return BEHAVIOURS[next(named, "refuse")](attempt)
+    unnamed = "write-a-volume" if attempt.job.kind is JobKind.RECONSTRUCT else "refuse"
+    return BEHAVIOURS[next(named, unnamed)](attempt)
 
 
 def install() -> None:

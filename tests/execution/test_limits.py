@@ -110,7 +110,7 @@ def test_a_job_that_takes_more_than_it_may_is_refused_once(store, start, setting
 def test_every_attempt_has_limits_by_default(store, start, queue):
     job = queue("tell-limits")
     assert start(memory_limit_bytes=None).run_next() is JobState.SUCCEEDED
-    soft = {name: soft for name, (soft, _) in json.loads(store.files.scan(job.subject_id).read_text()).items()}
+    soft = {name: soft for name, (soft, _) in json.loads(store.scans.get(job.subject_id).remarks[0]).items()}
     hours = len(os.sched_getaffinity(0))
     assert soft["DATA"] == limits_of(JobKind.INGEST, memory_bytes=0, file_bytes=0, memory_limit_bytes=None).data_bytes
     assert 0 < soft["CPU"] <= 3600 * hours + 60

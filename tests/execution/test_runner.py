@@ -9,21 +9,25 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
+import results
 from structlog.contextvars import merge_contextvars
 from structlog.testing import capture_logs
 from write_lock import write_lock
 
 from sawmill_worker.contracts.jobs import FailureKind, JobState, Priority
+from sawmill_worker.contracts.reconstructions import ReconstructionAsk
 from sawmill_worker.contracts.scans import ScanState
 from sawmill_worker.execution import process
+from sawmill_worker.execution import runner as runners
 from sawmill_worker.execution.poller import run_worker
 from sawmill_worker.execution.process import AttemptNotStarted, AttemptProcess, FreshProcesses
 from sawmill_worker.execution.protocol import CHANNEL, Ready, to_line
 from sawmill_worker.execution.runner import Runner
+from sawmill_worker.storage import noted_digests
 from sawmill_worker.storage.acting import Actor, acting_as
 from sawmill_worker.storage.errors import StorageFull, StorageUnavailable
 from sawmill_worker.storage.jobs import Jobs
-from sawmill_worker.storage.noted_digests import noted_digest
+from sawmill_worker.storage.noted_digests import note_digests, read_note
 from sawmill_worker.storage.store import Store
 
 pytestmark = pytest.mark.slow
@@ -51,8 +55,9 @@ def process_id(spare):
 def test_a_job_runs_in_a_process_of_its_own_and_its_files_are_published(store, runner, queue):
     first, second = queue("succeed"), queue("succeed")
     assert [runner.run_next(), runner.run_next()] == [JobState.SUCCEEDED] * 2
-    scans = [store.files.scan(job.subject_id).read_text() for job in (first, second)]
-    assert scans[0] != scans[1], "two processes"
+    made_by = [store.scans.get(job.subject_id).remarks for job in (first, second)]
+    assert made_by[0] != made_by[1], "two processes"
+    assert all(store.files.scan(job.subject_id).is_file() for job in (first, second))
     assert store.scans.get(first.subject_id).state is ScanState.READY
     assert leftovers(store) == []
     assert runner.run_next() is None
@@ -171,11 +176,35 @@ def test_checkpoints_are_no_results(store, runner, queue):
     assert leftovers(store) == list((store.files.folder / "kept").iterdir()) == []
 
 
-def test_a_large_result_comes_with_its_digest(store, runner, queue):
-    job = queue("write-a-volume")
-    assert runner.run_next() is JobState.SUCCEEDED
-    volume = store.files.results(job.kind, job.subject_id) / "volume.h5"
-    assert noted_digest(volume, volume.stat()) == hashlib.sha256(bytes(2**23)).digest()
+def test_a_large_result_comes_with_its_digest_and_the_lease_is_kept_while_it_is_taken(
+    store, runner, queue, wait_for, monkeypatch
+):
+    def take_long(folder):
+        (pulse,) = store.jobs.pulses()
+        wait_for(lambda: store.jobs.pulses()[0].beats >= pulse.beats + 3)
+        note_digests(folder)
+
+    monkeypatch.setattr(noted_digests, "NOTED_FROM_BYTES", 1)
+    monkeypatch.setattr(runners, "note_digests", take_long)
+    scan = queue("succeed").subject_id
+    log = store.reconstructions.accept(ReconstructionAsk(scan_id=scan, theta=results.THETA, size=16))
+    assert [runner.run_next(), runner.run_next()] == [JobState.SUCCEEDED] * 2
+    volume = store.files.volume(log.id)
+    assert read_note(volume).digest == hashlib.sha256(volume.read_bytes()).digest()
+
+
+@pytest.mark.parametrize(
+    ("behaviour", "words"), [("leave-more", "the files"), ("name-the-database", "takes its values from other files")]
+)
+def test_what_a_job_of_its_kind_does_not_leave_is_not_published(store, runner, queue, behaviour, words):
+    job = queue(behaviour)
+    assert runner.run_next() is JobState.FAILED
+    failure = store.jobs.get(job.id).failure
+    assert (failure.kind, failure.code) == (FailureKind.INTERNAL, "invalid-result")
+    assert words in failure.detail
+    assert store.scans.get(job.subject_id).state is ScanState.REFUSED
+    assert not store.files.results(job.kind, job.subject_id).exists()
+    assert leftovers(store) == []
 
 
 def test_a_result_is_published_once_its_process_is_gone(store, runner, queue, is_running, monkeypatch):
@@ -183,7 +212,7 @@ def test_a_result_is_published_once_its_process_is_gone(store, runner, queue, is
     publish, noted = store.jobs.succeed, []
 
     def succeed(claim, result, output, **options):
-        noted.append(is_running(int((output / "pid").read_text())))
+        noted.append(is_running(int(result["remarks"][0].split()[-1])))
         publish(claim, result, output, **options)
 
     monkeypatch.setattr(store.jobs, "succeed", succeed)
@@ -202,10 +231,12 @@ def test_nonsense_ends_its_attempt_and_not_its_worker(store, runner, queue, beha
     assert leftovers(store) == list((store.files.folder / "kept").iterdir()) == []
 
 
-def test_checkpoints_that_are_not_there_are_passed_over(store, runner, queue):
+def test_checkpoints_that_are_not_there_are_passed_over_and_what_stands_there_is_no_result(store, runner, queue):
     job = queue("keep-behind-a-file")
-    assert runner.run_next() is JobState.SUCCEEDED
-    assert store.jobs.get(job.id).attempt == 1
+    assert runner.run_next() is JobState.FAILED
+    failure = store.jobs.get(job.id).failure
+    assert failure.code == "invalid-result"
+    assert "scan.h5 is due" in failure.detail
 
 
 def test_a_full_disk_is_waited_out(store, runner, queue):
@@ -279,7 +310,7 @@ def test_a_locked_database_costs_a_running_job_nothing(store, runner, queue, in_
     assert outcome.result(timeout=60) is JobState.SUCCEEDED
     ended = store.jobs.get(job.id)
     assert (ended.attempt, ended.losses) == (1, 0)
-    assert store.files.scan(job.subject_id).read_text().startswith("attempt 1")
+    assert store.scans.get(job.subject_id).remarks[0].startswith("attempt 1")
     assert leftovers(store) == []
 
 
@@ -309,7 +340,7 @@ def test_a_cancellation_reaches_a_job_whose_heartbeats_find_the_disk_full(
 def test_what_passes_does_not_come_back(store, runner, queue):
     job = queue("stumble")
     assert [runner.run_next(), runner.run_next()] == [JobState.QUEUED, JobState.SUCCEEDED]
-    assert store.files.scan(job.subject_id).read_text().startswith("attempt 2")
+    assert store.scans.get(job.subject_id).remarks[0].startswith("attempt 2")
 
 
 def test_progress_comes_out_and_a_cancellation_goes_in(store, runner, queue, in_background, wait_for, is_running):
@@ -401,7 +432,7 @@ def test_a_job_runs_in_the_process_that_was_warm_before_it_came(store, runner, q
     warm = process_id(*runner._spares)
     job = queue("succeed")
     runner.run_next()
-    assert store.files.scan(job.subject_id).read_text().endswith(f"process {warm}")
+    assert store.scans.get(job.subject_id).remarks[0].endswith(f"process {warm}")
 
 
 def test_a_stopping_worker_takes_no_more_jobs(store, runner, stop, queue):

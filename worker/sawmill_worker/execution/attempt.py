@@ -38,7 +38,6 @@ from sawmill_worker.execution.settings import ExecutionSettings
 from sawmill_worker.execution.threading_layer import load
 from sawmill_worker.jobs.running import Attempt, make_ready, needs_of, run, warm_up
 from sawmill_worker.storage.files import flush_tree, work_of
-from sawmill_worker.storage.noted_digests import note_digests
 from sawmill_worker.storage.software import software
 from sawmill_worker.use_cases.failures import JobFailure
 from sawmill_worker.vocabulary import Progress
@@ -142,7 +141,6 @@ def _run(attempt: Attempt, settings: ExecutionSettings, supervisor: BinaryIO, ch
     for folder in (attempt.checkpoints, work_of(attempt.output)):
         shutil.rmtree(folder, ignore_errors=True)
     attempt.report(Progress(fraction=1.0, stage="store"))  # of gigabytes, on a slow disk, that takes minutes
-    note_digests(attempt.output)
     flush_tree(attempt.output)
     return result
 

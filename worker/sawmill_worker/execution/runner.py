@@ -4,6 +4,7 @@ import os
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor, wait
 from pathlib import Path
 
 import structlog
@@ -28,8 +29,17 @@ from sawmill_worker.execution.protocol import AnyMessage, Assignment, Begun, Fai
 from sawmill_worker.execution.settings import ExecutionSettings
 from sawmill_worker.execution.template import Template, template_library
 from sawmill_worker.execution.threading_layer import wait_passively
-from sawmill_worker.storage.errors import LeaseLost, NotFound, StorageFull, StorageUnavailable, disk_outage_reported
+from sawmill_worker.storage.errors import (
+    InvalidOutput,
+    LeaseLost,
+    NotFound,
+    StorageFull,
+    StorageUnavailable,
+    disk_outage_reported,
+)
 from sawmill_worker.storage.jobs import Claim
+from sawmill_worker.storage.noted_digests import note_digests
+from sawmill_worker.storage.outputs import check_output
 from sawmill_worker.storage.store import Store
 from sawmill_worker.vocabulary import Progress
 
@@ -254,13 +264,17 @@ class _Supervision:
             if answer is None:
                 answer = self._watch(output)
             if isinstance(answer, Succeeded):
-                # With all that it has started: nobody writes to what is published.
+                # With all that it has started: nobody writes to what is checked and published.
                 self._process.end(self._settings.kill_grace_s)
+                self._check(answer, output)
                 self._publish(answer, output)
                 return JobState.SUCCEEDED
+        except InvalidOutput as error:
+            structlog.get_logger().exception("attempt-left-nonsense")
+            answer = Failed(failure=_invalid_result(str(error)))
         except (AttemptTalksNonsense, ValidationError):
             structlog.get_logger().exception("attempt-answered-nonsense")
-            answer = Failed(failure=_NONSENSE)
+            answer = Failed(failure=_invalid_result("the job's answer is not what jobs of its kind answer with"))
         if isinstance(answer, Failed):
             return self._store.jobs.fail(
                 self._claim,
@@ -279,17 +293,41 @@ class _Supervision:
             The database does not answer, or the file that the job reads is missing.
         """
         try:
-            given = self._store.jobs.handed_over(self._claim.job_id)
+            self._given = self._store.jobs.handed_over(self._claim.job_id)
         except NotFound as error:
             return Failed(failure=Failure(kind=FailureKind.INPUT, code=error.code, detail=str(error)))
         except ValidationError as error:
             structlog.get_logger().exception("row-not-read")
             return Failed(failure=failure_of(error))
-        self._input = given.file
-        if given.file is not None:
-            self._store.files.check_file(given.file)
-        self._process.assign(Assignment(job=self._claim.job, given=given, output=output))
+        self._input = self._given.file
+        if self._input is not None:
+            self._store.files.check_file(self._input)
+        self._process.assign(Assignment(job=self._claim.job, given=self._given, output=output))
         return None
+
+    def _check(self, answer: Succeeded, output: Path) -> None:
+        """Check what the attempt left and take the digests of its files, in a thread: meanwhile the lease is kept.
+
+        Raises
+        ------
+        InvalidOutput, pydantic.ValidationError
+            It is not what jobs of this kind leave, or answer with.
+        StorageFull, StorageUnavailable
+            There is no room for the digests, or the disk fails.
+        LeaseLost
+            The attempt no longer holds the job.
+        """
+
+        def check() -> None:
+            with disk_outage_reported("checking a result"):
+                check_output(self._claim.job.kind, self._given, answer.result, output)
+            note_digests(output)
+
+        with ThreadPoolExecutor(1) as pool:
+            checking = pool.submit(check)
+            while not wait([checking], self._settings.progress_s).done:
+                self._cancellation_came_in()
+            checking.result()
 
     def _publish(self, answer: Succeeded, output: Path) -> None:
         """Publish as soon as the database answers: what was computed is not computed again for an outage."""
@@ -438,11 +476,9 @@ class _Supervision:
         return time.monotonic() >= self._give_back_at
 
 
-_NONSENSE = Failure(
-    kind=FailureKind.INTERNAL,
-    code="invalid-result",
-    detail="the job's answer is not what jobs of its kind answer with, which is a defect; see the worker's log",
-)
+def _invalid_result(what: str) -> Failure:
+    detail = f"{what}, which is a defect; see the worker's log"
+    return Failure(kind=FailureKind.INTERNAL, code="invalid-result", detail=detail)
 
 
 def _ways_to_start(

@@ -8,6 +8,7 @@ StorageError
 ├── QueueFull           as many jobs wait as may
 ├── UploadTooLarge      more bytes than allowed
 ├── Damaged             other bytes than declared
+├── InvalidOutput       other files than a job of its kind leaves
 ├── LeaseLost           another attempt owns the job
 ├── StorageFull         no room left on the disk
 └── StorageUnavailable  the database does not answer, or the data folder cannot be used
@@ -81,6 +82,12 @@ class Damaged(StorageError):  # noqa: N818
     """Other bytes came than were declared; nothing of them was kept."""
 
     code = "digest-mismatch"
+
+
+class InvalidOutput(StorageError):  # noqa: N818
+    """An attempt left other files than jobs of its kind leave: nothing of it is published."""
+
+    code = "invalid-result"
 
 
 class LeaseLost(StorageError):  # noqa: N818

@@ -1,0 +1,75 @@
+"""What an attempt leaves is checked before it is published, whatever it says of it."""
+
+import os
+
+import numpy as np
+import pytest
+import results
+from damaged_files import DAMAGES
+
+from sawmill_worker.contracts.jobs import JobKind
+from sawmill_worker.contracts.reconstructions import ReconstructionAsk
+from sawmill_worker.files.volume_writer import new_reconstruction
+from sawmill_worker.storage.errors import InvalidOutput
+from sawmill_worker.storage.outputs import check_output
+
+SHAPE = (1, 16, 16)
+VOLUME = "entry/reconstruction/data"
+
+
+@pytest.fixture
+def given(store, queue):
+    """Of a reconstruction of the one row of a scan."""
+    job = queue("succeed")
+    store.jobs.succeed(store.jobs.claim("test"), results.reading(), store.files.make_attempt_folder(job.id, 1))
+    ask = ReconstructionAsk(scan_id=job.subject_id, theta=results.THETA, size=16)
+    return store.jobs.handed_over(store.reconstructions.accept(ask).job_id)
+
+
+@pytest.fixture
+def output(tmp_path):
+    folder = tmp_path / "data" / "attempts" / "one"
+    folder.mkdir()
+    made = {"pixel_mm": 1.0, "row_pitch_mm": None, "unit": "1/mm", "geometry": {}, "parameters": {}}
+    about = {"software_version": "0", "input_sha256": ""}
+    with new_reconstruction(folder / "volume.h5", SHAPE, **made, **about) as volume:
+        volume.write(0, np.random.default_rng(1).random(SHAPE, np.float32))
+    return folder
+
+
+def check(given, output, **changes):
+    check_output(JobKind.RECONSTRUCT, given, results.reconstruction_result(**{"shape": SHAPE} | changes), output)
+
+
+def test_what_a_job_of_its_kind_writes_is_taken_and_anything_else_is_not(given, output):
+    check(given, output)
+    with pytest.raises(InvalidOutput, match=r"the shape \(2, 16, 16\), and \(1, 16, 16\) was asked for"):
+        check(given, output, shape=(2, 16, 16))
+    with pytest.raises(InvalidOutput, match="and none is due"):
+        check_output(JobKind.PLAN, given, results.plan_result(), output)
+    (output / "more").mkdir()
+    with pytest.raises(InvalidOutput, match=r"and volume\.h5 is due"):
+        check(given, output)
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_a_volume_that_is_not_as_a_job_writes_it_is_refused(given, output, damage):
+    DAMAGES[damage](output / "volume.h5", VOLUME)
+    with pytest.raises(InvalidOutput):
+        check(given, output)
+
+
+def test_a_file_with_a_second_name_and_a_pipe_are_refused(given, output):
+    volume = output / "volume.h5"
+    os.link(volume, output.parent / "second")
+    with pytest.raises(InvalidOutput, match="a second name"):
+        check(given, output)
+    (output.parent / "second").unlink()
+    volume.chmod(0)
+    if os.geteuid():  # root reads all
+        with pytest.raises(InvalidOutput, match="nobody may read"):
+            check(given, output)
+    volume.unlink()
+    os.mkfifo(volume)
+    with pytest.raises(InvalidOutput, match="a pipe"):
+        check(given, output)
