@@ -108,6 +108,13 @@ def test_a_worker_begins_neither_a_database_nor_a_folder(tmp_path):
 
 
 @sqlite_alone
+def test_a_process_that_starts_on_a_read_only_disk_is_to_wait(filled, monkeypatch):
+    monkeypatch.setattr("os.statvfs", lambda _: READ_ONLY)
+    with pytest.raises(FolderUnavailable, match="read-only"):
+        Store.open(filled, may_begin=False)
+
+
+@sqlite_alone
 def test_a_new_database_is_refused_for_a_folder_with_files_of_another_one(apart, tmp_path):
     (apart.data_folder / "scans" / "old").mkdir()
     with pytest.raises(StorageMisconfigured, match="has files, and the database is new"):

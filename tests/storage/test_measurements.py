@@ -150,6 +150,7 @@ def test_an_upgrade_fills_in_what_stored_answers_hold(settings, empty_url):
         for number, state in enumerate(("succeeded", "succeeded", "failed")):
             _insert_old(session, number, state)
     database.engine.dispose()
+    (settings.data_folder / "calibrations" / "old-0").mkdir(parents=True)
     store = Store.open(settings.model_copy(update={"database_url": empty_url}))
     check, calibration = store.measurements.page("old").items
     history = store.history.page("old").items
