@@ -19,27 +19,32 @@ BY_NIGHT = ("examples", "fuzzing", "stateful")
 # so a request that they allow may be refused with these sentences. Of any other refusal it is a failure.
 BEYOND_SCHEMAS = re.compile(
     r"^rows is \S+, but scan "
-    r"|rows must be A:B with 0 <= A < B"
+    r"|(rows|slices) must be A:B with 0 <= A < B"
     r"|give count or slices, not both"
     r"|window_low must be below window_high"
     r"|standard_uncertainty_mm \S+ of measured_mm \S+ must be less than 10% of it"
     r"|give a length within 10% of the drawing"
-    r"|has density \S+: give 0 or one of at least "
     r"|log_radius_mm \S+ must be less than constants.source_to_cor_mm"
     r"|holds values, in grey; for color_map=\S+ ask for bits=8"
-    r"|is a polygon that encloses \S+ mm\u00b2: give corners"
+    r"|is a polygon that "
+    r"|is a hole from x = \S+ to \S+ mm: the wood is from "
+    r"|densities times their areas add up to \S+ mm\u00b2: wood must outweigh holes"
     r"|averaged_rows goes with line-integrals, not counts"
+    r"|align_rows \S+ moves rows, which averaged_rows says are averaged"
+    r"|expires_at must lie ahead"
     r"|a range must be \[low, high\] with low < high"
     r"|must be names of events as /v1/events has them"
     # schemathesis sends headers without a question mark at their beginning.
     r"|Upload-Complete must be \?1 or \?0, not '[01]'"
 )
-# The largest file and where webhooks may lead are settings; whether a part is the last one depends on the length that
-# its upload was declared with.
+# The largest file and body, and where webhooks may lead, are settings. Whether a part is the last one depends on the
+# length that its upload was declared with, and whether a body may be empty on whether an earlier file is named.
 # Times and zones of schedules are words that no schema describes; nor does one describe what a request says of an
 # earlier one, whose Idempotency-Key it has.
 BEYOND_SCHEMAS_CODES = {
+    "body-too-large",
     "destination-not-allowed",
+    "empty-body",
     "idempotency-key-reused",
     "inconsistent-length",
     "invalid-cron",
