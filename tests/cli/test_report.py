@@ -81,7 +81,7 @@ def test_an_hdf5_file_with_the_answer_alone_is_as_good_as_json(run, answer, tmp_
         ({"angles_rad": np.zeros(3)}, "the residual (8, 12) and 3 angles do not agree"),
         ({"phantom_image_method": np.array(b"magic")}, "'magic' is not a valid ReconstructionMethod"),
         ({"phantom_image": np.full((16, 16), np.nan)}, "not finite"),
-        ({"residual": np.ones(5)}, "cannot be drawn"),
+        ({"residual": np.ones(5)}, "residual must be numbers on 2 axes, not float64 on 1"),
         ({"phantom_field_mm": np.ones(7)}, "phantom_field_mm must be one number, not float64 of shape (7,)"),
     ],
 )

@@ -1,5 +1,6 @@
 """Files of results that were damaged or replaced in the data folder: one problem document, and nothing read."""
 
+import h5py
 import pytest
 from damaged_files import DAMAGES, another_file
 
@@ -47,6 +48,14 @@ def test_so_is_everything_that_is_made_of_it(seeded, store, result):
     another_file(path, "")
     for name in OTHERS[result]:
         check_problem(seeded.get(f"{first.rpartition('/')[0].removesuffix('/slices')}/{name}"))
+
+
+def test_an_array_with_other_axes_is_one_problem(seeded, store):
+    path, _, _ = file_of(store, "calibration")
+    with h5py.File(path, "r+") as file:
+        del file["entry/arrays/phantom_image"]
+        file["entry/arrays/phantom_image"] = [1.0]
+    check_problem(seeded.get(f"{FOUND}/report.png"))
 
 
 @pytest.mark.parametrize("page", ["/logs/example-sparse", "/calibrations/example/report"])

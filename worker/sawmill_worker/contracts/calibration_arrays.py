@@ -83,8 +83,12 @@ class CalibrationArrays:
         Raises
         ------
         ValueError
-            A number is none, or a name is not known.
+            A number is none, a name is not known, or an array has other axes than it should.
         """
+        for name, axes in _AXES.items():
+            values = arrays.get(name)
+            if values is not None and (values.ndim != axes or values.dtype.kind not in "iuf"):
+                raise ValueError(f"{name} must be numbers on {axes} axes, not {values.dtype} on {values.ndim}")
         log = None
         if "log_after" in arrays:
             log = LogImages(
@@ -106,6 +110,13 @@ class CalibrationArrays:
             phantom_image_method=_method(arrays),
             log=log,
         )
+
+
+_AXES = {
+    **dict.fromkeys(("sinogram", "model", "residual", "phantom_image", "phantom_outlines_mm", "search_history"), 2),
+    **dict.fromkeys(("log_after", "log_before"), 2),
+    "angles_rad": 1,
+}
 
 
 def _number(arrays: Mapping[str, NDArray[Any]], name: str) -> float:
