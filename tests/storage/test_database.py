@@ -167,7 +167,8 @@ def test_a_disk_below_its_reserve_counts_as_full(store):
     assert list((store.files.folder / "incoming").iterdir()) == []
 
 
-def test_opening_a_store_again_keeps_what_is_in_it(settings: StorageSettings):
+def test_opening_a_store_again_keeps_what_is_in_it(settings: StorageSettings, empty_url: str):
+    settings = settings.model_copy(update={"database_url": empty_url})
     first = Store.open(settings)
     seeded = first.phantoms.get("l-shape")
     first.close()
