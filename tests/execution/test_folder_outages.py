@@ -12,6 +12,7 @@ from structlog.testing import capture_logs
 from sawmill_worker.contracts.jobs import JobState
 from sawmill_worker.execution.housekeeping import Housekeeping
 from sawmill_worker.execution.poller import run_worker
+from sawmill_worker.storage.errors import InvalidOutput
 
 pytestmark = pytest.mark.slow
 
@@ -84,6 +85,25 @@ def test_a_disk_that_becomes_read_only_costs_no_loss(store, runner, stop, queue,
     waiting = store.jobs.get(job.id)
     assert (waiting.waiting_for.code, waiting.losses, waiting.attempt) == ("storage-unavailable", 0, 1)
     stop.clear()
+    assert runner.run_next() is JobState.SUCCEEDED
+
+
+def test_a_folder_that_goes_before_a_result_is_checked_costs_no_loss(store, runner, queue, monkeypatch):
+    job, folder = queue("succeed"), store.files.folder
+    aside = folder.with_name("mounted elsewhere")
+
+    def check(*_):
+        folder.rename(aside)
+        folder.mkdir()
+        raise InvalidOutput("the job left the files [], and scan.h5 is due")
+
+    with monkeypatch.context() as patched:
+        patched.setattr("sawmill_worker.execution.runner.check_output", check)
+        assert runner.run_next() is JobState.QUEUED
+    waiting = store.jobs.get(job.id)
+    assert (waiting.waiting_for.code, waiting.losses) == ("storage-unavailable", 0)
+    folder.rmdir()
+    aside.rename(folder)
     assert runner.run_next() is JobState.SUCCEEDED
 
 

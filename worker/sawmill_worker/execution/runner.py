@@ -271,7 +271,8 @@ class _Supervision:
                 return JobState.SUCCEEDED
         except InvalidOutput as error:
             structlog.get_logger().exception("attempt-left-nonsense")
-            answer = Failed(failure=_invalid_result(str(error)))
+            # Where the data folder has gone, the files are missing for that.
+            answer = Failed(failure=self._outage() or _invalid_result(str(error)))
         except (AttemptTalksNonsense, ValidationError):
             structlog.get_logger().exception("attempt-answered-nonsense")
             answer = Failed(failure=_invalid_result("the job's answer is not what jobs of its kind answer with"))
@@ -321,7 +322,7 @@ class _Supervision:
         def check() -> None:
             with disk_outage_reported("checking a result"):
                 check_output(self._claim.job.kind, self._given, answer.result, output)
-            note_digests(output)
+                note_digests(output)
 
         with ThreadPoolExecutor(1) as pool:
             checking = pool.submit(check)
