@@ -160,6 +160,29 @@ def fill_the_disk(_: Attempt) -> dict[str, Any]:
     raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
+def miss_its_folder(attempt: Attempt) -> dict[str, Any]:
+    """At its first attempt, as while a mount is away for a moment."""
+    return _missing(attempt.output / "scan.h5") if attempt.job.attempt == 1 else succeed(attempt)
+
+
+def miss_its_file(attempt: Attempt) -> dict[str, Any]:
+    """The same while it reads, as a reader reports it."""
+    if attempt.job.attempt > 1:
+        return succeed(attempt)
+    try:
+        return _missing(attempt.given.file)
+    except FileNotFoundError as error:
+        raise JobFailure(FailureKind.INPUT, "broken-file", "this file is damaged") from error
+
+
+def miss_something_else(_: Attempt) -> dict[str, Any]:
+    return _missing(Path("/mill/of/somebody/else"))
+
+
+def _missing(path: Path) -> dict[str, Any]:
+    raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path))
+
+
 def eat_memory(_: Attempt) -> dict[str, Any]:
     return {"much": bytearray(2**30)}
 
@@ -376,6 +399,9 @@ BEHAVIOURS = {
         name_a_file_outside,
         keep_a_folder,
         keep_behind_a_file,
+        miss_its_folder,
+        miss_its_file,
+        miss_something_else,
         break_off,
         never_end_its_line,
         burn,

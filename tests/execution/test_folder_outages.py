@@ -5,6 +5,7 @@ import os
 import shutil
 import threading
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import pytest
 from structlog.testing import capture_logs
@@ -71,6 +72,15 @@ def test_housekeeping_removes_nothing_in_a_folder_of_another_service(store, sett
         assert theirs.exists() is stays
 
 
+def test_housekeeping_says_once_that_a_disk_is_read_only(store, settings, stop, monkeypatch):
+    monkeypatch.setattr("sawmill_worker.storage.files.is_read_only", lambda _: True)
+    housekeeping = Housekeeping(store, settings, stop)
+    with capture_logs() as log:
+        for _ in range(3):
+            housekeeping.once()
+    assert [entry["event"] for entry in log] == ["files-not-looked-after"]
+
+
 @pytest.mark.parametrize("call", ["mkdir", "rename"])
 def test_a_disk_that_becomes_read_only_costs_no_loss(store, runner, stop, queue, monkeypatch, call):
     def refuse(*_, **__):
@@ -105,6 +115,46 @@ def test_a_folder_that_goes_before_a_result_is_checked_costs_no_loss(store, runn
     folder.rmdir()
     aside.rename(folder)
     assert runner.run_next() is JobState.SUCCEEDED
+
+
+@pytest.mark.parametrize("behaviour", ["miss-its-folder", "miss-its-file"])
+def test_a_folder_that_was_away_for_a_moment_costs_no_loss(store, runner, queue, behaviour):
+    job = queue(behaviour)
+    assert runner.run_next() is JobState.QUEUED
+    waiting = store.jobs.get(job.id)
+    assert (waiting.waiting_for.code, waiting.losses) == ("storage-unavailable", 0)
+    assert runner.run_next() is JobState.SUCCEEDED
+
+
+def test_another_file_that_a_job_misses_is_a_defect(store, runner, queue):
+    job = queue("miss-something-else")
+    assert runner.run_next() is JobState.FAILED
+    assert store.jobs.get(job.id).failure.code == "internal-error"
+
+
+def test_a_folder_that_goes_under_the_supervisor_costs_no_loss(store, runner, queue, monkeypatch):
+    job = queue("succeed")
+    with monkeypatch.context() as patched:
+        patched.setattr("sawmill_worker.execution.runner._Supervision._begin", lambda *_: Path("/mill/is/away").stat())
+        assert runner.run_next() is JobState.QUEUED
+    assert store.jobs.get(job.id).losses == 0
+    assert runner.run_next() is JobState.SUCCEEDED
+
+
+def test_a_read_only_disk_is_said_once_while_a_result_waits_for_it(store, runner, stop, queue, monkeypatch):
+    def refuse(*_, **__):
+        nonlocal asked
+        asked += 1
+        if asked == 3:
+            stop.set()
+        raise OSError(errno.EROFS, os.strerror(errno.EROFS), "/mill")
+
+    job, asked = queue("succeed"), 0
+    with capture_logs() as log, monkeypatch.context() as patched:
+        patched.setattr("pathlib.Path.rename", refuse)
+        assert runner.run_next() is JobState.QUEUED
+    assert (asked >= 3, [entry["event"] for entry in log].count("end-put-off")) == (True, 1)
+    assert store.jobs.get(job.id).losses == 0
 
 
 def stopping(succeed, stop):

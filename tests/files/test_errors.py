@@ -1,8 +1,7 @@
-import errno
-
 import pytest
 
 from sawmill_worker.files.errors import UnreadableScan, library_errors_translated, quoted
+from sawmill_worker.whole_files import DISK_AWAY
 
 
 def test_a_librarys_complaint_becomes_one_sentence_with_its_cause():
@@ -14,7 +13,10 @@ def test_a_librarys_complaint_becomes_one_sentence_with_its_cause():
     assert refusal.value.__cause__ is cause
 
 
-@pytest.mark.parametrize("trouble", [MemoryError(), OSError(errno.EIO, "bad disk"), OSError(errno.ESTALE, "gone")])
+TROUBLES = [MemoryError(), *(OSError(number, "gone") for number in sorted(DISK_AWAY))]
+
+
+@pytest.mark.parametrize("trouble", TROUBLES)
 def test_the_machines_troubles_are_not_the_files(trouble):
     with pytest.raises(type(trouble)) as raised, library_errors_translated("NPY"):
         raise trouble

@@ -10,7 +10,8 @@ import shutil
 import socket
 import threading
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import BinaryIO
@@ -37,6 +38,7 @@ from sawmill_worker.execution.protocol import (
 from sawmill_worker.execution.settings import ExecutionSettings
 from sawmill_worker.execution.threading_layer import load
 from sawmill_worker.jobs.running import Attempt, make_ready, needs_of, run, warm_up
+from sawmill_worker.storage.errors import FolderUnavailable
 from sawmill_worker.storage.files import flush_tree, work_of
 from sawmill_worker.storage.software import software
 from sawmill_worker.use_cases.failures import JobFailure
@@ -71,7 +73,9 @@ def _attempt(channel: BinaryIO, settings: ExecutionSettings) -> None:
     if line:
         assignment = Assignment.model_validate_json(line)
         with about_attempt(assignment.job):
-            answer, error = _answer(partial(_run, _attempt_at(assignment, channel), settings, supervisor, channel))
+            attempt = _attempt_at(assignment, channel)
+            work = _gone_files_are_outages(attempt)(partial(_run, attempt, settings, supervisor, channel))
+            answer, error = _answer(work)
             measured = answer.model_copy(update={"peak_memory_bytes": peak_memory_bytes()})
             channel.write(to_line(measured))  # before it is logged: a log that cannot be written must not take it away
             _log(answer, error)
@@ -102,6 +106,29 @@ def _answer(work: Callable[[], dict[str, object]]) -> tuple[Succeeded | Failed, 
     except Exception as error:  # noqa: BLE001 - `_log` logs it once the answer is out
         failure = failure_of(error)
         return Failed(failure=failure), error if failure.kind is FailureKind.INTERNAL else None
+
+
+@contextmanager
+def _gone_files_are_outages(attempt: Attempt) -> Iterator[None]:
+    """Raise `FolderUnavailable` where the block failed because a file of the attempt's was not in its place.
+
+    Whatever the libraries made of that: when the supervisor looks, a data folder that was away is perhaps back.
+    """
+    try:
+        yield
+    except Exception as error:
+        ours = [str(path) for path in (attempt.output, attempt.given.file) if path is not None]
+        for cause in _with_causes(error):
+            if isinstance(cause, FileNotFoundError) and any(path in str(cause) for path in ours):
+                msg = "the data folder was away, or lacks a file of the job's: the attempt was given up; look at "
+                raise FolderUnavailable(f"{msg}its disk or mount in the system's log") from error
+        raise
+
+
+def _with_causes(error: BaseException | None) -> Iterator[BaseException]:
+    while error is not None:
+        yield error
+        error = error.__cause__ or error.__context__
 
 
 def _log(answer: Succeeded | Failed, error: Exception | None) -> None:

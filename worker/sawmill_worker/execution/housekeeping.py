@@ -78,9 +78,10 @@ class Housekeeping:
                 duty()
 
     def _folder_is_ours(self) -> bool:
-        """Whether files may be looked at and removed: in another folder all would be leftovers; said once if not."""
+        """Whether files may be looked at and removed: in another folder all would be leftovers. Said once if not."""
         try:
             self._store.check_folder()
+            self._store.files.check_writable()
         except (StorageUnavailable, OSError) as error:
             if not self._folder_is_away:
                 structlog.get_logger().warning("files-not-looked-after", reason=str(error))

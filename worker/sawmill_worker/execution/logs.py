@@ -59,7 +59,7 @@ def going_on(event: str, **details: object) -> Iterator[None]:
         yield
     except Exception as error:  # noqa: BLE001 - the next round comes whatever happens in this one
         with suppress(Exception):  # out of memory, say: then there is nothing left to say it with
-            outage = outage_of(error, event) if isinstance(error, OSError) else error
+            outage = outage_of(error, "the work") if isinstance(error, OSError) else error
             if isinstance(outage, StorageFull | StorageUnavailable):
                 structlog.get_logger().warning(event, reason=str(outage), **details)
             else:

@@ -197,7 +197,8 @@ class Runner:
             state: JobState | None = None
             try:
                 try:
-                    state = self._attempt(claim, process)
+                    with disk_outage_reported("an attempt"):  # wherever it was; else the job would wait for its lease
+                        state = self._attempt(claim, process)
                 except (StorageFull, StorageUnavailable) as error:
                     state = self._put_off(claim, failure_of(error))
             except LeaseLost:
@@ -225,11 +226,12 @@ class Runner:
         JobState or None
             None when this worker had to stop before: the job is left to its lease.
         """
+        said = ""
         while True:
             try:
                 return self._store.jobs.fail(claim, outage, retries=self._settings.retries)
             except (StorageFull, StorageUnavailable) as error:
-                structlog.get_logger().warning("end-put-off", reason=str(error))
+                said = _say_once("end-put-off", error, said)
                 if self._stop.wait(self._settings.housekeeping_s):
                     return None
 
@@ -332,6 +334,7 @@ class _Supervision:
 
     def _publish(self, answer: Succeeded, output: Path) -> None:
         """Publish as soon as the database answers: what was computed is not computed again for an outage."""
+        said = ""
         while True:
             try:
                 self._store.jobs.succeed(
@@ -344,7 +347,7 @@ class _Supervision:
                 # Without its folder it was published, and the row's commit failed: the job is run again.
                 if not output.exists() or self._stop.is_set():
                     raise
-                structlog.get_logger().warning("end-put-off", reason=str(error))
+                said = _say_once("end-put-off", error, said)
                 self._stop.wait(self._settings.housekeeping_s)
                 if self._cancellation_came_in():
                     raise
@@ -475,6 +478,13 @@ class _Supervision:
         if self._give_back_at is None:
             self._give_back_at = time.monotonic() + self._settings.stop_grace_s
         return time.monotonic() >= self._give_back_at
+
+
+def _say_once(event: str, error: Exception, said: str) -> str:
+    """Log the reason for what waits, unless it was said last; return what was said last now."""
+    if str(error) != said:
+        structlog.get_logger().warning(event, reason=str(error))
+    return str(error)
 
 
 def _invalid_result(what: str) -> Failure:

@@ -16,6 +16,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from sawmill_worker.whole_files import DISK_AWAY, DISK_FULL
+
 LONGEST_QUOTE = 200
 # Of a sentence that lists what a file holds, its beginning and its end; the end says what to do.
 LONGEST_SENTENCE, SENTENCE_END = 1000, 250
@@ -25,19 +27,8 @@ OF_NO_USE = ("pickle", " object at 0x")  # no advice to trust a file, no address
 FULL_PATH = re.compile(r"(?<![\w.])(?:/[^\s/'\":;,()]+){2,}")
 
 # The machine's troubles, not the file's: another attempt may do better.
-MACHINE_ERRORS = frozenset(
-    {
-        errno.EACCES,
-        errno.EFBIG,
-        errno.EIO,
-        errno.EMFILE,
-        errno.ENFILE,
-        errno.ENOMEM,
-        errno.ENOSPC,
-        errno.EPERM,
-        errno.ESTALE,
-        errno.ETIMEDOUT,
-    }
+MACHINE_ERRORS = (
+    DISK_FULL | DISK_AWAY | {errno.EACCES, errno.EFBIG, errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.EPERM}
 )
 
 
