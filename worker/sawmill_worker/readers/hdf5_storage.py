@@ -1,11 +1,12 @@
 """What is decided of a dataset from how it is stored, before the library reads, allocates or unpacks anything of it."""
 
 import math
+import sys
 
 import h5py
 
 from sawmill_worker.files.errors import UnreadableScan, quoted
-from sawmill_worker.readers.arrays import Bounds, check_number_type, check_size
+from sawmill_worker.readers.arrays import HARMLESS_BYTES, LARGEST_RATIO, Bounds, check_number_type, check_size
 from sawmill_worker.readers.unpacking import check_packed
 
 # Filters of the library itself and of h5py; any other would be looked for as a plug-in on this machine.
@@ -44,6 +45,11 @@ def check_dataset(where: str, dataset: h5py.Dataset, bounds: Bounds) -> None:
 def _stored_bytes(where: str, dataset: h5py.Dataset, bounds: Bounds) -> int:
     if bounds.linked is not None and _is_elsewhere(dataset):
         return bounds.linked.stored_bytes(where, dataset, bounds)
+    return _bytes_in_file(dataset)
+
+
+def _bytes_in_file(dataset: h5py.Dataset) -> int:
+    """Count what is stored of a dataset; chunks that share their place take no more than the file has."""
     return int(min(dataset.id.get_storage_size(), dataset.file.id.get_filesize()))
 
 
@@ -52,7 +58,7 @@ def _is_elsewhere(dataset: h5py.Dataset) -> bool:
 
 
 def check_chunks(where: str, dataset: h5py.Dataset) -> None:
-    """Refuse a dataset of which chunks are missing, or stored in more bytes than they declare.
+    """Refuse a dataset of which chunks are missing, stored in more bytes than they declare, or far larger than it.
 
     To how many bytes they unpack is found when they are read (`files.hdf5_chunks`).
     """
@@ -64,18 +70,35 @@ def check_chunks(where: str, dataset: h5py.Dataset) -> None:
             "truncated-file",
             f"{where} was written in part: {stored.count} of its {declared} chunks; export the file again",
         )
-    check_packed(f"a chunk of {where}", stored.largest, math.prod(dataset.chunks) * dataset.dtype.itemsize)
+    chunk_bytes = math.prod(dataset.chunks) * dataset.id.get_type().get_size()
+    what = f"a chunk of {where}"
+    if dataset.id.get_create_plist().get_nfilters():
+        check_packed(what, stored.largest, chunk_bytes)
+    elif {stored.least, stored.largest} != {chunk_bytes}:
+        # Without filters the library takes a chunk for as long as it declares, and reads what is stored.
+        code, stores = ("truncated-file", stored.least) if stored.least < chunk_bytes else ("too-large", stored.largest)
+        raise UnreadableScan(
+            code, f"{what} declares {chunk_bytes} bytes of data and the file stores {stores} for them; export it again"
+        )
+    if stored.count * chunk_bytes > max(HARMLESS_BYTES, LARGEST_RATIO * _bytes_in_file(dataset)):
+        raise UnreadableScan(
+            "too-large",
+            f"the chunks of {where} unpack to {stored.count * chunk_bytes} bytes while the file stores only "
+            f"{_bytes_in_file(dataset)} of them; above {HARMLESS_BYTES >> 20} MiB it may be at most {LARGEST_RATIO} "
+            "times as many: store it in smaller chunks",
+        )
 
 
 class _Chunks:
-    """The number of stored chunks, and the largest of them in bytes."""
+    """The number of stored chunks, and the least and the largest of them in bytes."""
 
     def __init__(self) -> None:
         self.count = self.largest = 0
+        self.least = sys.maxsize
 
     def add(self, chunk: h5py.h5d.StoreInfo) -> None:
         self.count += 1
-        self.largest = max(self.largest, chunk.size)
+        self.largest, self.least = max(self.largest, chunk.size), min(self.least, chunk.size)
 
 
 def _filters(dataset: h5py.Dataset) -> list[tuple[int, bytes]]:
