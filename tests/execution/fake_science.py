@@ -365,6 +365,10 @@ def never_end_its_line(attempt: Attempt) -> dict[str, Any]:
     return hang(attempt)
 
 
+def say_too_much(_: Attempt) -> dict[str, Any]:
+    raise JobFailure(FailureKind.INPUT, "angles-missing", "the file carries no angles" * 2**12)
+
+
 def answer_nonsense(_: Attempt) -> dict[str, Any]:
     return {"format": "NPZ", "surprise": 1}
 
@@ -404,6 +408,7 @@ BEHAVIOURS = {
         miss_something_else,
         break_off,
         never_end_its_line,
+        say_too_much,
         burn,
         write_much,
         share_memory,

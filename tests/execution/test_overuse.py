@@ -2,6 +2,10 @@
 
 import mmap
 import os
+import subprocess
+import sys
+import time
+from pathlib import Path
 
 import pytest
 
@@ -11,6 +15,22 @@ from sawmill_worker.execution.protocol import Begun
 from sawmill_worker.storage.errors import FolderUnavailable, StorageFull
 
 MIB = 2**20
+FIRST_THREAD_ENDS = """
+import ctypes, mmap, os, threading, time
+
+def take():
+    shared = mmap.mmap(-1, 2**25)
+    shared.write(bytes(2**25))
+    file = open("scratch", "wb")
+    file.write(bytes(2**21))
+    file.flush()
+    os.unlink("scratch")
+    print("taken", flush=True)
+    time.sleep(600)
+
+threading.Thread(target=take).start()
+ctypes.CDLL(None).pthread_exit(None)
+"""
 
 
 @pytest.fixture
@@ -43,6 +63,45 @@ def test_a_file_counts_that_is_open_and_has_no_name(tmp_path, looked_at):
         (tmp_path / "scratch").unlink()
         assert looked_at().code == "file-too-large"
     assert looked_at() is None
+
+
+def test_a_removed_file_may_not_stay_mapped(tmp_path, looked_at):
+    with (tmp_path / "scratch").open("w+b") as file:
+        file.write(bytes(MIB * 3 // 4))
+        file.flush()
+        mapped = mmap.mmap(file.fileno(), mmap.PAGESIZE)
+        assert looked_at() is None
+        (tmp_path / "scratch").unlink()
+        failure = looked_at()
+    assert (failure.code, failure.detail.split(",")[0]) == (
+        "file-too-large",
+        "the job has removed a file that it still maps",
+    )
+    mapped.close()
+    assert looked_at() is None
+
+
+def test_a_file_with_two_descriptors_counts_once(tmp_path, looked_at):
+    with (tmp_path / "scratch").open("wb") as file:
+        file.write(bytes(MIB * 3 // 4))
+        file.flush()
+        with os.fdopen(os.dup(file.fileno()), "wb"):
+            (tmp_path / "scratch").unlink()
+            assert looked_at() is None
+
+
+def test_a_process_without_its_first_thread_takes_what_the_others_have(tmp_path):
+    """The kernel tells nothing any more of the process by its own number."""
+    with subprocess.Popen([sys.executable, "-c", FIRST_THREAD_ENDS], cwd=tmp_path, stdout=subprocess.PIPE) as process:
+        assert process.stdout.readline()
+        try:
+            while "State:\tZ" not in Path(f"/proc/{process.pid}/status").read_text():
+                time.sleep(0.01)
+            of_memory = overuse(process.pid, tmp_path, Begun(data_bytes=MIB, file_bytes=MIB), reserve_bytes=0)
+            of_disk = overuse(process.pid, tmp_path, Begun(data_bytes=2**40, file_bytes=MIB), reserve_bytes=0)
+        finally:
+            process.kill()
+    assert (of_memory.code, of_disk.code) == ("out-of-memory", "file-too-large")
 
 
 def test_folders_in_folders_are_bounded(tmp_path, looked_at):

@@ -221,7 +221,9 @@ def test_a_result_is_published_once_its_process_is_gone(store, runner, queue, is
     assert noted == [False]
 
 
-@pytest.mark.parametrize("behaviour", ["name-a-file-outside", "keep-a-folder", "break-off", "never-end-its-line"])
+@pytest.mark.parametrize(
+    "behaviour", ["name-a-file-outside", "keep-a-folder", "break-off", "never-end-its-line", "say-too-much"]
+)
 def test_nonsense_ends_its_attempt_and_not_its_worker(store, runner, queue, behaviour):
     job, next_job = queue(behaviour), queue("succeed")
     assert [runner.run_next(), runner.run_next()] == [JobState.FAILED, JobState.SUCCEEDED]

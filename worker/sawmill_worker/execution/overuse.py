@@ -15,6 +15,8 @@ from sawmill_worker.storage.files import checkpoints_of
 
 # Files and folders in the folder of an attempt, and folders in each other: many times what any job writes.
 MOST_FILES, DEEPEST = 10_000, 8
+# Many times what libraries start on all cores; looking at more would keep the supervisor from its heartbeats.
+MOST_THREADS = 2048
 # What an attempt may share or write without being looked at: pages of libraries, the log of a small job.
 SMALL_BYTES = 16 * 2**20
 # The unit of `st_blocks` (stat(2)).
@@ -47,11 +49,20 @@ def overuse(process_id: int | None, output: Path, limits: Begun, *, reserve_byte
     FolderUnavailable
         The attempt's folder is gone, or its disk fails.
     """
-    private, shared = _memory_bytes(process_id)
+    threads = _threads(process_id)
+    if len(threads) > MOST_THREADS:
+        detail = f"the job has {len(threads)} threads, and may have {MOST_THREADS}"
+        return Failure(kind=FailureKind.INPUT, code="out-of-memory", detail=detail)
+    private, shared, mapped = _memory(threads)
     if shared > SMALL_BYTES and private + shared > limits.data_bytes:
         return _too_much("out-of-memory", "private and shared memory", private + shared, limits.data_bytes)
     with disk_outage_reported("looking at a job's files"):
-        return _overuse_of_disk(sum(_removed_and_open(process_id)), output, limits, reserve_bytes)
+        # A page of it that is mapped keeps all of a file.
+        within = f"{output.resolve()}/"
+        if any(line.endswith(" (deleted)") and within in line for line in mapped):
+            detail = "the job has removed a file that it still maps, so that nobody sees how much of the disk it takes"
+            return Failure(kind=FailureKind.INPUT, code="file-too-large", detail=detail)
+        return _overuse_of_disk(_removed_and_open(threads), output, limits, reserve_bytes)
 
 
 def _overuse_of_disk(nameless_bytes: int, output: Path, limits: Begun, reserve_bytes: int) -> Failure | None:
@@ -75,26 +86,38 @@ def _overuse_of_disk(nameless_bytes: int, output: Path, limits: Begun, reserve_b
     return None
 
 
-def _memory_bytes(process_id: int | None) -> tuple[int, int]:
-    """The private memory of a process, as RLIMIT_DATA counts it, and the shared memory, which that leaves out."""
-    try:
-        lines = Path(f"/proc/{process_id}/status").read_text().splitlines()
-    except (FileNotFoundError, ProcessLookupError):  # it has ended
-        return 0, 0
-    status = dict(line.split(":", 1) for line in lines)
-    private, shared = (1024 * int(status.get(name, "0").split()[0]) for name in ("VmData", "RssShmem"))
-    return private, shared
+def _threads(process_id: int | None) -> list[Path]:
+    """What the kernel tells of each thread: of a process whose first thread has ended, the others tell of it."""
+    with suppress(FileNotFoundError, ProcessLookupError):
+        return list(Path(f"/proc/{process_id}/task").iterdir())
+    return []
 
 
-def _removed_and_open(process_id: int | None) -> Iterator[int]:
-    """The bytes of each file that has no name any more and takes its room until it is closed."""
-    # A process that has ended has none; another security module may keep even the process's own user out.
-    with suppress(FileNotFoundError, ProcessLookupError, PermissionError):
-        for descriptor in Path(f"/proc/{process_id}/fd").iterdir():
-            with suppress(FileNotFoundError):
-                file = descriptor.stat()
-                if stat.S_ISREG(file.st_mode) and file.st_nlink == 0:
-                    yield file.st_blocks * BLOCK_BYTES
+def _memory(threads: list[Path]) -> tuple[int, int, list[str]]:
+    """The memory of a process: private, as RLIMIT_DATA counts it, shared, which that leaves out, and what is mapped."""
+    for thread in threads:
+        # A thread that has ended has none; for the rest as in `_removed_and_open`.
+        with suppress(FileNotFoundError, ProcessLookupError, PermissionError):
+            lines = (thread / "status").read_text().splitlines()
+            status = dict(line.split(":", 1) for line in lines)
+            if "VmData" in status:
+                private, shared = (1024 * int(status.get(name, "0").split()[0]) for name in ("VmData", "RssShmem"))
+                return private, shared, (thread / "maps").read_text(errors="surrogateescape").splitlines()
+    return 0, 0, []
+
+
+def _removed_and_open(threads: list[Path]) -> int:
+    """The bytes of the files that have no name any more and take their room until they are closed."""
+    found = {}
+    for thread in threads:  # each may have descriptors of its own
+        # A process that has ended has none; another security module may keep even the process's own user out.
+        with suppress(FileNotFoundError, ProcessLookupError, PermissionError):
+            for descriptor in (thread / "fd").iterdir():
+                with suppress(FileNotFoundError):
+                    file = descriptor.stat()
+                    if stat.S_ISREG(file.st_mode) and file.st_nlink == 0:
+                        found[file.st_dev, file.st_ino] = file.st_blocks * BLOCK_BYTES
+    return sum(found.values())
 
 
 def _below(folder: Path) -> Iterator[tuple[Path, int | None]]:

@@ -17,10 +17,12 @@ from pydantic import ValidationError
 from sawmill_worker.execution.protocol import (
     CHANNEL,
     LONGEST_LINE_BYTES,
+    LONGEST_SENTENCE_BYTES,
     MESSAGE,
     AnyMessage,
     Assignment,
     Ready,
+    Succeeded,
     to_line,
 )
 
@@ -150,9 +152,13 @@ class AttemptProcess:
         *lines, self._unread = self._unread.split(b"\n")
         try:
             # PostgreSQL keeps no text with a NUL, which a stranger's file may have put into a sentence.
-            return [MESSAGE.validate_json(line.replace(rb"\u0000", rb"\ufffd")) for line in lines]
+            messages = [MESSAGE.validate_json(line.replace(rb"\u0000", rb"\ufffd")) for line in lines]
         except ValidationError as error:
             raise AttemptTalksNonsense(str(error)) from error
+        for line, message in zip(lines, messages, strict=True):
+            if len(line) > LONGEST_SENTENCE_BYTES and not isinstance(message, Succeeded):
+                raise AttemptTalksNonsense(f"{len(line)} bytes of {message.kind!r}")
+        return messages
 
     def end(self, grace_s: float) -> int:
         """End it and all it started: asked first, killed after `grace_s`.

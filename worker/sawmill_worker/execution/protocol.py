@@ -2,7 +2,8 @@
 
 Down, on the process's standard input: one `Assignment`; then nothing; its end means that the supervisor is gone.
 Up, on the inherited pipe that the environment variable `CHANNEL` names: `Ready`, then, after the assignment, `Begun`,
-any number of `ProgressMade` and `Kept`, and one `Succeeded` or `Failed`. No line is longer than `LONGEST_LINE_BYTES`.
+any number of `ProgressMade` and `Kept`, and one `Succeeded` or `Failed`. No line is longer than `LONGEST_LINE_BYTES`,
+and none but that of `Succeeded` longer than `LONGEST_SENTENCE_BYTES`.
 Standard output stays free for whoever prints.
 """
 
@@ -19,6 +20,8 @@ from sawmill_worker.vocabulary import Progress
 CHANNEL = "SAWMILL_ATTEMPT_CHANNEL"
 # A hundred times the longest answer of the science.
 LONGEST_LINE_BYTES = 16 * 2**20
+# Of whatever is no answer of the science: sixty times the longest sentence of a refusal.
+LONGEST_SENTENCE_BYTES = 2**16
 
 
 class Assignment(Contract):
