@@ -305,6 +305,21 @@ def test_a_data_folder_that_is_not_the_database_s(found, data, content):
     assert finding["cure"].startswith("mount the folder")
 
 
+def test_an_identity_that_cannot_be_read(found, data):
+    (data / "identity").unlink()
+    (data / "identity").mkdir()
+    finding = found("data folder")
+    assert finding["sentence"].startswith(
+        f"the file 'identity' of the data folder '{data}' cannot be read by this user"
+    )
+
+
+def test_a_data_folder_with_files_and_a_new_database(found, data):
+    (data / "sawmill.db").unlink()
+    (data / "scans" / "old").mkdir(parents=True)
+    assert "has files, and the database is new and knows none of them" in found("database")["sentence"]
+
+
 def test_what_another_user_left(found, data):
     if os.getuid() != 0:
         pytest.skip("only root can give files away")

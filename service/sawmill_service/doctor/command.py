@@ -51,6 +51,8 @@ def _examine(settings: ServiceSettings, storage: StorageSettings, execution: Exe
         yield store.backup(storage.data_folder)
     if storage.is_made or not storage.is_one_file:
         yield from store.database(storage, settings)
+    else:
+        yield from store.files_without_database(storage.data_folder)
 
 
 def _service(settings: ServiceSettings, storage: StorageSettings) -> Iterator[Finding]:

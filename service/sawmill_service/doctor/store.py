@@ -15,6 +15,7 @@ from sawmill_worker.execution.housekeeping import TOLERABLE_S
 from sawmill_worker.storage.backups.newest import newest_backup
 from sawmill_worker.storage.database_report import DatabaseReport
 from sawmill_worker.storage.errors import FolderUnavailable, StorageError, StorageFull, StorageMisconfigured
+from sawmill_worker.storage.folder_identity import refuse_used
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.store import Store
 
@@ -34,6 +35,8 @@ def database(storage: StorageSettings, settings: ServiceSettings) -> Iterator[Fi
     try:
         with closing(Store(storage)) as store:
             report = store.database_report()
+            if report.migration is None:
+                refuse_used(store.files.folder)
             yield _migration(report)
             if report.migration == report.newest_migration:
                 damage = _damage(store)
@@ -55,6 +58,14 @@ def database(storage: StorageSettings, settings: ServiceSettings) -> Iterator[Fi
         yield Finding("database", State.BAD, str(error), cure)
     except StorageError as error:
         yield Finding("database", State.BAD, str(error), "start its server, or end the process that holds it")
+
+
+def files_without_database(folder: Path) -> Iterator[Finding]:
+    """What is wrong with a data folder whose SQLite file would be new."""
+    try:
+        refuse_used(folder)
+    except StorageMisconfigured as error:
+        yield Finding("database", State.BAD, str(error), _RESTORE)
 
 
 def backup(folder: Path) -> Finding:

@@ -426,13 +426,18 @@ def read_identity(folder: Path) -> str | None:
     Raises
     ------
     FolderUnavailable
-        The folder's disk fails.
+        The folder's disk fails, or the file cannot be read.
     """
     with disk_outage_reported("reading its identity"):
         try:
             return (folder / IDENTITY).read_text(errors="replace").strip()
         except (FileNotFoundError, NotADirectoryError):
             return None
+        except (IsADirectoryError, PermissionError) as error:
+            raise FolderUnavailable(
+                f"the file {IDENTITY!r} of the data folder {str(folder)!r} cannot be read by this user "
+                f"({error.strerror}): check its owner"
+            ) from error
 
 
 def is_read_only(folder: Path) -> bool:

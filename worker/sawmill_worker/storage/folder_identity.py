@@ -78,14 +78,20 @@ def settle_identity(connection: Connection, is_new: bool, *, folder: Path, may_b
             f"the data folder {str(folder)!r} is missing, empty or not mounted: it has none of the files that the "
             "database names"
         )
-    if is_new and any(any((folder / name).glob("*")) for name in _USED):
+    if is_new:
+        refuse_used(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    # One that was killed before its commit has left a file.
+    write_identity(connection, folder, read_identity(folder) or uuid4().hex)
+
+
+def refuse_used(folder: Path) -> None:
+    """Refuse a folder with files for a new database, or raise `StorageMisconfigured`."""
+    if any(any((folder / name).glob("*")) for name in _USED):
         raise StorageMisconfigured(
             f"the data folder {str(folder)!r} has files, and the database is new and knows none of them: give the "
             "database that belongs to the folder, or an empty folder"
         )
-    folder.mkdir(parents=True, exist_ok=True)
-    # One that was killed before its commit has left a file.
-    write_identity(connection, folder, read_identity(folder) or uuid4().hex)
 
 
 def write_identity(connection: Connection | Session, folder: Path, identity: str) -> None:
