@@ -57,7 +57,8 @@ def send_in_broken_parts(service: Service, scanner_id: str, breaks: int) -> None
         answer := service.client.patch(path, content=content[known:], headers={"Upload-Offset": str(known)})
     ).status_code == 409:  # what the machine had taken of a cut line came to the service after HEAD
         assert answer.json()["code"] == "wrong-offset", answer.text
-        assert (known := int(answer.headers["Upload-Offset"])) <= cut
+        known = int(answer.headers["Upload-Offset"])
+        assert known <= cut
     assert answer.status_code == 200, answer.text
     assert stored(service, path, scanner_id) == content
     assert list((service.data / "incoming").iterdir()) == []
