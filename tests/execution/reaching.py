@@ -40,6 +40,8 @@ def tries(output: Path) -> Iterator[tuple[str, Callable[[], object]]]:
     yield "change a time", lambda: os.utime(canary)
     yield "send the worker a signal", lambda: os.kill(worker, 0)
     yield "limit the worker", lambda: resource.prlimit(worker, resource.RLIMIT_CPU)
+    yield "slow the worker down", lambda: os.setpriority(os.PRIO_PROCESS, worker, 19)
+    yield "keep the worker to one core", lambda: os.sched_setaffinity(worker, {min(os.sched_getaffinity(0))})
     yield "have a process", os.fork
     yield "have a process that shares the memory", lambda: os.posix_spawn("/bin/true", ["true"], {})
     yield "leave its session", os.setsid

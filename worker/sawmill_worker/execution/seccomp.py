@@ -57,6 +57,12 @@ _CALLS: Mapping[str, tuple[int | None, int | None]] = MappingProxyType(
         "vfork": (58, None),
         "setsid": (112, 157),
         "setpgid": (109, 154),
+        # To slow others of the same user down; its own affinity is among the conditions below.
+        "setpriority": (141, 140),
+        "ioprio_set": (251, 30),
+        "sched_setparam": (142, 118),
+        "sched_setscheduler": (144, 119),
+        "sched_setattr": (314, 274),
         # To change what a file is beside its content.
         "chmod": (90, None),
         "fchmod": (91, 52),
@@ -113,6 +119,7 @@ _CONDITIONS = (
     _Condition((56, 220), JUMP_BIT, CLONE_THREAD, allowed_if=True),  # clone: threads, no processes
     _Condition((157, 167), JUMP_EQUAL, SET_DUMPABLE, allowed_if=False),  # prctl: its supervisor sees its open files
     _Condition((302, 261), JUMP_EQUAL, 0, allowed_if=True),  # prlimit64: its own limits, not the service's
+    _Condition((203, 122), JUMP_EQUAL, 0, allowed_if=True),  # sched_setaffinity: the calling thread's, as TBB does
 )
 # Its flags lie in memory, which no filter reads; where it is not implemented, the C library calls clone.
 _CLONE3 = 435
