@@ -163,6 +163,20 @@ def test_trouble_is_logged_and_the_next_round_comes(store, settings, wait_for, m
     assert [(entry["event"], entry["duty"]) for entry in log] == [("housekeeping-put-off", "take_back_silent")]
 
 
+def test_an_outage_of_all_duties_is_one_line(store, settings, monkeypatch):
+    def away(*_):
+        raise StorageUnavailable("the database does not answer: it was stopped")
+
+    housekeeping = Housekeeping(store, settings, threading.Event())
+    monkeypatch.setattr(store._database, "read", away)
+    monkeypatch.setattr(store._database, "write", away)
+    monkeypatch.setattr(store, "check_folder", away)
+    with capture_logs() as log:
+        for _ in range(5):
+            housekeeping.once()
+    assert [entry["event"] for entry in log] == ["files-not-looked-after", "housekeeping-put-off"]
+
+
 class Away:
     """Jobs of a database that does not answer at first."""
 

@@ -47,6 +47,7 @@ class Housekeeping:
         self._leftovers = store.leftovers(grace_s=settings.leftovers_s)
         self._retention = store.retention_keeper()
         self._clock_is_off = self._folder_is_away = False
+        self._outages_said = set[str]()
         self._seldom_due_s = time.monotonic()
         self._thread = threading.Thread(target=self._loop, name="housekeeping", daemon=True)
 
@@ -59,7 +60,10 @@ class Housekeeping:
         self._thread.join()
 
     def once(self) -> None:
-        """Everything that is due now; what cannot be done does not keep the rest from being done."""
+        """Everything that is due now; what cannot be done does not keep the rest from being done.
+
+        An outage has a line in the log for the first duty that it puts off, once in `SELDOM_S`.
+        """
         duties = [
             self._take_back_silent,
             self._run_due_schedules,
@@ -72,9 +76,10 @@ class Housekeeping:
             duties += [self._remove_uploads, self._retire, self._remove_leftovers]
         if (now_s := time.monotonic()) >= self._seldom_due_s:
             self._seldom_due_s = now_s + SELDOM_S
+            self._outages_said.clear()
             duties += [self._check_alarms, self._store.webhooks.forget_deliveries]
         for duty in duties:
-            with going_on("housekeeping-put-off", duty=duty.__name__.strip("_")):  # nobody else does these duties
+            with going_on("housekeeping-put-off", said=self._outages_said, duty=duty.__name__.strip("_")):
                 duty()
 
     def _folder_is_ours(self) -> bool:

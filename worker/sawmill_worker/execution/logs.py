@@ -53,15 +53,28 @@ def about_attempt(job: Job) -> Iterator[None]:
 
 
 @contextmanager
-def going_on(event: str, **details: object) -> Iterator[None]:
-    """Log whatever the block raises, an outage in one line, and go on: for a thread that nobody would start again."""
+def going_on(event: str, *, said: set[str] | None = None, **details: object) -> Iterator[None]:
+    """Log whatever the block raises, an outage in one line, and go on: for a thread that nobody would start again.
+
+    Parameters
+    ----------
+    event
+        Its name in the log.
+    said
+        The caller's, of outages that need no further line; this one is put in.
+    details
+        Beside the reason.
+    """
     try:
         yield
     except Exception as error:  # noqa: BLE001 - the next round comes whatever happens in this one
         with suppress(Exception):  # out of memory, say: then there is nothing left to say it with
             outage = outage_of(error, "the work") if isinstance(error, OSError) else error
             if isinstance(outage, StorageFull | StorageUnavailable):
-                structlog.get_logger().warning(event, reason=str(outage), **details)
+                if said is None or str(outage) not in said:
+                    structlog.get_logger().warning(event, reason=str(outage), **details)
+                if said is not None:
+                    said.add(str(outage))
             else:
                 structlog.get_logger().exception(event, **details)
 
