@@ -10,6 +10,7 @@ from sawmill_worker.execution.poller import _listen_to_parent, report_to_parent,
 from sawmill_worker.execution.settings import ExecutionSettings
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.store import Store
+from sawmill_worker.storage.turns import ANY, Selection
 
 stop, wake = threading.Event(), threading.Event()
 signal.signal(signal.SIGTERM, lambda *_: (stop.set(), wake.set()))
@@ -25,6 +26,6 @@ run_worker(
     command=command,
     wake=wake,
     on_able=report_to_parent,
-    short_only=short_only,
+    selection=Selection(short=True) if short_only else ANY,
     idle_s=idle_s,
 )

@@ -12,6 +12,7 @@ from sawmill_worker.storage.database import Database
 from sawmill_worker.storage.engines import make_engine
 from sawmill_worker.storage.store import Store
 from sawmill_worker.storage.tables import JobRow
+from sawmill_worker.storage.turns import Selection
 from sawmill_worker.vocabulary import CalibrationMethod, Progress
 
 
@@ -73,8 +74,8 @@ def test_a_list_takes_as_many_statements_whatever_its_length(store, add):
     statements = []
     event.listen(store._database.engine, "before_cursor_execute", lambda *given: statements.append(given[2]))
     assert len(store.jobs.page(limit=200).items) == 190
-    # One each for the page, what runs, what is before the first, and the rest; how long jobs took is known by now.
-    assert sum(statement.startswith(("SELECT", "WITH")) for statement in statements) == 4
+    # The page, what runs, and in each lane what waits and whose turn it is; how long jobs took is known by now.
+    assert sum(statement.startswith(("SELECT", "WITH")) for statement in statements) == 6
 
 
 def test_the_time_left_adds_up_what_runs_and_what_stands_before(store, add, clock):
@@ -120,9 +121,9 @@ def test_short_jobs_can_be_claimed_alone(store, add):
     add(1, JobKind.RECONSTRUCT)
     add(1, JobKind.PLAN, short=True, priority=Priority.BACKGROUND)
     assert len(store.jobs.queued_job_ids(short=True)) == 1
-    taken = store.jobs.claim("test", short=True)
+    taken = store.jobs.claim("test", Selection(short=True))
     assert (taken.job.kind, taken.job.short, taken.job.background) == (JobKind.PLAN, True, True)
-    assert store.jobs.claim("test", short=True) is None
+    assert store.jobs.claim("test", Selection(short=True)) is None
     # A long job that waits is no reason to give a short lane's worker back.
     assert not store.jobs.is_in_the_way(taken)
     store.jobs.release(taken)

@@ -27,6 +27,7 @@ from sawmill_worker.commands.terminal import answering, print_json, say, showing
 from sawmill_worker.contracts.calibrations import CalibrationFile, CalibrationOptions
 from sawmill_worker.contracts.drifts import DriftOptions
 from sawmill_worker.contracts.geometry import ScannerConstants
+from sawmill_worker.contracts.jobs import JobKind
 from sawmill_worker.contracts.plans import PlanOptions
 from sawmill_worker.contracts.reconstructions import ReconstructionAsk, ReconstructionOptions
 from sawmill_worker.contracts.scanners import ScannerSpec, Tolerances
@@ -460,16 +461,33 @@ def worker(
     data: Annotated[
         Path | None, typer.Option("--data", help="Data folder; SAWMILL_DATA_FOLDER or the default otherwise.")
     ] = None,
+    kinds: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="KIND,...",
+            callback=shared.job_kinds,
+            help=f"Take jobs of these kinds alone: {', '.join(JobKind)}. May be repeated. All by default.",
+        ),
+    ] = None,
+    scanners: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="SCANNER,...",
+            callback=shared.listed,
+            help="Take jobs of these scanners alone, by id or name, the id where the name has a comma. May be "
+            "repeated. By default those of all, and those of none.",
+        ),
+    ] = None,
 ) -> None:
     """Run one embedded worker beside a service that uses the same data folder."""
-    from sawmill_worker.execution.poller import main
+    from sawmill_worker.execution.poller import run
     from sawmill_worker.execution.variables import WrongVariableError, variables_checked
 
     if data is not None:
         os.environ["SAWMILL_DATA_FOLDER"] = str(data)
     try:
         with variables_checked():
-            main([])
+            run(kinds=kinds or (), scanners=scanners or ())
     except WrongVariableError as error:
         raise typer.BadParameter(str(error)) from error
 

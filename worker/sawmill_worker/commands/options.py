@@ -16,6 +16,7 @@ from sawmill_worker.commands.from_contract import OUT_OF_BOUNDS, Flags, field_na
 from sawmill_worker.contracts.base import Contract
 from sawmill_worker.contracts.built_in import BUILT_IN_PHANTOMS
 from sawmill_worker.contracts.geometry import GivenTheta, ScannerConstants
+from sawmill_worker.contracts.jobs import JobKind
 from sawmill_worker.contracts.phantoms import PhantomPicture
 from sawmill_worker.contracts.scans import ScanFileOptions, UnregisteredScanOptions
 from sawmill_worker.files.errors import UnreadableScan
@@ -185,6 +186,20 @@ def _numbers(
             first["input"] = written[name]
             raise typer.BadParameter(f"{name} {sentence(first, contract)}.") from error
         raise typer.BadParameter(f"must be {form}, not {text!r}.") from error
+
+
+def listed(texts: list[str] | None) -> list[str]:
+    """Split what is given with commas between (a callback of Typer's)."""
+    return [part.strip() for text in texts or () for part in text.split(",")]
+
+
+def job_kinds(texts: list[str] | None) -> list[str]:
+    """Split kinds of jobs, and refuse what is none (a callback of Typer's)."""
+    kinds = listed(texts)
+    for kind in kinds:
+        if kind not in set(JobKind):
+            raise typer.BadParameter(f"{kind!r} is no kind of job: {', '.join(JobKind)}.")
+    return kinds
 
 
 def one_number(text: str) -> float:

@@ -35,6 +35,7 @@ from sawmill_worker.execution.variables import WrongVariableError, variables_che
 from sawmill_worker.storage.errors import StorageError, StorageFull, StorageUnavailable
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.store import Store
+from sawmill_worker.storage.turns import Selection
 
 RUN_JOB = "sawmill.run_job"
 _QUEUE = "sawmill"
@@ -226,7 +227,7 @@ class _Engine:
     def run_job(self, _job_id: str, short: bool | None = None) -> None:  # noqa: FBT001 - Celery's argument
         """Run the job whose turn it is in a lane: the queue's order is the database's, not that of the messages."""
         try:
-            self._runner.run_next(short=short)
+            self._runner.run_next(Selection(short=short))
         except (StorageFull, StorageUnavailable) as error:
             self._runner.log_put_off(error)
             return

@@ -6,9 +6,10 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from contextlib import closing, suppress
 
+from sawmill_worker.contracts.jobs import JobKind
 from sawmill_worker.execution.housekeeping import Housekeeping
 from sawmill_worker.execution.logs import configure_logs
 from sawmill_worker.execution.opening import open_store
@@ -18,6 +19,7 @@ from sawmill_worker.execution.settings import ExecutionSettings
 from sawmill_worker.storage.errors import StorageError, StorageFull, StorageUnavailable
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.store import Store
+from sawmill_worker.storage.turns import ANY, Selection
 
 # Of the short lane: its memory is worth keeping while somebody works at a scan, and no longer.
 SHORT_IDLE_S = 60.0
@@ -31,7 +33,7 @@ def run_worker(
     command: Sequence[str] = ATTEMPT_COMMAND,
     wake: threading.Event | None = None,
     on_able: Callable[[], None] = lambda: None,
-    short_only: bool = False,
+    selection: Selection = ANY,
     idle_s: float = math.inf,
 ) -> None:
     """Claim and run jobs until `stop` is set; a job that is running then is finished or given back.
@@ -42,8 +44,8 @@ def run_worker(
         Set by whoever knows of a new job, or has set `stop`: an idle worker then looks before its time.
     on_able
         As for `Runner`.
-    short_only
-        Leave long jobs to other workers.
+    selection
+        Which jobs it takes; the others are left to other workers.
     idle_s
         End after so long without a job.
 
@@ -61,7 +63,7 @@ def run_worker(
         while not stop.is_set() and time.monotonic() - worked_at < idle_s:
             wake.clear()
             try:
-                idle = runner.run_next(short=short_only or None) is None
+                idle = runner.run_next(selection) is None
             except (StorageFull, StorageUnavailable, AttemptNotStarted, OSError) as error:
                 if isinstance(error, AttemptNotStarted) and not runner.able:
                     raise
@@ -89,24 +91,57 @@ def main(arguments: Sequence[str] | None = None) -> None:
         "--short", action="store_true", help=f"take short jobs only, and end after {SHORT_IDLE_S:g} s without any"
     )
     options = parser.parse_args(arguments)
+    run(watch_parent=options.watch_parent, short_only=options.short)
+
+
+def run(
+    *,
+    watch_parent: bool = False,
+    short_only: bool = False,
+    kinds: Collection[str] = (),
+    scanners: Collection[str] = (),
+) -> None:
+    """Run one embedded worker, set up by the environment.
+
+    Parameters
+    ----------
+    watch_parent
+        Look for a job at each byte on standard input, and stop at its end.
+    short_only
+        Take short jobs only, and end after `SHORT_IDLE_S` without any.
+    kinds
+        Take jobs of these kinds only; empty: of all.
+    scanners
+        Take jobs of these scanners only, ids or names; empty: of all, and those of no scanner.
+
+    Raises
+    ------
+    SystemExit
+        The worker cannot start, in one sentence.
+    """
     settings = ExecutionSettings()
     configure_logs(settings.log_format)
     stop, wake = threading.Event(), threading.Event()
     _end_on_signals(stop, wake)
-    if options.watch_parent:
+    if watch_parent:
         threading.Thread(target=_listen_to_parent, args=(stop, wake), daemon=True).start()
     try:
         store = open_store(StorageSettings(), stop, may_begin=False)
         if store is not None:
             with closing(store):
+                selection = Selection(
+                    short=True if short_only else None,
+                    kinds=frozenset(kind for kind in JobKind if kind in kinds) or None,
+                    group_ids=frozenset(store.scanners.ids_of(scanners)) or None,
+                )
                 run_worker(
                     store,
                     settings,
                     stop,
                     wake=wake,
-                    on_able=report_to_parent if options.watch_parent else lambda: None,
-                    short_only=options.short,
-                    idle_s=SHORT_IDLE_S if options.short else math.inf,
+                    on_able=report_to_parent if watch_parent else lambda: None,
+                    selection=selection,
+                    idle_s=SHORT_IDLE_S if short_only else math.inf,
                 )
     except (StorageError, AttemptNotStarted, OSError) as error:
         raise SystemExit(f"this worker cannot start: {error}") from error

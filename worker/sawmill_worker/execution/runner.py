@@ -41,6 +41,7 @@ from sawmill_worker.storage.jobs import Claim
 from sawmill_worker.storage.noted_digests import note_digests
 from sawmill_worker.storage.outputs import check_output
 from sawmill_worker.storage.store import Store
+from sawmill_worker.storage.turns import ANY, Selection
 from sawmill_worker.vocabulary import Progress
 
 # What a library may have failed to write at once, and so what a full disk may have left free.
@@ -95,13 +96,13 @@ class Runner:
         self.able = False
         self._put_off_for = ""
 
-    def run_next(self, *, short: bool | None = None) -> JobState | None:
+    def run_next(self, selection: Selection = ANY) -> JobState | None:
         """Claim the job whose turn it is and run it to the end of the attempt.
 
         Parameters
         ----------
-        short
-            A short job only, or a long one only; null: any.
+        selection
+            Which jobs it takes.
 
         Returns
         -------
@@ -122,7 +123,7 @@ class Runner:
             return None
         process = self._take_ready()
         try:
-            claim = self._store.jobs.claim(self.name, short=short)
+            claim = self._store.jobs.claim(self.name, selection)
         except BaseException:
             self._keep(process)
             raise

@@ -1,13 +1,14 @@
 """The job store: claims, leases, ends (docs/architecture.md#jobs).
 
-A claim is one conditional UPDATE. The attempt number fences: whatever an attempt reports counts only while
-the row is still running that attempt. Losses are counted apart from it, for a worker that stops cleanly loses nothing.
+A claim is one conditional UPDATE of the job whose turn it is (`turns`). The attempt number fences: whatever an attempt
+reports counts only while the row is still running that attempt. Losses are counted apart from it, for a worker that
+stops cleanly loses nothing.
 """
 
 import random
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime, timedelta
 from functools import partial
 from pathlib import Path
@@ -32,7 +33,8 @@ from sawmill_worker.storage.paging import found, narrowed, rows_of_page
 from sawmill_worker.storage.retries import LONGEST_WAIT_S, Retries
 from sawmill_worker.storage.subjects import checked_result, record_end_without_result, record_success
 from sawmill_worker.storage.tables import JobDependencyRow, JobRow, Json
-from sawmill_worker.storage.wait_estimate import NOTHING_KNOWN, ORDER, WaitEstimate, WaitEstimates
+from sawmill_worker.storage.turns import ANY, QUEUED, Selection, note_served, places, turns
+from sawmill_worker.storage.wait_estimate import FIRST_COME, NOTHING_KNOWN, WaitEstimate, WaitEstimates
 from sawmill_worker.vocabulary import Progress
 
 _JITTER = 0.25  # what failed together is not tried again together
@@ -62,12 +64,12 @@ class Claim:
     ----------
     job : Job
         As it was claimed.
-    short_only : bool
-        Whoever claimed it would have taken no long one.
+    selection : Selection
+        Which jobs the worker that claimed it takes.
     """
 
     job: Job
-    short_only: bool = False
+    selection: Selection = ANY
 
     @property
     def job_id(self) -> str:
@@ -109,9 +111,10 @@ class Jobs:
 
     def waiting_in_line(self, *, kind: JobKind | None = None, limit: int = 50) -> list[Job]:
         """Queued jobs, those first whose turn is next."""
-        queued = narrowed(select(JobRow), {JobRow.state: JobState.QUEUED, JobRow.kind: kind})
         with self._database.read() as session:
-            return self._described(session, session.scalars(queued.order_by(*ORDER).limit(limit)).all())
+            first = [place.job_id for place in places(session) if kind in {None, place.kind}][:limit]
+            rows = {row.id: row for row in session.scalars(select(JobRow).where(JobRow.id.in_(first)))}
+            return self._described(session, [rows[job_id] for job_id in first])
 
     def ended_page(self, *, kind: JobKind | None = None, after: str | None = None, limit: int = 50) -> Page[Job]:
         """Jobs that have ended however they did, those asked for last first."""
@@ -151,15 +154,17 @@ class Jobs:
             session.flush()
             return self._described(session, [row])[0]
 
-    def claim(self, worker: str, *, short: bool | None = None) -> Claim | None:
-        """Take the job whose turn it is: of those that could start and come first by priority, the oldest.
+    def claim(self, worker: str, selection: Selection = ANY) -> Claim | None:
+        """Take the job whose turn it is: of those that could start and come first by priority, the oldest of its group.
+
+        Of several groups the one that was served longest ago has its turn.
 
         Parameters
         ----------
         worker
             Who takes it, for people to read.
-        short
-            Take a short job or none, or a long one or none; null: any.
+        selection
+            Which jobs it takes.
 
         Returns
         -------
@@ -177,31 +182,34 @@ class Jobs:
         if identity is not None:
             self._files.check_writable()
         now = self._database.now()
-        ready = _claimable(now, short=short).with_only_columns(JobRow.id).order_by(*ORDER).limit(1)
-        with self._database.write() as session:
-            claimed = session.scalar(
-                update(JobRow)
-                .where(JobRow.id == ready.with_for_update(skip_locked=True).scalar_subquery())
-                .where(JobRow.state == JobState.QUEUED, database_expects(identity))
-                .values(
-                    state=JobState.RUNNING,
-                    attempt=JobRow.attempt + 1,
-                    worker=worker,
-                    beats=0,
-                    not_before_s=None,
-                    waiting_for=None,
-                    started_at=now,
-                    progress=None,
-                )
-                .returning(JobRow.id)
-                .execution_options(synchronize_session=False)
+        ready = _claimable(now, selection).with_only_columns(JobRow.id).order_by(JobRow.created_at, JobRow.id).limit(1)
+        taken = (
+            update(JobRow)
+            .where(QUEUED, database_expects(identity))
+            .values(
+                state=JobState.RUNNING,
+                attempt=JobRow.attempt + 1,
+                worker=worker,
+                beats=0,
+                not_before_s=None,
+                waiting_for=None,
+                started_at=now,
+                progress=None,
             )
-            if claimed is None:
-                check_identity(session, self._files.folder)
-                return None
-            row = found(session, JobRow, "job", claimed)
-            record(session, now, EventKind.STARTED, row)
-            return Claim(read_job(row), short_only=short is True)
+            .returning(JobRow.id)
+            .execution_options(synchronize_session=False)
+        )
+        with self._database.write() as session:
+            for turn in turns(session, selection):
+                oldest = ready.where(*turn.conditions()).with_for_update(skip_locked=True)
+                claimed = session.scalar(taken.where(JobRow.id == oldest.scalar_subquery()))
+                if claimed is not None:
+                    note_served(session, selection, turn)
+                    row = found(session, JobRow, "job", claimed)
+                    record(session, now, EventKind.STARTED, row)
+                    return Claim(read_job(row), selection)
+            check_identity(session, self._files.folder)
+            return None
 
     def heartbeat(self, claim: Claim, progress: Progress | None = None) -> bool:
         """Say that the attempt is alive, and carry progress out.
@@ -406,9 +414,9 @@ class Jobs:
         """Jobs that could have started that long ago, first come first: their wake-up may be lost."""
         since = self._database.now() - timedelta(seconds=older_than_s)
         # Not the column itself, by which SQLite would find them and then sort them all.
-        ready = _claimable(since, short=short).where(func.coalesce(JobRow.created_at, since) <= since)
+        ready = _claimable(since, Selection(short=short)).where(func.coalesce(JobRow.created_at, since) <= since)
         with self._database.read() as session:
-            return session.scalars(ready.with_only_columns(JobRow.id).order_by(*ORDER).limit(limit)).all()
+            return session.scalars(ready.with_only_columns(JobRow.id).order_by(*FIRST_COME).limit(limit)).all()
 
     def is_short(self, job_id: str) -> bool:
         """Whether there is such a job, and it takes seconds."""
@@ -419,16 +427,17 @@ class Jobs:
         """Whether a short job could start, were it not for long ones that keep all of some workers busy."""
         foreground = JobRow.priority < Priority.BACKGROUND  # others give way, or have time
         long = select(func.count()).where(JobRow.state == JobState.RUNNING, ~JobRow.short, foreground)
-        waiting = _claimable(self._database.now(), short=True).where(foreground).with_only_columns(JobRow.id)
+        waiting = _claimable(self._database.now(), Selection(short=True)).where(foreground).with_only_columns(JobRow.id)
         with self._database.read() as session:
             busy = (session.scalar(long) or 0) >= workers
-            return busy and session.scalar(waiting.order_by(*ORDER).limit(1)) is not None
+            return busy and session.scalar(waiting.limit(1)) is not None
 
     def is_in_the_way(self, claim: Claim) -> bool:
         """Whether an attempt's job is for idle times, as its row stands now, and one could start there that is not."""
         others = JobRow.priority < Priority.BACKGROUND
-        ready = _claimable(self._database.now(), short=claim.short_only or None).with_only_columns(JobRow.id)
-        other = ready.where(others).order_by(*ORDER).limit(1)
+        # Who took a long job now may take a short one next.
+        takes = replace(claim.selection, short=claim.selection.short or None)
+        other = _claimable(self._database.now(), takes).with_only_columns(JobRow.id).where(others).limit(1)
         itself = select(JobRow.id).where(_held_by(claim), ~others)
         with self._database.read() as session:
             return session.scalar(other) is not None and session.scalar(itself) is not None
@@ -504,8 +513,8 @@ class Jobs:
             record_end_without_result(session, row.kind, row.subject_id, reason, row.finished_at)
 
 
-def _claimable(at: datetime, *, short: bool | None = None) -> Select[JobRow]:
-    """The jobs that could start at a time."""
+def _claimable(at: datetime, selection: Selection = ANY) -> Select[JobRow]:
+    """The jobs of a selection that could start at a time."""
     needed = aliased(JobRow)
     unfinished = exists().where(
         JobDependencyRow.job_id == JobRow.id,
@@ -513,8 +522,7 @@ def _claimable(at: datetime, *, short: bool | None = None) -> Select[JobRow]:
         needed.state.not_in(ENDED),
     )
     due = or_(JobRow.not_before_s.is_(None), JobRow.not_before_s <= at.timestamp())
-    ready = select(JobRow).where(JobRow.state == JobState.QUEUED, due, ~unfinished)
-    return ready if short is None else ready.where(JobRow.short == short)
+    return select(JobRow).where(QUEUED, due, ~unfinished, *selection.conditions())
 
 
 def _held_by(attempt: Claim | Pulse) -> ColumnElement[bool]:

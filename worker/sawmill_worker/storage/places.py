@@ -17,7 +17,7 @@ from sawmill_worker.storage.database import Database, lock_files_of
 from sawmill_worker.storage.errors import QueueFull
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.tables import EventRow, JobRow
-from sawmill_worker.storage.wait_estimate import ORDER, WaitEstimates
+from sawmill_worker.storage.wait_estimate import FIRST_COME, WaitEstimates
 
 _LOCK = "places in the queue"
 # Until the next place, as refusals give it: nobody should ask every moment, nor sleep while places are free.
@@ -126,7 +126,7 @@ class Places:
 
     def _refusal(self, session: Session, full: _Full) -> QueueFull:
         """With the time until the first of those that wait is likely to start."""
-        first = select(JobRow).where(_QUEUED, JobRow.not_before_s.is_(None)).order_by(*ORDER).limit(1)
+        first = select(JobRow).where(_QUEUED, JobRow.not_before_s.is_(None)).order_by(*FIRST_COME).limit(1)
         if full.key_id is not None:
             first = first.where(JobRow.key_id == full.key_id)
         row = session.scalar(first)

@@ -40,6 +40,7 @@ def queue_job(
         subject_id=subject_id,
         priority=priority,
         short=short,
+        group_id=scanner_id or "",
         attempt=0,
         beats=0,
         losses=0,

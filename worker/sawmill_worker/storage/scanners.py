@@ -1,5 +1,6 @@
 """Scanners and which calibration each of them uses."""
 
+from collections.abc import Iterable
 from datetime import datetime
 
 from sqlalchemy import delete, func, select
@@ -14,7 +15,7 @@ from sawmill_worker.storage.alarms import close_alarms
 from sawmill_worker.storage.audit import changed, write_audit
 from sawmill_worker.storage.database import Database
 from sawmill_worker.storage.entering import changes_in_words
-from sawmill_worker.storage.errors import Conflict
+from sawmill_worker.storage.errors import Conflict, Invalid
 from sawmill_worker.storage.events import announce
 from sawmill_worker.storage.paging import found, new_id, read_page, refuse_taken
 from sawmill_worker.storage.tables import (
@@ -71,6 +72,23 @@ class Scanners:
         with self._database.read() as session:
             rows = session.execute(select(ScannerRow.id, ScannerRow.spec)).all()
         return dict(sorted(((identifier, spec["name"]) for identifier, spec in rows), key=lambda item: item[1]))
+
+    def ids_of(self, names: Iterable[str]) -> set[str]:
+        """Return the ids of scanners that are given by id or name; a name that several have means all of these.
+
+        Raises
+        ------
+        Invalid
+            There is no such scanner.
+        """
+        name_of, ids = self.names(), set[str]()
+        for name in names:
+            named = {name} & name_of.keys() or {each for each in name_of if name_of[each] == name}
+            if not named:
+                known = ", ".join(map(repr, name_of.values())) or "none"
+                raise Invalid("scanner-not-found", f"there is no scanner of the id or name {name!r}; by name: {known}")
+            ids |= named
+        return ids
 
     def update(self, scanner_id: str, spec: ScannerSpec) -> StoredScanner:
         """Replace its description; existing results keep the constants they were made with."""

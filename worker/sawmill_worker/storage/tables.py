@@ -147,12 +147,11 @@ class JobRow(Resource):
     """The row is the job (docs/architecture.md#jobs)."""
 
     __tablename__ = "jobs"
-    # Lists, all or in one state; claims, of any job and of short ones; places in the queue.
+    # Lists, all or in one state; claims and places in the queue; counts.
     __table_args__ = (
         Index(None, "created_at", "id"),
         Index(None, "state", "created_at", "id"),
-        Index("ix_jobs_queue", "state", "priority", "created_at", "id"),
-        Index("ix_jobs_lane", "state", "short", "priority", "created_at", "id"),
+        Index("ix_jobs_queue", "state", "priority", "group_id", "created_at", "id", "short", "kind"),
         Index("ix_jobs_places", "state", "priority", "short", "kind", "created_at", "id"),
         # Of one key (`storage/places.py`).
         Index(
@@ -169,6 +168,8 @@ class JobRow(Resource):
     priority: Mapped[Priority] = mapped_column(default=Priority.WAITED_FOR)
     # Whether it takes seconds: such jobs have a lane in which none waits for a long one.
     short: Mapped[bool] = mapped_column(default=False)
+    # Groups take turns (`storage/turns.py`); the jobs of none, which is empty, are one as well.
+    group_id: Mapped[str] = mapped_column(String(64), default="")
     # Fences: grows with each claim. Attempts that were lost are counted apart, and so are full disks in a row.
     attempt: Mapped[int] = mapped_column(default=0)
     losses: Mapped[int] = mapped_column(default=0)
@@ -188,6 +189,17 @@ class JobRow(Resource):
     asked_by: Mapped[str | None] = mapped_column(String(200))
     started_at: Mapped[datetime | None]
     finished_at: Mapped[datetime | None]
+
+
+class JobTurnRow(Base):
+    """When a group was served last, by workers of one lane and at one priority: a number (`storage/turns.py`)."""
+
+    __tablename__ = "job_turns"
+
+    short_only: Mapped[bool] = mapped_column(primary_key=True)
+    priority: Mapped[Priority] = mapped_column(primary_key=True, autoincrement=False)
+    group_id: Mapped[str] = mapped_column(String(64), primary_key=True)
+    turn: Mapped[int] = mapped_column(BigInteger)
 
 
 class JobDependencyRow(Base):

@@ -2,18 +2,20 @@
 
 import time
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from datetime import datetime
 from statistics import median
 from typing import NamedTuple
 
-from sqlalchemy import Tuple, func, literal, select, tuple_
+from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from sawmill_worker.contracts.jobs import JobKind, JobState, Priority
 from sawmill_worker.storage.tables import JobRow
+from sawmill_worker.storage.turns import ANY, Selection, places
 
-ORDER = (JobRow.priority, JobRow.created_at, JobRow.id)
+FIRST_COME = (JobRow.priority, JobRow.created_at, JobRow.id)
+_KINDS = {kind.value: kind for kind in JobKind}
 _RECENT = 1000  # ended jobs among which those of a kind are looked for
 _ENOUGH = 20  # of a kind: its median changes little by more
 _REFRESH_S = 5.0
@@ -40,7 +42,7 @@ NOTHING_KNOWN = WaitEstimate(None, None)
 
 
 class WaitEstimates:
-    """Estimates for jobs in a transaction that reads, in at most four statements however many jobs these are."""
+    """Estimates for jobs in a transaction that reads, in at most six statements however many jobs these are."""
 
     def __init__(self) -> None:
         self._durations: Durations = {}
@@ -93,27 +95,21 @@ def _at_work(session: Session) -> Sequence[JobRow]:
     return session.scalars(select(JobRow).where(JobRow.state == JobState.RUNNING)).all()
 
 
-def _before(session: Session, rows: Sequence[JobRow]) -> dict[str, Counter[Line]]:
+def _before(session: Session, rows: Iterable[JobRow]) -> dict[str, Counter[Line]]:
     """Count what each queued job waits for: long jobs for all before them, short ones for short ones."""
-    rows_by_id = {row.id: row for row in rows}
-    places = sorted(rows, key=lambda row: (row.priority.rank, row.created_at, row.id))
-    first, last = _place(places[0]), _place(places[-1])
-    line, place = (JobRow.kind, JobRow.short), tuple_(*ORDER)
-    queued = JobRow.state == JobState.QUEUED
-    counted = session.execute(select(*line, func.count()).where(queued, place < first).group_by(*line))
-    counts = Counter({Line(kind, short): number for kind, short, number in counted})
-    before = {}
-    between = select(JobRow.id, *line).where(queued, place >= first, place <= last).order_by(*ORDER)
-    for job_id, kind, short in session.execute(between):
-        if job_id in rows_by_id:
-            only_short = rows_by_id[job_id].short
-            before[job_id] = Counter({line: number for line, number in counts.items() if line.short or not only_short})
-        counts[Line(kind, short)] += 1
+    short = {row.id for row in rows if row.short}
+    long = {row.id for row in rows if not row.short}
+    return _before_in(session, Selection(short=True), short) | _before_in(session, ANY, long)
+
+
+def _before_in(session: Session, selection: Selection, job_ids: Collection[str]) -> dict[str, Counter[Line]]:
+    before: dict[str, Counter[Line]] = {}
+    counts: Counter[tuple[str, bool]] = Counter()
+    for place in places(session, selection) if job_ids else ():
+        if place.job_id in job_ids:
+            before[place.job_id] = Counter({Line(_KINDS[kind], short): n for (kind, short), n in counts.items()})
+        counts[place.kind, place.short] += 1
     return before
-
-
-def _place(row: JobRow) -> Tuple:
-    return tuple_(*(literal(getattr(row, column.key), column.type) for column in ORDER))
 
 
 def _line(row: JobRow) -> Line:

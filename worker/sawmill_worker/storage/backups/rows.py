@@ -39,10 +39,10 @@ from sqlalchemy.types import TypeEngine
 
 from sawmill_worker.storage.backups.manifest import ROWS, Table, open_plain
 from sawmill_worker.storage.errors import Damaged
-from sawmill_worker.storage.tables import Base, ClockRow, DataFolderRow, SessionRow, UtcDateTime
+from sawmill_worker.storage.tables import Base, ClockRow, DataFolderRow, JobTurnRow, SessionRow, UtcDateTime
 
-# Logins are not restored, a clock is its machine's, and a restored folder has an identity of its own.
-LEFT_OUT = {SessionRow.__tablename__, ClockRow.__tablename__, DataFolderRow.__tablename__}
+# Logins are not restored, a clock is its machine's, a restored folder has an identity of its own, and turns begin anew.
+LEFT_OUT = {each.__tablename__ for each in (SessionRow, ClockRow, DataFolderRow, JobTurnRow)}
 _BATCH = 500
 # Numbers of new rows follow the restored ones, and PostgreSQL has 32 bits for them.
 _LARGEST_KEY = 2_000_000_000

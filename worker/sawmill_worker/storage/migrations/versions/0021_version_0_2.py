@@ -35,8 +35,7 @@ _JSON = sa.JSON()
 
 _INDEXES = {
     "ix_jobs_created_at_id": ("jobs", ["created_at", "id"], None),
-    "ix_jobs_queue": ("jobs", ["state", "priority", "created_at", "id"], None),
-    "ix_jobs_lane": ("jobs", ["state", "short", "priority", "created_at", "id"], None),
+    "ix_jobs_queue": ("jobs", ["state", "priority", "group_id", "created_at", "id", "short", "kind"], None),
     "ix_jobs_places": ("jobs", ["state", "priority", "short", "kind", "created_at", "id"], None),
     "ix_jobs_queued_of_key": ("jobs", ["key_id"], "state = 'queued'"),
     "ix_asked_scanner_id": ("asked", ["scanner_id"], None),
@@ -132,7 +131,7 @@ def _single() -> sa.Column[Any]:
 
 
 def _change_tables_of_jobs() -> None:
-    """Count losses and heartbeats; keep why a job waits, its lane, its priority and whose request queued it.
+    """Count losses and heartbeats; keep why a job waits, its lane, priority, group, and whose request queued it.
 
     The two tables of a row each are the time and the identity of the data folder that workers go by.
     """
@@ -142,10 +141,18 @@ def _change_tables_of_jobs() -> None:
         sa.Column("beats", _INTEGER, nullable=False, server_default="0"),
         sa.Column("short", _FLAG, nullable=False, server_default=sa.false()),
         sa.Column("priority", _INTEGER, nullable=False, server_default="0"),
+        sa.Column("group_id", _ID, nullable=False, server_default=""),
         *_perhaps(request_id=_ID, key_id=_ID, asked_by=_NAME),
     ):
         op.add_column("jobs", column)
     op.drop_column("jobs", "lease_expires_s")
+    op.create_table(
+        "job_turns",
+        *_needed(short_only=_FLAG),
+        sa.Column("priority", _INTEGER, autoincrement=False, nullable=False),
+        *_needed(group_id=_ID, turn=_BYTES),
+        sa.PrimaryKeyConstraint("short_only", "priority", "group_id", name="pk_job_turns"),
+    )
     op.create_table(
         "clock", _single(), *_needed(boot=_ID, offset_s=_REAL), sa.PrimaryKeyConstraint("number", name="pk_clock")
     )
