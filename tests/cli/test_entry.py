@@ -8,6 +8,8 @@ from pathlib import Path
 import pytest
 from live_service import wait_until
 
+from sawmill_worker.storage.settings import StorageSettings
+from sawmill_worker.storage.store import Store
 from sawmill_worker.vocabulary.version import VERSION
 
 pytestmark = pytest.mark.slow
@@ -89,6 +91,16 @@ def test_a_setting_that_is_wrong_is_wrong_use(run, tmp_path, monkeypatch):
     monkeypatch.setenv("SAWMILL_LEASE_S", "soon")
     done = run("serve", "--data", tmp_path / "data", code=2)
     assert "SAWMILL_LEASE_S" in done.stderr
+
+
+def test_a_worker_s_kinds_and_scanners_are_known(run, tmp_path, monkeypatch):
+    monkeypatch.setenv("SAWMILL_DATA_FOLDER", "")  # the command sets it
+    Store.open(StorageSettings(data_folder=tmp_path, database_url=None)).close()
+    done = run("worker", "--data", tmp_path, "--kinds", "calibrate,paint", code=2)
+    assert "'paint' is no kind of job: ingest," in done.stderr
+    done = sawmill("worker", "--data", tmp_path, "--scanners", "Line 9")
+    assert done.returncode == 1
+    assert "there is no scanner of the id or name 'Line 9'" in done.stderr
 
 
 @pytest.mark.parametrize("command", ["serve", "worker"])
