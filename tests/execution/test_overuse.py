@@ -104,6 +104,13 @@ def test_a_process_without_its_first_thread_takes_what_the_others_have(tmp_path)
     assert (of_memory.code, of_disk.code) == ("out-of-memory", "file-too-large")
 
 
+def test_threads_are_bounded(looked_at, monkeypatch):
+    monkeypatch.setattr("sawmill_worker.execution.overuse.MOST_THREADS", 0)
+    failure = looked_at()
+    assert failure.code == "out-of-memory"
+    assert failure.detail.endswith("threads, and may have 0")
+
+
 def test_folders_in_folders_are_bounded(tmp_path, looked_at):
     deep = tmp_path.joinpath(*"d" * DEEPEST)
     deep.mkdir(parents=True)
