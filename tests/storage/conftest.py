@@ -3,6 +3,7 @@
 import shutil
 from collections.abc import Callable, Iterator
 from datetime import UTC, datetime, timedelta
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -10,14 +11,19 @@ import pytest
 from emptied_databases import EmptiedDatabases
 from postgres_server import PostgresDatabases
 from results import CONSTANTS, RESULTS
+from sqlalchemy import insert
 
 from sawmill_worker.contracts.geometry import ScannerConstants
+from sawmill_worker.contracts.jobs import JobKind, JobState
 from sawmill_worker.contracts.scanners import ScannerSpec, StoredScanner
 from sawmill_worker.contracts.scans import Scan, ScanSpec
 from sawmill_worker.storage.arriving import Received
+from sawmill_worker.storage.database import Database
+from sawmill_worker.storage.engines import make_engine
 from sawmill_worker.storage.jobs import Claim
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.store import Store
+from sawmill_worker.storage.tables import JobRow
 from sawmill_worker.vocabulary import DataKind
 
 
@@ -144,3 +150,25 @@ def ready_scan(store: Store, upload: Callable[..., Scan], finish: Callable[..., 
     accepted = upload(store)
     finish(store)
     return store.scans.get(accepted.id)
+
+
+@pytest.fixture
+def add_jobs(filled: StorageSettings, clock: TestClock) -> Iterator[Callable[..., None]]:
+    """Rows of jobs, a second apart; an id begins with the job's group, or with its kind where it has none."""
+    database = Database(make_engine(filled.url), clock)
+    numbers = count()
+
+    def insert_rows(number: int, kind: JobKind, *, took_s: float | None = None, **values: Any) -> None:
+        with database.write() as session:
+            for _ in range(number):
+                clock.advance(seconds=1)
+                name = f"{values.get('group_id', kind.value)}-{next(numbers):04d}"
+                row = {"id": name, "subject_id": name, "kind": kind, "state": JobState.QUEUED, "created_at": clock()}
+                if took_s is not None:
+                    start = clock()
+                    clock.advance(seconds=took_s)
+                    row |= {"state": JobState.SUCCEEDED, "started_at": start, "finished_at": clock()}
+                session.execute(insert(JobRow), [row | values])
+
+    yield insert_rows
+    database.engine.dispose()

@@ -2,42 +2,17 @@
 
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
-from itertools import count
 
 import pytest
-from sqlalchemy import insert
 
-from sawmill_worker.contracts.jobs import JobKind, JobState, Priority
-from sawmill_worker.storage.database import Database
-from sawmill_worker.storage.engines import make_engine
+from sawmill_worker.contracts.jobs import JobKind, Priority
 from sawmill_worker.storage.store import Store
-from sawmill_worker.storage.tables import JobRow
 from sawmill_worker.storage.turns import Selection
 
 
 @pytest.fixture
 def store(clocked_store):
     return clocked_store
-
-
-@pytest.fixture
-def add(store, clock):
-    """Rows of waiting jobs of a group, a second apart."""
-    database = Database(make_engine(store.settings.url), clock)
-    numbers = count()
-
-    def insert_rows(number, group_id, kind=JobKind.RECONSTRUCT, **values):
-        rows = []
-        for _ in range(number):
-            clock.advance(seconds=1)
-            name = f"{group_id}-{next(numbers):04d}"
-            row = {"id": name, "subject_id": name, "kind": kind, "state": JobState.QUEUED, "created_at": clock()}
-            rows.append(row | {"group_id": group_id} | values)
-        with database.write() as session:
-            session.execute(insert(JobRow), rows)
-
-    yield insert_rows
-    database.engine.dispose()
 
 
 def claimed(store, number, selection=Selection()):  # noqa: B008 - frozen
@@ -47,13 +22,13 @@ def claimed(store, number, selection=Selection()):  # noqa: B008 - frozen
 
 
 @pytest.mark.dialect
-def test_a_batch_of_one_line_does_not_delay_another_line_s_job(store, add):
-    add(200, "a")
+def test_a_batch_of_one_line_does_not_delay_another_line_s_job(store, add_jobs):
+    add_jobs(200, JobKind.RECONSTRUCT, group_id="a")
     assert claimed(store, 2) == ["a", "a"]
-    add(1, "b")
+    add_jobs(1, JobKind.RECONSTRUCT, group_id="b")
     assert claimed(store, 2) == ["b", "a"]
-    add(3, "b")
-    add(2, "c")
+    add_jobs(3, JobKind.RECONSTRUCT, group_id="b")
+    add_jobs(2, JobKind.RECONSTRUCT, group_id="c")
     line = store.jobs.waiting_in_line(limit=8)
     assert [job.queue_position for job in line] == list(range(8))
     expected = [job.id.partition("-")[0] for job in line]
@@ -61,22 +36,22 @@ def test_a_batch_of_one_line_does_not_delay_another_line_s_job(store, add):
     assert claimed(store, 8) == expected
 
 
-def test_turns_are_of_a_priority_and_of_the_workers_of_a_lane(store, add):
-    add(3, "a", priority=Priority.BATCH)
-    add(2, "b", priority=Priority.BATCH)
-    add(1, "a")
-    add(1, "b")
-    add(3, "a", JobKind.CALIBRATE, short=True)
+def test_turns_are_of_a_priority_and_of_the_workers_of_a_lane(store, add_jobs):
+    add_jobs(3, JobKind.RECONSTRUCT, group_id="a", priority=Priority.BATCH)
+    add_jobs(2, JobKind.RECONSTRUCT, group_id="b", priority=Priority.BATCH)
+    add_jobs(1, JobKind.RECONSTRUCT, group_id="a")
+    add_jobs(1, JobKind.RECONSTRUCT, group_id="b")
+    add_jobs(3, JobKind.CALIBRATE, group_id="a", short=True)
     short = Selection(short=True)
     assert claimed(store, 4, short) == ["a", "a", "a", None]
     assert claimed(store, 7) == ["a", "b", "a", "b", "a", "b", "a"]
 
 
 @pytest.mark.dialect
-def test_a_worker_takes_the_kinds_and_groups_that_it_was_given(store, add):
-    add(2, "a")
-    add(1, "b", JobKind.CALIBRATE)
-    add(2, "b")
+def test_a_worker_takes_the_kinds_and_groups_that_it_was_given(store, add_jobs):
+    add_jobs(2, JobKind.RECONSTRUCT, group_id="a")
+    add_jobs(1, JobKind.CALIBRATE, group_id="b")
+    add_jobs(2, JobKind.RECONSTRUCT, group_id="b")
     assert claimed(store, 2, Selection(kinds=frozenset({JobKind.CALIBRATE}))) == ["b", None]
     assert claimed(store, 3, Selection(group_ids=frozenset({"b"}))) == ["b", "b", None]
     assert claimed(store, 3) == ["a", "a", None]
@@ -84,9 +59,9 @@ def test_a_worker_takes_the_kinds_and_groups_that_it_was_given(store, add):
 
 @pytest.mark.dialect
 @pytest.mark.slow
-def test_many_workers_serve_groups_alike_and_each_job_once(store, add):
+def test_many_workers_serve_groups_alike_and_each_job_once(store, add_jobs):
     for group_id in ("a", "b", "c"):
-        add(30, group_id)
+        add_jobs(30, JobKind.RECONSTRUCT, group_id=group_id)
 
     def claim_some(_):
         opened = Store(store.settings)

@@ -1,17 +1,12 @@
 """Places in the queue and the time that jobs may still take."""
 
-from itertools import count
-
 import pytest
-from sqlalchemy import event, insert
+from sqlalchemy import event
 
 from sawmill_worker.contracts.calibrations import CalibrationAsk
 from sawmill_worker.contracts.jobs import JobKind, JobState, Priority
 from sawmill_worker.contracts.reconstructions import ReconstructionAsk
-from sawmill_worker.storage.database import Database
-from sawmill_worker.storage.engines import make_engine
 from sawmill_worker.storage.store import Store
-from sawmill_worker.storage.tables import JobRow
 from sawmill_worker.storage.turns import Selection
 from sawmill_worker.vocabulary import CalibrationMethod, Progress
 
@@ -19,28 +14,6 @@ from sawmill_worker.vocabulary import CalibrationMethod, Progress
 @pytest.fixture
 def store(clocked_store):
     return clocked_store
-
-
-@pytest.fixture
-def add(store, clock):
-    """Rows of jobs, a second apart."""
-    database = Database(make_engine(store.settings.url), clock)
-    numbers = count()
-
-    def insert_rows(number, kind, *, took_s=None, **values):
-        with database.write() as session:
-            for _ in range(number):
-                clock.advance(seconds=1)
-                name = f"{kind.value}-{next(numbers):04d}"
-                row = {"id": name, "subject_id": name, "kind": kind, "state": JobState.QUEUED, "created_at": clock()}
-                if took_s is not None:
-                    start = clock()
-                    clock.advance(seconds=took_s)
-                    row |= {"state": JobState.SUCCEEDED, "started_at": start, "finished_at": clock()}
-                session.execute(insert(JobRow), [row | values])
-
-    yield insert_rows
-    database.engine.dispose()
 
 
 def waits(store):
@@ -51,12 +24,12 @@ def waits(store):
     return [(job.queue_position, job.seconds_left) for job in sorted(jobs, key=lambda job: order.index(job.id))]
 
 
-def test_places_follow_priority_and_lane(store, add):
-    add(2, JobKind.RECONSTRUCT, priority=Priority.BACKGROUND)
-    add(2, JobKind.CALIBRATE, short=True, priority=Priority.BATCH)
-    add(1, JobKind.RECONSTRUCT)
-    add(2, JobKind.PLAN, short=True)
-    add(1, JobKind.RECONSTRUCT, priority=Priority.BATCH)
+def test_places_follow_priority_and_lane(store, add_jobs):
+    add_jobs(2, JobKind.RECONSTRUCT, priority=Priority.BACKGROUND)
+    add_jobs(2, JobKind.CALIBRATE, short=True, priority=Priority.BATCH)
+    add_jobs(1, JobKind.RECONSTRUCT)
+    add_jobs(2, JobKind.PLAN, short=True)
+    add_jobs(1, JobKind.RECONSTRUCT, priority=Priority.BATCH)
     order = list(store.jobs.queued_job_ids())
     assert [name.partition("-")[0] for name in order] == [
         *("reconstruct", "plan", "plan"),
@@ -67,9 +40,9 @@ def test_places_follow_priority_and_lane(store, add):
     assert [place for place, _ in waits(store)] == [0, 0, 1, 2, 3, 5, 6, 7]
 
 
-def test_a_list_takes_as_many_statements_whatever_its_length(store, add):
-    add(150, JobKind.RECONSTRUCT)
-    add(40, JobKind.PLAN, short=True, priority=Priority.BATCH)
+def test_a_list_takes_as_many_statements_whatever_its_length(store, add_jobs):
+    add_jobs(150, JobKind.RECONSTRUCT)
+    add_jobs(40, JobKind.PLAN, short=True, priority=Priority.BATCH)
     store.jobs.page(limit=1)
     statements = []
     event.listen(store._database.engine, "before_cursor_execute", lambda *given: statements.append(given[2]))
@@ -78,15 +51,15 @@ def test_a_list_takes_as_many_statements_whatever_its_length(store, add):
     assert sum(statement.startswith(("SELECT", "WITH")) for statement in statements) == 6
 
 
-def test_the_time_left_adds_up_what_runs_and_what_stands_before(store, add, clock):
-    add(1, JobKind.RECONSTRUCT)
+def test_the_time_left_adds_up_what_runs_and_what_stands_before(store, add_jobs, clock):
+    add_jobs(1, JobKind.RECONSTRUCT)
     assert waits(store) == [(0, None)]  # nothing is known yet
-    add(5, JobKind.RECONSTRUCT, took_s=600.0)
-    add(20, JobKind.RECONSTRUCT, took_s=100.0)  # the last twenty count
-    add(3, JobKind.PLAN, took_s=4.0, short=True)
+    add_jobs(5, JobKind.RECONSTRUCT, took_s=600.0)
+    add_jobs(20, JobKind.RECONSTRUCT, took_s=100.0)  # the last twenty count
+    add_jobs(3, JobKind.PLAN, took_s=4.0, short=True)
     later = Store(store.settings, clock=clock)
-    add(1, JobKind.RECONSTRUCT)
-    add(2, JobKind.PLAN, short=True)
+    add_jobs(1, JobKind.RECONSTRUCT)
+    add_jobs(2, JobKind.PLAN, short=True)
     assert waits(later) == [(0, 100.0), (1, 200.0), (0, 4.0), (1, 8.0)]
 
     first = later.jobs.claim("test")
@@ -117,9 +90,9 @@ def test_what_is_known_to_take_seconds_is_short(store, upload):
     ]
 
 
-def test_short_jobs_can_be_claimed_alone(store, add):
-    add(1, JobKind.RECONSTRUCT)
-    add(1, JobKind.PLAN, short=True, priority=Priority.BACKGROUND)
+def test_short_jobs_can_be_claimed_alone(store, add_jobs):
+    add_jobs(1, JobKind.RECONSTRUCT)
+    add_jobs(1, JobKind.PLAN, short=True, priority=Priority.BACKGROUND)
     assert len(store.jobs.queued_job_ids(short=True)) == 1
     taken = store.jobs.claim("test", Selection(short=True))
     assert (taken.job.kind, taken.job.short, taken.job.background) == (JobKind.PLAN, True, True)
@@ -129,14 +102,14 @@ def test_short_jobs_can_be_claimed_alone(store, add):
     store.jobs.release(taken)
     assert store.jobs.claim("test").job.kind is JobKind.RECONSTRUCT
     again = store.jobs.claim("test")
-    add(1, JobKind.RECONSTRUCT)
+    add_jobs(1, JobKind.RECONSTRUCT)
     assert store.jobs.is_in_the_way(again)
 
 
-def test_a_short_job_is_held_up_while_long_ones_keep_every_worker_busy(store, add):
-    add(1, JobKind.RECONSTRUCT)
-    add(1, JobKind.RECONSTRUCT, priority=Priority.BATCH)
-    add(1, JobKind.PLAN, short=True, priority=Priority.BATCH)
+def test_a_short_job_is_held_up_while_long_ones_keep_every_worker_busy(store, add_jobs):
+    add_jobs(1, JobKind.RECONSTRUCT)
+    add_jobs(1, JobKind.RECONSTRUCT, priority=Priority.BATCH)
+    add_jobs(1, JobKind.PLAN, short=True, priority=Priority.BATCH)
     assert not store.jobs.short_job_is_held_up(1)
     store.jobs.claim("test")
     assert (store.jobs.short_job_is_held_up(1), store.jobs.short_job_is_held_up(2)) == (True, False)
