@@ -33,8 +33,8 @@ from sawmill_worker.storage.paging import found, narrowed, rows_of_page
 from sawmill_worker.storage.retries import LONGEST_WAIT_S, Retries
 from sawmill_worker.storage.subjects import checked_result, record_end_without_result, record_success
 from sawmill_worker.storage.tables import JobDependencyRow, JobRow, Json
-from sawmill_worker.storage.turns import ANY, QUEUED, Selection, note_served, places, turns
-from sawmill_worker.storage.wait_estimate import FIRST_COME, NOTHING_KNOWN, WaitEstimate, WaitEstimates
+from sawmill_worker.storage.turns import ANY, FIRST_COME, QUEUED, Selection, note_served, places, turns
+from sawmill_worker.storage.wait_estimate import NOTHING_KNOWN, WaitEstimate, WaitEstimates
 from sawmill_worker.vocabulary import Progress
 
 _JITTER = 0.25  # what failed together is not tried again together

@@ -17,7 +17,8 @@ from sawmill_worker.storage.database import Database, lock_files_of
 from sawmill_worker.storage.errors import QueueFull
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.tables import EventRow, JobRow
-from sawmill_worker.storage.wait_estimate import FIRST_COME, WaitEstimates
+from sawmill_worker.storage.turns import FIRST_COME
+from sawmill_worker.storage.wait_estimate import WaitEstimates
 
 _LOCK = "places in the queue"
 # Until the next place, as refusals give it: nobody should ask every moment, nor sleep while places are free.

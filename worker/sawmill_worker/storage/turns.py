@@ -18,6 +18,8 @@ from sawmill_worker.contracts.jobs import JobKind, JobState, Priority
 from sawmill_worker.storage.tables import JobRow, JobTurnRow
 
 QUEUED = JobRow.state == JobState.QUEUED
+# Where turns do not count: the highest priority, and there the oldest job.
+FIRST_COME = (JobRow.priority, JobRow.created_at, JobRow.id)
 _GROUP = (JobRow.priority, JobRow.group_id)
 
 

@@ -14,7 +14,6 @@ from sawmill_worker.contracts.jobs import JobKind, JobState, Priority
 from sawmill_worker.storage.tables import JobRow
 from sawmill_worker.storage.turns import ANY, Selection, places
 
-FIRST_COME = (JobRow.priority, JobRow.created_at, JobRow.id)
 _KINDS = {kind.value: kind for kind in JobKind}
 _RECENT = 1000  # ended jobs among which those of a kind are looked for
 _ENOUGH = 20  # of a kind: its median changes little by more
