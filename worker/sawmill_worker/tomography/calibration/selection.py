@@ -110,8 +110,12 @@ def _scatter(system: System, change: FloatArray, basis: FloatArray, variance: fl
 
     From view to view they are those that would be seen without the view (the jackknife; MacKinnon and White 1985), or
     one view in which an edge lies along the rays would explain itself.
+
+    What the change takes from the stripes is in no view's scores. It is their mean, since their sum is 0 at the best
+    change of generalised least squares, and no scatter.
     """
     scores = (system.scores - system.grams @ change) @ basis
+    scores -= scores.mean(axis=0)
     information = np.swapaxes(system.grams @ basis, 1, 2) @ basis
     degrees = scores.shape[1]
     alone = np.linalg.solve(np.eye(degrees) * (1.0 + RIDGE) - information, scores[..., None])[..., 0]
