@@ -1,17 +1,21 @@
 """How well the image's millimetres are known."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from sawmill_worker.tomography import analytic
+from sawmill_worker.tomography.analytic import DetectorCells
 from sawmill_worker.tomography.built_in import L_SHAPE
 from sawmill_worker.tomography.calibration.calibrate import calibrate
 from sawmill_worker.tomography.calibration.scale import ScaleSource, ScaleUncertainty, scale_uncertainty
 from sawmill_worker.tomography.calibration.task import CalibrationTask
-from sawmill_worker.tomography.geometry import FanBeamGeometry
-from sawmill_worker.tomography.ray_error import ray_error
+from sawmill_worker.tomography.geometry import FanBeamGeometry, Scanner, SourceFrame
+from sawmill_worker.tomography.ray_error import ray_error, scale_deviation
 from sawmill_worker.tomography.simulate import simulate_sinogram
+from sawmill_worker.vocabulary import Handedness, Rotation
 
 R_S = 859.46
 
@@ -58,3 +62,62 @@ def test_a_phantom_larger_than_stated_changes_the_scale_alone(scanner, theta, fu
     strict = calibrate(replace(stated, scale_tolerance_percent=0.2)).judgement
     assert (strict.rays_verdict, strict.verdict) == ("pass", "watch")
     assert "the phantom's size tolerance" in strict.reasons[0]
+
+
+# An L of 50 mm in a scanner whose source stands straight: h_S = 0, so R is r_S.
+SMALL_L = L_SHAPE.scaled(1.0 / 6.0)
+STRAIGHT = SourceFrame(0.3, 410.66, 553.74, -0.05, 0.003)
+
+
+@pytest.fixture(scope="module")
+def small_scan(full_turn):
+    """A scan of the small L with 2 % noise, for a task in which r_S is believed to be this."""
+    angles, scanner = full_turn(90), Scanner(410.66, 280, 0.4)
+    clean = analytic.project(SMALL_L, DetectorCells.of(scanner), STRAIGHT, angles, position_mm=(2.0, -1.0))
+    spread = 0.02 * float(np.sqrt(np.mean(clean**2)))
+
+    def task(seed, r_s=410.66):
+        noise = spread * np.random.default_rng(seed).standard_normal(clean.shape)
+        known = {"handedness": Handedness.AS_DRAWN, "rotation": Rotation.AS_GIVEN}
+        return CalibrationTask(replace(scanner, source_to_cor_mm=r_s), SMALL_L, clean + noise, angles, **known)
+
+    return task
+
+
+def deviations_off(found):
+    """The errors of R, SDD and the common scale, each in its stated standard deviations."""
+    frame, bars, radius_mm = found.frame, found.error_bars, found.radius_mm
+    stated = bars.frame_deviation(frame)
+    scale = scale_deviation(found.scanner, frame, bars.covariance.values, radius_mm=radius_mm)
+    return (
+        (frame.source_distance_mm - STRAIGHT.source_distance_mm) / stated[1],
+        (frame.source_to_detector_mm - STRAIGHT.source_to_detector_mm) / stated[2],
+        ray_error(found.scanner, STRAIGHT, frame, radius_mm=radius_mm).scale_change / scale,
+    )
+
+
+def test_the_scale_is_as_well_known_where_the_source_distance_was_held(small_scan):
+    """R and SDD are known to 0.2 % each and their ratio to 0.005 %, whichever way the noise put R."""
+    held, free = (calibrate(small_scan(seed)) for seed in (1, 0))
+    assert (held.source_distance.held, free.source_distance.held) == (True, False)
+    assert held.scale.statistical == pytest.approx(free.scale.statistical, rel=0.5)
+    assert held.judgement.verdict == free.judgement.verdict == "pass"
+
+
+def test_a_source_held_at_a_distance_that_was_measured_wrong_has_error_bars_that_cover_it(small_scan):
+    """r_S 1 mm too large moves R and SDD by 0.24 % and leaves their ratio: no error above 2.6 deviations, 99 %."""
+    found = calibrate(small_scan(1, r_s=411.66))
+    assert found.source_distance.held
+    assert np.abs(deviations_off(found)).max() < 2.6
+    assert found.scale.statistical < 2e-4
+    assert found.judgement.verdict == "pass"
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("r_s", [410.66, 411.66, 413.66])
+def test_the_stated_deviation_of_a_held_scale_is_of_the_error_s_size(small_scan, r_s):
+    """RMS of the errors in stated deviations over the scans that were held, some eight or all of 16: 1 within 50 %."""
+    found = [calibrate(small_scan(seed, r_s)) for seed in range(16)]
+    scale = [deviations_off(one)[2] for one in found if one.source_distance.held]
+    assert len(scale) >= 4
+    assert math.sqrt(np.mean(np.square(scale))) == pytest.approx(1.0, abs=0.5)

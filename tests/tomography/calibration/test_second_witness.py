@@ -158,4 +158,5 @@ def test_r_is_held_where_it_would_be_less_than_the_scanners():
     )
     witness = compare_witnesses(scanner, TRUE, covariance, log, Rotation.AS_GIVEN, phantom_moved=False, radius_mm=150.0)
     assert witness.vector[1] == TRUE.source_distance_mm
-    assert witness.covariance[1, 1] == pytest.approx(0.0, abs=1e-12)
+    # As well known as before, and what holding it moved: both witnesses put R 0.09 mm nearer.
+    assert 0.0 < witness.covariance[1, 1] < 0.2**2

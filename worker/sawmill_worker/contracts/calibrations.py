@@ -347,8 +347,8 @@ class CalibrationResult(Contract):
     standard_deviation: StandardDeviation | None = Field(description="Null from a method that has no error bars.")
     covariance: Covariance | None = Field(
         description="Covariance of (psi_rad, source_distance_mm, source_to_detector_mm, cor_column_mm, tilt_rad), in "
-        "the products of their units; the row of a parameter that was held, or that the scan does not determine, is "
-        "zero. Null without error bars.",
+        "the products of their units; the row of a parameter that the scan does not determine is zero. Null without "
+        "error bars.",
         examples=[
             [
                 [1e-08, 0, 0, 0, 0],

@@ -112,7 +112,7 @@ class ThetaDeviation(Contract):
 
 
 class SourceFrameDeviation(Contract):
-    """Standard deviations of the source frame; null for a parameter that was held fixed."""
+    """Standard deviations of the source frame; null for a parameter that the scan does not determine."""
 
     psi_rad: float | None = Field(description="Of psi, radians.", examples=[0.0001])
     source_distance_mm: float | None = Field(description="Of R, mm.", examples=[0.2])

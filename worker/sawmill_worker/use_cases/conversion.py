@@ -11,7 +11,7 @@ from sawmill_worker.tomography.ray_error import PredictedRayError
 
 
 def from_deviation(theta: FloatArray | None, frame: FloatArray) -> calibrations.StandardDeviation:
-    """Standard deviations of theta (5,) and of the source frame (6,); null where nothing is known, or was held."""
+    """Standard deviations of theta (5,) and of the source frame (6,); null where nothing is known."""
     of_theta = [None] * len(ThetaDeviation.model_fields) if theta is None else theta.tolist()
     of_frame = [value if value > 0.0 else None for value in frame.tolist()]
     return calibrations.StandardDeviation(

@@ -208,13 +208,12 @@ class _Prior:
 
 
 def _with_theta(scanner: Scanner, vector: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The same with R = r_S where it came to be less, for which no theta exists (docs/conventions.md#theta)."""
+    """Hold R at r_S where it came to be less, for which no theta exists, as `source_distance.with_theta` does."""
     deficit = scanner.source_to_cor_mm - vector[Parameter.R]
     variance = covariance[Parameter.R, Parameter.R]
     if deficit <= 0.0 or variance == 0.0:
         return vector, covariance
-    gain = covariance[:, Parameter.R] / variance
-    held = covariance - np.outer(gain, covariance[Parameter.R])
-    moved = vector + gain * deficit
+    step = covariance[:, Parameter.R] * (deficit / variance)
+    moved = vector + step
     moved[Parameter.R] = scanner.source_to_cor_mm
-    return moved, held
+    return moved, covariance + np.outer(step, step)

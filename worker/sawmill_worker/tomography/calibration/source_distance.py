@@ -12,7 +12,7 @@ from sawmill_worker.tomography.calibration.joint_fit import JointFit, fit_consis
 from sawmill_worker.tomography.calibration.scatter import Scatter, parameter_scatter
 from sawmill_worker.tomography.calibration.task import CalibrationTask
 from sawmill_worker.tomography.fit_parameters import Parameter
-from sawmill_worker.tomography.geometry import FloatArray, SourceFrame
+from sawmill_worker.tomography.geometry import SourceFrame
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,9 @@ def with_theta(
 ) -> tuple[AdjustedFit, JointFit, Scatter, SourceDistance]:
     """The free fit, or the one with R = r_S where the free one has no theta (docs/conventions.md#theta).
 
-    The covariance of a fit that was held is the free one's, and what holding it moved.
+    The covariance of a fit that was held is the free one's, and what holding it moved: R of the scanner may be larger
+    than r_S, or r_S itself be off, and R and SDD are then off together. The scan knows their ratio far better than
+    either, so R's row stays in.
 
     Raises
     ------
@@ -67,13 +69,9 @@ def with_theta(
     distance = SourceDistance(
         frame.source_distance_mm, held=True, deficit_deviations=_deficit_deviations(task, frame, scatter)
     )
-    return prepared, held, _held(parameter_scatter(held), scatter, held.model.x - free.model.x), distance
-
-
-def _held(held: Scatter, free: Scatter, moved: FloatArray) -> Scatter:
-    values = free.covariance.values + np.outer(moved, moved)
-    values[Parameter.R, :] = values[:, Parameter.R] = 0.0
-    return replace(held, covariance=replace(held.covariance, values=values))
+    moved = held.model.x - free.model.x
+    covariance = replace(scatter.covariance, values=scatter.covariance.values + np.outer(moved, moved))
+    return prepared, held, replace(parameter_scatter(held), covariance=covariance), distance
 
 
 def _deficit_deviations(task: CalibrationTask, frame: SourceFrame, scatter: Scatter) -> float:
