@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 WORKERS ?= 3
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --constraint constraints.txt
 
-.PHONY: install install-dev demo check test texts nightly study study-wheel study-run-lengths lint openapi release-contract clients bench bench-scanners bench-coverage bench-misspecified bench-mill bench-unsteady bench-seeds bench-drift bench-speed bench-http bench-upload bench-viewer bench-pages bench-job-price bench-fbp bench-memory study-load paper figures bench-preparing bench-iterative bench-choosing study-logs study-drift faults faults-folder screenshots bundle try-bundle clean
+.PHONY: install install-dev demo check test texts nightly study study-wheel study-run-lengths lint openapi release-contract clients bench bench-scanners bench-coverage bench-misspecified bench-mill bench-unsteady bench-seeds bench-drift bench-speed bench-http bench-upload bench-viewer bench-pages bench-job-price bench-fbp bench-memory study-load paper figures measured bench-preparing bench-iterative bench-choosing study-logs study-drift faults faults-folder screenshots bundle try-bundle clean
 
 install: $(VENV)/.installed
 install-dev: $(VENV)/.installed-dev
@@ -147,6 +147,10 @@ paper: install-dev
 # The figures of all pages from benchmarks/results, which the commands that measure write.
 figures:
 	@$(PYTHON) benchmarks/figures.py
+
+# The tables of docs/measured.md, where the measured discs are. Six minutes. OPTIONS: --only PART, --processes N.
+measured: install-dev
+	@$(BIN)/python benchmarks/measured.py $(OPTIONS)
 
 bench-preparing: install-dev
 	@$(BIN)/python benchmarks/preparing.py

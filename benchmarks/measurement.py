@@ -70,14 +70,14 @@ class Measurement:
         }
         return cls(conditions, reference, reference())
 
-    def write(self, results: Mapping[str, Mapping[str, Any]], folder: Path = RESULTS) -> None:
+    def write(self, results: Mapping[str, Mapping[str, Any]], folder: Path = RESULTS, *, timed: bool = True) -> None:
         """Write a file for each name, or end the program where the machine's speed changed during it.
 
         The files are marked `busy` where the machine was slow before and after, by the best time that the folder's
-        files of the same machine know.
+        files of the same machine know. Of results that are no times (`timed` false) the machine's speed is only noted.
         """
         after_s = self.reference()
-        if not 1.0 / ALLOWED <= after_s / self.before_s <= ALLOWED:
+        if timed and not 1.0 / ALLOWED <= after_s / self.before_s <= ALLOWED:
             sys.exit(
                 f"Nothing is written: the reference computation took {self.before_s:.3f} s before and {after_s:.3f} s "
                 f"after, and the two may differ by {ALLOWED - 1.0:.0%}. Measure again on an idle machine."
@@ -86,7 +86,7 @@ class Measurement:
         whole = {
             **self.conditions,
             "reference_s": {"before": self.before_s, "after": after_s, "best": best_s},
-            "busy": min(self.before_s, after_s) > ALLOWED * best_s,
+            "busy": timed and min(self.before_s, after_s) > ALLOWED * best_s,
         }
         folder.mkdir(parents=True, exist_ok=True)
         for name, values in results.items():

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from PIL import Image, ImageDraw
 from typer.testing import CliRunner
 
 import sawmill_calibration as sawmill
@@ -88,6 +89,32 @@ def test_a_calibration_is_the_command_s(phantom_file, result_file, tmp_path):
     printed, saved = json.loads(result_file.read_text()), json.loads((tmp_path / "RESULT.json").read_text())
     assert lasting(saved) == lasting(printed)
     assert saved["input_sha256"] == printed["input_sha256"]
+
+
+def test_a_phantom_s_picture_is_traced_at_its_width(scan, tmp_path):
+    """The drawing's picture is 400 mm wide, its edges are good to half a pixel of 2 mm."""
+    picture = Image.new("L", (200, 200))
+    corners = [(x / 2 + 100, y / 2 + 100) for y, x in BUILT_IN_PHANTOMS["l-shape"].shapes[0].vertices_mm]
+    ImageDraw.Draw(picture).polygon(corners, fill=255)
+    picture.save(tmp_path / "l.png")
+    found = sawmill.calibrate(scan, tmp_path / "l.png", phantom_width_mm=400.0, views=20)
+    assert found.result.phantom == "l"
+    assert found.source_frame.cor_column_mm == pytest.approx(THETA.source_frame(859.46).cor_column_mm, abs=1.0)
+
+
+@pytest.mark.parametrize(
+    ("phantom", "width_mm", "sentence"),
+    [
+        ("l-shape", 400.0, "phantom_width_mm belongs to the path of a picture"),
+        ("l.json", 400.0, "picture|PNG"),
+        ("l.json", -1.0, "width_mm: Input should be greater than 0"),
+    ],
+)
+def test_a_width_of_no_picture_is_refused(scan, tmp_path, monkeypatch, phantom, width_mm, sentence):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "l.json").write_text(DRAWING)
+    with pytest.raises(sawmill.InputError, match=sentence):
+        sawmill.calibrate(scan, phantom, phantom_width_mm=width_mm)
 
 
 @pytest.mark.slow

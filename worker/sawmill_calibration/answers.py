@@ -255,6 +255,7 @@ def calibrate(
     scan: Scan,
     phantom: Phantom | str | Path,
     *,
+    phantom_width_mm: float | None = None,
     tolerance_mm: float = 0.1,
     scale_tolerance_percent: float = 0.5,
     log_radius_mm: float | None = None,
@@ -265,7 +266,9 @@ def calibrate(
 
     Parameters
     ----------
-    phantom : Phantom, or the name of a built-in one, or the path of a drawing in JSON
+    phantom : Phantom, or the name of a built-in one, or the path of a drawing in JSON or of a picture (PNG)
+    phantom_width_mm : float, optional
+        Of a picture: its whole width.
     tolerance_mm : float
         The calibration passes where its predicted ray error is below this with 95 %.
     scale_tolerance_percent : float
@@ -298,7 +301,7 @@ def calibrate(
         rows=scan.rows,
         scanner=scan.constants,
         bounds=None,
-        drawing=drawing_of(phantom),
+        drawing=drawing_of(phantom, phantom_width_mm),
         input_sha256=scan.sha256,
         **limits.model_dump(),
         from_counts=scan.from_counts,

@@ -4,23 +4,30 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from sawmill_calibration.input_errors import InputError, input_errors
+from sawmill_calibration.input_errors import InputError, input_errors, options_of
 from sawmill_worker.contracts.base import complaint
 from sawmill_worker.contracts.built_in import BUILT_IN_PHANTOMS
-from sawmill_worker.contracts.phantoms import PhantomDrawing
+from sawmill_worker.contracts.phantoms import PhantomDrawing, PhantomPicture
 from sawmill_worker.tomography.phantom import Phantom
 from sawmill_worker.use_cases.conversion import from_phantom
 from sawmill_worker.use_cases.phantom_file import read_drawing
+from sawmill_worker.use_cases.phantom_picture import traced_drawing
 
 
-def drawing_of(phantom: Phantom | str | Path) -> PhantomDrawing:
-    """The drawing of a phantom, of a built-in one by its name, or in a JSON file.
+def drawing_of(phantom: Phantom | str | Path, width_mm: float | None = None) -> PhantomDrawing:
+    """The drawing of a phantom, of a built-in one by its name, in a JSON file, or in a picture of a given width.
 
     Raises
     ------
     InputError
-        It is none of the three.
+        It is none of these.
     """
+    if width_mm is not None:
+        if isinstance(phantom, Phantom) or not Path(phantom).is_file():
+            raise InputError("phantom", f"phantom_width_mm belongs to the path of a picture (PNG), not to {phantom!r}")
+        picture = options_of(PhantomPicture, {"name": Path(phantom).stem, "width_mm": width_mm})
+        with input_errors():
+            return traced_drawing(Path(phantom), picture.width_mm, name=picture.name)
     if isinstance(phantom, Phantom):
         try:
             return from_phantom(phantom)

@@ -1,0 +1,111 @@
+"""The pictures of docs/gallery.md and the outputs of examples/measured-disc.ipynb, from one measured disc.
+
+    python benchmarks/measured_pictures.py [--only NAME ...]
+
+The disc is one of those that `measured_discs.py` reads.
+
+Dataset: A. Meaney, F. Silva de Moura, S. Siltanen, Helsinki Tomography Challenge 2022 open tomographic dataset,
+University of Helsinki, CC BY 4.0.
+"""
+
+import argparse
+import base64
+import io
+import os
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import nbformat
+import numpy as np
+from matplotlib.figure import Figure
+from measured import image_of
+from measured_discs import OUTLINE_WIDTH_MM, VIEWS, Disc, discs_folder, read_discs
+from nbclient import NotebookClient
+from PIL import Image
+from screenshots import save
+
+import sawmill_calibration as sawmill
+from sawmill_worker.pictures.image_panels import draw_phantom, show_image
+
+NOTEBOOK = Path(__file__).parents[1] / "examples/measured-disc.ipynb"
+# The one with the most holes of those with all views.
+DISC = "07b"
+CALIBRATED_VIEWS = 90
+FEW_VIEWS = (20, 45, 90, VIEWS)
+LONGEST_CELL_S = 600
+# Of a picture's palette.
+COLOURS = 48
+PNG = "image/png"
+
+
+def main() -> None:
+    """Draw the pictures and run the notebook."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    made: Mapping[str, Callable[[Disc], None]] = {
+        "sinogram": lambda disc: keep(disc.scan(VIEWS).plot(), "measured-sinogram"),
+        "outline": lambda disc: keep(outline(disc), "measured-outline"),
+        "few-views": lambda disc: keep(few_views(disc), "measured-few-views"),
+        "notebook": run_notebook,
+    }
+    parser.add_argument("--only", nargs="+", choices=made, default=list(made), metavar="NAME", help=", ".join(made))
+    chosen = parser.parse_args().only
+    (disc,) = (each for each in read_discs(discs_folder()) if each.name == DISC)
+    for name in chosen:
+        made[name](disc)
+
+
+def keep(figure: Figure, name: str) -> None:
+    """Write a figure as a small PNG in docs/pictures."""
+    stream = io.BytesIO()
+    figure.savefig(stream, format="png", dpi=80)
+    save(Image.open(stream), name, COLOURS)
+
+
+def outline(disc: Disc) -> Figure:
+    """The disc by FBP with the geometry that was found from it, its outline where the calibration put it."""
+    found = sawmill.calibrate(disc.scan(CALIBRATED_VIEWS), disc.outline, phantom_width_mm=OUTLINE_WIDTH_MM)
+    assert found.arrays is not None
+    arrays = found.arrays()
+    figure = Figure(figsize=(6.8, 5.8), layout="constrained")
+    outlines = arrays.phantom_outlines_mm
+    draw_phantom(figure, figure.add_subplot(), arrays.phantom_image, arrays.phantom_field_mm, outlines)
+    return figure
+
+
+def few_views(disc: Disc) -> Figure:
+    """FBP above total variation, from few views on the left to all on the right, in one grey window."""
+    reference = image_of(disc, VIEWS, "fbp")
+    window = (0.0, 1.15 * float(np.percentile(reference, 95.0)))
+    figure = Figure(figsize=(12.0, 6.2), layout="constrained")
+    panels = figure.subplots(2, len(FEW_VIEWS), sharex=True, sharey=True)
+    for row, method in zip(panels, ("fbp", "total_variation"), strict=True):
+        for ax, views in zip(row, FEW_VIEWS, strict=True):
+            show_image(ax, image_of(disc, views, method), OUTLINE_WIDTH_MM, window)
+            ax.set_title(f"{method}, {views} views")
+            ax.label_outer()
+    return figure
+
+
+def run_notebook(_: Disc) -> None:
+    """Run the notebook from the first cell to the last and keep its outputs in it."""
+    notebook = nbformat.read(NOTEBOOK, as_version=4)
+    os.environ.setdefault("SAWMILL_PUBLISHED_DATA", str(discs_folder().parent.resolve()))
+    NotebookClient(notebook, timeout=LONGEST_CELL_S, record_timing=False).execute()
+    notebook.metadata["language_info"] = {"name": "python"}
+    for cell in notebook.cells:
+        for output in cell.get("outputs", []):
+            if PNG in output.get("data", {}):
+                output["data"][PNG] = with_few_colours(output["data"][PNG])
+    nbformat.write(notebook, NOTEBOOK)
+    print(f"{NOTEBOOK.name}: {NOTEBOOK.stat().st_size / 1e3:.0f} kB")
+
+
+def with_few_colours(png: str) -> str:
+    """Write a PNG in base64 again with a palette: a tenth of its bytes."""
+    picture, stream = Image.open(io.BytesIO(base64.b64decode(png))), io.BytesIO()
+    picture.convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE).save(stream, format="png", optimize=True)
+    return base64.b64encode(stream.getvalue()).decode()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,153 @@
+"""The measured discs: the converter of the published files, what is read of them, and the tables of the page."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+from measured import (
+    CALIBRATED_VIEWS,
+    Calibrated,
+    Checked,
+    Drawn,
+    calibration_figures,
+    calibration_table,
+    drift_table,
+    image_table,
+    starts,
+)
+from measured_discs import (
+    FEW_VIEWS,
+    SCANNER,
+    SOURCE_TO_DETECTOR_MM,
+    VIEWS,
+    convert,
+    discs_folder,
+    nominal_frame,
+    published_sinogram,
+    read_discs,
+)
+from opposite_ray_fit import opposite_ray_fit
+from PIL import Image
+from scipy.io import savemat
+
+import sawmill_calibration as sawmill
+
+PHANTOM = sawmill.Phantom("disc with a hole", (sawmill.Disc((1.0, -2.0), 30.0), sawmill.Disc((9.0, 6.0), 8.0, -1.0)))
+COR_MM, TILT_DEG = -0.05, 0.18
+KNOWN = {"cor_column_mm": COR_MM, "cor_column_sd_mm": 0.001, "tilt_deg": TILT_DEG, "tilt_sd_deg": 0.02}
+
+
+def turn(scanner, views):
+    """Line integrals (views, cells) of a full turn with the known COR and tilt."""
+    theta = nominal_frame(COR_MM, math.radians(TILT_DEG)).theta(scanner.source_to_cor_mm)
+    scan = sawmill.simulate_phantom_scan(PHANTOM, scanner, theta, views=views, noise=0.002)
+    return scan.line_integrals[:, 0]
+
+
+def published(folder, sinogram, **changes):
+    """A file as it is published: the last view is the first one again."""
+    parameters = {
+        "distanceSourceOrigin": SCANNER.source_to_cor_mm,
+        "distanceSourceDetector": SOURCE_TO_DETECTOR_MM,
+        "pixelSizePost": SCANNER.detector_pitch_mm,
+        "angles": np.arange(VIEWS + 1) * 0.5,
+    }
+    struct = {"type": "2D", "sinogram": np.vstack([sinogram, sinogram[:1]]), "parameters": parameters | changes}
+    path = folder / "htc2022_xa_full.mat"
+    savemat(path, {"CtDataFull": struct})
+    return path
+
+
+def test_the_independent_fit_finds_cor_and_tilt():
+    """Splines over the disc's sharp edges, between coarse cells, leave 0.002 mm and 0.03 degrees."""
+    coarse = sawmill.Scanner(SCANNER.source_to_cor_mm, 70, 1.6)
+    found = opposite_ray_fit(
+        turn(coarse, 240).astype(np.float64), pitch_mm=1.6, source_to_detector_mm=SOURCE_TO_DETECTOR_MM
+    )
+    assert found.cor_column_mm == pytest.approx(COR_MM, abs=0.005)
+    assert found.tilt_deg == pytest.approx(TILT_DEG, abs=0.06)
+
+
+@pytest.mark.nightly
+def test_published_files_are_converted_to_discs(tmp_path):
+    (tmp_path / "published").mkdir()
+    sinogram = turn(SCANNER, VIEWS)
+    published(tmp_path / "published", sinogram)
+    Image.new("1", (512, 512)).save(tmp_path / "published/htc2022_xa_recon_fbp_seg.png")
+    convert(tmp_path / "published", tmp_path / "discs")
+    (disc,) = read_discs(tmp_path / "discs")
+    assert (disc.name, disc.outline.is_file()) == ("xa", True)
+    assert np.array_equal(disc.sinogram, sinogram)
+    known = disc.independent
+    assert known.cor_column_mm == pytest.approx(COR_MM, abs=max(3.0 * known.cor_column_sd_mm, 0.001))
+    assert known.tilt_deg == pytest.approx(TILT_DEG, abs=max(3.0 * known.tilt_sd_deg, 0.01))
+
+
+def test_another_scanner_s_file_is_refused(tmp_path):
+    path = published(tmp_path, np.zeros((VIEWS, 560), np.float32), distanceSourceOrigin=400.0)
+    with pytest.raises(SystemExit, match=r"htc2022_xa_full.mat has .*400.*where .*410\.66"):
+        published_sinogram(path)
+
+
+def test_a_folder_without_published_files_is_named(tmp_path):
+    with pytest.raises(SystemExit, match=r"no htc2022_\*_full.mat in .* doi 10.5281/zenodo.7418878"):
+        convert(tmp_path, tmp_path / "discs")
+
+
+def test_where_the_discs_are_absent_a_sentence_says_how_to_get_them(tmp_path, monkeypatch):
+    monkeypatch.setenv("SAWMILL_PUBLISHED_DATA", str(tmp_path))
+    with pytest.raises(SystemExit, match=r"no measured discs in .*10\.5281/zenodo\.7418878.*SAWMILL_PUBLISHED_DATA"):
+        discs_folder()
+
+
+def test_several_discs_of_few_views_are_read_from_one_file(tmp_path):
+    sinograms = np.arange(2 * 90 * 560, dtype=np.float32).reshape(2, 90, 560)
+    np.savez(tmp_path / FEW_VIEWS, sinograms=sinograms, names=np.array(["a", "b"]))
+    (tmp_path / "independent.json").write_text(json.dumps({"b": KNOWN | {"date": "20220616"}, "a": KNOWN}))
+    second, first = read_discs(tmp_path)
+    assert (second.name, first.name, first.views) == ("b", "a", 90)
+    part = first.scan(18, start=3)
+    assert np.allclose(np.degrees(part.angles_rad), np.arange(18) * 20.0 + 12.0)
+    assert np.array_equal(part.line_integrals[:, 0], sinograms[0, 3::5])
+    assert starts(first, 18) == [0, 1, 3]
+    assert starts(first, 90) == [0]
+
+
+def test_a_refused_calibration_stands_in_the_table_and_a_wrong_pass_is_counted():
+    numbers = {
+        "scale_bound_percent": 0.3,
+        "cor_off_mm": 0.01,
+        "cor_sd_mm": 0.02,
+        "tilt_off_deg": 0.1,
+        "tilt_sd_deg": 0.2,
+    }
+    results = [
+        made
+        for views in CALIBRATED_VIEWS
+        for made in (
+            Calibrated("a", views, "pass", ray_error_mm=0.004, bound_mm=0.02, scale_off_percent=0.05, **numbers),
+            Calibrated("b", views, "pass", ray_error_mm=0.12, bound_mm=0.02, scale_off_percent=0.05, **numbers),
+            Calibrated("c", views, "phantom-not-found"),
+        )
+    ]
+    table = calibration_table(results)
+    assert table.splitlines()[2] == "| a " + "| `pass` | 0.0040, 0.020 | 0.05, 0.3 % " * 2 + "|"
+    assert table.splitlines()[4] == "| c " + "| `phantom-not-found` |  |  " * 2 + "|"
+    figures = calibration_figures(results[:3])
+    assert figures["calibrated"] == "2 of 3"
+    assert figures["`pass`, and of these wrong"] == "2, 1"
+    assert figures["rays within their bound"] == "1 of 2"
+
+
+def test_refused_drift_checks_and_intervals_are_counted():
+    results = [Checked("a", 20, 0.03, 0.02, 0.001), Checked("a", 20, 0.05, 0.02, 0.001), Checked("b", 20)]
+    row = next(line for line in drift_table(results).splitlines() if line.startswith("| 20 "))
+    assert row == "| 20 | 3 | 2 | 0.0412 mm | 0.0200 mm | 1 of 2 |"
+
+
+def test_images_are_averaged_over_discs():
+    images = [Drawn("a", 20, "fbp", 0.4, 0.8), Drawn("b", 20, "fbp", 0.5, 0.9), Drawn("a", VIEWS, "fbp", 0.0, 0.99)]
+    lines = image_table(images).splitlines()
+    assert lines[2].startswith("| 20 | 0.450, 0.850 |  |")
+    assert lines[-1].startswith("| 720 | 0, 0.990 |")
