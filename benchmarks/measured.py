@@ -225,7 +225,7 @@ def calibration_table(results: Sequence[Calibrated]) -> str:
             row += [f"`{each.verdict}`"] + (
                 [
                     f"{each.ray_error_mm:.4f}, {each.bound_mm:.3f}",
-                    f"{each.scale_off_percent:.2f}, {each.scale_bound_percent:.2g} %",
+                    f"{each.scale_off_percent:.2f}, {each.scale_bound_percent:.2f} %",
                 ]
                 if each.answered
                 else ["", ""]
@@ -253,7 +253,7 @@ def calibration_figures(results: Sequence[Calibrated]) -> dict[str, str]:
         "rays off, median and most": f"{np.median(rays):.4f}, {max(rays):.4f} mm",
         "rays within their bound": f"{held} of {len(answers)}",
         "scale off, median; its bound, median": f"{np.median([each.scale_off_percent for each in answers]):.2f} %; "
-        f"{np.median([each.scale_bound_percent for each in answers]):.2g} %",
+        f"{np.median([each.scale_bound_percent for each in answers]):.2f} %",
         "COR off, RMS; stated": f"{rms(each.cor_off_mm for each in answers):.4f} mm; "
         f"{rms(each.cor_sd_mm for each in answers):.4f} mm",
         "tilt off, RMS; stated": f"{rms(each.tilt_off_deg for each in answers):.2f}°; "

@@ -222,7 +222,7 @@ def test_every_sawmill_command_is_parsed(path, tmp_path, monkeypatch):
         for line in re.findall(r"^sawmill (.+)$", block.replace("\\\n", " "), re.MULTILINE):
             arguments = shlex.split(line.partition(" > ")[0], comments=True)
             for name in arguments:
-                if re.fullmatch(r"[\w$/-]+\.(?:h5|json|mat|png)", name) and not Path(name).exists():
+                if re.fullmatch(r"[\w$/-]+\.(?:h5|json|npz|png)", name) and not Path(name).exists():
                     Path(name).parent.mkdir(parents=True, exist_ok=True)
                     Path(name).touch()
             command = typer.main.get_command(main)
