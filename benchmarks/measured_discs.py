@@ -79,8 +79,8 @@ def discs_folder() -> Path:
     if not (folder / "independent.json").is_file():
         sys.exit(
             f"There are no measured discs in {folder}: get htc2022_*_full.mat and the segmentations of doi {DOI}, "
-            f"convert them (python benchmarks/measured_discs.py PUBLISHED {folder.name}), and let "
-            "SAWMILL_PUBLISHED_DATA name the folder that has them."
+            f"convert them (python benchmarks/measured_discs.py PUBLISHED {folder}), or let SAWMILL_PUBLISHED_DATA "
+            "name the folder that has measured-discs."
         )
     return folder
 
@@ -137,17 +137,20 @@ def convert(published: Path, folder: Path) -> None:
 
 def published_sinogram(path: Path) -> NDArray[np.float32]:
     """Read the line integrals (720, 560) of a published file, or end with a sentence that names what is wrong."""
-    struct = loadmat(path, simplify_cells=True)["CtDataFull"]
-    parameters, sinogram = struct["parameters"], struct["sinogram"]
-    found = (
-        *sinogram.shape,
-        *(parameters[name] for name in ("distanceSourceOrigin", "distanceSourceDetector", "pixelSizePost")),
-    )
+    try:
+        struct = loadmat(path, simplify_cells=True)["CtDataFull"]
+        sinogram, parameters = struct["sinogram"], struct["parameters"]
+        found = (
+            *sinogram.shape,
+            *(parameters[name] for name in ("distanceSourceOrigin", "distanceSourceDetector", "pixelSizePost")),
+        )
+        angles_deg = np.ravel(parameters["angles"])
+    except KeyError as error:
+        sys.exit(f"{path.name} has no {error}: it is none of the files of doi {DOI}.")
     wanted = (
         *(VIEWS + 1, SCANNER.num_detector_pixels),
         *(SCANNER.source_to_cor_mm, SOURCE_TO_DETECTOR_MM, SCANNER.detector_pitch_mm),
     )
-    angles_deg = np.asarray(parameters["angles"], np.float64).ravel()
     if not np.allclose(found, wanted) or not np.array_equal(angles_deg, np.arange(VIEWS + 1) * STEP_DEG):
         sys.exit(
             f"{path.name} has views, cells, distances and pitch {found}, where {wanted} in steps of 0.5 deg are read."

@@ -90,6 +90,12 @@ def test_another_scanner_s_file_is_refused(tmp_path):
         published_sinogram(path)
 
 
+def test_a_file_of_another_kind_is_refused(tmp_path):
+    savemat(tmp_path / "htc2022_xa_full.mat", {"CtDataLimited": {"type": "2D"}})
+    with pytest.raises(SystemExit, match=r"htc2022_xa_full\.mat has no 'CtDataFull': it is none of the files of doi"):
+        published_sinogram(tmp_path / "htc2022_xa_full.mat")
+
+
 def test_a_folder_without_published_files_is_named(tmp_path):
     with pytest.raises(SystemExit, match=r"no htc2022_\*_full.mat in .* doi 10.5281/zenodo.7418878"):
         convert(tmp_path, tmp_path / "discs")
