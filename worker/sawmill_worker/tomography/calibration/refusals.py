@@ -67,10 +67,17 @@ def refuse_unfound(scanner: Scanner, phantom: Phantom, best: Fit | None, unexpla
             "sinogram unexplained; check that the scan (and its rows) shows this phantom, its size, the angles and the "
             "scanner's constants",
         )
-    if not NEAREST < best.frame.source_distance_mm / scanner.source_to_cor_mm < FARTHEST:
+
+
+def refuse_other_scanner(scanner: Scanner, source_distance_mm: float) -> None:
+    """Refuse a source distance of the free fit, every effect fitted, that is no scanner's with this r_S.
+
+    Without its effects a fit may be as far off: hardening in a nearly round phantom makes R three times as long.
+    """
+    if not NEAREST < source_distance_mm / scanner.source_to_cor_mm < FARTHEST:
         raise CalibrationError(
             "phantom-not-found",
-            f"the best geometry puts the source at {best.frame.source_distance_mm:.4g} mm where source_to_cor_mm is "
+            f"the best geometry puts the source at {source_distance_mm:.4g} mm where source_to_cor_mm is "
             f"{scanner.source_to_cor_mm:.6g}: check that constant, the phantom's size (in mm), and the handedness "
             "and rotation if they were given",
         )

@@ -9,6 +9,7 @@ from sawmill_worker.tomography.calibration.errors import CalibrationError
 from sawmill_worker.tomography.calibration.faults.finding import AdjustedFit
 from sawmill_worker.tomography.calibration.fit import OnStep, refine, unheard
 from sawmill_worker.tomography.calibration.joint_fit import JointFit, fit_consistent_views, fit_jointly
+from sawmill_worker.tomography.calibration.refusals import refuse_other_scanner
 from sawmill_worker.tomography.calibration.scatter import Scatter, parameter_scatter
 from sawmill_worker.tomography.calibration.task import CalibrationTask
 from sawmill_worker.tomography.fit_parameters import Parameter
@@ -46,11 +47,12 @@ def with_theta(
     Raises
     ------
     CalibrationError
-        If no fit exists with R = r_S.
+        If the free R is no scanner's, or no fit exists with R = r_S.
     """
     prepared, free = fit_consistent_views(prepared, task.without, on_step)
-    scatter = parameter_scatter(free)
     r_s, frame = task.scanner.source_to_cor_mm, free.model.frame
+    refuse_other_scanner(task.scanner, frame.source_distance_mm)
+    scatter = parameter_scatter(free)
     if frame.source_distance_mm >= r_s:
         return prepared, free, scatter, SourceDistance(frame.source_distance_mm)
     ratio = r_s / frame.source_distance_mm
