@@ -14,12 +14,11 @@ from sawmill_worker.tomography.calibration.faults.adjustments import prepare
 from sawmill_worker.tomography.calibration.faults.finding import AdjustedFit
 from sawmill_worker.tomography.calibration.faults.metal import Metal, find_metal
 from sawmill_worker.tomography.calibration.fit import Fit, OnStep, unheard
-from sawmill_worker.tomography.calibration.joint_fit import as_fit
+from sawmill_worker.tomography.calibration.joint_fit import JointFit, as_fit
 from sawmill_worker.tomography.calibration.judgement import Evidence, Limits, judge
 from sawmill_worker.tomography.calibration.refusals import refuse_unfound
 from sawmill_worker.tomography.calibration.residual_analysis import analyse_residual
 from sawmill_worker.tomography.calibration.scale import scale_uncertainty
-from sawmill_worker.tomography.calibration.scan_model import Term
 from sawmill_worker.tomography.calibration.search import SearchCallback, SearchResult, search
 from sawmill_worker.tomography.calibration.source_distance import with_theta
 from sawmill_worker.tomography.calibration.task import CalibrationTask, Hypothesis
@@ -81,7 +80,7 @@ def conclude(
         task.phantom,
         bars.covariance.values,
         radius_mm,
-        aspect_half=0.0 if task.true_axis is not None else 0.5 * abs(joint.model.size(Term.ASPECT)),
+        aspect_half=_aspect_half(task, joint),
     )
     in_bounds = task.bounds is None or task.bounds.contain(theta)
     evidence = Evidence(fit, source_distance, bars, alternatives, found, scale, in_bounds)
@@ -110,6 +109,13 @@ def conclude(
         search=basins.report,
         timing=Timing(ended - started, searched - started, refined - searched, ended - refined),
     )
+
+
+def _aspect_half(task: CalibrationTask, joint: JointFit) -> float:
+    """Half the difference between the phantom's directions: which is right, or whether they differ, is not known."""
+    if task.true_axis is not None and joint.other_reading is None:
+        return 0.0
+    return 0.5 * abs(joint.aspect)
 
 
 def _without_metal(

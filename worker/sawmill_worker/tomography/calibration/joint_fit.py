@@ -12,8 +12,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from sawmill_worker.tomography.calibration.covariance import Covariance
-from sawmill_worker.tomography.calibration.faults.adjustments import EFFECTS
+from sawmill_worker.tomography.calibration.faults.adjustments import ALIKE, EFFECTS
 from sawmill_worker.tomography.calibration.faults.angle_jitter import angle_scatter
+from sawmill_worker.tomography.calibration.faults.deformation import DEFORMATION
 from sawmill_worker.tomography.calibration.faults.effect import Effect
 from sawmill_worker.tomography.calibration.faults.finding import AdjustedFit
 from sawmill_worker.tomography.calibration.faults.inconsistent_views import (
@@ -73,6 +74,24 @@ class Fitted:
 
 
 @dataclass(frozen=True, eq=False)
+class OtherReading:
+    """An effect that explains what a fitted one does, so that the scan does not tell which of them is there.
+
+    Attributes
+    ----------
+    sizes : (columns,) float64
+        Of the other effect's columns, if it were fitted in the other's place.
+    bias : (base,) float64
+        Change of all else that is fitted if it were.
+    """
+
+    fitted: Fitted
+    other: Fitted
+    sizes: FloatArray
+    bias: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
 class JointFit:
     """Where it ended.
 
@@ -82,6 +101,8 @@ class JointFit:
     system : System
         At the end, of all columns; `used` are those fitted, `change` the last step's.
     beyond_chance : effects that are beyond chance and not fitted, and the test of each.
+    other_reading : OtherReading or None
+        None where no fitted effect may stand for another.
     angle_variance : float
         By which the views' angles scatter, rad^2; 0 where they do not.
     """
@@ -93,9 +114,24 @@ class JointFit:
     change: FloatArray
     variance: float
     beyond_chance: tuple[tuple[Fitted, EffectTest], ...]
+    other_reading: OtherReading | None
     angle_variance: float
     converged: bool
     rounds: int
+
+    @property
+    def biases(self) -> list[FloatArray]:
+        """What the fitted columns would be off by, the geometry's first, for each effect that may be there instead."""
+        beyond_chance = [test.bias for _, test in self.beyond_chance]
+        return beyond_chance if self.other_reading is None else [*beyond_chance, self.other_reading.bias]
+
+    @property
+    def aspect(self) -> float:
+        """By how much the phantom is longer in x than in y, if that is what the scan shows; a share."""
+        other = self.other_reading
+        if other is not None and other.other.effect is DEFORMATION:
+            return float(other.sizes[0])
+        return self.model.size(Term.ASPECT)
 
     def without(self, one: Fitted) -> tuple[list[Column], FloatArray]:
         """The other columns, and what they would be off by if an effect were not fitted."""
@@ -187,7 +223,10 @@ class _JointFitter:
         """Where it ended."""
         system, tried, used, change = self.last
         beside = Beside(system, used)
-        tests = [(one, beside.tested(one.places)) for one in tried if one not in self.fitted]
+        allowed = [one for one in tried if one.effect.adjustment not in self.without]
+        other = _other_reading(system, used, self.fitted, allowed)
+        left = [one for one in tried if one not in self.fitted and (other is None or one is not other.other)]
+        tests = [(one, beside.tested(one.places)) for one in left]
         beyond = tuple((one, test) for one, test in tests if test.is_beyond_chance(one.trials))
         return JointFit(
             self.model,
@@ -197,6 +236,7 @@ class _JointFitter:
             change,
             self.variance,
             beyond,
+            other,
             self.angle_variance,
             converged=self.converged,
             rounds=self.rounds,
@@ -285,6 +325,24 @@ def _needed(system: System, used: list[int], one: Fitted) -> bool:
     """Whether an effect is still far beyond chance beside the others."""
     rest = [i for i in used if i not in one.places]
     return Beside(system.without(one.places, one.sizes), rest).tested(one.places).is_fitted(one.trials)
+
+
+def _other_reading(
+    system: System, used: list[int], fitted: Sequence[Fitted], tried: Sequence[Fitted]
+) -> OtherReading | None:
+    """Find what may be there instead of a fitted effect: the other of `ALIKE`, if it leaves nothing of that effect."""
+    pair = [one for one in (*fitted, *tried) if one.effect in ALIKE]
+    one = next((one for one in pair if one in fitted), None)
+    other = next((one for one in pair if one not in fitted), None)
+    if one is None or other is None:
+        return None
+    rest = [i for i in used if i not in one.places]
+    system = system.without(one.places, one.sizes)
+    if Beside(system, [*rest, *other.places]).tested(one.places).is_fitted():
+        return None
+    beside = Beside(system, rest)
+    instead = beside.tested(other.places)
+    return OtherReading(one, other, instead.sizes, instead.bias - beside.tested(one.places).bias)
 
 
 def as_fit(joint: JointFit, covariance: Covariance, true_axis: TrueAxis | None, source_to_cor_mm: float) -> Fit:

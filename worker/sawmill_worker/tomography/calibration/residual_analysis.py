@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sawmill_worker.tomography.calibration.faults import angle_jitter, view_gain
+from sawmill_worker.tomography.calibration.faults.adjustments import ALIKE
 from sawmill_worker.tomography.calibration.faults.structure import Structure, find_structure
 from sawmill_worker.tomography.calibration.joint_fit import JointFit
 from sawmill_worker.tomography.calibration.normal_equations import Column
@@ -83,11 +84,15 @@ def _fitted(joint: JointFit, scanner: Scanner, radius_mm: float) -> Iterator[Fou
         )
     for one in joint.fitted:
         columns, off = joint.without(one)
-        sentence = one.effect.sentence(joint.model, one.sizes)
+        readings = [(one.effect, one.sizes)]
+        if joint.other_reading is not None and joint.other_reading.fitted is one:
+            readings.append((joint.other_reading.other.effect, joint.other_reading.sizes))
+            readings.sort(key=lambda reading: ALIKE.index(reading[0]))
+        sentence = ", or ".join(effect.sentence(joint.model, sizes) for effect, sizes in readings)
         yield FoundEffect(
             one.effect.adjustment,
-            sentence,
-            one.effect.remedy,
+            sentence if len(readings) == 1 else f"{sentence} (this scan does not tell which)",
+            ", and ".join(effect.remedy for effect, _ in readings),
             _off_mm(joint, columns, off, scanner, radius_mm),
             fitted=True,
         )

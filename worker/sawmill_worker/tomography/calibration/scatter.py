@@ -74,7 +74,8 @@ def parameter_scatter(joint: JointFit) -> Scatter:
     the mean eigenvalue of the cluster-robust covariance against the classical one (Liang and Zeger 1986). Residuals
     that go on from view to view, as those of a wrong drawing or of a knot do: the power of the scores' slowest
     harmonics over the turn is added as the covariance of their mean (a long-run variance; Newey and West 1987 with the
-    periodogram's lowest ordinates for a kernel). And effects that are beyond chance but not fitted: each one's bias.
+    periodogram's lowest ordinates for a kernel). And effects that are beyond chance but not fitted, or that may be
+    there instead of a fitted one: each one's bias.
 
     Raises
     ------
@@ -103,9 +104,8 @@ def parameter_scatter(joint: JointFit) -> Scatter:
         if structured:
             back = (waves @ scores.unscale.T)[:, :count] * STUDENT[number - 1]
             of_free = of_free + np.real(back.conj().T @ back) / number
-    for _, test in joint.beyond_chance:
-        bias = test.bias[:count]
-        of_free = of_free + np.outer(bias, bias)
+    for bias in joint.biases:
+        of_free = of_free + np.outer(bias[:count], bias[:count])
     values = np.zeros((len(Parameter), len(Parameter)))
     values[np.ix_(scores.free, scores.free)] = of_free
     held = frozenset(Parameter) - frozenset(scores.free)

@@ -38,6 +38,9 @@ EFFECTS: tuple[Effect, ...] = (
     WOBBLE_ONCE,
     WOBBLE_TWICE,
 )
+# A body that comes nearer to the source twice a turn casts the shadow of one that is longer in one direction, but for
+# the lengths of the rays in it, which a gain of each view hides.
+ALIKE = (DEFORMATION, WOBBLE_TWICE)
 
 
 def prepare(now: AdjustedFit, without: Collection[Adjustment] = ()) -> AdjustedFit:
