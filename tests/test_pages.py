@@ -173,7 +173,7 @@ TERMS = (
     *("verdict", "status", "adjustment", "residual", "gain", "background", "FBP", "Tikhonov alpha", "Cauchy beta"),
     *("sigma", "weight", "total variation", "MAP", "continuation", "support region", "full grid", "cross-validation"),
     *("validation views", "tuning on a synthetic scan", "basin", "initial guess", "drift", "drift check", "margin"),
-    *("conjugate rays", "psi identifiable", "job", "attempt", "lease", "heartbeat", "loss", "outage", "fencing"),
+    *("conjugate rays", "job", "attempt", "lease", "heartbeat", "loss", "outage", "fencing"),
     *("ingest", "concurrent", "inconsistent", "sensitivity", "outlier", "minimum", "claim", "contract"),
 )
 

@@ -10,7 +10,6 @@ from sawmill_worker.tomography.calibration.judgement import Evidence, Limits, ju
 from sawmill_worker.tomography.calibration.residual_analysis import FoundEffect, ResidualAnalysis
 from sawmill_worker.tomography.calibration.scale import ScaleUncertainty
 from sawmill_worker.tomography.calibration.source_distance import SourceDistance
-from sawmill_worker.tomography.fit_parameters import Parameter
 from sawmill_worker.tomography.geometry import SourceFrame
 from sawmill_worker.tomography.ray_error import PredictedRayError
 from sawmill_worker.vocabulary import Adjustment, Handedness, Rotation
@@ -75,7 +74,6 @@ AMBIGUOUS = {"hypotheses": (RIGHT, second(0.02 * 1.0009))}
 TURNED = {"turned": TurnedAlternative(by_deg=180.0, relative_residual=0.02 * 1.0009)}
 NOT_CONVERGED = {"fit": {"converged": False}}
 IMPRECISE = {"bars": {"predicted_ray_error": predicted(0.2)}}
-NO_PSI = {"bars": {"covariance": Covariance(np.eye(5)).without(Parameter.PSI)}}
 SHORT = {"source_distance": SourceDistance(850.0, held=True, deficit_deviations=4.1)}
 
 
@@ -86,7 +84,6 @@ SHORT = {"source_distance": SourceDistance(850.0, held=True, deficit_deviations=
         (IMPRECISE, "imprecise"),
         (TURNED, "ambiguous-turn"),
         (TURNED | IMPRECISE, "ambiguous-turn"),
-        (NO_PSI, "ambiguous-turn"),
         (SHORT, "inconsistent-scale"),
         (AMBIGUOUS, "ambiguous-handedness"),
         (AMBIGUOUS | TURNED, "ambiguous-handedness"),

@@ -16,6 +16,9 @@ __all__ = ["Disc", "Phantom", "PhantomError", "Polygon", "Shape"]
 
 # A polygon of that many corners is a disc to 0.05 % of its radius.
 CORNERS_PER_DISC = 96
+# An outline is a circle whose distance from the centre changes by less than this share of the phantom's radius: by more
+# than a picture's tracing leaves, and by far less than a hole off the centre.
+ROUND = 1e-3
 # Of a shape: sums of squares of line integrals stay far from what a float holds. Drawings have closer bounds.
 LARGEST_DENSITY = 1e6
 
@@ -143,6 +146,16 @@ class Phantom:
         reach = [math.hypot(*shape.center_mm) + shape.radius_mm for shape in self.shapes if isinstance(shape, Disc)]
         reach += [math.hypot(*corner) for s in self.shapes if isinstance(s, Polygon) for corner in s.vertices_mm]
         return max(reach)
+
+    @cached_property
+    def is_round(self) -> bool:
+        """Whether it looks the same from every side: discs, and polygons as good as discs, about one centre."""
+        distances = [
+            np.hypot(*(np.concatenate([line, 0.5 * (line[1:] + line[:-1])]) - self.centroid_mm).T)
+            for line in self.outlines()
+        ]
+        largest = max(float(distance.max()) for distance in distances)
+        return all(float(np.ptp(distance)) <= ROUND * largest for distance in distances)
 
     def outlines(self, *, points_per_disc: int = 181) -> list[FloatArray]:
         """Closed outlines for drawing, each (points, 2) in mm, the first point repeated at the end."""

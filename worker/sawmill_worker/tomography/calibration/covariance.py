@@ -40,12 +40,6 @@ class Covariance:
         """Of the geometry's five alone; a copy."""
         return replace(self, values=self.values[FRAME, FRAME].copy())
 
-    def without(self, parameter: Parameter) -> "Covariance":
-        """The same with one parameter unknown."""
-        values = self.values.copy()
-        values[parameter, :] = values[:, parameter] = 0.0
-        return Covariance(values, self.held, self.unknown | {parameter})
-
 
 def frame_deviation(frame: SourceFrame, covariance: FloatArray) -> FloatArray:
     """Standard deviations of (psi, R, SDD, u_c, tau, M), (6,), from the covariance (5, 5) of the first five."""

@@ -6,7 +6,6 @@ import numpy as np
 
 from sawmill_worker.tomography.calibration.covariance import Covariance, frame_deviation, theta_covariance
 from sawmill_worker.tomography.calibration.scatter import Scatter
-from sawmill_worker.tomography.fit_parameters import Parameter
 from sawmill_worker.tomography.geometry import FloatArray, Scanner, SourceFrame, Theta
 from sawmill_worker.tomography.ray_error import PredictedRayError, predicted_ray_error
 
@@ -20,7 +19,7 @@ class ErrorBars:
     covariance : Covariance
         Of the geometry's five unknowns.
     theta_covariance : (5, 5) float64 or None
-        Of theta; None where the source shift, or the first angle, is not resolved.
+        Of theta; None where the source shift is not resolved.
     predicted_ray_error : PredictedRayError
         Inside the log's disc.
     inflation : float
@@ -39,11 +38,6 @@ class ErrorBars:
     source_shift_resolved: bool
 
     @property
-    def psi_identifiable(self) -> bool:
-        """Whether the scan determines the first angle."""
-        return Parameter.PSI not in self.covariance.unknown
-
-    @property
     def theta_deviation(self) -> FloatArray | None:
         """Standard deviations of theta, (5,); None where it has no covariance."""
         return None if self.theta_covariance is None else np.sqrt(np.diag(self.theta_covariance))
@@ -58,8 +52,8 @@ def error_bars(scanner: Scanner, frame: SourceFrame, theta: Theta, scatter: Scat
     covariance = scatter.covariance.of_frame
     of_theta = theta_covariance(scanner, frame, theta, covariance.values)
     return ErrorBars(
-        covariance=covariance if scatter.psi_identifiable else covariance.without(Parameter.PSI),
-        theta_covariance=of_theta if scatter.psi_identifiable else None,
+        covariance=covariance,
+        theta_covariance=of_theta,
         predicted_ray_error=predicted_ray_error(scanner, frame, covariance.values, radius_mm=radius_mm),
         inflation=scatter.inflation,
         deviation_ratio=scatter.deviation_ratio,

@@ -146,12 +146,9 @@ def _worst(remarks: list[Remark]) -> Verdict:
 
 def _convergence(evidence: Evidence, _: Limits) -> Iterator[Remark]:
     if not evidence.fit.converged:
-        identifiable = evidence.error_bars.psi_identifiable
         cure = (
             "compare the report's residual with the drawing for what the drawing does not have, check the rows, and "
             "use more views if there are few"
-            if identifiable
-            else "use a phantom with corners"
         )
         yield Remark(Degree.FAIL, f"the fit did not converge: {cure}", CalibrationStatus.NOT_CONVERGED)
 
@@ -200,14 +197,7 @@ def _other_hypothesis(evidence: Evidence, _: Limits) -> Iterator[Remark]:
 def _first_angle(evidence: Evidence, _: Limits) -> Iterator[Remark]:
     """Whether another first angle explains the scan as well."""
     turned = evidence.alternatives.turned
-    if not evidence.error_bars.psi_identifiable:
-        yield Remark(
-            Degree.WATCH,
-            "the phantom looks the same from every side, so the scan does not determine the first angle: "
-            "use a phantom without symmetry",
-            CalibrationStatus.AMBIGUOUS_TURN,
-        )
-    elif turned is not None and _undecided(evidence.alternatives, turned.relative_residual):
+    if turned is not None and _undecided(evidence.alternatives, turned.relative_residual):
         yield Remark(
             Degree.WATCH,
             f"the phantom looks the same turned by {turned.by_deg:.0f} degrees, so the first angle may be off by as "

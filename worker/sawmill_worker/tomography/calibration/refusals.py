@@ -5,7 +5,7 @@ import numpy as np
 from sawmill_worker.tomography.calibration.errors import CalibrationError
 from sawmill_worker.tomography.calibration.fit import Fit
 from sawmill_worker.tomography.geometry import FloatArray, Scanner
-from sawmill_worker.tomography.phantom import Phantom
+from sawmill_worker.tomography.phantom import Phantom, PhantomError
 
 # A fit that leaves more than this of the sinogram unexplained has not found the phantom: the right phantom seen
 # from the wrong side leaves 0.11 to 0.3, an empty scan 1.
@@ -16,6 +16,16 @@ FARTHEST, NEAREST = 2.0, 0.5
 LEAST_RANGE = 1e-30
 # The seven unknowns and gain and background cannot come from fewer.
 FEWEST_VIEWS = 3
+
+
+def refuse_round(phantom: Phantom) -> None:
+    """Refuse a phantom that looks the same from every side."""
+    if phantom.is_round:
+        raise PhantomError(
+            f"the phantom {phantom.name!r} cannot calibrate: it looks the same from every side, so a scan shows "
+            "neither its first angle nor from which end it was seen, and hardly how far the source is; use a phantom "
+            "with corners, or with holes off its centre"
+        )
 
 
 def refuse_unusable(scanner: Scanner, sinogram: FloatArray, angles_rad: FloatArray) -> None:

@@ -42,15 +42,12 @@ class Scatter:
         The standard deviations against those for white noise of the residual's RMS (RMS over the parameters).
     structured : bool
         Whether the residual is more than white noise.
-    psi_identifiable : bool
-        Whether the scan determines the first angle. That of a disc turns with its position.
     """
 
     covariance: Covariance
     inflation: float
     deviation_ratio: float
     structured: bool
-    psi_identifiable: bool
 
 
 @dataclass(frozen=True)
@@ -82,7 +79,7 @@ def parameter_scatter(joint: JointFit) -> Scatter:
     CalibrationError
         If the views do not determine the geometry at all.
     """
-    psi_identifiable = _psi_identifiable(joint)
+    _refuse_undetermined(joint)
     scores = _scores(joint)
     views, unknowns = scores.white.shape
     noise, count = joint.variance, len(scores.free)
@@ -111,13 +108,11 @@ def parameter_scatter(joint: JointFit) -> Scatter:
     held = frozenset(Parameter) - frozenset(scores.free)
     unknown = frozenset(p for p in scores.free if not values[p, p] > 0.0)
     ratio = np.diag(of_free) / np.where(np.diag(plain) > 0.0, np.diag(plain), 1.0)
-    return Scatter(
-        Covariance(values, held, unknown), inflation, math.sqrt(float(ratio.mean())), structured, psi_identifiable
-    )
+    return Scatter(Covariance(values, held, unknown), inflation, math.sqrt(float(ratio.mean())), structured)
 
 
-def _psi_identifiable(joint: JointFit) -> bool:
-    """Whether the scan determines the first angle; an error where it does not determine the rays."""
+def _refuse_undetermined(joint: JointFit) -> None:
+    """Refuse a scan that does not determine the rays."""
     system, used = joint.system, joint.used
     free = _free(joint)
     scale = system.scale[used]
@@ -130,7 +125,6 @@ def _psi_identifiable(joint: JointFit) -> bool:
             f"the {len(system.scores)} views do not determine the geometry: other scanners would show the same; give "
             "more views, spread over the turn, or use a phantom with corners",
         )
-    return Parameter.PSI in free and float((vectors[free.index(Parameter.PSI), lost] ** 2).sum()) <= RAYS_SHARE
 
 
 def _free(joint: JointFit) -> list[Parameter]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from sawmill_worker.tomography.analytic import DetectorCells
 from sawmill_worker.tomography.calibration.faults.narrow_peaks import narrow_peaks
 from sawmill_worker.tomography.calibration.faults.screening import Screening, screen
-from sawmill_worker.tomography.calibration.refusals import refuse_unusable
+from sawmill_worker.tomography.calibration.refusals import refuse_round, refuse_unusable
 from sawmill_worker.tomography.calibration.sinogram_data import SinogramData
 from sawmill_worker.tomography.geometry import FloatArray, Scanner, ThetaBounds
 from sawmill_worker.tomography.log_radius import counted_radius_mm, refuse_log_beyond_source
@@ -74,7 +74,8 @@ class CalibrationTask:
     metal: NDArray[np.bool_] | None = None
 
     def __post_init__(self) -> None:
-        """Refuse data that do not belong together."""
+        """Refuse data that do not belong together, and a phantom that cannot calibrate."""
+        refuse_round(self.phantom)
         sinogram = np.ascontiguousarray(self.sinogram, np.float64)
         angles = np.ascontiguousarray(self.angles_rad, np.float64)
         refuse_unusable(self.scanner, sinogram, angles)

@@ -124,7 +124,7 @@ def _error_bars(
     return replace(
         alone,
         covariance=replace(alone.covariance, values=values),
-        theta_covariance=of_theta if alone.psi_identifiable else None,
+        theta_covariance=of_theta,
         predicted_ray_error=predicted,
         source_shift_resolved=of_theta is not None,
     )
