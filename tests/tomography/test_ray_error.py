@@ -4,6 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.optimize import minimize
+from scipy.special import ndtri
 
 from sawmill_worker.tomography.geometry import (
     FanBeamGeometry,
@@ -17,6 +18,7 @@ from sawmill_worker.tomography.geometry import (
 )
 from sawmill_worker.tomography.ray_error import (
     chord_points,
+    exceeded_ray_error,
     predicted_ray_error,
     ray_error,
     scale_gradient,
@@ -170,3 +172,14 @@ def test_an_uncertain_source_distance_predicts_no_ray_error_but_a_scale(scanner,
     assert predicted_ray_error(scanner, frame, covariance).rms_mm < 1e-12
     gradient = scale_gradient(scanner, frame)
     assert gradient @ covariance @ gradient == pytest.approx((2.0 / frame.source_distance_mm) ** 2)
+
+
+def test_what_few_errors_exceed_is_that_of_one_normal_error_and_that_of_the_draws(scanner, theta):
+    """One uncertain parameter has a closed limit; five have draws: both are right to 1 %."""
+    frame = theta.source_frame(R_S)
+    column = np.diag([0.0, 0.0, 0.0, 0.05, 0.0]) ** 2
+    limit = -ndtri(0.5e-4) * predicted_ray_error(scanner, frame, column).rms_mm
+    assert exceeded_ray_error(scanner, frame, column, 1e-4) == pytest.approx(limit, rel=1e-6)
+    covariance = np.diag(DEVIATIONS**2)
+    drawn = predicted_ray_error(scanner, frame, covariance).upper_95_mm
+    assert exceeded_ray_error(scanner, frame, covariance, 0.05) == pytest.approx(drawn, rel=0.02)

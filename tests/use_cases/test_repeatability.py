@@ -48,6 +48,20 @@ def test_a_moved_centre_and_a_changed_scale_are_each_beyond_the_error_bars(resul
     assert larger.scale_difference_percent == pytest.approx(0.4, rel=1e-3)
 
 
+def test_pairs_of_many_calibrations_that_differ_by_their_errors_alone_agree(result):
+    """Some of 276 pairs lie beyond their own 95 %: the limit allows for the largest of all, and a move still shows."""
+    frame = result().source_frame
+    draws = np.random.default_rng(27).multivariate_normal(np.zeros(5), COVARIANCE, size=24)
+    drawn = [result(of[1] / frame.source_distance_mm, of[3]) for of in draws]
+    named = [(str(number), calibration) for number, calibration in enumerate(drawn)]
+    found = repeatability(named)
+    alone = [pair for pair in found.pairs if pair.ray_difference_mm > pair.expected_95_mm]
+    assert (len(found.pairs), len(alone) > 0, found.verdict) == (276, True, "repeatable")
+    moved = repeatability([*named[:3], ("moved", result(column_mm=0.4))])
+    assert moved.verdict == "beyond-error-bars"
+    assert all("moved" in (pair.first, pair.second) for pair in moved.pairs if not pair.within_error_bars)
+
+
 def test_what_cannot_be_compared_is_refused(result):
     with pytest.raises(JobFailure, match="two or more"):
         repeatability([("a", result())])

@@ -79,13 +79,13 @@ def print_repeatability(result: RepeatabilityResult) -> None:
     colour = "green" if result.verdict == "repeatable" else "red"
     table = Table(title=f"Repeatability: [bold {colour}]{result.verdict}[/]", box=box.SIMPLE, padding=0)
     table.add_column("pair", overflow="fold")
-    for column in ("rays mm", "95 % mm", "scale %", "COR mm", "tilt °", ""):
+    for column in ("rays mm", "allowed mm", "scale %", "COR mm", "tilt °", ""):
         table.add_column(column, justify="right", no_wrap=True)
     for pair in result.pairs:
         table.add_row(
             escape(f"{pair.first} - {pair.second}"),
             f"{pair.ray_difference_mm:.3f}",
-            f"{pair.expected_95_mm:.3f}",
+            f"{pair.allowed_mm:.3f}",
             f"{pair.scale_difference_percent:+.3f} ± {pair.scale_difference_deviation_percent:.2g}",
             f"{pair.cor_column_difference_mm:+.3f} ± {pair.cor_column_deviation_mm:.2g}",
             f"{pair.tilt_difference_deg:+.3f} ± {pair.tilt_deviation_deg:.2g}",

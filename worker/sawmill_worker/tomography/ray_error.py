@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import chdtri
 
 from sawmill_worker.tomography.geometry import (
     FloatArray,
@@ -195,10 +196,7 @@ def predicted_ray_error(
     """
     derivative = _linear(scanner, frame, radius_mm).distances
     variance = np.einsum("pi,ij,pj->p", derivative, covariance, derivative)
-    form = derivative.T @ derivative / len(derivative)
-    values, vectors = np.linalg.eigh(covariance)
-    root = vectors * np.sqrt(np.maximum(values, 0.0))
-    weights = np.maximum(np.linalg.eigvalsh(root.T @ form @ root), 0.0)
+    weights = _weights(derivative, covariance)
     # A sum of weighted chi-squares has no closed quantile: seeded draws give it to 1 %.
     squares = np.random.default_rng(0).standard_normal((DRAWS, weights.size)) ** 2 @ weights
     low, upper, high = np.sqrt(np.quantile(squares, [0.025, 0.95, 0.975])).tolist()
@@ -208,3 +206,26 @@ def predicted_ray_error(
         upper,
         (low, high),
     )
+
+
+def exceeded_ray_error(
+    scanner: Scanner, frame: SourceFrame, covariance: FloatArray, share: float, *, radius_mm: float = 150.0
+) -> float:
+    """Compute the RMS ray error, mm, that a covariance of (psi, R, SDD, u_c, tau) exceeds in this small share of cases.
+
+    The sum of weighted chi-squares is taken as a shifted chi-square with the same first three cumulants, which is right
+    far out in the upper tail, where draws would be too few (Imhof, Biometrika 48, 1961, 419-426, section 4).
+    """
+    weights = _weights(_linear(scanner, frame, radius_mm).distances, covariance)
+    first, second, third = (float(np.sum(weights**power)) for power in (1, 2, 3))
+    freedom = second**3 / third**2
+    return math.sqrt(first + math.sqrt(second / freedom) * (float(chdtri(freedom, share)) - freedom))
+
+
+def _weights(derivative: FloatArray, covariance: FloatArray) -> FloatArray:
+    """Weights of the independent chi-squares of one degree of freedom that the mean square is the sum of, (5,) mm^2."""
+    form = derivative.T @ derivative / len(derivative)
+    values, vectors = np.linalg.eigh(covariance)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    weights: FloatArray = np.maximum(np.linalg.eigvalsh(root.T @ form @ root), 0.0)
+    return weights
