@@ -194,6 +194,20 @@ def test_drift_sees_what_moved_and_that_nothing_did(calibration):
     assert "COR moved" in moved.reason
 
 
+@pytest.mark.parametrize(
+    ("offset", "views"),
+    [(0.15, 20), *(pytest.param(o, v, marks=pytest.mark.nightly) for o in (0.0, 0.05, 0.2) for v in (20, 90, 360))],
+)
+def test_the_centre_of_rotation_is_found_from_nominal_distances_wherever_the_detector_stands(offset, views):
+    """With u_c off by this share of the detector: within 4 standard deviations, and to a cell."""
+    true = replace(THETA, source_shift_mm=0.0, detector_shift_mm=offset * 1154.2, detector_tilt=0.0)
+    log = sawmill.simulate_log_scan(SCANNER, true, views=views, rows=4, noise=0.002)
+    found = sawmill.drift(log, replace(true, detector_shift_mm=0.0)).result
+    deviation = found.standard_deviation.cor_column_mm
+    assert abs(found.measured.cor_column_mm - offset * 1154.2) < 4.0 * deviation < 2.0 * SCANNER.detector_pitch_mm
+    assert found.theta.source_frame(859.46).cor_column_mm == pytest.approx(found.measured.cor_column_mm, abs=deviation)
+
+
 def test_drift_is_the_command_s(phantom_file, result_file):
     path = phantom_file.with_name("log.h5")
     flags = ("--views", 240, "--noise", 0.002, "--data", "line-integrals")

@@ -1,6 +1,7 @@
 """`sawmill drift`: what moved since a calibration, from a log's scan."""
 
 import json
+import re
 
 import h5py
 import numpy as np
@@ -85,6 +86,40 @@ def test_sparse_views_are_compared_two_by_two(run, log_scans, known, thinned):
     assert (reported["method"], reported["moved"]) == ("view-pairs", True)
     before, after = (Theta.from_vector(map(float, theta.split(","))).source_frame(859.46) for theta in (THETA, MOVED))
     assert reported["change"]["cor_column_mm"] == pytest.approx(after.cor_column_mm - before.cor_column_mm, abs=0.6)
+
+
+NOMINAL = "2.55,714.7,319.9,200,0.281"  # h_D wrong by a seventh of the detector
+
+
+@pytest.mark.parametrize(("name", "views"), [("sparse", 20), pytest.param("still", 180, marks=pytest.mark.nightly)])
+def test_nominal_distances_are_enough_for_the_centre_of_rotation_and_to_reconstruct(
+    run, log_scans, tmp_path, name, views
+):
+    scan, flags = log_scans / f"{name}.h5", ("--data", "counts", "--source-to-cor-mm", 859.46, "--views", views)
+    result = json.loads(run("drift", scan, *flags, "--theta", NOMINAL, "--json").stdout)
+    found, true = (
+        theta.source_frame(859.46)
+        for theta in (
+            Theta(**result["theta"]),
+            Theta.from_vector(map(float, (THETA if name == "still" else MOVED).split(","))),
+        )
+    )
+    assert abs(found.cor_column_mm - true.cor_column_mm) < 4.0 * result["standard_deviation"]["cor_column_mm"] < 2.0
+    assert (found.source_distance_mm, found.psi_rad) == pytest.approx((true.source_distance_mm, true.psi_rad), rel=2e-3)
+    assert (result["reference"], result["moved"], result["within_tolerance"]) == ("given-geometry", False, None)
+    (printed,) = re.findall(r"reconstruct with --theta (\S+), in which", result["reason"])
+    used = run("reconstruct", scan, *flags, "--theta", printed, "--size", 32, "-o", tmp_path / "v.h5", "--json").stdout
+    assert list(json.loads(used)["theta"].values()) == pytest.approx(list(result["theta"].values()), rel=1e-5)
+
+
+def test_nominal_distances_raise_no_alarm_and_have_no_baseline(run, wrong_use, log_scans):
+    flags = ("--data", "counts", "--theta", NOMINAL, "--source-to-cor-mm", 859.46)
+    table = run("drift", log_scans / "sparse.h5", *flags, "--views", 20).stdout
+    assert "Centre of rotation" in table
+    assert "tolerance" not in table
+    assert "--baseline comes with --calibration" in " ".join(
+        wrong_use("drift", log_scans / "still.h5", *flags, "--baseline", log_scans / "still.h5").split()
+    )
 
 
 @pytest.fixture(scope="session")

@@ -32,6 +32,7 @@ from sawmill_worker.tomography.present_rows import mean_of_rows
 from sawmill_worker.use_cases.calibrate import CalibrationInput, calibration_result, run_calibration
 from sawmill_worker.use_cases.drift import DriftInput, mean_of_common_rows, run_drift
 from sawmill_worker.use_cases.drift_baseline import baselines_of, read_answers
+from sawmill_worker.use_cases.given_geometry import GivenGeometry
 from sawmill_worker.use_cases.reconstruct import ReconstructionInput, reconstruct_in_memory
 from sawmill_worker.use_cases.result_file import read_calibration as read_result
 from sawmill_worker.vocabulary import (
@@ -236,6 +237,8 @@ class Drift:
             since, spread = zero.change.cor_column_mm, zero.change_standard_deviation.cor_column_mm
             rows.append((f"since {zero.looks} first logs: COR, mm", f"{since:+.3g} ± {spread:.2g}"))
         sentences = [result.reason, *(f"not seen: {what}" for what in result.not_seen)]
+        if result.reference == "given-geometry":
+            return html_of("Centre of rotation", rows, sentences=sentences)
         return html_of("Drift", rows, verdict=verdicts[result.within_tolerance], sentences=sentences)
 
 
@@ -370,8 +373,9 @@ def reconstruct(
 
 def drift(
     scan: Scan,
-    calibration: Calibration,
+    calibration: Calibration | Theta,
     *,
+    rotation: Rotation | str = Rotation.AS_GIVEN,
     baseline: Sequence[Drift | str | Path] = (),
     tolerance_mm: float = 0.5,
 ) -> Drift:
@@ -379,6 +383,11 @@ def drift(
 
     Parameters
     ----------
+    calibration : Calibration or Theta
+        With a Theta of nominal distances the answer is where the centre of rotation is, and `result.theta` is the one
+        to reconstruct with.
+    rotation : str
+        With a Theta: which way the angles count. A calibration carries its own.
     baseline : sequence of Drift, or of paths
         The answers of earlier checks that are zero for the change: what this function gave, or files that
         `sawmill drift --json` or the service wrote. Of three checks or more against this calibration, each of another
@@ -392,17 +401,22 @@ def drift(
         `InputError`: the calibration is of another scanner, the scan's views cannot be compared, or an answer is none
         for a baseline.
     """
-    _check_same_scanner(scan, calibration)
+    known: CalibrationResult | GivenGeometry
+    if isinstance(calibration, Calibration):
+        _check_same_scanner(scan, calibration)
+        known = calibration.result
+    else:
+        known = GivenGeometry(scan.constants, options_of(GivenTheta, vars(calibration)), Rotation(rotation))
     if isinstance(baseline, (str, Path, Drift)):
         raise InputError("options", f"baseline must be a list of answers, not one of them: {baseline!r}")
     with input_errors():
-        baselines = baselines_of(_named_answers(baseline), calibration.result, scan.sha256)
+        baselines = baselines_of(_named_answers(baseline), known, scan.sha256) if baseline else ()
         mean = mean_of_common_rows(scan.line_integrals, scan.rows[0], scan.row_step, scan.deviations)
     given = DriftInput(
         mean=mean,
         angles_rad=scan.angles_rad,
         rows=scan.rows,
-        calibration=calibration.result,
+        calibration=known,
         input_sha256=scan.sha256,
         tolerance_mm=tolerance_mm,
         averaged_rows=scan.averaged_rows,

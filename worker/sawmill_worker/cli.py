@@ -29,7 +29,7 @@ from sawmill_worker.contracts.drifts import DriftOptions
 from sawmill_worker.contracts.geometry import ScannerConstants
 from sawmill_worker.contracts.jobs import JobKind
 from sawmill_worker.contracts.plans import PlanOptions
-from sawmill_worker.contracts.reconstructions import ReconstructionAsk, ReconstructionOptions
+from sawmill_worker.contracts.reconstructions import ReconstructionOptions
 from sawmill_worker.contracts.scanners import ScannerSpec, Tolerances
 from sawmill_worker.contracts.simulating import SimulationOptions
 from sawmill_worker.execution.importing import importing
@@ -185,16 +185,16 @@ def repeatability(
         print_repeatability(result)
 
 
-@app.command(cls=Command)
+@app.command(cls=WithGeometry)
 @from_contracts
 def drift(
     scan: shared.ScanFile,
     reading: shared.ScanFlags,
-    calibration: Annotated[Path, shared.CalibrationFlag],
     options: Annotated[DriftOptions, Flags(rows=shared.ROWS)],
-    source_to_cor_mm: Annotated[
-        float | None, option(ScannerConstants, "source_to_cor_mm", help="r_S; the calibration carries it.")
-    ] = None,
+    calibration: Annotated[Path | None, shared.CalibrationFlag] = None,
+    theta: Annotated[Theta | None, shared.ThetaFlag] = None,
+    source_to_cor_mm: shared.SourceToCorOfTheta = None,
+    rotation: shared.RotationOfTheta = None,
     views: Annotated[int | None, option(CalibrationOptions, "views")] = None,
     baseline: Annotated[
         list[Path] | None,
@@ -209,13 +209,18 @@ def drift(
     tolerance_mm: Annotated[float, option(Tolerances, "ray_change_mm")] = 0.5,
     as_json: shared.JsonFlag = False,
 ) -> None:
-    """Report what moved since a calibration, from any scan of a log with 8 views or more, without a phantom."""
+    """Report what moved since a calibration, from any scan of a log with 8 views or more, without a phantom.
+
+    With --theta of nominal distances in place of a calibration, report where the centre of rotation is.
+    """
+    if theta is not None and baseline:
+        raise typer.BadParameter("--baseline comes with --calibration: nominal distances have no earlier checks.")
+    geometry = _geometry(theta, rotation, calibration, source_to_cor_mm)
     source = scan_source(scan, reading, views=views, rows=options.rows)
-    known = CalibrationSource(calibration, source_to_cor_mm)
     with answering(as_json=as_json), showing_progress("drift") as progress:
         from sawmill_worker.commands.drift import check_drift
 
-        result = check_drift(source, known, baseline=baseline or (), tolerance_mm=tolerance_mm, on_progress=progress)
+        result = check_drift(source, geometry, baseline=baseline or (), tolerance_mm=tolerance_mm, on_progress=progress)
     if as_json:
         print_json({"state": "succeeded", **result.model_dump(mode="json")})
     else:
@@ -238,11 +243,8 @@ def reconstruct(
         ),
     ],
     theta: Annotated[Theta | None, shared.ThetaFlag] = None,
-    source_to_cor_mm: Annotated[
-        float | None,
-        option(ScannerConstants, "source_to_cor_mm", help="r_S, with --theta; a calibration carries it."),
-    ] = None,
-    rotation: Annotated[Rotation | None, option(ReconstructionAsk, "rotation")] = None,
+    source_to_cor_mm: shared.SourceToCorOfTheta = None,
+    rotation: shared.RotationOfTheta = None,
     calibration: Annotated[Path | None, shared.CalibrationFlag] = None,
     png: Annotated[Path | None, shared.picture("Write a picture of the middle slice.")] = None,
     mosaic: Annotated[Path | None, shared.picture("Write a picture of slices along the log.")] = None,

@@ -1,29 +1,33 @@
-"""`sawmill drift`: a scan's file and a calibration to what moved."""
+"""`sawmill drift`: a scan's file and a calibration to what moved; or nominal distances to the COR."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 
-from sawmill_worker.commands.options import CalibrationSource
+from sawmill_worker.commands.options import CalibrationSource, ThetaSource
 from sawmill_worker.commands.reconstruct import open_with_calibration
+from sawmill_worker.contracts.calibrations import CalibrationResult
 from sawmill_worker.contracts.drifts import DriftResult
 from sawmill_worker.use_cases.drift import DriftInput, mean_of_common_rows, run_drift
 from sawmill_worker.use_cases.drift_baseline import baselines_of, read_answers
+from sawmill_worker.use_cases.given_geometry import GivenGeometry
+from sawmill_worker.use_cases.scan_rows import ScanRows, open_rows
 from sawmill_worker.use_cases.scan_source import ScanSource
 from sawmill_worker.vocabulary import Progress, ProgressCallback
 
 
 def check_drift(
     scan: ScanSource,
-    calibration: CalibrationSource,
+    geometry: ThetaSource | CalibrationSource,
     *,
     baseline: Sequence[Path] = (),
     tolerance_mm: float,
     on_progress: ProgressCallback,
 ) -> DriftResult:
-    """Read, compare views, and set the change against the calibration, or against a baseline of earlier answers."""
-    with open_with_calibration(scan, calibration, on_progress=on_progress) as (known, used):
-        baselines = baselines_of(read_answers(baseline), known, used.sha256)
+    """Read, compare views, and set the change against the geometry, or against a baseline of earlier answers."""
+    with _open(scan, geometry, on_progress) as (known, used):
+        baselines = baselines_of(read_answers(baseline), known, used.sha256) if baseline else ()
         mean = mean_of_common_rows(used.stack(), used.rows[0], used.row_step, used.deviations)
     used.on_progress(Progress(fraction=0.0, stage="pair rays"))
     given = DriftInput(
@@ -38,3 +42,15 @@ def check_drift(
         baselines=baselines,
     )
     return run_drift(given).ended(datetime.now(UTC))
+
+
+@contextmanager
+def _open(
+    scan: ScanSource, geometry: ThetaSource | CalibrationSource, on_progress: ProgressCallback
+) -> Iterator[tuple[CalibrationResult | GivenGeometry, ScanRows]]:
+    if isinstance(geometry, ThetaSource):
+        with open_rows(scan, source_to_cor_mm=geometry.source_to_cor_mm, on_progress=on_progress) as used:
+            yield GivenGeometry(used.scanner, geometry.theta, geometry.rotation), used
+        return
+    with open_with_calibration(scan, geometry, on_progress=on_progress) as (known, used):
+        yield known, used

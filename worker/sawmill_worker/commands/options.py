@@ -18,6 +18,7 @@ from sawmill_worker.contracts.built_in import BUILT_IN_PHANTOMS
 from sawmill_worker.contracts.geometry import GivenTheta, ScannerConstants
 from sawmill_worker.contracts.jobs import JobKind
 from sawmill_worker.contracts.phantoms import PhantomPicture
+from sawmill_worker.contracts.reconstructions import ReconstructionAsk
 from sawmill_worker.contracts.scans import ScanFileOptions, UnregisteredScanOptions
 from sawmill_worker.files.errors import UnreadableScan
 from sawmill_worker.readers.angles import AnglesGiven, parse_angles, read_angles_file
@@ -295,6 +296,10 @@ ThetaFlag = typer.Option(
     metavar="a,r,h,h,t",
     help="alpha0 (as 146.1deg, or rad), r_D, h_S, h_D (mm), alpha_D (as 15.7deg, or a slope), separated by commas.",
 )
+SourceToCorOfTheta = Annotated[
+    float | None, option(ScannerConstants, "source_to_cor_mm", help="r_S, with --theta; a calibration carries it.")
+]
+RotationOfTheta = Annotated[Rotation | None, option(ReconstructionAsk, "rotation")]
 CalibrationFlag = typer.Option(metavar="RESULT.json", exists=True, dir_okay=False, help=CALIBRATION_HELP)
 Result = Annotated[
     Path,

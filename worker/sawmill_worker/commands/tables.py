@@ -31,14 +31,15 @@ def print_calibration(result: CalibrationResult) -> None:
 
 
 def print_drift(result: DriftResult) -> None:
-    """Print what changed, and what a scan without a phantom does not show."""
+    """Print what changed or was found, and what a scan without a phantom does not show."""
+    of_given = result.reference == "given-geometry"
     word, colour = {
         True: ("within tolerance", "green"),
         False: ("out of tolerance", "red"),
         None: ("too uncertain to say", "yellow"),
     }[result.within_tolerance]
-    table = Table(title=f"Drift: [bold {colour}]{word}[/]")
-    for column in ("", "measured", "calibrated", "change", "± sd", "sd's"):
+    table = Table(title="Centre of rotation from a given geometry" if of_given else f"Drift: [bold {colour}]{word}[/]")
+    for column in ("", "measured", "given" if of_given else "calibrated", "change", "± sd", "sd's"):
         table.add_column(column, justify="right" if column else "left")
     units = {
         "COR on the detector, mm": ("cor_column_mm", 1.0),
@@ -61,7 +62,7 @@ def print_drift(result: DriftResult) -> None:
         parts = (zero.change.cor_column_mm, zero.change_standard_deviation.cor_column_mm)
         table.add_row(label, "", "", f"{parts[0]:+.3f}", f"{parts[1]:.2g}", f"{zero.significance.cor_column_mm:+.1f}")
     moved = f"{result.ray_change_mm:.3f} ± {result.ray_change_uncertainty_mm:.2g} mm RMS"
-    table.add_row("rays moved", "", "", moved, "", "")
+    table.add_row("rays changed" if of_given else "rays moved", "", "", moved, "", "")
     if result.scale_change_percent is not None and result.scale_change_uncertainty_percent is not None:
         scale = f"{result.scale_change_percent:+.3f} ± {result.scale_change_uncertainty_percent:.2g} %"
         table.add_row("scale changed", "", "", scale, "", "")

@@ -61,10 +61,11 @@ DriftMethod = TypeAliasType(
 DriftReference = TypeAliasType(
     "DriftReference",
     Annotated[
-        Literal["calibration", "baseline"],
+        Literal["calibration", "baseline", "given-geometry"],
         Field(
             description="calibration: changes are absolute, counted from the calibration. baseline: they are counted "
-            "from what the first logs after it measured."
+            "from what the first logs after it measured. given-geometry: from nominal distances, which have no error "
+            "bars; the service compares with calibrations alone."
         ),
     ],
 )

@@ -13,7 +13,7 @@ from sawmill_worker.contracts.geometry import ScannerConstants
 from sawmill_worker.contracts.given import Given
 from sawmill_worker.contracts.jobs import Failure, JobKind, JobState
 from sawmill_worker.contracts.kinds import AskedKind, Operation, Reference, stored_as
-from sawmill_worker.vocabulary import Rotation
+from sawmill_worker.vocabulary import Rotation, Theta
 from sawmill_worker.vocabulary.texts import N_
 
 
@@ -76,7 +76,16 @@ class DriftResult(Contract):
     baseline: DriftBaseline | None = Field(
         None, description="What counts as zero, and the change from it. Null: there is no baseline."
     )
-    moved: bool = Field(description="Whether any change is beyond three standard deviations.", examples=[False])
+    theta: Theta | None = Field(
+        None,
+        description="The given geometry with u_c and tau as this scan shows them at the given SDD, and the rest as "
+        "given. Null: the scan was compared with a calibration.",
+        examples=[None],
+    )
+    moved: bool = Field(
+        description="Whether any change is beyond three standard deviations; false where a geometry was given.",
+        examples=[False],
+    )
     ray_change_mm: float = Field(
         description="RMS distance between the rays inside the log's disc, up to a common scale, with what this scan "
         "cannot see unchanged; a distance of the detector that has not significantly changed is held too. Counted "
@@ -98,7 +107,7 @@ class DriftResult(Contract):
     tolerance_mm: float = Field(gt=0, description="RMS ray distance up to which nothing moved.", examples=[0.5])
     within_tolerance: bool | None = Field(
         description="False: a change beyond chance moved the rays, or the image's size, by more than is allowed. Null: "
-        "the scan is too uncertain to say.",
+        "the scan is too uncertain to say, or a geometry was given, which has no error bars.",
         examples=[True],
     )
     reason: str = Field(

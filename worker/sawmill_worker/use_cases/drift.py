@@ -32,11 +32,12 @@ from sawmill_worker.tomography.drift import (
     zero_offset_mm,
 )
 from sawmill_worker.tomography.drift_chart.looks import Look
-from sawmill_worker.tomography.geometry import FloatArray
+from sawmill_worker.tomography.geometry import FloatArray, Scanner, SourceFrame
 from sawmill_worker.tomography.log_radius import refuse_log_beyond_source
 from sawmill_worker.tomography.present_rows import rows_of_all
 from sawmill_worker.use_cases.averaged import of_masked_rays
 from sawmill_worker.use_cases.failures import refused
+from sawmill_worker.use_cases.given_geometry import GivenGeometry, corrected_theta, found_column, with_coarse_column
 from sawmill_worker.vocabulary.version import VERSION
 
 # Refusals to which interpolated rays may lead.
@@ -67,6 +68,8 @@ class DriftInput:
 
     Attributes
     ----------
+    calibration : CalibrationResult or GivenGeometry
+        What the scan is compared with; a given geometry is no more than where the search starts.
     log_radius_mm : float or None
         Of the disc in which rays are counted; None takes the calibration's own.
     averaged_rows : int or None
@@ -80,7 +83,7 @@ class DriftInput:
     mean: CommonMean
     angles_rad: FloatArray
     rows: tuple[int, int]
-    calibration: CalibrationResult
+    calibration: CalibrationResult | GivenGeometry
     input_sha256: str
     log_radius_mm: float | None = None
     tolerance_mm: float = 0.5
@@ -119,14 +122,14 @@ def run_drift(given: DriftInput) -> DriftResult:
     """Pair opposite rays or views and compare; errors of `sawmill_worker.tomography` pass through."""
     started = time.perf_counter()
     known = given.calibration
+    nominal = known if isinstance(known, GivenGeometry) else None
     scanner, calibrated = known.scanner, known.source_frame
     refuse_log_beyond_source(given.log_radius_mm, scanner)
     radius_mm = given.log_radius_mm or known.radius_mm
     mean = given.mean
+    start = calibrated if nominal is None else with_coarse_column(scanner, calibrated, mean.sinogram, given.angles_rad)
     try:
-        fit = detector_fit(
-            scanner, mean.sinogram, given.angles_rad, calibrated, known.rotation, deviations=mean.deviations
-        )
+        fit = detector_fit(scanner, mean.sinogram, given.angles_rad, start, known.rotation, deviations=mean.deviations)
     except DriftError as error:
         masked = of_masked_rays(given.preparation)
         if masked is None or error.code not in MASKED_CAUSES:
@@ -140,9 +143,10 @@ def run_drift(given: DriftInput) -> DriftResult:
     changed, zero = absolute, None
     if baseline is not None:
         changed = drift_change(scanner, calibrated, covariance, fit, zero=_zero_of(baseline), radius_mm=radius_mm)
-        zero = _reported(baseline, known, fit, changed, radius_mm)
+        zero = _reported(baseline, scanner, calibrated, fit, changed, radius_mm)
     turned_over = fit.rotation is not known.rotation
-    within = _within(changed, given, zero, turned_over=turned_over)
+    within = None if nominal else _within(changed, given, zero, turned_over=turned_over)
+    correction = None if nominal is None else corrected_theta(nominal, fit)
     return DriftResult(
         measured=_detector(seen_vector(fit)),
         standard_deviation=_deviation(fit, fit.deviation),
@@ -151,9 +155,10 @@ def run_drift(given: DriftInput) -> DriftResult:
         change=_detector(absolute.change),
         change_standard_deviation=_deviation(fit, absolute.deviation),
         significance=_deviation(fit, absolute.significance),
-        reference="calibration" if zero is None else "baseline",
+        reference="given-geometry" if nominal else "calibration" if zero is None else "baseline",
+        theta=None if correction is None else correction.theta,
         baseline=zero,
-        moved=changed.moved,
+        moved=changed.moved and nominal is None,
         ray_change_mm=changed.ray_change_mm,
         ray_change_uncertainty_mm=changed.ray_change_uncertainty_mm,
         scale_change_percent=100.0 * changed.scale_change,
@@ -161,7 +166,11 @@ def run_drift(given: DriftInput) -> DriftResult:
         radius_mm=radius_mm,
         tolerance_mm=given.tolerance_mm,
         within_tolerance=within,
-        reason=_reason(given, fit, changed, zero, within=within, turned_over=turned_over),
+        reason=(
+            _reason(given, fit, changed, zero, within=within, turned_over=turned_over)
+            if nominal is None or correction is None
+            else found_column(nominal, fit, correction)
+        ),
         method=method,
         not_seen=_not_seen(fit, zero),
         rotation=fit.rotation,
@@ -246,12 +255,17 @@ def _method(fit: DetectorFit) -> DriftMethod:
 
 
 def _reported(
-    baseline: KnownBaseline, known: CalibrationResult, fit: DetectorFit, changed: DriftChange, radius_mm: float
+    baseline: KnownBaseline,
+    scanner: Scanner,
+    calibrated: SourceFrame,
+    fit: DetectorFit,
+    changed: DriftChange,
+    radius_mm: float,
 ) -> DriftBaseline:
     zero = _zero_of(baseline)
     return DriftBaseline(
         **dict(baseline),
-        ray_offset_mm=zero_offset_mm(known.scanner, known.source_frame, zero, radius_mm=radius_mm),
+        ray_offset_mm=zero_offset_mm(scanner, calibrated, zero, radius_mm=radius_mm),
         change=_detector(changed.change),
         change_standard_deviation=_deviation(fit, changed.deviation),
         significance=_deviation(fit, changed.significance),

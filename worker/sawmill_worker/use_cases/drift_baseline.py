@@ -15,6 +15,7 @@ from sawmill_worker.contracts.drift_baselines import KnownBaseline
 from sawmill_worker.contracts.drifts import DriftResult
 from sawmill_worker.tomography.drift_chart.looks import Baseline, Look
 from sawmill_worker.use_cases.failures import JobFailure, refused
+from sawmill_worker.use_cases.given_geometry import GivenGeometry
 
 # What the service or the command line wrote has some kilobytes.
 LONGEST_ANSWER = 1_000_000
@@ -51,7 +52,7 @@ def read_answers(paths: Iterable[Path]) -> Iterator[tuple[str, DriftResult]]:
 
 
 def baselines_of(
-    answers: Iterable[tuple[str, DriftResult]], known: CalibrationResult, checked_sha256: str
+    answers: Iterable[tuple[str, DriftResult]], known: CalibrationResult | GivenGeometry, checked_sha256: str
 ) -> tuple[KnownBaseline, ...]:
     """Of the answers of earlier drift checks against the same calibration, one for each of their methods.
 
@@ -60,7 +61,7 @@ def baselines_of(
     answers
         Each with the name that a refusal calls it by.
     known
-        The calibration.
+        The calibration; a given geometry has no baseline.
     checked_sha256
         Of the scan that is checked, which is no part of its own zero.
 
@@ -70,6 +71,8 @@ def baselines_of(
         An answer is of another calibration or of the scan that is checked, one is there twice, or those of a
         method are too few.
     """
+    if isinstance(known, GivenGeometry):
+        raise refused("baseline", "a baseline is of checks against a calibration: give one, or leave the baseline out")
     by_method: dict[DriftMethod, dict[str, DriftResult]] = {}
     for name, result in answers:
         reason = _why_not(result, known, checked_sha256)
@@ -103,6 +106,8 @@ def _why_not(result: DriftResult, known: CalibrationResult, checked_sha256: str)
         return "is of the scan that is checked: a baseline is of earlier ones"
     if result.method is None:
         return "does not say how views were compared, as an earlier version wrote it: check that scan again"
+    if result.reference == "given-geometry":
+        return "is of a check without a calibration"
     frame = known.source_frame
     calibrated = (frame.cor_column_mm, frame.tilt_rad, frame.source_to_detector_mm)
     then = result.calibrated
