@@ -137,23 +137,15 @@ def calibrated(disc: Disc, views: int) -> Calibrated:
     )
 
 
-def nominal_calibration() -> sawmill.Calibration:
-    """Give the laboratory's distances as a calibration."""
-    arms = ((-25.0, -25.0), (25.0, -25.0), (25.0, 0.0), (0.0, 0.0), (0.0, 25.0), (-25.0, 25.0))
-    phantom, theta = sawmill.Phantom("L", (sawmill.Polygon(arms),)), nominal_frame().theta(SCANNER.source_to_cor_mm)
-    found = sawmill.calibrate(sawmill.simulate_phantom_scan(phantom, SCANNER, theta, views=30), phantom)
-    return sawmill.Calibration(found.result.model_copy(update={"theta": theta, "source_frame": nominal_frame()}))
-
-
 def starts(disc: Disc, views: int) -> list[int]:
     """Views at which subsets of a turn begin: as many as there are, at most three, evenly apart."""
     step = disc.views // views
     return [number * step // min(step, MOST_STARTS) for number in range(min(step, MOST_STARTS))]
 
 
-def checked(disc: Disc, views: int, nominal: sawmill.Calibration) -> list[Checked]:
-    """Check for drift against the laboratory's distances, with several subsets of the turn."""
-    known, checks = disc.independent, []
+def checked(disc: Disc, views: int) -> list[Checked]:
+    """Find the COR from the laboratory's distances, with several subsets of the turn."""
+    known, checks, nominal = disc.independent, [], nominal_frame().theta(SCANNER.source_to_cor_mm)
     for start in starts(disc, views):
         try:
             found = sawmill.drift(disc.scan(views, start), nominal).result
@@ -314,10 +306,7 @@ def calibrations(discs: Sequence[Disc], processes: int) -> Values:
 
 def drift_checks(discs: Sequence[Disc], processes: int) -> Values:
     """Check all discs for drift; the one without holes counts by itself."""
-    nominal = nominal_calibration()
-    works = [
-        partial(checked, disc, views, nominal) for views in DRIFT_VIEWS for disc in discs if not disc.views % views
-    ]
+    works = [partial(checked, disc, views) for views in DRIFT_VIEWS for disc in discs if not disc.views % views]
     results = list(chain.from_iterable(measure(works, processes=processes, what="Checking for drift")))
     solid = [each for each in results if each.disc == SOLID]
     return {
