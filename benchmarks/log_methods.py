@@ -76,7 +76,7 @@ def _timed(work: Callable[[], Rows]) -> tuple[Rows, float, float]:
     return found, (time.process_time() - cpu) / len(found), (time.perf_counter() - wall) / len(found)
 
 
-def _reconstruct(scan: LogScan, lines: Rows, **options: object) -> tuple[Rows, ReconstructionResult]:
+def reconstruct_rows(scan: LogScan, lines: Rows, **options: object) -> tuple[Rows, ReconstructionResult]:
     """Some rows of it, as the job, the command line and Python users do it."""
     grid = scan.projector.grid
     given = ReconstructionInput(
@@ -110,7 +110,7 @@ def ours(method: str, open_settings: tuple[str, ...] = (), *, judged_only: bool 
         lines = scan.lines[first : first + chosen_from]
 
         def work() -> Rows:
-            data, result = _reconstruct(scan, lines, method=method, **options)
+            data, result = reconstruct_rows(scan, lines, method=method, **options)
             found.append(result)
             return data
 
@@ -123,7 +123,7 @@ def ours(method: str, open_settings: tuple[str, ...] = (), *, judged_only: bool 
         chooses = bool(open_settings) and settings is None
         chosen, dear, slices = choice(scan) if chooses else (settings or {}, 0.0, 0)
         lines = scan.lines[scan.judged] if judged_only else scan.lines
-        images, cpu, wall = _timed(lambda: _reconstruct(scan, lines, method=method, **{**options, **chosen})[0])
+        images, cpu, wall = _timed(lambda: reconstruct_rows(scan, lines, method=method, **{**options, **chosen})[0])
         return Outcome(images, cpu, wall, slices * max(dear - cpu, 0.0), chosen, judged_only)
 
     return run
@@ -148,7 +148,7 @@ def tuned_fbp(scan: LogScan, settings: Settings | None) -> Outcome:
     judged = scan.judged
 
     def image(lines: Rows, cut_off: float) -> Rows:
-        data, _ = _reconstruct(scan, lines, method="fbp", frequency_scaling=cut_off)
+        data, _ = reconstruct_rows(scan, lines, method="fbp", frequency_scaling=cut_off)
         return np.maximum(data, 0.0)
 
     def cut_off() -> float:

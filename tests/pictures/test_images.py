@@ -13,6 +13,8 @@ from sawmill_worker.pictures.round_numbers import round_length, ticks
 from sawmill_worker.pictures.windows import window_of
 from sawmill_worker.vocabulary import ColorMap
 
+PLACE = {"pixel_mm": 0.5, "first_pixel_mm": (60.25, -40.0)}
+
 
 @pytest.fixture
 def rng():
@@ -94,7 +96,8 @@ def test_constant_image_has_a_picture():
 
 def test_16_bit_gives_the_values_back(rng):
     image = rng.normal(size=(30, 40))
-    png = decoded(image_png16(image))
+    png = decoded(image_png16(image, **PLACE))
+    assert (png.text["pixel_mm"], png.text["first_pixel_mm"]) == ("0.5", "60.25,-40.0")
     low, high = float(png.text["window_low"]), float(png.text["window_high"])
     assert (low, high) == (image.min(), image.max())
     grey = np.asarray(png)
@@ -103,7 +106,7 @@ def test_16_bit_gives_the_values_back(rng):
 
 
 def test_16_bit_takes_a_window(rng):
-    grey = np.asarray(decoded(image_png16(rng.random((8, 8)), window=(10.0, 20.0))))
+    grey = np.asarray(decoded(image_png16(rng.random((8, 8)), window=(10.0, 20.0), **PLACE)))
     assert grey.max() == 0
 
 
@@ -123,9 +126,9 @@ def test_wrong_use_is_a_sentence():
     with pytest.raises(ValueError, match=r"two-dimensional image, not one of shape \(3,\)"):
         image_png(np.zeros(3), pixel_mm=None, unit="1")
     with pytest.raises(ValueError, match="not finite"):
-        image_png16(np.array([[np.nan, 1.0]]), window=(0, 1))
+        image_png16(np.array([[np.nan, 1.0]]), window=(0, 1), **PLACE)
     with pytest.raises(ValueError, match="low < high"):
-        image_png16(np.zeros((2, 2)), window=(1, 1))
+        image_png16(np.zeros((2, 2)), window=(1, 1), **PLACE)
     with pytest.raises(ValueError, match="3 views needs as many angles, not 2"):
         sinogram_png(np.zeros((3, 4)), angles_deg=np.zeros(2), pitch_mm=1.0, unit="1")
 

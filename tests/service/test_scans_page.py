@@ -113,11 +113,13 @@ def test_slices_are_asked_for_by_a_form(seeded, store, woken):
     page = seeded.get("/scans/example")
     assert "all 4" in page.text
     sent = {"method": "total_variation", "rows": " 0:2 ", "size": "512", "field_mm": "350.5", "unknown": "1"}
+    sent["field_centre_mm"] = "60, -40.5"
     answer = seeded.post("/scans/example/reconstruct", data=sent)
     assert answer.status_code == 303
     log = store.reconstructions.get(answer.headers["Location"].removeprefix("/logs/"))
     options = log.options
     assert (options.method, options.rows, options.size, options.field_mm) == ("total_variation", "0:2", 512, 350.5)
+    assert options.field_centre_mm == (60.0, -40.5)
     assert woken == [log.job_id]
     assert "It waits for its turn" in words(seeded.get(answer.headers["Location"]))
 
@@ -128,6 +130,11 @@ def test_slices_are_asked_for_by_a_form(seeded, store, woken):
         ({"rows": "5"}, 422, "rows must be A:B with 0 &lt;= A &lt; B"),
         ({"rows": "0:9"}, 422, "0:9"),
         ({"field_mm": "-1"}, 422, "field_mm: Input should be greater than 0"),
+        (
+            {"field_centre_mm": "60"},
+            422,
+            "field_centre_mm: must be two numbers, x and y in mm, as in 60, -40, not '60'",
+        ),
         ({"size": "many"}, 422, "size: Input should be a valid integer"),
     ],
 )

@@ -15,6 +15,8 @@ from sawmill_worker.tomography.projector import Projector
 from sawmill_worker.tomography.simulate import simulate_sinogram
 
 SIZE, SLICES = 24, 3
+# 2 % of the lines, about.
+NOISE = np.full((1, 1, 1), 0.05)
 LOG = Phantom("log", (Disc((5.0, -8.0), 110.0, 0.018), Disc((0.0, 0.0), 60.0, 0.006)))
 # The parameters that each method reports.
 PARAMETERS = {
@@ -63,7 +65,7 @@ def test_a_block_through_the_table(projector, block, name):
         assert found.misfit is None
     else:
         shares = []
-        found = method.reconstruct(projector, block, counts=False, on_progress=shares.append)
+        found = method.reconstruct(projector, block, noise=NOISE, on_progress=shares.append)
         assert shares == sorted(shares)
         assert found.misfit.shape == (SLICES,)
         assert found.noise > 0.0
@@ -80,9 +82,9 @@ def test_a_method_with_its_choice_made_reconstructs_as_the_function_with_what_wa
     def silent(_share):
         """No progress."""
 
-    chosen = METHODS[name]().chosen(projector, block[1], counts=False, on_progress=silent)
+    chosen = METHODS[name]().chosen(projector, block[1], noise=NOISE, on_progress=silent)
     assert not chosen.is_open
-    found = chosen.reconstruct(projector, block, counts=False, on_progress=silent)
+    found = chosen.reconstruct(projector, block, noise=NOISE, on_progress=silent)
     # The function chooses from the middle slice too, on the support region of the whole block.
     for parameter, values in function_of(name)(projector, block).parameters.items():
         assert found.parameters[parameter] == pytest.approx(values, rel=0.2)

@@ -1,8 +1,10 @@
 """Scans: what was uploaded, what became of it, and what to do with it."""
 
+from typing import Annotated
+
 from fastapi import APIRouter, Response
 from fastapi.responses import RedirectResponse
-from pydantic import ValidationError
+from pydantic import BeforeValidator, ValidationError
 
 from sawmill_service.dependencies import TheStore, TheWake
 from sawmill_service.forms import TheForm
@@ -15,15 +17,25 @@ from sawmill_worker.contracts.given import Given
 from sawmill_worker.contracts.reconstructions import ReconstructionAsk, ReconstructionOptions
 from sawmill_worker.storage.errors import Conflict, Invalid, QueueFull
 from sawmill_worker.storage.store import Store
-from sawmill_worker.vocabulary import ReconstructionMethod
+from sawmill_worker.vocabulary import CoordinateMm, ReconstructionMethod
 
 SIZES_PX = (256, 512, 1024, 2048)
 
 router = APIRouter(include_in_schema=False)
 
 
+def _two_numbers(text: object) -> object:
+    parts = str(text).replace(",", " ").split()
+    if len(parts) != 2:
+        msg = f"must be two numbers, x and y in mm, as in 60, -40, not {text!r:.100}"
+        raise ValueError(msg)
+    return parts
+
+
 class AskedLog(Given, ReconstructionOptions):
     """What the form for a log sends: texts."""
+
+    field_centre_mm: Annotated[tuple[CoordinateMm, CoordinateMm], BeforeValidator(_two_numbers)] = (0.0, 0.0)
 
 
 @router.get("/scans")

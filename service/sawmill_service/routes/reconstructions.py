@@ -147,7 +147,7 @@ def get_slice(
             image = volume_reader.volume_slice(path, result.shape, index)
             window = _window(query, result.value_range)
         if query.bits is Bits.SIXTEEN:
-            return image_png16(image.data, window)
+            return image_png16(image.data, window, pixel_mm=image.pixel_mm, first_pixel_mm=image.first_pixel_mm)
         return image_png(
             image.data,
             pixel_mm=image.pixel_mm if query.scale_bar else None,

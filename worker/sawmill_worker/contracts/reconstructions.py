@@ -324,8 +324,8 @@ class MethodReport(Contract):
         description="RMS of the residual (A x - y), relative to the noise, no unit: near 1 for an iterative method "
         "with the "
         "right geometry, far above where the geometry is wrong. `fbp` does not fit the data: with the right geometry "
-        "anything from 1 to 80, and a remark where it shows a wrong one. Null where the field does not hold all of "
-        "the log.",
+        "anything from 1 to 80, and a remark where it shows a wrong one; null where the field does not hold all of "
+        "the log. Of a region of interest: of the rays through it.",
         examples=[1.04],
     )
     worst_data_misfit: float | None = Field(

@@ -16,6 +16,7 @@ from sawmill_worker.jobs.needs import FILE_BYTES, FILE_SHARE, PROCESS_BYTES, Nee
 from sawmill_worker.tomography import cost
 from sawmill_worker.tomography.geometry import FanBeamGeometry
 from sawmill_worker.tomography.image_grid import ImageGrid
+from sawmill_worker.tomography.iterative.coarse_outside import WORTH_WHILE, fitted_size
 from sawmill_worker.tomography.object_extent import seen_radius_mm
 from sawmill_worker.tomography.projector import BLOCK, LARGEST_SIZE
 from sawmill_worker.tomography.warm_up import load_iterative_methods
@@ -96,9 +97,10 @@ def _fitting(attempt: Attempt, options: ReconstructionAsked, shape: ScanShape) -
     """Of the method that needs most, on a grid that holds all that the detector can see."""
     theta, _, _ = _geometry_of(attempt, options)
     geometry = FanBeamGeometry(attempt.scanner.constants, theta, np.zeros(1))
-    grid, _ = ImageGrid(options.size, options.field_mm, options.field_centre_mm).around(seen_radius_mm(geometry))
-    # A larger grid is refused.
-    pixels = min(grid.size, LARGEST_SIZE) ** 2
+    field, radius_mm = ImageGrid(options.size, options.field_mm, options.field_centre_mm), seen_radius_mm(geometry)
+    # A larger grid is refused. A log that is smaller than what is seen may have one grid instead of two.
+    size = min(field.around(radius_mm)[0].size, LARGEST_SIZE)
+    pixels = min(size**2, round(fitted_size(field, radius_mm) ** 2 / WORTH_WHILE))
     images = MOST_FITTED_IMAGES + get_num_threads() * BLOCK
     lines = LINES_A_SLICE * MOST_TOGETHER * shape.views * shape.detector
     return 4 * (images * pixels + lines)

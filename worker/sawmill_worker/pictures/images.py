@@ -103,10 +103,17 @@ def bare_png(image: NDArray[np.floating[Any]], *, field_mm: float, window: Windo
     return encoded(panel)
 
 
-def image_png16(image: NDArray[np.floating[Any]], window: Window | None = None) -> bytes:
+def image_png16(
+    image: NDArray[np.floating[Any]],
+    window: Window | None = None,
+    *,
+    pixel_mm: float,
+    first_pixel_mm: tuple[float, float],
+) -> bytes:
     """An image for machines: 16-bit grey, one pixel a pixel, nothing drawn.
 
-    The window stands in the PNG's text chunks: `window_low` and `window_high` are the values of grey 0 and 65535.
+    The window stands in the PNG's text chunks: `window_low` and `window_high` are the values of grey 0 and 65535. The
+    place does, too: `pixel_mm`, and `first_pixel_mm`, x and y of the centre of pixel [0, 0] with a comma between.
 
     Parameters
     ----------
@@ -114,6 +121,10 @@ def image_png16(image: NDArray[np.floating[Any]], window: Window | None = None) 
         Row +x, column +y.
     window : (low, high), optional
         The whole range of the values by default.
+    pixel_mm : float
+        Distance between pixels.
+    first_pixel_mm : (x, y)
+        Where the centre of pixel [0, 0] lies.
     """
     _check_two_dimensional("image", image)
     shown = window or window_of(image, 0.0, 100.0)
@@ -121,6 +132,8 @@ def image_png16(image: NDArray[np.floating[Any]], window: Window | None = None) 
     text = PngInfo()
     for name, value in zip(("window_low", "window_high"), shown, strict=True):
         text.add_text(name, repr(float(value)))
+    text.add_text("pixel_mm", repr(float(pixel_mm)))
+    text.add_text("first_pixel_mm", ",".join(repr(float(place)) for place in first_pixel_mm))
     return encoded(Image.fromarray(grey), text)
 
 

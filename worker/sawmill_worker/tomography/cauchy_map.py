@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sawmill_worker.tomography.estimate import Estimate
-from sawmill_worker.tomography.geometry import GeometryError
+from sawmill_worker.tomography.geometry import FloatArray, GeometryError
 from sawmill_worker.tomography.iterative.cross_validation import cross_validate, parabola_minimum
 from sawmill_worker.tomography.iterative.descent import Floats, Images, OnIteration
 from sawmill_worker.tomography.iterative.edge_preserving import (
@@ -25,8 +25,8 @@ from sawmill_worker.tomography.iterative.priors import CauchyPrior
 from sawmill_worker.tomography.iterative.progress import OnProgress, Phases, counting_iterations, part_of
 from sawmill_worker.tomography.iterative.synthetic_tuning import ITERATIONS as TUNING_ITERATIONS
 from sawmill_worker.tomography.iterative.synthetic_tuning import SyntheticTuning
-from sawmill_worker.tomography.method import CANDIDATES_AT_ONCE, IMAGES_OF_A_DESCENT, FittedMethod, LeftOut
-from sawmill_worker.tomography.noise import noise_of_each_ray, noise_of_rays, rms_noise
+from sawmill_worker.tomography.method import CANDIDATES_AT_ONCE, IMAGES_OF_A_DESCENT, FittedMethod
+from sawmill_worker.tomography.noise import noise_of_each_ray, rms_noise
 from sawmill_worker.tomography.projector import Image, Projector
 from sawmill_worker.tomography.total_variation import total_variation
 from sawmill_worker.tomography.total_variation_weights import choose_weight
@@ -343,16 +343,15 @@ class CauchyMap(FittedMethod):
         projector: Projector,
         line: Image,
         *,
-        counts: bool,
+        noise: FloatArray,
         on_progress: OnProgress,
-        left_out: LeftOut = None,
     ) -> Self:
         """With the sigma, a multiple of the noise, and the beta of one slice."""
         choice = choose_sigma_and_beta(
             projector,
             line,
             beta=self.beta,
-            noise=noise_of_rays(line[None], counts=counts, left_out=left_out),
+            noise=noise,
             non_negative=self.non_negative,
             on_progress=on_progress,
         )
@@ -374,9 +373,8 @@ class CauchyMap(FittedMethod):
         projector: Projector,
         lines: Image,
         *,
-        counts: bool,
+        noise: FloatArray,
         on_progress: OnProgress,
-        left_out: LeftOut = None,
     ) -> Estimate:
         """A block."""
         return cauchy_map(
@@ -384,7 +382,7 @@ class CauchyMap(FittedMethod):
             lines,
             sigma=self.sigma,
             beta=self.beta,
-            noise=noise_of_rays(lines, counts=counts, left_out=left_out),
+            noise=noise,
             preset=self.preset,
             non_negative=self.non_negative,
             on_progress=on_progress,

@@ -140,7 +140,7 @@ def recommend(
     grid : ImageGrid
         That of the slices.
     fitted_size : int
-        Pixels along each side of the grid that holds all of the log, which fitted methods need.
+        Side of a square of as many pixels as fitted methods need, which hold all of the log.
     """
     share = noise_share(sinogram)
     candidates = list(_candidates(geometry, comparable_noise(geometry, grid, share), grid.size, fitted_size))

@@ -72,6 +72,12 @@ class ImageGrid:
         half = 0.5 * self.field_mm
         return math.hypot(abs(self.centre_mm[0]) + half, abs(self.centre_mm[1]) + half)
 
+    @property
+    def nearest_mm(self) -> float:
+        """From the COR to the nearest point of the field; 0 where the field holds the COR."""
+        half = 0.5 * self.field_mm
+        return math.hypot(*(max(abs(middle) - half, 0.0) for middle in self.centre_mm))
+
     def around(self, radius_mm: float) -> tuple["ImageGrid", tuple[slice, slice]]:
         """A grid of the same pixels that also holds the disc of a radius around the COR, and where this one lies in it.
 

@@ -12,10 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_worker.tomography.estimate import Estimate
+from sawmill_worker.tomography.geometry import FloatArray
 from sawmill_worker.tomography.iterative.progress import OnProgress
 from sawmill_worker.tomography.projector import Image, Projector
-
-LeftOut = NDArray[np.bool_] | None
 
 # Images that a descent keeps for each slice, and the candidates that a choice reconstructs side by side.
 IMAGES_OF_A_DESCENT, CANDIDATES_AT_ONCE = 24, 10
@@ -55,6 +54,8 @@ class FittedMethod(ABC):
         The cost of `chosen`, and of a `CoupledMethod`'s `with_coupling_chosen`, relative to a slice of a block.
     leaves_out : bool
         Whether rays can be left out. All rays of another method weigh the same.
+    shrinks : bool
+        Whether values are drawn towards 0: those of a region, where few rays hold them, are drawn to larger pixels.
     """
 
     least_images: ClassVar[int]
@@ -62,6 +63,7 @@ class FittedMethod(ABC):
     choosing_cost_slices: ClassVar[float] = 0.0
     coupling_cost_slices: ClassVar[float] = 0.0
     leaves_out: ClassVar[bool] = False
+    shrinks: ClassVar[bool] = False
 
     @property
     def is_open(self) -> bool:
@@ -73,11 +75,10 @@ class FittedMethod(ABC):
         _projector: Projector,
         _line: Image,
         *,
-        counts: bool,  # noqa: ARG002 - of methods with open parameters
+        noise: FloatArray,  # noqa: ARG002 - of methods with open parameters
         on_progress: OnProgress,  # noqa: ARG002
-        left_out: LeftOut = None,  # noqa: ARG002
     ) -> Self:
-        """The method with the parameters chosen from a slice (views, detector)."""
+        """The method with the parameters chosen from a slice (views, detector), its noise as of `reconstruct`."""
         return self
 
     @property
@@ -95,9 +96,8 @@ class FittedMethod(ABC):
         projector: Projector,
         lines: Image,
         *,
-        counts: bool,
+        noise: FloatArray,
         on_progress: OnProgress,
-        left_out: LeftOut = None,
     ) -> Estimate:
         """Reconstruct a block.
 
@@ -105,12 +105,11 @@ class FittedMethod(ABC):
         ----------
         lines : (slices, views, detector) float32
             Line integrals whose air stands at 0; none is 0 in every ray.
-        counts : bool
-            Whether they were made from counts, so that dark rays are noisier than bright ones.
+        noise : float64, broadcasts with lines
+            Standard deviation of each line integral. One number a slice, unless the method `leaves_out` rays: infinite
+            of a ray without weight, whose line is interpolated.
         on_progress : callable
             Called with the share of the block that is done.
-        left_out : (slices, views, detector) bool, optional
-            Rays without weight, whose lines are interpolated; for a method that `leaves_out` rays.
         """
 
 
@@ -136,9 +135,8 @@ class CoupledMethod(FittedMethod):
         *,
         numbers: NDArray[np.int64],
         others_stay: bool,
-        counts: bool,
+        noise: FloatArray,
         on_progress: OnProgress,
-        left_out: LeftOut = None,
     ) -> Self:
         """The method, no other parameter open, with the coupling chosen from slices (slices, views, detector).
 
@@ -156,9 +154,8 @@ class CoupledMethod(FittedMethod):
         projector: Projector,
         lines: Image,
         *,
-        counts: bool,
+        noise: FloatArray,
         on_progress: OnProgress,
-        left_out: LeftOut = None,
         numbers: NDArray[np.int64] | None = None,
     ) -> Estimate:
         """As of `FittedMethod`.

@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sawmill_worker.tomography.estimate import Estimate
-from sawmill_worker.tomography.geometry import GeometryError
+from sawmill_worker.tomography.geometry import FloatArray, GeometryError
 from sawmill_worker.tomography.iterative.cross_validation import parabola_minimum, power_along_detector
 from sawmill_worker.tomography.iterative.descent import Floats, OnIteration
 from sawmill_worker.tomography.iterative.progress import OnProgress, Phases, part_of
-from sawmill_worker.tomography.method import FittedMethod, LeftOut
+from sawmill_worker.tomography.method import FittedMethod
 from sawmill_worker.tomography.noise import data_misfit, noise_of_each_ray, remarks_on, rms_noise
 from sawmill_worker.tomography.object_extent import check_shown
 from sawmill_worker.tomography.projector import Image, Projector
@@ -73,7 +73,7 @@ def tikhonov(
     *,
     weight: float | None = None,
     rule: AlphaRule = AlphaRule.CROSS_VALIDATION,
-    noise: float | None = None,
+    noise: ArrayLike | None = None,
     tolerance: float = TOLERANCE,
     iterations: int = ITERATIONS,
     on_progress: OnProgress | None = None,
@@ -331,6 +331,7 @@ class Tikhonov(FittedMethod):
     least_images: ClassVar[int] = IMAGES_OF_A_BASIS
     # Slices go one by one, which makes a projection 2.4 times as slow (docs/performance.md#the-projector).
     pairs_a_slice: ClassVar[float] = 2.4 * (USUAL_STEPS + VALIDATION_STEPS)
+    shrinks: ClassVar[bool] = True
 
     alpha: float | None = None
     alpha_rule: AlphaRule = AlphaRule.CROSS_VALIDATION
@@ -340,9 +341,8 @@ class Tikhonov(FittedMethod):
         projector: Projector,
         lines: Image,
         *,
-        counts: bool,  # noqa: ARG002 - rays weigh the same
+        noise: FloatArray,
         on_progress: OnProgress,
-        left_out: LeftOut = None,  # noqa: ARG002
     ) -> Estimate:
         """A block; each slice chooses its own weight."""
-        return tikhonov(projector, lines, weight=self.alpha, rule=self.alpha_rule, on_progress=on_progress)
+        return tikhonov(projector, lines, weight=self.alpha, rule=self.alpha_rule, noise=noise, on_progress=on_progress)

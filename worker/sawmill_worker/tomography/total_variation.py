@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sawmill_worker.tomography.estimate import Estimate
-from sawmill_worker.tomography.geometry import GeometryError
+from sawmill_worker.tomography.geometry import FloatArray, GeometryError
 from sawmill_worker.tomography.iterative.coarse_to_fine import MULTIPLE
 from sawmill_worker.tomography.iterative.edge_preserving import (
     EdgePreservingMethod,
@@ -18,8 +18,7 @@ from sawmill_worker.tomography.iterative.edge_preserving import (
     reconstruct_with_prior,
 )
 from sawmill_worker.tomography.iterative.progress import OnProgress
-from sawmill_worker.tomography.method import CANDIDATES_AT_ONCE, IMAGES_OF_A_DESCENT, CoupledMethod, LeftOut
-from sawmill_worker.tomography.noise import noise_of_rays
+from sawmill_worker.tomography.method import CANDIDATES_AT_ONCE, IMAGES_OF_A_DESCENT, CoupledMethod
 from sawmill_worker.tomography.projector import Image, Projector
 from sawmill_worker.tomography.total_variation_weights import (
     COUPLINGS,
@@ -146,9 +145,8 @@ class TotalVariation(CoupledMethod):
         *,
         numbers: NDArray[np.int64],
         others_stay: bool,
-        counts: bool,
+        noise: FloatArray,
         on_progress: OnProgress,
-        left_out: LeftOut = None,
     ) -> Self:
         """By `choose_coupling`."""
         assert self.weight is not None  # noqa: S101 - chosen before
@@ -158,7 +156,7 @@ class TotalVariation(CoupledMethod):
             self.weight,
             numbers=numbers,
             weight_stays=others_stay,
-            noise=noise_of_rays(lines, counts=counts, left_out=left_out),
+            noise=noise,
             non_negative=self.non_negative,
             on_progress=on_progress,
         )
@@ -174,15 +172,14 @@ class TotalVariation(CoupledMethod):
         projector: Projector,
         line: Image,
         *,
-        counts: bool,
+        noise: FloatArray,
         on_progress: OnProgress,
-        left_out: LeftOut = None,
     ) -> Self:
         """With the weight of one slice."""
         choice = choose_weight(
             projector,
             line,
-            noise=noise_of_rays(line[None], counts=counts, left_out=left_out),
+            noise=noise,
             non_negative=self.non_negative,
             on_progress=on_progress,
         )
@@ -204,9 +201,8 @@ class TotalVariation(CoupledMethod):
         projector: Projector,
         lines: Image,
         *,
-        counts: bool,
+        noise: FloatArray,
         on_progress: OnProgress,
-        left_out: LeftOut = None,
         numbers: NDArray[np.int64] | None = None,
     ) -> Estimate:
         """A block."""
@@ -214,7 +210,7 @@ class TotalVariation(CoupledMethod):
             projector,
             lines,
             weight=self.weight,
-            noise=noise_of_rays(lines, counts=counts, left_out=left_out),
+            noise=noise,
             non_negative=self.non_negative,
             coupling=self._coupling * axial_neighbours(len(lines), numbers),
             on_progress=on_progress,

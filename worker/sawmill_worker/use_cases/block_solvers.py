@@ -1,7 +1,7 @@
 """A method at work on a log: how blocks of slices go through it, and its report."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from threading import Lock
 from typing import Any, NamedTuple, Protocol
@@ -14,7 +14,9 @@ from sawmill_worker.tomography import cost
 from sawmill_worker.tomography.air import find_air
 from sawmill_worker.tomography.choosing import Recommendation
 from sawmill_worker.tomography.estimate import Estimate
+from sawmill_worker.tomography.geometry import FloatArray
 from sawmill_worker.tomography.image_grid import ImageGrid
+from sawmill_worker.tomography.iterative.coarse_outside import CoarseOutside, TwoGrids
 from sawmill_worker.tomography.iterative.progress import OnProgress, Phases
 from sawmill_worker.tomography.method import (
     CANDIDATES_AT_ONCE,
@@ -25,7 +27,7 @@ from sawmill_worker.tomography.method import (
     Method,
 )
 from sawmill_worker.tomography.methods import METHODS
-from sawmill_worker.tomography.noise import data_misfit, estimated_noise
+from sawmill_worker.tomography.noise import data_misfit, estimated_noise, noise_of_rays
 from sawmill_worker.tomography.present_rows import filled, present_rows
 from sawmill_worker.tomography.projector import Projector
 from sawmill_worker.tomography.stack import most_concurrent
@@ -250,6 +252,8 @@ class _DirectSolver:
 class _FittedSolver:
     """One block after another, on a grid that holds all of the log, from line integrals whose air stands at 0.
 
+    Of a field far smaller than the log, on a grid of its own, from what the larger pixels outside leave of the lines.
+
     Parameters that are not given are chosen from the middle slice, and are the same along the log. An empty slice is an
     empty image: it has no scale to choose anything by.
     """
@@ -265,35 +269,49 @@ class _FittedSolver:
         report: Report,
         settings: Settings | None,
     ) -> None:
-        grid, self._field = task.full_grid()
-        self._projector = Projector(task.projector.geometry, grid)
         self._method, self._task, self._general, self._report = method, task, general, report
-        if grid.size != task.projector.grid.size:
+        self._outside: CoarseOutside | None = None
+        geometry, grids = task.projector.geometry, TwoGrids.of(task.projector.grid, task.radius_mm)
+        if grids is None:
+            grid, self._field = task.full_grid()
+            if grid.size != task.projector.grid.size:
+                general.remark(
+                    f"the whole log was reconstructed, {grid.field_mm:.0f} mm across, and the field cut out of it"
+                )
+        else:
+            grid, self._field = grids.region, grids.field
+            self._outside = CoarseOutside.of(geometry, grids, non_negative=task.options.non_negative)
             general.remark(
-                f"the whole log was reconstructed, {grid.field_mm:.0f} mm across, and the field cut out of it"
+                f"outside of the field the log was held at pixels of {grids.whole.pixel_mm:.3g} mm: what these miss is "
+                "in the field's data misfit"
             )
-        image_bytes = 4 * grid.size**2
+        self._projector = Projector(geometry, grid)
+        image_bytes = 4 * max(grid.size, 0 if grids is None else grids.whole.size) ** 2
         check_memory(method.least_images * image_bytes, task.memory_bytes)
         together = task.memory_bytes // (IMAGES_OF_A_DESCENT * image_bytes)
         self.halo = method.halo if isinstance(method, CoupledMethod) and task.slices > 1 else 0
         most = COUPLED_TOGETHER if self.halo else FITTED_TOGETHER
         self.step = int(max(min(together, most) - 2 * self.halo, 1))
         self._metal = _metal_reduction(task, leave_out=method.leaves_out)
-        if method.is_open:
+        if method.is_open or self._outside is not None:
             self._sample = _levelled(task.sample[None], general)
             if not self._sample.any():
+                cure = "leave it out of the rows" + (", or give the settings" if self._outside is None else "")
                 raise refused(
                     "empty-slice",
                     f"row {task.middle_row}, the middle one, from which {name} chooses its settings, shows nothing: "
-                    "leave it out of the rows, or give the settings",
+                    f"{cure}",
                 )
         if settings is not None:
             self.step = settings["step"]
             self._choose(settings["choice"])
+            if self._outside is not None:
+                self._outside = replace(self._outside, weight=settings["outside_weight"])
 
     @property
     def settings(self) -> Settings:
-        return {"step": self.step, "choice": self._method.choice}
+        chosen = {"step": self.step, "choice": self._method.choice}
+        return chosen if self._outside is None else {**chosen, "outside_weight": self._outside.weight}
 
     def _choose(self, choice: Mapping[str, float]) -> None:
         if choice:
@@ -311,6 +329,9 @@ class _FittedSolver:
             couple=method.coupling_cost_slices * couples,
             reconstruct=worth,
         )
+        if self._outside is not None and self._outside.weight is None:
+            sample = self._metal(self._sample)
+            self._outside = self._outside.chosen(sample.lines[0], self._noise(sample.lines, sample.left_out))
         if couples or chooses:
             self._choose_for_the_log(phases)
         if isinstance(self._method, CoupledMethod) and not self._method.halo:
@@ -347,29 +368,26 @@ class _FittedSolver:
 
     def _choose_for_the_log(self, phases: Phases) -> None:
         """From the sample, and where slices may help each other from its neighbours as well."""
-        counts, chosen = self._task.counts, self._method
+        chosen = self._method
         if chosen.is_open:
             sample = self._metal(self._sample)
-            chosen = chosen.chosen(
-                self._projector,
-                sample.lines[0],
-                counts=counts,
-                on_progress=phases.of("choose"),
-                left_out=sample.left_out,
-            )
+            noise = self._noise(sample.lines, sample.left_out)
+            lines, _ = self._taken_out(sample.lines, noise)
+            chosen = chosen.chosen(self._projector, lines[0], noise=noise, on_progress=phases.of("choose"))
         if isinstance(chosen, CoupledMethod) and chosen.coupling_is_open:
             numbers, around = self._task.around()
             around = _levelled(around, self._general)
             shown = around.any(axis=(1, 2))
             block = self._metal(around[shown])
+            noise = self._noise(block.lines, block.left_out)
+            lines, _ = self._taken_out(block.lines, noise)
             chosen = chosen.with_coupling_chosen(
                 self._projector,
-                block.lines,
+                lines,
                 numbers=numbers[shown],
                 others_stay=not self._method.is_open,
-                counts=counts,
+                noise=noise,
                 on_progress=phases.of("couple"),
-                left_out=block.left_out,
             )
         self._choose(chosen.choice)
         self._task.on_chosen(self.settings)
@@ -377,12 +395,25 @@ class _FittedSolver:
     def _solve(
         self, lines: Images, left_out: NDArray[np.bool_] | None, numbers: NDArray[np.int64], on_progress: OnProgress
     ) -> Estimate:
-        """Slices of the full grid, from line integrals (slices, views, detector)."""
+        """Slices of the grid, from line integrals (slices, views, detector)."""
         method = self._method
+        noise = self._noise(lines, left_out)
+        lines, below = self._taken_out(lines, noise)
         reconstruct = (
             partial(method.reconstruct, numbers=numbers) if isinstance(method, CoupledMethod) else method.reconstruct
         )
-        return reconstruct(self._projector, lines, counts=self._task.counts, on_progress=on_progress, left_out=left_out)
+        found = reconstruct(self._projector, lines, noise=noise, on_progress=on_progress)
+        return found if below is None else replace(found, image=found.image + below)
+
+    def _taken_out(self, lines: Images, noise: FloatArray) -> tuple[Images, Images | None]:
+        """The lines (slices, views, detector) that the grid's pixels are to explain, and what these are on top of."""
+        if self._outside is None:
+            return lines, None
+        return self._outside.taken_out(lines, noise, inside=self._method.shrinks)
+
+    def _noise(self, lines: Images, left_out: NDArray[np.bool_] | None) -> FloatArray:
+        """All rays of a method that leaves none out weigh the same."""
+        return noise_of_rays(lines, counts=self._task.counts and self._method.leaves_out, left_out=left_out)
 
     def _curve_of(self, numbers: NDArray[np.int64], found: Estimate) -> CurvePoints | None:
         """Of the slice nearest to the middle of the log."""

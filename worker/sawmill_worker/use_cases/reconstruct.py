@@ -12,10 +12,11 @@ from sawmill_worker.contracts.geometry import ScannerConstants
 from sawmill_worker.contracts.reconstructions import ReconstructionOptions, ReconstructionResult
 from sawmill_worker.tomography import cost
 from sawmill_worker.tomography.choosing import Recommendation, recommend, views_of_step
-from sawmill_worker.tomography.geometry import FanBeamGeometry, FloatArray
+from sawmill_worker.tomography.geometry import FanBeamGeometry, FloatArray, GeometryError
 from sawmill_worker.tomography.image_grid import ImageGrid
+from sawmill_worker.tomography.iterative.coarse_outside import fitted_size
 from sawmill_worker.tomography.method import DirectMethod
-from sawmill_worker.tomography.object_extent import object_radius_mm
+from sawmill_worker.tomography.object_extent import object_radius_mm, seen_radius_mm
 from sawmill_worker.tomography.present_rows import filled, present_rows
 from sawmill_worker.tomography.projector import Projector
 from sawmill_worker.tomography.stack import reconstruct_stack
@@ -167,6 +168,13 @@ class _Run:
         angles = given.rotation.apply(given.angles_rad)
         grid = ImageGrid(options.size, options.field_mm, options.field_centre_mm)
         self._projector = Projector(FanBeamGeometry(given.scanner, given.theta, angles), grid)
+        seen_mm = seen_radius_mm(self._projector.geometry)
+        if grid.nearest_mm >= seen_mm:
+            raise GeometryError(
+                f"the field around field_centre_mm {grid.centre_mm[0]:g}, {grid.centre_mm[1]:g} begins "
+                f"{grid.nearest_mm:.4g} mm from the rotation centre, and the rays see {seen_mm:.4g} mm around it: "
+                "move it nearer"
+            )
         self.slices = len(range(*given.rows, given.row_step))
         self.shape = (self.slices, options.size, options.size)
         self._reporting = _Reporting(self.slices, report)
@@ -221,8 +229,8 @@ class _Run:
 
     def _recommended(self, sample: NDArray[np.float32], radius_mm: float) -> Recommendation:
         projector, options = self._projector, self._options
-        full, _ = projector.grid.around(radius_mm)
-        return recommend(projector.geometry, sample, projector.grid, fitted_size=full.size, prefer=options.prefer)
+        size = fitted_size(projector.grid, radius_mm)
+        return recommend(projector.geometry, sample, projector.grid, fitted_size=size, prefer=options.prefer)
 
     def _thin_out(self, step: int, sample: NDArray[np.float32]) -> NDArray[np.float32]:
         """Go on with every step-th view; the sample with these views."""
