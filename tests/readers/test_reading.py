@@ -264,6 +264,32 @@ def test_angles_of_unknown_unit_are_named_and_not_used(tmp_path, stack):
         read_scan(tmp_path / "scan.mat", counts=False, dataset="scan/sinogram")
 
 
+def test_a_sinogram_in_the_order_of_radon_is_read_when_asked_for_and_named_by_the_refusal(tmp_path, stack, angles_deg):
+    """(cells, views), with an angle for each view in a list whose name states no unit."""
+    scipy.io.savemat(tmp_path / "scan.mat", {"sinogram": stack[:, 0].T, "parameters": {"anglesRad": np.arange(6.0)}})
+    hint = r"8 views of 6 cells; if it holds 6 views of 8 cells, .* give transpose \(on the command line --transpose\)"
+    with pytest.raises(UnreadableScan, match=rf"anglesRad \(6 values from 0 to 5\) fits the cells.* {hint}"):
+        read_scan(tmp_path / "scan.mat", counts=False)
+    each = AngleList(tuple(angles_deg))
+    with pytest.raises(UnreadableScan, match=f"there are 6 angles, one for each cell: .* {hint}"):
+        read_scan(tmp_path / "scan.mat", counts=False, angles_deg=each)
+    as_steps = read_scan(tmp_path / "scan.mat", counts=False, angles_deg=STEPS)
+    assert "fits the cells" in as_steps.remarks[-1]
+    scan = read_scan(tmp_path / "scan.mat", counts=False, angles_deg=each, transpose=True)
+    np.testing.assert_array_equal(scan.projections, stack[:, :1])
+
+
+@pytest.mark.parametrize("of_flats", [np.asarray, lambda flats: flats[..., 0]])
+def test_a_stack_in_the_reverse_order_has_its_fields_in_it_too(tmp_path, stack, angles_deg, of_flats):
+    flats = np.full((8, 3, 2), 60_000.0, np.float32)
+    np.savez(tmp_path / "scan.npz", projections=stack.T, angles_deg=angles_deg, flats=of_flats(flats))
+    scan = read_scan(tmp_path / "scan.npz", counts=True, transpose=True)
+    np.testing.assert_array_equal(scan.projections, stack)
+    assert scan.flats.shape[1:] == (3, 8)
+    with pytest.raises(UnreadableScan, match=r"the file carries 6 angles, one for each cell: .* --transpose"):
+        read_scan(tmp_path / "scan.npz", counts=True)
+
+
 def test_mat_v5_of_a_machine_with_the_other_byte_order(tmp_path, stack):
     """As a big-endian machine writes it: every word, and the data, the other way round."""
     values = stack[:, 0]

@@ -186,6 +186,7 @@ def read_scan(
     rows: str | None = None,
     views: int | None = None,
     averaged_rows: int | None = None,
+    transpose: bool = False,
     air: AirCorrection | str = AirCorrection.AUTO,
     faulty_cells: FaultyCells | str = FaultyCells.AUTO,
     rings: RingRemoval | str = RingRemoval.OFF,
@@ -216,6 +217,8 @@ def read_scan(
         Use every (total / views)-th view.
     averaged_rows : int, optional
         The number of detector rows whose line integrals were averaged into the file's one row.
+    transpose : bool
+        Whether the axes are in reverse order: (cells, views), as MATLAB's radon writes, or (cells, rows, views).
     air, faulty_cells, rings, align_rows : str
         What is done to the data (docs/preparing.md).
 
@@ -235,6 +238,7 @@ def read_scan(
             "flats": None if flats is None else Path(flats),
             "darks": None if darks is None else Path(darks),
             "averaged_rows": averaged_rows,
+            "transpose": transpose,
             "air": air,
             "faulty_cells": faulty_cells,
             "rings": rings,

@@ -80,6 +80,7 @@ def inspect(
     detector_pitch_mm: Annotated[float | None, option(shared.ScanOptions, "detector_pitch_mm")] = None,
     row_pitch_mm: Annotated[float | None, option(shared.ScanOptions, "row_pitch_mm")] = None,
     follow_links: Annotated[bool, option(shared.ScanOptions, "follow_links", flag="--follow-links")] = False,
+    transpose: Annotated[bool, option(shared.ScanOptions, "transpose", flag="--transpose")] = False,
     flats: shared.FlatsFile = None,
     darks: shared.DarksFile = None,
     as_json: shared.JsonFlag = False,
@@ -90,7 +91,9 @@ def inspect(
         from sawmill_worker.use_cases.inspect import GivenBeside, inspect_file
 
         result = inspect_file(
-            GivenBeside(file, data, dataset, angles, detector_pitch_mm, row_pitch_mm, flats, darks, follow_links),
+            GivenBeside(
+                file, data, dataset, angles, detector_pitch_mm, row_pitch_mm, flats, darks, follow_links, transpose
+            ),
         )
     if as_json:
         print_json({"state": "succeeded", **result.model_dump(mode="json")})

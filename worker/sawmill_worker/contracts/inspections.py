@@ -11,7 +11,7 @@ from sawmill_worker.contracts.base import Contract, Identifier, Name, Stamped, T
 from sawmill_worker.contracts.given import Given
 from sawmill_worker.contracts.jobs import Failure, JobKind, JobState
 from sawmill_worker.contracts.kinds import AskedKind, Operation
-from sawmill_worker.contracts.scans import AnglesText, Dataset, ScanShape
+from sawmill_worker.contracts.scans import AnglesText, Dataset, ScanShape, Transpose
 from sawmill_worker.vocabulary import DataKind
 from sawmill_worker.vocabulary.texts import N_
 
@@ -154,6 +154,7 @@ class InspectionOptions(Contract):
     data: DataKind | None = Field(None, description="What the numbers are; null: not given.", examples=["counts"])
     dataset: Dataset = None
     angles_deg: AnglesText = None
+    transpose: Transpose = False
 
 
 class InspectedFile(InspectionOptions):

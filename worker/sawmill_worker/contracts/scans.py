@@ -46,12 +46,23 @@ AnglesText = Annotated[
 ]
 
 
+Transpose = Annotated[
+    bool,
+    Field(
+        description="The file's axes are in reverse order: (detector, views) as MATLAB's radon writes a sinogram, or "
+        "(detector, rows, views). The same holds for its flat and dark fields and `deviations`.",
+        examples=[False],
+    ),
+]
+
+
 class ScanFileOptions(PrepareOptions):
     """How a file is read. What the file itself carries needs no repeating, and may not be contradicted."""
 
     data: DataKind = Field(description="What the numbers are; never guessed.", examples=["counts"])
     dataset: Dataset = None
     angles_deg: AnglesText = None
+    transpose: Transpose = False
     averaged_rows: int | None = Field(
         None,
         ge=1,

@@ -31,6 +31,7 @@ def run(attempt: Attempt) -> dict[str, Any]:
         row_pitch_mm=constants.row_pitch_mm,
         rows_missing=scan.align_rows is not RowAlignment.OFF,
         averaged_rows=scan.averaged_rows,
+        transpose=scan.transpose,
         free_bytes=memory_available(),
     )
     with reading as read:

@@ -18,6 +18,7 @@ def run(attempt: Attempt) -> dict[str, Any]:
         data=options.data,
         dataset=options.dataset,
         angles=None if options.angles_deg is None else parse_angles(options.angles_deg),
+        transpose=options.transpose,
         uploaded=True,
     )
     return inspect_file(given).model_copy(update={"file": options.name}).model_dump(mode="json")

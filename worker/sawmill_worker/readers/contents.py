@@ -36,6 +36,23 @@ def held(array: NDArray[np.float32]) -> Projections:
     return Projections(array.shape, lambda views, rows: stack[views, rows].copy(), (1, 1))
 
 
+def reversed_axes(stored: Projections) -> Projections:
+    """Projections of a file that has the axes in reverse order, the detector's first and the views' last."""
+    cells, *rows, views = stored.shape
+    if not rows:  # the one row is read as a whole
+        whole = slice(0, cells), slice(0, 1)
+        return Projections(
+            (views, cells),
+            lambda part, _: np.ascontiguousarray(stored.read(*whole)[:, 0, part].T[:, np.newaxis]),
+            (views, 1),
+        )
+    return Projections(
+        (views, *rows, cells),
+        lambda part, of_rows: np.ascontiguousarray(stored.read(slice(0, cells), of_rows)[:, :, part].T),
+        (views, stored.together[1]),
+    )
+
+
 @dataclass(frozen=True, eq=False)
 class FileAngles:
     """The angles that a file carries.
@@ -73,6 +90,8 @@ class FileContents:
         That in which the file has its angles.
     angles_unusable : str or None
         Why the angles in the file cannot be used, where it has some.
+    angles_of_last_axis : str or None
+        What could be angles by its name and has the length of the last axis, not of the first.
     detector_pitch_mm, row_pitch_mm : float or None
         Distance between cells and between rows.
     unused : str or None
@@ -91,6 +110,7 @@ class FileContents:
     angles_deg: NDArray[np.float64] | None = None
     angles_unit: str | None = None
     angles_unusable: str | None = None
+    angles_of_last_axis: str | None = None
     detector_pitch_mm: float | None = None
     row_pitch_mm: float | None = None
     unused: str | None = None

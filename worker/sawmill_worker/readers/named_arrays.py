@@ -76,7 +76,11 @@ def read_named_arrays(arrays: NamedArrays, wanted: Wanted, remarks: tuple[str, .
     if wanted.fields is not None:
         return FileContents(format=arrays.format, projections=arrays.projections(name))
     angles = _angles(arrays)
-    lists = [] if angles.deg is not None else _could_serve(arrays, name, ANGLES, shape[0])
+    views = shape[-1] if wanted.transpose else shape[0]
+    lists = [] if angles.deg is not None else _could_serve(arrays, name, ANGLES, views)
+    others = (
+        [] if lists or angles.deg is not None or wanted.transpose else _could_serve(arrays, name, ANGLES, shape[-1])
+    )
     values = _could_serve(arrays, name, LENGTHS, 1)
     unused = ", ".join(values) if values else None
     return FileContents(
@@ -88,6 +92,7 @@ def read_named_arrays(arrays: NamedArrays, wanted: Wanted, remarks: tuple[str, .
         angles_deg=angles.deg,
         angles_unit=angles.unit,
         angles_unusable=f"no name states meaning and unit of {', '.join(lists)}" if lists else None,
+        angles_of_last_axis=", ".join(others) if others else None,
         unused=unused,
         remarks=remarks if unused is None else (*remarks, f"No name states meaning and unit of {unused}: not used."),
     )

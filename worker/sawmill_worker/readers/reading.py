@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_worker.files.errors import UnreadableScan, library_errors_translated
-from sawmill_worker.readers.angles import AnglesGiven
+from sawmill_worker.readers.angles import AngleList, AnglesGiven
 from sawmill_worker.readers.arrays import MAX_BYTES, Bounds, as_fields
 from sawmill_worker.readers.averaged import AveragedRows
 from sawmill_worker.readers.canonical import CanonicalScan
-from sawmill_worker.readers.contents import FileContents, Projections
+from sawmill_worker.readers.contents import FileContents, Projections, reversed_axes
 from sawmill_worker.readers.given_fields import with_fields
 from sawmill_worker.readers.hdf5_links import LinkedFiles
 from sawmill_worker.readers.recognising import recognise
@@ -37,6 +37,7 @@ def reading_scan(
     row_pitch_mm: float | None = None,
     rows_missing: bool = False,
     averaged_rows: int | None = None,
+    transpose: bool = False,
     flats: Path | None = None,
     darks: Path | None = None,
     follow_links: bool = False,
@@ -63,6 +64,8 @@ def reading_scan(
         Whether views may lack rows at the top or the bottom: NaN in every cell, of counts also zero. They become NaN.
     averaged_rows : int, optional
         The number of detector rows whose line integrals were averaged into the one row of the file.
+    transpose : bool
+        Whether the file has the axes in reverse order, (detector, views) or (detector, rows, views).
     flats, darks : Path, optional
         Files of the flat and of the dark fields, where the scan's file carries none.
     follow_links : bool
@@ -87,6 +90,7 @@ def reading_scan(
         path,
         dataset=dataset,
         deviations=averaged_rows is not None,
+        transpose=transpose,
         flats=flats,
         darks=darks,
         follow_links=follow_links,
@@ -111,6 +115,7 @@ def reading_contents(
     *,
     dataset: str | None = None,
     deviations: bool = False,
+    transpose: bool = False,
     flats: Path | None = None,
     darks: Path | None = None,
     follow_links: bool = False,
@@ -129,9 +134,11 @@ def reading_contents(
         linked = LinkedFiles(files) if follow_links else None
         bounds = replace(reading_bounds(free_bytes, max_bytes), linked=linked)
         with library_errors_translated(recognised.name):
-            contents = recognised.read(path, Wanted(dataset, deviations=deviations), bounds, files)
-            _check_piece(contents.projections, bounds.piece)
+            contents = recognised.read(path, Wanted(dataset, deviations=deviations, transpose=transpose), bounds, files)
         contents = with_fields(contents, flats, darks, bounds)
+        if transpose:
+            contents = _transposed(contents)
+        _check_piece(contents.projections, bounds.piece)
         others = contents.others if linked is None else (*contents.others, *linked.paths)
         yield replace(contents, projections=_translated(contents.projections, recognised.name), others=others)
 
@@ -162,7 +169,7 @@ def canonical_scan(
     """
     projections = contents.projections
     dimensions = len(projections.shape)
-    angles, remarks = agree_on_angles(contents, angles_deg, projections.shape[0])
+    angles, remarks = agree_on_angles(contents, angles_deg)
     if counts and (contents.darks is None or not contents.darks.any()):
         lacking = "There are no dark fields" if contents.darks is None else "All dark fields are 0"
         remarks = (*remarks, f"{lacking}: the detector's offset was taken as zero.")
@@ -185,6 +192,22 @@ def canonical_scan(
     )
 
 
+def _transposed(contents: FileContents) -> FileContents:
+    """Put the axes of the projections and of all that has the same axes into our order."""
+    return replace(
+        contents,
+        projections=reversed_axes(contents.projections),
+        flats=_reversed(contents.flats),
+        darks=_reversed(contents.darks),
+        deviations=_reversed(contents.deviations),
+        remarks=(*contents.remarks, "The axes were put into the reverse order, as was asked for."),
+    )
+
+
+def _reversed(array: NDArray[np.float32] | None) -> NDArray[np.float32] | None:
+    return None if array is None else np.ascontiguousarray(array.T)
+
+
 def _check_piece(projections: Projections, most_bytes: int) -> None:
     """Refuse what the file stores in pieces that cannot be in memory twice, as stored and as float32."""
     views, rows = (min(n, most) for n, most in zip(projections.together, projections.shape, strict=False))
@@ -205,32 +228,48 @@ def _translated(projections: Projections, what: str) -> Projections:
     return replace(projections, read=read)
 
 
-def agree_on_angles(
-    contents: FileContents, given: AnglesGiven | None, views: int
-) -> tuple[NDArray[np.float64], tuple[str, ...]]:
+def agree_on_angles(contents: FileContents, given: AnglesGiven | None) -> tuple[NDArray[np.float64], tuple[str, ...]]:
     """The views' angles (views,) in degrees, of the file or as given, and remarks.
 
     Raises
     ------
     UnreadableScan
-        There are none, or both and they differ.
+        There are none, or both and they differ, or their number is that of the cells.
     """
+    shape = contents.projections.shape
+    _check_axis("the file carries", None if contents.angles_deg is None else contents.angles_deg.size, shape)
+    _check_axis("there are", len(given.values_deg) if isinstance(given, AngleList) else None, shape)
+    swapped = contents.angles_of_last_axis
+    hint = None if swapped is None else f"{swapped} fits the cells, not the views: {_transposing(shape)}"
     if given is None:
         if contents.angles_deg is None:
-            reason = contents.angles_unusable or "the file carries no angles"
+            reason = contents.angles_unusable or hint or "the file carries no angles"
             raise UnreadableScan(
                 "angles-missing",
                 f"{reason}; give them as START:STEP in degrees, as in 0.5:1, or one for each view "
                 "(angles_deg, on the command line --angles-deg or --angles-file)",
             )
         return contents.angles_deg, ()
-    angles = given.expand(views)
+    angles = given.expand(shape[0])
     if contents.angles_deg is not None:
         _check_same_angles(contents.angles_deg, angles)
         return contents.angles_deg, ()
     if contents.angles_unusable is not None:
         return angles, (f"The angles given were used: {contents.angles_unusable}.",)
-    return angles, ()
+    return angles, () if hint is None else (f"The angles given were used, but {hint}.",)
+
+
+def _check_axis(who: str, number: int | None, shape: tuple[int, ...]) -> None:
+    """Refuse a number of angles that is that of the last axis and not that of the first."""
+    if number == shape[-1] != shape[0]:
+        raise UnreadableScan("angles-mismatch", f"{who} {number} angles, one for each cell: {_transposing(shape)}")
+
+
+def _transposing(shape: tuple[int, ...]) -> str:
+    return (
+        f"the file was read as {shape[0]} views of {shape[-1]} cells; if it holds {shape[-1]} views of {shape[0]} "
+        "cells, as MATLAB's radon writes them, give transpose (on the command line --transpose)"
+    )
 
 
 def _check_same_angles(in_file: NDArray[np.float64], given: NDArray[np.float64]) -> None:

@@ -23,11 +23,14 @@ class Wanted:
         Fields that have a file of their own; None for the projections of a scan, with all that stands beside them.
     deviations : bool
         Whether the projections' standard deviations may stand beside them.
+    transpose : bool
+        Whether the file has the axes in reverse order; readers give them as they are stored.
     """
 
     dataset: str | None = None
     fields: FieldKind | None = None
     deviations: bool = False
+    transpose: bool = False
 
     @property
     def least_images(self) -> int:

@@ -56,6 +56,7 @@ class GivenBeside:
     flats: Path | None = None
     darks: Path | None = None
     follow_links: bool = False
+    transpose: bool = False
     uploaded: bool = False
     """Whether a service has it, which reads one file alone and has no flags."""
 
@@ -140,6 +141,7 @@ def _read(given: GivenBeside, kind: OwnKind | None) -> _Found:
         opened = reading_contents(
             given.path,
             dataset=given.dataset,
+            transpose=given.transpose,
             flats=given.flats,
             darks=given.darks,
             follow_links=given.follow_links,

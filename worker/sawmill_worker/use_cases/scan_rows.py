@@ -112,7 +112,12 @@ def _needs_no_preparing(source: ScanSource) -> bool:
     of_file = (options.dataset, source.angles, options.row_pitch_mm, options.averaged_rows)
     beside = (*of_file, options.flats, options.darks)
     bare = all(given is None for given in beside)
-    if not (bare and options.data is DataKind.LINE_INTEGRALS and source.prepare == PrepareOptions()):
+    if not (
+        bare
+        and not options.transpose
+        and options.data is DataKind.LINE_INTEGRALS
+        and source.prepare == PrepareOptions()
+    ):
         return False
     if not is_own_scan(source.path):
         return False
@@ -143,6 +148,7 @@ def _prepared_rows(
             row_pitch_mm=source.options.row_pitch_mm,
             rows_missing=source.prepare.align_rows is not RowAlignment.OFF,
             averaged_rows=source.options.averaged_rows,
+            transpose=source.options.transpose,
             flats=source.options.flats,
             darks=source.options.darks,
             follow_links=source.options.follow_links,
