@@ -351,8 +351,10 @@ def reconstruct(
     if isinstance(geometry, Calibration):
         _check_same_scanner(scan, geometry)
         theta, handedness, rotation = geometry.result.theta, geometry.result.handedness, geometry.rotation
+        hardening = geometry.result.beam_hardening
     else:
         theta, handedness = options_of(GivenTheta, vars(geometry)), Handedness.AS_DRAWN
+        hardening = None
     given = ReconstructionInput(
         read=lambda start, stop: scan.line_integrals[:, start:stop],
         angles_rad=scan.angles_rad,
@@ -365,6 +367,7 @@ def reconstruct(
         counts=scan.from_counts,
         preparation=scan.remarks,
         row_step=scan.row_step,
+        hardening=hardening,
     )
     with input_errors():
         made = reconstruct_in_memory(given, chosen, on_progress)

@@ -42,6 +42,7 @@ from sawmill_worker.vocabulary import (
     Rotation,
     Theta,
 )
+from sawmill_worker.vocabulary.hardening import BeamHardening
 from sawmill_worker.vocabulary.texts import N_
 
 
@@ -404,6 +405,11 @@ class CalibrationResult(Contract):
         examples=[0.003],
     )
     residual: Residual = Field(description="What the model leaves of the sinogram.")
+    beam_hardening: BeamHardening | None = Field(
+        None,
+        description="Beam hardening that was fitted; a reconstruction takes it out of a log's line integrals. Null: "
+        "none was found, or an answer of an earlier version.",
+    )
     adjustments: list[str] = Field(
         [],
         description="What was found in the scan beyond the plain model, and done.",

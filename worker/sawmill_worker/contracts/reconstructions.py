@@ -22,6 +22,7 @@ from sawmill_worker.vocabulary import (
     CoordinateMm,
     FilterName,
     Handedness,
+    HardeningHandling,
     MetalHandling,
     Preference,
     ReconstructionMethod,
@@ -144,6 +145,12 @@ class ReconstructionOptions(Contract):
         description="Rays through nails and other metal, where a first image shows any. `auto`: `cauchy_map` and "
         "`total_variation` leave them out, other methods take values interpolated along the detector; the metal is "
         "put back into the slices. `interpolate`: every method does. `none`: all rays as they are.",
+        examples=["auto"],
+    )
+    hardening: HardeningHandling = Field(
+        HardeningHandling.AUTO,
+        description="Beam hardening that the calibration found. `auto`: it is taken out of the line integrals before "
+        "they are reconstructed. `none`: they are used as they are.",
         examples=["auto"],
     )
     alpha: Annotated[Positive | None, OfTikhonov] = Field(

@@ -25,6 +25,7 @@ from sawmill_worker.use_cases.failures import refused
 from sawmill_worker.use_cases.reconstruct import MEMORY_SHARE, ReconstructionInput, run_reconstruction
 from sawmill_worker.use_cases.selection import chosen_rows, chosen_views
 from sawmill_worker.vocabulary import DataKind, Handedness, Rotation, Theta
+from sawmill_worker.vocabulary.hardening import BeamHardening
 
 # Of each slice of a fitted method, in single precision: the data, residuals and trial steps.
 LINES_A_SLICE = 40
@@ -37,7 +38,7 @@ def run(attempt: Attempt) -> dict[str, Any]:
     shape = shape_of(scan)
     rows = range(shape.rows)[chosen_rows(options.rows, shape.rows, scan.usable_rows)]
     views = chosen_views(options.views, shape.views)
-    theta, rotation, handedness = _geometry_of(attempt, options)
+    theta, rotation, handedness, hardening = _geometry_of(attempt, options)
     with open_scan(attempt.file) as stored:
         given = ReconstructionInput(
             read=lambda start, stop: stored.rows(rows[start:stop], views),
@@ -51,6 +52,7 @@ def run(attempt: Attempt) -> dict[str, Any]:
             input_sha256=scan.sha256,
             counts=scan.data is DataKind.COUNTS,
             preparation=tuple(scan.remarks),
+            hardening=hardening,
         )
         keeper = _keeper(attempt, given, options)
         result = run_reconstruction(given, options, attempt.output / "volume.h5", attempt.report, keeper)
@@ -66,6 +68,7 @@ def _keeper(attempt: Attempt, given: ReconstructionInput, options: Reconstructio
         "views": len(given.angles_rad),
         "scanner": vars(given.scanner),
         "theta": asdict(given.theta),
+        "hardening": None if given.hardening is None else asdict(given.hardening),
         "rotation": given.rotation,
         "handedness": given.handedness,
     }
@@ -95,7 +98,7 @@ def needs(attempt: Attempt) -> Needs:
 
 def _fitting(attempt: Attempt, options: ReconstructionAsked, shape: ScanShape) -> int:
     """Of the method that needs most, on a grid that holds all that the detector can see."""
-    theta, _, _ = _geometry_of(attempt, options)
+    theta, *_ = _geometry_of(attempt, options)
     geometry = FanBeamGeometry(attempt.scanner.constants, theta, np.zeros(1))
     field, radius_mm = ImageGrid(options.size, options.field_mm, options.field_centre_mm), seen_radius_mm(geometry)
     # A larger grid is refused. A log that is smaller than what is seen may have one grid instead of two.
@@ -106,11 +109,13 @@ def _fitting(attempt: Attempt, options: ReconstructionAsked, shape: ScanShape) -
     return 4 * (images * pixels + lines)
 
 
-def _geometry_of(attempt: Attempt, options: ReconstructionAsked) -> tuple[Theta, Rotation, Handedness]:
-    """The theta that was given, or the calibration's; refused where it has none."""
+def _geometry_of(
+    attempt: Attempt, options: ReconstructionAsked
+) -> tuple[Theta, Rotation, Handedness, BeamHardening | None]:
+    """The theta that was given, or the calibration's with its hardening; refused where it has none."""
     if options.theta is not None:
-        return options.theta, options.rotation or Rotation.AS_GIVEN, options.handedness or Handedness.AS_DRAWN
+        return options.theta, options.rotation or Rotation.AS_GIVEN, options.handedness or Handedness.AS_DRAWN, None
     if attempt.given.calibration is None:
         raise refused("no-active-calibration", "neither calibration_id nor theta names a geometry")
     calibration = usable_calibration(attempt, "use")
-    return calibration.theta, calibration.rotation, calibration.handedness
+    return calibration.theta, calibration.rotation, calibration.handedness, calibration.beam_hardening

@@ -8,8 +8,10 @@ from scipy.ndimage import uniform_filter1d
 
 from sawmill_worker.tomography.air import find_air
 from sawmill_worker.tomography.geometry import FloatArray, GeometryError
+from sawmill_worker.tomography.hardening import measured_and_slope
 from sawmill_worker.tomography.projector import Image, Projector
 from sawmill_worker.tomography.robust import noise_of_differences
+from sawmill_worker.vocabulary.hardening import BeamHardening
 
 # The least noise as a share of the data's RMS, taken for noise-free data: pixels approximate a log no better.
 LEAST_SHARE = 0.002
@@ -46,11 +48,16 @@ def photon_noise(sinogram: ArrayLike, air_counts: ArrayLike) -> FloatArray:
     counts = np.asarray(air_counts, np.float64)
     if not (counts > 0.0).all():
         raise GeometryError(f"air_counts must be positive counts, not {counts.min():g}")
-    smooth = uniform_filter1d(np.asarray(sinogram, np.float64), SMOOTHED, axis=-1, mode="nearest")
-    return np.exp(0.5 * np.clip(smooth, 0.0, None)) / np.sqrt(counts)
+    return np.exp(0.5 * np.clip(_smooth(sinogram), 0.0, None)) / np.sqrt(counts)
 
 
-def noise_of_rays(lines: Image, *, counts: bool, left_out: NDArray[np.bool_] | None = None) -> FloatArray:
+def _smooth(sinogram: ArrayLike) -> FloatArray:
+    return np.asarray(uniform_filter1d(np.asarray(sinogram, np.float64), SMOOTHED, axis=-1, mode="nearest"))
+
+
+def noise_of_rays(
+    lines: Image, *, counts: bool, hardening: BeamHardening | None = None, left_out: NDArray[np.bool_] | None = None
+) -> FloatArray:
     """The noise that air and, of counts, photons show: (slices, 1, 1), or of each ray (slices, views, detector).
 
     Parameters
@@ -59,11 +66,14 @@ def noise_of_rays(lines: Image, *, counts: bool, left_out: NDArray[np.bool_] | N
         Line integrals whose air stands at 0.
     counts : bool
         Whether they were made from counts; the scatter of the air then gives the photons in air, whatever the unit.
+    hardening : BeamHardening, optional
+        What was taken out of them: the noise of the measured ones has grown with the slope of the correction.
     left_out : (slices, views, detector) bool, optional
         Rays of infinite noise: they have no weight.
     """
     air = noise_of_each_ray(None, lines)
-    noise = photon_noise(lines, 1.0 / air**2) if counts else air
+    measured, slope = (lines, 1.0) if hardening is None else measured_and_slope(hardening, _smooth(lines))
+    noise = (photon_noise(measured, 1.0 / air**2) if counts else air) * slope
     return noise if left_out is None else np.where(left_out, math.inf, noise)
 
 

@@ -36,6 +36,7 @@ from sawmill_worker.use_cases.failures import refused
 from sawmill_worker.use_cases.metal_reduction import MetalReduction, WithoutMetal
 from sawmill_worker.use_cases.method_findings import BlockFindings, CurvePoints, gathered, report_of
 from sawmill_worker.vocabulary import MetalHandling, ReconstructionMethod
+from sawmill_worker.vocabulary.hardening import BeamHardening
 
 Images = NDArray[np.float32]
 WHOLE = slice(None)
@@ -80,6 +81,8 @@ class LogTask:
         The scan's row of the sample.
     counts : bool
         Whether the line integrals were made from counts, so that dark rays are noisier than bright ones.
+    hardening : BeamHardening or None
+        What was taken out of the line integrals, which makes dark rays noisier too.
     memory_bytes : int
         Limit of all blocks together.
     on_progress : callable
@@ -98,6 +101,7 @@ class LogTask:
     slices: int
     middle_row: int
     counts: bool
+    hardening: BeamHardening | None
     memory_bytes: int
     on_progress: Callable[[float], None]
     on_chosen: Callable[[Settings], None]
@@ -413,7 +417,9 @@ class _FittedSolver:
 
     def _noise(self, lines: Images, left_out: NDArray[np.bool_] | None) -> FloatArray:
         """All rays of a method that leaves none out weigh the same."""
-        return noise_of_rays(lines, counts=self._task.counts and self._method.leaves_out, left_out=left_out)
+        if not self._method.leaves_out:
+            return noise_of_rays(lines, counts=False, left_out=left_out)
+        return noise_of_rays(lines, counts=self._task.counts, hardening=self._task.hardening, left_out=left_out)
 
     def _curve_of(self, numbers: NDArray[np.int64], found: Estimate) -> CurvePoints | None:
         """Of the slice nearest to the middle of the log."""

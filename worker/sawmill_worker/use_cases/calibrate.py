@@ -276,6 +276,7 @@ def calibration_result(
         gain=fit.gain,
         offset=fit.offset,
         residual=contracts.Residual(rms=fit.residual_rms, relative=fit.relative_residual),
+        beam_hardening=calibration.beam_hardening,
         adjustments=[*given.remarks, *calibration.adjustments],
         status=judgement.status,
         verdict=judgement.verdict,

@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 from sawmill_worker.contracts.geometry import ScannerConstants
 from sawmill_worker.contracts.reconstructions import ReconstructionOptions, ReconstructionResult
 from sawmill_worker.tomography import cost
+from sawmill_worker.tomography.air import find_air
 from sawmill_worker.tomography.choosing import Recommendation, recommend, views_of_step
 from sawmill_worker.tomography.geometry import FanBeamGeometry, FloatArray, GeometryError
+from sawmill_worker.tomography.hardening import straightened
 from sawmill_worker.tomography.image_grid import ImageGrid
 from sawmill_worker.tomography.iterative.coarse_outside import fitted_size
 from sawmill_worker.tomography.method import DirectMethod
@@ -27,7 +29,16 @@ from sawmill_worker.use_cases.kept_blocks import FinishedBlock, KeptVolume, keep
 from sawmill_worker.use_cases.method_findings import CurvePoints, gathered
 from sawmill_worker.use_cases.value_range import ValueRange
 from sawmill_worker.use_cases.writing_volumes import VolumeOrigin, new_volume
-from sawmill_worker.vocabulary import Handedness, Progress, ProgressCallback, ReconstructionMethod, Rotation, Theta
+from sawmill_worker.vocabulary import (
+    Handedness,
+    HardeningHandling,
+    Progress,
+    ProgressCallback,
+    ReconstructionMethod,
+    Rotation,
+    Theta,
+)
+from sawmill_worker.vocabulary.hardening import BeamHardening
 from sawmill_worker.vocabulary.version import VERSION
 
 # Line integrals (views, stop - start, detector) float32 of the slices start..stop.
@@ -60,6 +71,8 @@ class ReconstructionInput:
         The scan's rows, the first included, the last not; every row_step-th of them is a slice.
     preparation : tuple of str
         The steps that prepared the scan's data.
+    hardening : BeamHardening or None
+        That of the calibration, still in the line integrals.
     """
 
     read: ReadRows
@@ -73,11 +86,38 @@ class ReconstructionInput:
     counts: bool
     preparation: tuple[str, ...] = ()
     row_step: int = 1
+    hardening: BeamHardening | None = None
 
 
 def volume_unit(*, counts: bool) -> str:
     """The unit of a volume: counts give attenuation per mm; line integrals keep the unit they were given in."""
     return "1/mm" if counts else "line integral/mm"
+
+
+def without_hardening(given: ReconstructionInput, options: ReconstructionOptions) -> ReconstructionInput:
+    """The input with the calibration's beam hardening taken out of its line integrals, and a sentence that says so."""
+    hardening = given.hardening
+    if hardening is None or options.hardening is HardeningHandling.NONE:
+        return replace(given, hardening=None)
+    if hardening.from_counts != given.counts:
+        kinds = ("counts", "line integrals") if hardening.from_counts else ("line integrals", "counts")
+        sentence = "the beam hardening of the calibration was not taken out: it is of {}, and this scan of {}"
+        return replace(given, hardening=None, preparation=(*given.preparation, sentence.format(*kinds)))
+    slices = len(range(*given.rows, given.row_step))
+    sample = filled(given.read(slices // 2, slices // 2 + 1), given.angles_rad)[:, 0]
+    air = find_air(sample)
+    level = np.float32(0.0 if air is None else air.background)
+    longest = float(sample.max() - level)
+
+    def read(start: int, stop: int) -> NDArray[np.float32]:
+        return straightened(hardening, given.read(start, stop) - level) + level
+
+    change = longest / float(straightened(hardening, np.array([longest], np.float32))[0]) - 1.0
+    sentence = f"beam hardening of {change:+.1%} on the longest path, as the calibration found it, was taken out"
+    if longest > hardening.longest:
+        beyond = longest / hardening.longest - 1.0
+        sentence += f"; the longest line integral is {beyond:.0%} larger than any of the phantom's: extrapolated"
+    return replace(given, read=read, preparation=(*given.preparation, sentence))
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,6 +155,7 @@ def run_reconstruction(
     OSError
         The file cannot be written.
     """
+    given = without_hardening(given, options)
     run = _Run(given, options, report)
     check_disk(output.parent, run.shape, cost.volume_bytes(options.size, run.slices))
     settings = settings_of(keeper)
@@ -149,6 +190,7 @@ def reconstruct_in_memory(
     given: ReconstructionInput, options: ReconstructionOptions, report: ProgressCallback
 ) -> ReconstructedVolume:
     """Reconstruct each row into arrays; as `run_reconstruction`, without a file."""
+    given = without_hardening(given, options)
     run = _Run(given, options, report)
     data = np.empty(run.shape, np.float32)
 
@@ -213,6 +255,7 @@ class _Run:
             slices=self.slices,
             middle_row=given.rows[0] + middle * given.row_step,
             counts=given.counts,
+            hardening=given.hardening,
             memory_bytes=int(MEMORY_SHARE * memory_available()),
             on_progress=self._reporting.within_block,
             on_chosen=on_chosen,

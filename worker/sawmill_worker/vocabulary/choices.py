@@ -172,6 +172,13 @@ class ReconstructionMethod(StrEnum):
         return method
 
 
+class HardeningHandling(StrEnum):
+    """What becomes of the beam hardening that a calibration found: `auto` takes it out, `none` leaves it."""
+
+    AUTO = "auto"
+    NONE = "none"
+
+
 class MetalHandling(StrEnum):
     """What becomes of rays through metal in a log.
 

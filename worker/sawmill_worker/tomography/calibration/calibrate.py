@@ -19,11 +19,14 @@ from sawmill_worker.tomography.calibration.judgement import Evidence, Limits, ju
 from sawmill_worker.tomography.calibration.refusals import refuse_unfound
 from sawmill_worker.tomography.calibration.residual_analysis import analyse_residual
 from sawmill_worker.tomography.calibration.scale import scale_uncertainty
+from sawmill_worker.tomography.calibration.scan_model import ScanModel, Term
 from sawmill_worker.tomography.calibration.search import SearchCallback, SearchResult, search
 from sawmill_worker.tomography.calibration.source_distance import with_theta
 from sawmill_worker.tomography.calibration.task import CalibrationTask, Hypothesis
+from sawmill_worker.tomography.hardening import fit_hardening
 from sawmill_worker.tomography.robust import noise_of_differences
 from sawmill_worker.vocabulary import Adjustment
+from sawmill_worker.vocabulary.hardening import BeamHardening
 
 # A sinogram with less than this share of its power above white noise shows nothing.
 LEAST_SIGNAL = 0.02
@@ -106,6 +109,7 @@ def conclude(
         ),
         judgement=judgement,
         evidence=evidence,
+        beam_hardening=_beam_hardening(joint.model),
         search=basins.report,
         timing=Timing(ended - started, searched - started, refined - searched, ended - refined),
     )
@@ -116,6 +120,17 @@ def _aspect_half(task: CalibrationTask, joint: JointFit) -> float:
     if task.true_axis is not None and joint.other_reading is None:
         return 0.0
     return 0.5 * abs(joint.aspect)
+
+
+def _beam_hardening(model: ScanModel) -> BeamHardening | None:
+    """The hardening of all samples alike, once geometry and effects are known; None where none was fitted.
+
+    The joint fit takes out what all views share, and with it much of a round phantom's hardening.
+    """
+    if not (model.size(Term.HARDENING) or model.size(Term.HARDENING_CUBIC)):
+        return None
+    lengths, integrals = model.deformations[7], model.sharp + model.residual
+    return fit_hardening(lengths, integrals, from_counts=model.from_counts)
 
 
 def _without_metal(
