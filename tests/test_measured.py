@@ -105,6 +105,19 @@ def test_another_disc_is_flat_with_the_hardening_of_this_one(folder, published_d
     assert abs(1.0 - straight[middle].mean() / straight[rim].mean()) < 0.03
 
 
+@pytest.mark.nightly
+@pytest.mark.usefixtures("answer")
+@pytest.mark.parametrize("name", ["tb", "04b", "07b"])
+def test_the_remark_on_the_misfit_does_not_blame_the_geometry(folder, published_data, name):  # noqa: F811 - the fixture
+    (other,) = (each for each in read_discs(published_data / "measured-discs") if each.name == name)
+    calibration = sawmill.read_calibration(folder / "disc.json")
+    options = {"method": "total_variation", "hardening": "none", "field_mm": 76.0, "size": 128}
+    report = sawmill.reconstruct(other.scan(45), calibration, **options).result.method
+    assert report.data_misfit > 2.0
+    assert any("beam hardening" in remark for remark in report.remarks)
+    assert not any("check the geometry" in remark for remark in report.remarks)
+
+
 def test_rays_are_counted_where_the_disc_was(answer):
     assert 35.0 < answer["predicted_ray_error_mm"]["radius_mm"] < 40.0
 

@@ -20,6 +20,9 @@ SMOOTHED = 9
 # Noise alone gives 1, pixels up to 1.3 for the published log; errors of theta as by a measuring tape give 3 and more
 # (tests/tomography/test_cauchy_map.py, tests/use_cases/test_methods.py).
 MISFIT_OF_A_GOOD_FIT = 2.0
+# Shifts of the views explain more than half of what is missed beyond noise where the geometry is wrong or the object
+# moved, and less than a third where hardening, scatter or blur alone are the cause (tests/use_cases/test_misfit.py).
+DISPLACED = 0.4
 
 
 def estimated_noise(sinogram: NDArray[np.float32]) -> float:
@@ -117,15 +120,48 @@ def data_misfit(projector: Projector, images: Image, lines: Image, noise: FloatA
     return misfit
 
 
-def remarks_on(misfit: FloatArray, lines: Image, noise: FloatArray) -> tuple[str, ...]:
+def displaced_share(projector: Projector, image: Image, line: Image, noise: FloatArray) -> float:
+    """Compute the share of what an image misses beyond noise that a shift of each view along the detector explains.
+
+    A wrong geometry and a moving object shift the views against each other. Hardening, blur and scatter do not: they
+    change every view where it is.
+
+    Parameters
+    ----------
+    image : (size, size) float32
+    line, noise : (views, detector)
+    """
+    counted = np.isfinite(noise) & projector.crossing
+    weight = np.where(counted, 1.0 / noise, 0.0)
+    model = projector.forward(image[None])[0].astype(np.float64)
+    missed, shift = (line - model) * weight, np.gradient(model, axis=1) * weight
+    power, of_shift = float(np.sum(missed**2)), np.sum(shift**2, axis=1)
+    seen = of_shift > 0.0
+    explained = np.sum(missed * shift, axis=1)[seen] ** 2 / of_shift[seen]
+    samples = int(counted.sum())
+    by_chance = seen.sum() * power / samples
+    return float(explained.sum() - by_chance) / max(power - samples, 1e-30)
+
+
+def remarks_on(
+    projector: Projector, images: Image, misfit: FloatArray, lines: Image, noise: FloatArray
+) -> tuple[str, ...]:
     """What a user should know of the data and the fit."""
     remarks = []
-    worst = float(misfit.max())
-    if worst > MISFIT_OF_A_GOOD_FIT:
-        remarks.append(
-            f"the image misses the data by {worst:.2g} times their noise: check the geometry, or whether the object "
-            "moved during the scan or lies partly outside the field"
-        )
+    worst = int(misfit.argmax())
+    if misfit[worst] > MISFIT_OF_A_GOOD_FIT:
+        missed = f"the image misses the data by {misfit[worst]:.2g} times their noise"
+        of_worst = np.broadcast_to(noise, lines.shape)[worst]
+        if displaced_share(projector, images[worst], lines[worst], of_worst) > DISPLACED:
+            remarks.append(
+                f"{missed}, and its edges lie beside those of the views: check the geometry, or whether the object "
+                "moved during the scan or lies partly outside the field"
+            )
+        else:
+            remarks.append(
+                f"{missed}, and its edges lie where the views have them: the likely causes are beam hardening, "
+                "scattered radiation, blur, or rows far from the middle of the beam, not the geometry"
+            )
     air = find_air(lines[len(lines) // 2])
     if air is not None:
         level, scatter = air.background, rms_noise(noise)

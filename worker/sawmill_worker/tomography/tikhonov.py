@@ -127,7 +127,7 @@ def tikhonov(
         noise=rms_noise(noises),
         misfit=misfit,
         curves=tuple(one.curve.columns() for one in solved),
-        remarks=remarks + remarks_on(misfit, lines, noises),
+        remarks=remarks + remarks_on(projector, images, misfit, lines, noises),
     )
 
 

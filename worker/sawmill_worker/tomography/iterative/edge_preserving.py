@@ -227,7 +227,8 @@ def reconstruct_with_prior(
         noise=rms_noise(noises),
         misfit=misfit,
         objective=found.values,
-        remarks=(() if method.as_published else found.remarks) + remarks_on(misfit, lines, noises),
+        remarks=(() if method.as_published else found.remarks)
+        + remarks_on(problem.projector, found.images, misfit, lines, noises),
     )
 
 
