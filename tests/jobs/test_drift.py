@@ -185,11 +185,11 @@ def test_the_job_takes_the_baseline_that_it_is_handed(asked, log_scan):
 
 
 def test_twenty_views_are_compared_two_by_two(look, log_scan):
-    still, moved = look(log_scan(views=20)), look(log_scan(TURNTABLE, views=20))
+    still, moved = (look(log_scan(theta, views=20, seed=6)) for theta in (THETA, TURNTABLE))
     assert (still.method, moved.method, look(log_scan()).method) == ("view-pairs", "view-pairs", "opposite-rays")
     assert abs(still.change.cor_column_mm) < 4.0 * still.change_standard_deviation.cor_column_mm
     expected = TURNTABLE.source_frame(859.46).cor_column_mm - THETA.source_frame(859.46).cor_column_mm
-    assert moved.change.cor_column_mm == pytest.approx(expected, abs=0.25)
+    assert abs(moved.change.cor_column_mm - expected) < 4.0 * moved.change_standard_deviation.cor_column_mm < 0.5
     assert (still.moved, moved.moved) == (False, True)
     assert any("flat field" in blind for blind in still.not_seen)
     assert still.change_standard_deviation.source_to_detector_mm is None
@@ -278,32 +278,37 @@ def test_the_tilt_is_reported_in_the_units_of_its_name(look, log_scan):
 
 
 @pytest.fixture
-def disturbed(turn):
-    """Twenty views of a log with an odd error of the flat field that it hides, (views, detector)."""
+def disturbed(look, turn):
+    """A look at twenty views of a part turn of a log with an odd error of the flat field that it hides.
+
+    All round, opposite rays would show that error.
+    """
     across = (np.arange(MILL.num_detector_pixels) - 150.0) / 25.0
     odd = 0.02 * across * np.exp(-(across**2))
 
-    def of(seed, theta=THETA):
+    def of(seed, theta=THETA, **changes):
         log = LogModel.random(seed).slice_at(120.0).moved(6.0 * math.cos(seed), 6.0 * math.sin(seed))
-        return simulate_sinogram(log, FanBeamGeometry(MILL, theta, turn(20)), noise=0.004, seed=seed) - odd
+        angles = turn(24)[:20]
+        rays = simulate_sinogram(log, FanBeamGeometry(MILL, theta, angles), noise=0.004, seed=seed) - odd
+        return look(rays, angles_rad=angles, **changes)
 
     return of
 
 
 @pytest.fixture
-def answers(look, disturbed, tmp_path):
+def answers(disturbed, tmp_path):
     """What checks of three logs after the calibration printed."""
     paths = [tmp_path / f"{seed}.json" for seed in range(3)]
     for seed, path in enumerate(paths):
-        result = look(disturbed(seed), input_sha256=f"{seed:064}")
+        result = disturbed(seed, input_sha256=f"{seed:064}")
         path.write_text(json.dumps({"state": "succeeded"} | result.model_dump(mode="json")))
     return paths
 
 
-def test_a_baseline_cancels_what_stays_and_shows_what_moves(look, disturbed, answers, known):
+def test_a_baseline_cancels_what_stays_and_shows_what_moves(disturbed, answers, known):
     baselines = baselines_of(read_answers(answers), known, ANOTHER)
-    still = look(disturbed(7), baselines=baselines)
-    moved = look(disturbed(7, replace(THETA, detector_shift_mm=30.4)), baselines=baselines)
+    still = disturbed(7, baselines=baselines)
+    moved = disturbed(7, replace(THETA, detector_shift_mm=30.4), baselines=baselines)
     assert abs(still.significance.cor_column_mm) > 4.0, "absolute, a scanner that stands seems to have moved"
     assert (still.reference, still.moved, still.baseline.looks) == ("baseline", False, 3)
     assert abs(still.baseline.significance.cor_column_mm) < 3.0
@@ -316,9 +321,9 @@ def test_a_baseline_cancels_what_stays_and_shows_what_moves(look, disturbed, ans
     assert moved.baseline.change.cor_column_mm - still.baseline.change.cor_column_mm == pytest.approx(expected, abs=0.1)
 
 
-def test_a_baseline_out_of_tolerance_hides_no_move_before_it(look, disturbed, answers, known):
+def test_a_baseline_out_of_tolerance_hides_no_move_before_it(disturbed, answers, known):
     (baseline,) = baselines_of(read_answers(answers), known, ANOTHER)
-    beyond = look(disturbed(7), baselines=(baseline,), tolerance_mm=0.5 * look(disturbed(7)).ray_change_mm)
+    beyond = disturbed(7, baselines=(baseline,), tolerance_mm=0.5 * disturbed(7).ray_change_mm)
     assert beyond.within_tolerance is False
     assert beyond.ray_change_mm < beyond.tolerance_mm < beyond.baseline.ray_offset_mm
     assert "take a new flat field, scan the phantom" in beyond.reason

@@ -307,7 +307,7 @@ def test_a_log_that_moved_in_its_scan_is_no_drift():
     later, _ = averaged(turn(20), rows=2, moved_mm=1.0)
     scan = noisy(np.concatenate([rays[:9], later[9:]]), np.random.default_rng(1), rows=100)
     with pytest.raises(DriftError, match="times more than noise and gains of the views explain") as refusal:
-        view_pair_fit(MILL, scan, turn(20), frame, Rotation.AS_GIVEN)
+        detector_fit(MILL, scan, turn(20), frame, Rotation.AS_GIVEN)
     assert refusal.value.code == "moved-too-far"
 
 
@@ -332,7 +332,7 @@ def test_views_close_together_are_not_called_a_scanner_that_moved():
     angles = np.linspace(0.0, 0.2, 20)
     rays, frame = averaged(angles, rows=1)
     with pytest.raises(DriftError, match="spread the views over more of the turn") as refusal:
-        view_pair_fit(MILL, noisy(rays, np.random.default_rng(1), rows=60), angles, frame, Rotation.AS_GIVEN)
+        detector_fit(MILL, noisy(rays, np.random.default_rng(1), rows=60), angles, frame, Rotation.AS_GIVEN)
     assert refusal.value.code == "nothing-seen"
 
 
@@ -370,5 +370,5 @@ def test_a_calibration_of_another_scanner_is_refused():
     scan = noisy(rays, np.random.default_rng(1), rows=100)
     far = replace(frame, cor_column_mm=frame.cor_column_mm + 60.0)
     with pytest.raises(DriftError, match="another scanner's") as refusal:
-        view_pair_fit(MILL, scan, turn(20), far, Rotation.AS_GIVEN)
+        detector_fit(MILL, scan, turn(20), far, Rotation.AS_GIVEN)
     assert refusal.value.code == "moved-too-far"

@@ -30,7 +30,7 @@ def coarse_minimum(scanner: Scanner, turn: Turn, start: SourceFrame) -> Solution
     """The coarse fit, with SDD held: it needs the fine structure of the log."""
     few = turn.of_fewer_views(math.ceil(COARSE_SHARE * turn.views))
     pairs = Pairs(scanner, few, seen_vector(start), (COARSE[0] * few.views / turn.views, COARSE[1]))
-    return pairs.solve(seen_vector(start), *_reach(scanner, start), free=WITHOUT_DISTANCE, corrected=False)
+    return pairs.solve(seen_vector(start), *reach(scanner, start), free=WITHOUT_DISTANCE, corrected=False)
 
 
 def fine_minimum(scanner: Scanner, turn: Turn, start: SourceFrame, basin: FloatArray) -> Solution:
@@ -38,7 +38,7 @@ def fine_minimum(scanner: Scanner, turn: Turn, start: SourceFrame, basin: FloatA
     worst = (WORST_CELLS * scanner.detector_pitch_mm, WORST_TILT, WORST_DISTANCE * start.source_to_detector_mm)
     for free, blur in product((ALL_THREE, WITHOUT_DISTANCE), FINE):
         pairs = Pairs(scanner, turn, basin, blur)
-        solution = pairs.solve(basin, *_reach(scanner, start), free=free, corrected=True)
+        solution = pairs.solve(basin, *reach(scanner, start), free=free, corrected=True)
         if solution.settled and np.all(np.sqrt(np.diag(solution.covariance)) < worst):
             break
     return solution
@@ -63,8 +63,9 @@ def refuse_unseen(scanner: Scanner, solution: Solution, start: SourceFrame) -> N
         )
 
 
-def _reach(scanner: Scanner, start: SourceFrame) -> tuple[FloatArray, FloatArray]:
+def reach(scanner: Scanner, start: SourceFrame) -> tuple[FloatArray, FloatArray]:
+    """The least and the largest (u_c, tau, SDD) that are still followed, (3,) each."""
     centre = seen_vector(start)
     width = scanner.num_detector_pixels * scanner.detector_pitch_mm
-    reach = np.array(REACH) * [width, 1.0, start.source_to_detector_mm]
-    return centre - reach, centre + reach
+    away = np.array(REACH) * [width, 1.0, start.source_to_detector_mm]
+    return centre - away, centre + away

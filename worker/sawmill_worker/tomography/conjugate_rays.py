@@ -41,6 +41,9 @@ DECISIVE_RATIO = 1.1
 # where more than this share of the views would not, it is the log that moved. Its opposites differ too: only those near
 # the worst are left out at a time.
 ODD_VIEW, MOST_ODD_VIEWS, NEAR_WORST = 3.0, 0.1, 0.7
+# What scatter and hardening leave of a measured scan changes slowly with the direction of a ray: over this share of the
+# turn the differences count as correlated.
+CORRELATED = 1 / 12
 # A gain found with a wrong geometry hides part of the error: so often are both found in turn.
 GAIN_ROUNDS = 3
 
@@ -109,7 +112,8 @@ def conjugate_fit(
         u_c,
         tau,
         sdd,
-        best.covariance + undetected_covariance(best, fit.estimates, start.source_distance_mm),
+        best.with_correlated(CORRELATED).covariance
+        + undetected_covariance(best, fit.estimates, start.source_distance_mm),
         distance_held=best.free == WITHOUT_DISTANCE,
         rotation=fit.rotation,
         rotation_ratio=fit.ratio,

@@ -2,9 +2,9 @@
 
 from sawmill_worker.tomography.conjugate_rays import conjugate_fit
 from sawmill_worker.tomography.drift import DetectorFit
+from sawmill_worker.tomography.few_views import few_view_fit
 from sawmill_worker.tomography.full_turn import opposite_rays_pair
 from sawmill_worker.tomography.geometry import FloatArray, Scanner, SourceFrame
-from sawmill_worker.tomography.view_pairs import view_pair_fit
 from sawmill_worker.vocabulary import Rotation
 
 
@@ -17,20 +17,20 @@ def detector_fit(
     *,
     deviations: FloatArray | None = None,
 ) -> DetectorFit:
-    """As `conjugate_fit` or `view_pair_fit`; opposite rays are finer, and see how far the detector stands.
+    """As `conjugate_fit` or `few_view_fit`; opposite rays are finer, and see how far the detector stands.
 
     Parameters
     ----------
     deviations : (views, detector) float64, optional
-        As of `view_pair_fit`. Opposite rays need none: their errors follow from how the rays differ.
+        As of `few_view_fit`. Opposite rays need none: their errors follow from how the rays differ.
 
     Raises
     ------
     DriftError
         As theirs.
     GeometryError
-        As of `view_pair_fit`.
+        As of `few_view_fit`.
     """
     if opposite_rays_pair(angles_rad):
         return conjugate_fit(scanner, sinogram, angles_rad, start, rotation)
-    return view_pair_fit(scanner, sinogram, angles_rad, start, rotation, deviations=deviations)
+    return few_view_fit(scanner, sinogram, angles_rad, start, rotation, deviations=deviations)

@@ -29,9 +29,7 @@ CHANCE_OF_A_JUMP = 30.0
 # Chi-squared, 2 degrees of freedom, that a motion may leave unexplained with the same confidence.
 UNEXPLAINED = 11.83
 
-DISTANCE_NOT_SEEN = (
-    "the distance from source to detector: this log does not show it, so it is held at the calibrated one"
-)
+DISTANCE_NOT_SEEN = "the distance from source to detector: this log does not show it, so it is held at the known one"
 FLAT_FIELD_NOT_SEEN = (
     "an error of the flat field behind the log that the air beside it does not show: with so few views it looks like a "
     "centre of rotation that moved"

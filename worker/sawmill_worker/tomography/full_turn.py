@@ -3,6 +3,7 @@
 chi is the direction of a ray in the plane, as a parallel beam's angle is counted (docs/geometry.md#drift).
 """
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -117,6 +118,11 @@ def even_views(sinogram: FloatArray, angles_rad: FloatArray, usable: NDArray[np.
 
     spline = CubicSpline(knots, values, bc_type="periodic", extrapolate="periodic")
     return np.asarray(spline(wanted), np.float64), first
+
+
+def widest_gap_rad(angles_rad: FloatArray) -> float:
+    """The widest gap between views of a turn."""
+    return math.radians(float(_gaps_deg(angles_rad).max()))
 
 
 def opposite_rays_pair(angles_rad: FloatArray) -> bool:

@@ -14,8 +14,8 @@ from sawmill_worker.tomography.drift import LogMovement
 from sawmill_worker.tomography.geometry import TAU, FloatArray
 from sawmill_worker.tomography.opposite_rays import Solution
 
-# A jump this close to the first or the last view, as a share of the views, has too few pairs to be seen.
-MARGIN = 1 / 16
+# A jump this close to the first or the last view, as a share of the views and in views, has too few pairs to be seen.
+MARGIN, FEWEST_BESIDE = 1 / 16, 3
 
 
 def log_movement(solution: Solution, angles_rad: FloatArray, source_distance_mm: float) -> LogMovement:
@@ -31,7 +31,8 @@ def log_movement(solution: Solution, angles_rad: FloatArray, source_distance_mm:
         R, the scale of the jump.
     """
     jumps = _Jumps(solution, angles_rad, source_distance_mm)
-    tried = np.arange(math.ceil(MARGIN * angles_rad.size), math.floor((1.0 - MARGIN) * angles_rad.size))
+    beside = max(math.ceil(MARGIN * angles_rad.size), FEWEST_BESIDE)
+    tried = np.arange(beside, angles_rad.size - beside)
     right, least, cross = jumps.normal_equations(tried)
     shifts = np.linalg.solve(least, right[..., None])[..., 0]
     best = int(np.argmax(np.einsum("kj,kj->k", right, shifts)))

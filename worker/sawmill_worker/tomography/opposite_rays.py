@@ -4,7 +4,7 @@ chi is the direction of a ray in the plane, as a parallel beam's angle is counte
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -205,6 +205,10 @@ class Solution:
         covariance = np.zeros((3, 3))
         covariance[self.free, self.free] = self.free_covariance
         return covariance
+
+    def with_correlated(self, share: float) -> "Solution":
+        """With the covariance of differences that correlate over this share of the turn."""
+        return replace(self, free_covariance=self.rays.covariance(self.free, corrected=True, correlated=share))
 
     def is_near(self, vector: FloatArray) -> bool:
         """Whether another vector differs from this by less than the errors show."""

@@ -108,17 +108,22 @@ class PairedRays:
         gram = _products(self.instruments, self.slopes)
         return gram - _products(self.noise_instruments, self.noise_slopes) if corrected else gram
 
-    def covariance(self, free: slice | list[int], *, corrected: bool) -> FloatArray:
+    def covariance(self, free: slice | list[int], *, corrected: bool, correlated: float = 0.0) -> FloatArray:
         """Heteroscedasticity-robust covariance (White 1980) of the free unknowns, from each chi's score.
 
-        Infinite where the pairs do not show them.
+        Scores within a share `correlated` of the turn count as correlated, with Bartlett's weights (Newey and West
+        1987, Econometrica 55, 703). Infinite where the pairs do not show the unknowns.
         """
         gram, noisy = (self.gram(corrected=kind)[free][:, free] for kind in (corrected, False))
         if not (is_definite(noisy + noisy.T) and _signal_share(gram, noisy) > SIGNAL_SHARE):
             return np.full(gram.shape, math.inf)
         scores = self.scores()[:, free]
         bread = np.linalg.inv(gram)
-        covariance: FloatArray = bread @ (scores.T @ scores) @ bread.T
+        products, lags = scores.T @ scores, int(correlated * len(scores))
+        for lag in range(1, lags + 1):
+            shifted = scores.T @ np.roll(scores, lag, axis=0)
+            products += (1.0 - lag / (lags + 1)) * (shifted + shifted.T)
+        covariance: FloatArray = bread @ products @ bread.T
         return covariance
 
 

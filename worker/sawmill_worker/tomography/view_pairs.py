@@ -12,6 +12,7 @@ linear in the rays, so the rows of a log may be averaged first, and R is not in 
 """
 
 import math
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -36,14 +37,37 @@ RANK = 1e-6
 SHOWN = 0.3
 # Nor is one found that is larger than this number of standard deviations of what it may be.
 LARGEST = 4.0
-# Views that noise and gains do not reconcile, by this variance ratio, are no body at rest where that is what makes u_c
-# less certain than this share of a cell.
-UNREST, UNREST_CELLS = 25.0, 0.03
+# Views that noise and gains do not reconcile, by this variance ratio, are hardened by more than `BENT`, if that number
+# of times as much reconciles them, or are no body at rest.
+UNREST, HARDENED = 25.0, 10.0
+HARDENING_SEEN = (
+    "the views differ more than noise and gains of the views explain, as where the beam hardens by far more than a "
+    "tenth: the standard deviations are as large as that asks for"
+)
 # Of more views these are compared, spread evenly: `MOST_PAIRS` pairs among more views would leave each view's gain
 # unknown, and the interval too short (benchmarks/drift_coverage.py).
 MOST_VIEWS = 45
 # As few comparisons that nothing else explains tell the noise, in intervals that Student's t makes twice as long.
 FEWEST_FREE = 2
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PairFit(DetectorFit):
+    """What pairs of views say.
+
+    Attributes
+    ----------
+    settled : bool
+        Whether u_c and tau came to rest near the calibrated ones.
+    unrest : float
+        Variance of what no gain explains, against that of the rays' noise.
+    hardened : bool
+        It is above `UNREST`, and line integrals bent by more than `BENT` would explain it.
+    """
+
+    settled: bool
+    unrest: float
+    hardened: bool
 
 
 def view_pair_fit(
@@ -54,7 +78,7 @@ def view_pair_fit(
     rotation: Rotation,
     *,
     deviations: FloatArray | None = None,
-) -> DetectorFit:
+) -> PairFit:
     """Fit u_c and tau to what pairs of views have in common, SDD held.
 
     Parameters
@@ -94,12 +118,16 @@ def view_pair_fit(
     residuals = {sense: math.sqrt(fit.chi_squared) for sense, fit in fits.items()}
     rotation, ratio = better_sense(residuals, rotation, DECISIVE)
     fit = fits[rotation]
+    near = np.append(fit.vector, vector[2])
     if fit.settled:
-        disturbed = _fit(sums[rotation], vector, np.append(fit.vector, vector[2]), disturbed=True)
+        disturbed = _fit(sums[rotation], vector, near, disturbed=True)
         # Larger patterns than can be stand for something else, such as a log that moved.
         fit = disturbed if disturbed.largest_pattern < LARGEST else fit
-    _check_found(scanner, fit, start)
-    return DetectorFit(
+    hardened = False
+    if fit.settled and fit.unrest > UNREST:
+        hardened = _fit(sums[rotation], vector, near, disturbed=True, hardened=HARDENED).unrest <= UNREST
+        adjustments = (*adjustments, HARDENING_SEEN) if hardened else adjustments
+    return PairFit(
         float(fit.vector[0]),
         float(fit.vector[1]),
         start.source_to_detector_mm,
@@ -112,6 +140,9 @@ def view_pair_fit(
         rotation_decided=ratio > DECISIVE,
         adjustments=adjustments,
         encoder_bound_mm=fit.encoder_bound_mm,
+        settled=fit.settled,
+        unrest=fit.unrest,
+        hardened=hardened,
     )
 
 
@@ -158,15 +189,18 @@ class _Fit(NamedTuple):
     settled: bool
 
 
-def _fit(sums: PairSums, calibrated: FloatArray, start: FloatArray, *, disturbed: bool = False) -> _Fit:
+def _fit(
+    sums: PairSums, calibrated: FloatArray, start: FloatArray, *, disturbed: bool = False, hardened: float = 1.0
+) -> _Fit:
     """By generalised least squares of the pairs' differences, with Gauss-Newton from the start.
 
-    Near the truth `disturbed` allows for bent line integrals and an encoder that is eccentric.
+    Near the truth `disturbed` allows for bent line integrals, `hardened` times as much as usual, and an encoder that is
+    eccentric.
     """
     width = sums.scanner.num_detector_pixels * sums.scanner.detector_pitch_mm
     low, high = (calibrated[:2] + side * np.array(REACH) * [width, 1.0] for side in (-1.0, 1.0))
     encoder = sums.encoder(start)
-    patterns = np.hstack([sums.bends(start), math.sqrt(0.5) * encoder]) if disturbed else encoder[:, :0]
+    patterns = np.hstack([hardened * sums.bends(start), math.sqrt(0.5) * encoder]) if disturbed else encoder[:, :0]
     white, gains = sums.whitening(start, patterns)
     vector, settled = start, False
     for _ in range(STEPS):
@@ -222,27 +256,3 @@ def _scaled(
         for chi, number in ((noise, free), (chi_squared - noise, of_gains))
     ]
     return widths[0] * (covariance - by_gains) + widths[1] * by_gains, chi_squared, noise / free
-
-
-def _check_found(scanner: Scanner, fit: _Fit, start: SourceFrame) -> None:
-    pitch_mm, deviation_mm = scanner.detector_pitch_mm, math.sqrt(fit.covariance[0, 0])
-    if not deviation_mm < pitch_mm * max(1.0, math.sqrt(fit.unrest)):
-        raise DriftError(
-            "nothing-seen",
-            f"pairs of views place the centre of rotation to {deviation_mm:.2g} mm on the detector, which is more than "
-            f"a cell of {pitch_mm:.3g} mm: average more rows, spread the views over more of the turn, or calibrate "
-            "with the phantom",
-        )
-    if not fit.settled:
-        raise DriftError(
-            "moved-too-far",
-            f"no geometry near the calibrated one (u_c {start.cor_column_mm:.4g} mm) makes the views agree: the log "
-            "moved while it was scanned, the calibration is another scanner's, or the geometry moved by more than "
-            f"{REACH[0]:.0%} of the detector; calibrate with the phantom",
-        )
-    if fit.unrest > UNREST and deviation_mm > UNREST_CELLS * pitch_mm:
-        raise DriftError(
-            "moved-too-far",
-            f"the views differ {math.sqrt(fit.unrest):.2g} times more than noise and gains of the views explain: the "
-            "log moved while it was scanned, or the angles are not those of the views; secure the log and scan again",
-        )
