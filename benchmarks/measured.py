@@ -26,13 +26,14 @@ from numpy.typing import NDArray
 from paper.conduct import one_thread
 from PIL import Image
 from rich.progress import track
+from scipy.ndimage import binary_erosion
 from skimage.filters import threshold_otsu
 
 import sawmill_calibration as sawmill
 from sawmill_worker.tomography.ray_error import ray_error
 
 Answer = TypeVar("Answer")
-Values = Mapping[str, str | int]
+Values = Mapping[str, str | float]
 FloatImage = NDArray[np.float32]
 
 CALIBRATED_VIEWS = (90, 18)
@@ -45,6 +46,10 @@ MOST_CAUCHY_VIEWS = 90
 SIZE = 256
 # Around the axis: no disc reaches farther.
 DISC_RADIUS_MM = 37.0
+# Where cupping is measured, of discs of 35 mm.
+MIDDLE_MM, RIM_MM = (0.0, 10.0), (25.0, 32.0)
+PIXELS_MM = (np.arange(SIZE) - (SIZE - 1) / 2) * OUTLINE_WIDTH_MM / SIZE
+RADIUS_MM = np.hypot(*np.meshgrid(PIXELS_MM, PIXELS_MM))
 # Verdicts promise these.
 ALLOWED_RAYS_MM, ALLOWED_SCALE_PERCENT = 0.1, 0.5
 
@@ -164,13 +169,28 @@ def image_of(disc: Disc, views: int, method: str) -> FloatImage:
     return made.image
 
 
+def acrylic_of(disc: Disc) -> NDArray[np.bool_]:
+    """Give the outline's acrylic (x, y) in the pixels of an image."""
+    outline = Image.open(disc.outline).convert("L").resize((SIZE, SIZE), Image.Resampling.BOX)
+    return np.asarray(outline) > 127
+
+
+def cupping_percent(phantom: Disc, disc: Disc, hardening: str) -> float:
+    """Give by how much a disc's middle is darker than its rim, by FBP with what another disc calibrated."""
+    views = CALIBRATED_VIEWS[0]
+    calibration = sawmill.calibrate(phantom.scan(views), phantom.outline, phantom_width_mm=OUTLINE_WIDTH_MM)
+    image = sawmill.reconstruct(
+        disc.scan(views), calibration, hardening=hardening, size=SIZE, field_mm=OUTLINE_WIDTH_MM
+    ).image
+    acrylic = binary_erosion(acrylic_of(disc), iterations=3)
+    middle, rim = (image[acrylic & (low < RADIUS_MM) & (high > RADIUS_MM)].mean() for low, high in (MIDDLE_MM, RIM_MM))
+    return float(100.0 * (1.0 - middle / rim))
+
+
 def drawn(disc: Disc, views: int) -> list[Drawn]:
     """Reconstruct from some views with each method, and compare with FBP of all views and with the outline."""
-    reference = image_of(disc, VIEWS, "fbp")
-    at = (np.arange(SIZE) - (SIZE - 1) / 2) * OUTLINE_WIDTH_MM / SIZE
-    inside = np.hypot(*np.meshgrid(at, at)) < DISC_RADIUS_MM
-    pixels = np.asarray(Image.open(disc.outline).convert("L").resize((SIZE, SIZE), Image.Resampling.BOX))
-    acrylic = pixels > 127
+    reference, acrylic = image_of(disc, VIEWS, "fbp"), acrylic_of(disc)
+    inside = RADIUS_MM < DISC_RADIUS_MM
     results = []
     for method in METHODS:
         if method == "cauchy_map" and views > MOST_CAUCHY_VIEWS:
@@ -321,7 +341,13 @@ def reconstructions(discs: Sequence[Disc], processes: int) -> Values:
     full = [disc for disc in discs if disc.views == VIEWS]
     works = [partial(drawn, disc, views) for views in reversed(IMAGE_VIEWS) for disc in full]
     results = list(chain.from_iterable(measure(works, processes=processes, what="Reconstructing")))
-    return {"discs": len(full), "table": image_table(results)}
+    (solid,) = (disc for disc in discs if disc.name == SOLID)
+    return {
+        "discs": len(full),
+        "table": image_table(results),
+        "cupping_uncorrected_percent": cupping_percent(full[0], solid, "none"),
+        "cupping_percent": cupping_percent(full[0], solid, "auto"),
+    }
 
 
 PARTS: Mapping[str, Callable[[Sequence[Disc], int], Values]] = {

@@ -18,10 +18,11 @@ from pathlib import Path
 import nbformat
 import numpy as np
 from matplotlib.figure import Figure
-from measured import image_of
+from measured import DISC_RADIUS_MM, RADIUS_MM, SIZE, acrylic_of, image_of
 from measured_discs import OUTLINE_WIDTH_MM, VIEWS, Disc, discs_folder, read_discs
 from nbclient import NotebookClient
 from PIL import Image
+from scipy.ndimage import binary_erosion
 from screenshots import save
 
 import sawmill_calibration as sawmill
@@ -33,8 +34,8 @@ DISC = "07b"
 CALIBRATED_VIEWS = 90
 FEW_VIEWS = (20, 45, 90, VIEWS)
 LONGEST_CELL_S = 600
-# Of a picture's palette.
-COLOURS = 48
+# Of palettes: greys, and reports.
+COLOURS, NOTEBOOK_COLOURS = 48, 160
 PNG = "image/png"
 
 
@@ -45,6 +46,7 @@ def main() -> None:
         "sinogram": lambda disc: keep(disc.scan(VIEWS).plot(), "measured-sinogram"),
         "outline": lambda disc: keep(outline(disc), "measured-outline"),
         "few-views": lambda disc: keep(few_views(disc), "measured-few-views"),
+        "hardening": lambda disc: keep(hardening(disc), "measured-hardening"),
         "notebook": run_notebook,
     }
     parser.add_argument("--only", nargs="+", choices=made, default=list(made), metavar="NAME", help=", ".join(made))
@@ -61,9 +63,14 @@ def keep(figure: Figure, name: str) -> None:
     save(Image.open(stream), name, COLOURS)
 
 
+def calibration_of(disc: Disc) -> sawmill.Calibration:
+    """Calibrate with the disc's outline."""
+    return sawmill.calibrate(disc.scan(CALIBRATED_VIEWS), disc.outline, phantom_width_mm=OUTLINE_WIDTH_MM)
+
+
 def outline(disc: Disc) -> Figure:
     """The disc by FBP with the geometry that was found from it, its outline where the calibration put it."""
-    found = sawmill.calibrate(disc.scan(CALIBRATED_VIEWS), disc.outline, phantom_width_mm=OUTLINE_WIDTH_MM)
+    found = calibration_of(disc)
     assert found.arrays is not None
     arrays = found.arrays()
     figure = Figure(figsize=(6.8, 5.8), layout="constrained")
@@ -86,6 +93,30 @@ def few_views(disc: Disc) -> Figure:
     return figure
 
 
+def hardening(disc: Disc) -> Figure:
+    """FBP of all views without and with the hardening that the calibration found, and the acrylic by its radius."""
+    calibration, acrylic = calibration_of(disc), binary_erosion(acrylic_of(disc), iterations=3)
+    images = {
+        title: sawmill.reconstruct(
+            disc.scan(VIEWS), calibration, hardening=choice, size=SIZE, field_mm=OUTLINE_WIDTH_MM
+        ).image
+        for title, choice in (("as measured", "none"), ("hardening taken out", "auto"))
+    }
+    figure = Figure(figsize=(12.0, 3.9), layout="constrained")
+    *panels, profile = figure.subplots(1, 3)
+    rings = np.arange(0.0, DISC_RADIUS_MM, 1.0)
+    for ax, (title, image) in zip(panels, images.items(), strict=True):
+        show_image(ax, image, OUTLINE_WIDTH_MM, (0.0, 1.1 * float(np.percentile(image, 95.0))))
+        ax.set_title(title)
+        ring = [image[acrylic & (abs(RADIUS_MM - radius) < 0.5)] for radius in rings]
+        profile.plot(rings, [values.mean() if len(values) else np.nan for values in ring], label=title)
+    profile.set_ylim(bottom=0.0)
+    profile.set_xlabel("distance from the axis, mm")
+    profile.set_title("mean of the acrylic, 1/mm")
+    profile.legend(loc="lower left")
+    return figure
+
+
 def run_notebook(_: Disc) -> None:
     """Run the notebook from the first cell to the last and keep its outputs in it."""
     notebook = nbformat.read(NOTEBOOK, as_version=4)
@@ -103,7 +134,9 @@ def run_notebook(_: Disc) -> None:
 def with_few_colours(png: str) -> str:
     """Write a PNG in base64 again with a palette: a tenth of its bytes."""
     picture, stream = Image.open(io.BytesIO(base64.b64decode(png))), io.BytesIO()
-    picture.convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE).save(stream, format="png", optimize=True)
+    picture.convert("RGB").quantize(NOTEBOOK_COLOURS, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE).save(
+        stream, format="png", optimize=True
+    )
     return base64.b64encode(stream.getvalue()).decode()
 
 
