@@ -34,8 +34,8 @@ DISC = "07b"
 CALIBRATED_VIEWS = 90
 FEW_VIEWS = (20, 45, 90, VIEWS)
 LONGEST_CELL_S = 600
-# Of palettes: greys, and reports.
-COLOURS, NOTEBOOK_COLOURS = 48, 160
+# Of palettes. Eight images of noise need few to be small.
+COLOURS, GREYS = 160, 48
 PNG = "image/png"
 
 
@@ -45,7 +45,7 @@ def main() -> None:
     made: Mapping[str, Callable[[Disc], None]] = {
         "sinogram": lambda disc: keep(disc.scan(VIEWS).plot(), "measured-sinogram"),
         "outline": lambda disc: keep(outline(disc), "measured-outline"),
-        "few-views": lambda disc: keep(few_views(disc), "measured-few-views"),
+        "few-views": lambda disc: keep(few_views(disc), "measured-few-views", GREYS),
         "hardening": lambda disc: keep(hardening(disc), "measured-hardening"),
         "notebook": run_notebook,
     }
@@ -56,11 +56,11 @@ def main() -> None:
         made[name](disc)
 
 
-def keep(figure: Figure, name: str) -> None:
+def keep(figure: Figure, name: str, colours: int = COLOURS) -> None:
     """Write a figure as a small PNG in docs/pictures."""
     stream = io.BytesIO()
     figure.savefig(stream, format="png", dpi=80)
-    save(Image.open(stream), name, COLOURS)
+    save(Image.open(stream), name, colours)
 
 
 def calibration_of(disc: Disc) -> sawmill.Calibration:
@@ -134,7 +134,7 @@ def run_notebook(_: Disc) -> None:
 def with_few_colours(png: str) -> str:
     """Write a PNG in base64 again with a palette: a tenth of its bytes."""
     picture, stream = Image.open(io.BytesIO(base64.b64decode(png))), io.BytesIO()
-    picture.convert("RGB").quantize(NOTEBOOK_COLOURS, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE).save(
+    picture.convert("RGB").quantize(COLOURS, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE).save(
         stream, format="png", optimize=True
     )
     return base64.b64encode(stream.getvalue()).decode()
