@@ -277,6 +277,9 @@ def test_a_sinogram_in_the_order_of_radon_is_read_when_asked_for_and_named_by_th
     assert "fits the cells" in as_steps.remarks[-1]
     scan = read_scan(tmp_path / "scan.mat", counts=False, angles_deg=each, transpose=True)
     np.testing.assert_array_equal(scan.projections, stack[:, :1])
+    np.save(tmp_path / "scan.npy", stack[:, 0])
+    with pytest.raises(UnreadableScan, match=r"6 views of 8 cells, leave transpose out \(on the command line"):
+        read_scan(tmp_path / "scan.npy", counts=False, angles_deg=each, transpose=True)
 
 
 @pytest.mark.parametrize("of_flats", [np.asarray, lambda flats: flats[..., 0]])

@@ -92,6 +92,8 @@ class FileContents:
         Why the angles in the file cannot be used, where it has some.
     angles_of_last_axis : str or None
         What could be angles by its name and has the length of the last axis, not of the first.
+    transposed : bool
+        Whether the file has the axes in the reverse of this order.
     detector_pitch_mm, row_pitch_mm : float or None
         Distance between cells and between rows.
     unused : str or None
@@ -111,6 +113,7 @@ class FileContents:
     angles_unit: str | None = None
     angles_unusable: str | None = None
     angles_of_last_axis: str | None = None
+    transposed: bool = False
     detector_pitch_mm: float | None = None
     row_pitch_mm: float | None = None
     unused: str | None = None

@@ -200,6 +200,7 @@ def _transposed(contents: FileContents) -> FileContents:
         flats=_reversed(contents.flats),
         darks=_reversed(contents.darks),
         deviations=_reversed(contents.deviations),
+        transposed=True,
         remarks=(*contents.remarks, "The axes were put into the reverse order, as was asked for."),
     )
 
@@ -236,11 +237,10 @@ def agree_on_angles(contents: FileContents, given: AnglesGiven | None) -> tuple[
     UnreadableScan
         There are none, or both and they differ, or their number is that of the cells.
     """
-    shape = contents.projections.shape
-    _check_axis("the file carries", None if contents.angles_deg is None else contents.angles_deg.size, shape)
-    _check_axis("there are", len(given.values_deg) if isinstance(given, AngleList) else None, shape)
+    _check_axis("the file carries", None if contents.angles_deg is None else contents.angles_deg.size, contents)
+    _check_axis("there are", len(given.values_deg) if isinstance(given, AngleList) else None, contents)
     swapped = contents.angles_of_last_axis
-    hint = None if swapped is None else f"{swapped} fits the cells, not the views: {_transposing(shape)}"
+    hint = None if swapped is None else f"{swapped} fits the cells, not the views: {_transposing(contents)}"
     if given is None:
         if contents.angles_deg is None:
             reason = contents.angles_unusable or hint or "the file carries no angles"
@@ -250,7 +250,7 @@ def agree_on_angles(contents: FileContents, given: AnglesGiven | None) -> tuple[
                 "(angles_deg, on the command line --angles-deg or --angles-file)",
             )
         return contents.angles_deg, ()
-    angles = given.expand(shape[0])
+    angles = given.expand(contents.projections.shape[0])
     if contents.angles_deg is not None:
         _check_same_angles(contents.angles_deg, angles)
         return contents.angles_deg, ()
@@ -259,13 +259,20 @@ def agree_on_angles(contents: FileContents, given: AnglesGiven | None) -> tuple[
     return angles, () if hint is None else (f"The angles given were used, but {hint}.",)
 
 
-def _check_axis(who: str, number: int | None, shape: tuple[int, ...]) -> None:
+def _check_axis(who: str, number: int | None, contents: FileContents) -> None:
     """Refuse a number of angles that is that of the last axis and not that of the first."""
+    shape = contents.projections.shape
     if number == shape[-1] != shape[0]:
-        raise UnreadableScan("angles-mismatch", f"{who} {number} angles, one for each cell: {_transposing(shape)}")
+        raise UnreadableScan("angles-mismatch", f"{who} {number} angles, one for each cell: {_transposing(contents)}")
 
 
-def _transposing(shape: tuple[int, ...]) -> str:
+def _transposing(contents: FileContents) -> str:
+    shape = contents.projections.shape
+    if contents.transposed:
+        return (
+            f"with transpose the file was read as {shape[0]} views of {shape[-1]} cells; if it holds {shape[-1]} views "
+            f"of {shape[0]} cells, leave transpose out (on the command line --transpose)"
+        )
     return (
         f"the file was read as {shape[0]} views of {shape[-1]} cells; if it holds {shape[-1]} views of {shape[0]} "
         "cells, as MATLAB's radon writes them, give transpose (on the command line --transpose)"
