@@ -31,6 +31,16 @@ def log():
     return sawmill.simulate_phantom_scan(LOG, SCANNER, THETA, views=60, physics=BEAM, seed=4)
 
 
+def test_cells_that_are_left_out_of_a_calibration_have_no_part_in_its_hardening(calibration):
+    scan = sawmill.simulate_phantom_scan("l-shape", SCANNER, THETA, views=24, physics=BEAM, seed=3)
+    lines = scan.line_integrals.copy()
+    lines[..., 130] *= 3.0
+    faulty = sawmill.Scan.from_arrays(lines, scan.angles_rad, SCANNER, from_counts=True)
+    found = sawmill.calibrate(faulty, "l-shape").result.beam_hardening
+    # With that cell's samples it would be 14 % more.
+    assert found.spread == pytest.approx(calibration.result.beam_hardening.spread, rel=0.01)
+
+
 def cupping(image):
     """How much darker the middle of the disc is than its rim."""
     x = (np.arange(128) - 63.5) * 400.0 / 128
@@ -49,6 +59,16 @@ def test_a_disc_is_flat_with_the_hardening_taken_out_and_darker_in_the_middle_wi
     (done,) = set(straight.result.preparation) - set(bent.result.preparation)
     assert done.startswith("beam hardening of -")
     assert done.endswith("was taken out")
+
+
+def test_a_log_whose_middle_row_shows_nothing_is_reconstructed(calibration, log):
+    row = log.line_integrals
+    stack = np.concatenate([row, np.zeros_like(row), row], axis=1)
+    rows = sawmill.Scan.from_arrays(stack, log.angles_rad, SCANNER, from_counts=True)
+    found = sawmill.reconstruct(rows, calibration, method="fbp", **ASKED)
+    assert "beam hardening, as the calibration found it, was taken out" in found.result.preparation
+    one = sawmill.reconstruct(log, calibration, method="fbp", **ASKED)
+    np.testing.assert_array_equal(found.volume[0], one.image)
 
 
 def test_the_command_corrects_and_says_so_in_the_volume(calibration, log, tmp_path):

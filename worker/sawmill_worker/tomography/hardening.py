@@ -26,7 +26,7 @@ def fit_hardening(lengths_mm: FloatArray, integrals: FloatArray, *, from_counts:
 
     Parameters
     ----------
-    lengths_mm, integrals : (views, cells) float64
+    lengths_mm, integrals : float64, of one shape
         Paths through the phantom, and what is measured of them without blur and other effects.
     """
     # Imported here: a worker that waits for jobs does without it.

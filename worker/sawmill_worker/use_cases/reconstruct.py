@@ -112,8 +112,11 @@ def without_hardening(given: ReconstructionInput, options: ReconstructionOptions
     def read(start: int, stop: int) -> NDArray[np.float32]:
         return straightened(hardening, given.read(start, stop) - level) + level
 
-    change = longest / float(straightened(hardening, np.array([longest], np.float32))[0]) - 1.0
-    sentence = f"beam hardening of {change:+.1%} on the longest path, as the calibration found it, was taken out"
+    share = ""
+    if longest > 0.0:
+        change = longest / float(straightened(hardening, np.array([longest], np.float32))[0]) - 1.0
+        share = f" of {change:+.1%} on the longest path"
+    sentence = f"beam hardening{share}, as the calibration found it, was taken out"
     if longest > hardening.longest:
         beyond = longest / hardening.longest - 1.0
         sentence += f"; the longest line integral is {beyond:.0%} larger than any of the phantom's: extrapolated"

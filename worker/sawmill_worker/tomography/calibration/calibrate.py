@@ -123,13 +123,15 @@ def _aspect_half(task: CalibrationTask, joint: JointFit) -> float:
 
 
 def _beam_hardening(model: ScanModel) -> BeamHardening | None:
-    """The hardening of all samples alike, once geometry and effects are known; None where none was fitted.
+    """The hardening of all samples that count alike, once geometry and effects are known; None where none was fitted.
 
     The joint fit takes out what all views share, and with it much of a round phantom's hardening.
     """
     if not (model.size(Term.HARDENING) or model.size(Term.HARDENING_CUBIC)):
         return None
-    lengths, integrals = model.deformations[7], model.sharp + model.residual
+    lengths, integrals, weights = model.deformations[7], model.sharp + model.residual, model.data.weights
+    if weights is not None:
+        lengths, integrals = lengths[weights > 0.0], integrals[weights > 0.0]
     return fit_hardening(lengths, integrals, from_counts=model.from_counts)
 
 
