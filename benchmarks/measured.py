@@ -33,7 +33,7 @@ import sawmill_calibration as sawmill
 from sawmill_worker.tomography.ray_error import ray_error
 
 Answer = TypeVar("Answer")
-Values = Mapping[str, str | float]
+Values = Mapping[str, str | float | Mapping[str, float]]
 FloatImage = NDArray[np.float32]
 
 CALIBRATED_VIEWS = (90, 18)
@@ -56,7 +56,10 @@ ALLOWED_RAYS_MM, ALLOWED_SCALE_PERCENT = 0.1, 0.5
 
 @dataclass(frozen=True)
 class Calibrated:
-    """A calibration against the outline, and how far it is from what is known of the scan; or why it was refused."""
+    """A calibration against the outline, and how far it is from what is known of the scan.
+
+    Where it was refused, `verdict` is the code of the refusal.
+    """
 
     disc: str
     views: int
@@ -234,14 +237,14 @@ def calibration_table(results: Sequence[Calibrated]) -> str:
         row = [disc]
         for views in CALIBRATED_VIEWS:
             each = of[disc, views]
-            row += [f"`{each.verdict}`"] + (
-                [
+            if each.answered:
+                row += [
+                    f"`{each.verdict}`",
                     f"{each.ray_error_mm:.4f}, {each.bound_mm:.3f}",
                     f"{each.scale_off_percent:.2f}, {each.scale_bound_percent:.2f} %",
                 ]
-                if each.answered
-                else ["", ""]
-            )
+            else:
+                row += [f"refused, `{each.verdict}`", "", ""]
         rows.append(row)
     return table(head, rows)
 
@@ -274,6 +277,11 @@ def calibration_figures(results: Sequence[Calibrated]) -> dict[str, str]:
     }
 
 
+def rms_off_mm(results: Iterable[Checked], views: int) -> float:
+    """By how much the COR is off, RMS over the checks of a number of views that were answered."""
+    return rms(each.cor_off_mm for each in results if each.views == views and each.answered)
+
+
 def drift_table(results: Sequence[Checked]) -> str:
     """A row for each number of views."""
     head = ("views", "checks", "answered", "COR off, RMS", "stated", "within 95 %")
@@ -284,7 +292,7 @@ def drift_table(results: Sequence[Checked]) -> str:
         figures = ["", "", ""]
         if answers:
             figures = [
-                f"{rms(each.cor_off_mm for each in answers):.4f} mm",
+                f"{rms_off_mm(answers, views):.4f} mm",
                 f"{rms(each.sd_mm for each in answers):.4f} mm",
                 f"{sum(each.within for each in answers)} of {len(answers)}",
             ]
@@ -328,9 +336,13 @@ def drift_checks(discs: Sequence[Disc], processes: int) -> Values:
     """Check all discs for drift; the one without holes counts by itself."""
     works = [partial(checked, disc, views) for views in DRIFT_VIEWS for disc in discs if not disc.views % views]
     results = list(chain.from_iterable(measure(works, processes=processes, what="Checking for drift")))
-    solid = [each for each in results if each.disc == SOLID]
+    solid, holed = ([each for each in results if (each.disc == SOLID) is of] for of in (True, False))
     return {
-        "table": drift_table([each for each in results if each.disc != SOLID]),
+        "table": drift_table(holed),
+        "checks": len(holed),
+        "answered": sum(each.answered for each in holed),
+        "within": sum(each.within for each in holed),
+        "rms_mm": {f"views_{views}": rms_off_mm(holed, views) for views in DRIFT_VIEWS},
         "solid_checks": len(solid),
         "solid_refused": sum(not each.answered for each in solid),
     }
