@@ -8,6 +8,7 @@ import pytest
 
 from sawmill_worker.tomography.analytic import DetectorCells, project
 from sawmill_worker.tomography.detector_fit import detector_fit
+from sawmill_worker.tomography.drift import DriftError
 from sawmill_worker.tomography.geometry import TAU, Scanner, SourceFrame
 from sawmill_worker.tomography.phantom import Disc, Phantom
 from sawmill_worker.tomography.view_pairs import view_pair_fit
@@ -24,7 +25,7 @@ def turn(views):
     return np.arange(views) * TAU / views
 
 
-def hardened_scan(views, seed, first=0.0):
+def hardened_scan(views, seed, first=0.0, position_mm=(0.0, 0.0)):
     """A disc of 70 mm with holes, 29 % hardening on the longest path, gains of 0.3 %, noise of 0.3 %."""
     rng = np.random.default_rng(seed)
     holes = [
@@ -32,7 +33,7 @@ def hardened_scan(views, seed, first=0.0):
     ]
     body = Phantom("disc", (Disc((0.4, -0.3), 35.0, 1.0), *holes))
     angles = first + turn(views)
-    rays = project(body, DetectorCells.of(LABORATORY), FRAME, angles)
+    rays = project(body, DetectorCells.of(LABORATORY), FRAME, angles, position_mm=position_mm)
     share = rays / rays.max()
     hard = rays * (1.0 - 0.4 * share + 0.11 * share**2)
     gains = 1.0 + 0.003 * rng.standard_normal((views, 1))
@@ -60,3 +61,12 @@ def test_views_with_gaps_are_compared_by_pairs_alone():
         each(LABORATORY, rays[kept], angles[kept], NOMINAL, Rotation.AS_GIVEN) for each in (view_pair_fit, detector_fit)
     )
     assert (fit.cor_column_mm, fit.deviation[0]) == (alone.cor_column_mm, alone.deviation[0])
+
+
+@pytest.mark.parametrize(("views", "away"), [(20, 0.0), (20, 1e-9), pytest.param(180, 0.0, marks=pytest.mark.nightly)])
+def test_views_at_0_and_at_360_degrees_stand_at_one_place(views, away):
+    rays, angles = hardened_scan(views, 1)
+    once_more = rays[0] + 0.004 * rays.max() * np.random.default_rng(2).standard_normal(rays[0].size)
+    rays, angles = np.vstack([rays, once_more]), np.append(angles, TAU - away)
+    fit = detector_fit(LABORATORY, rays, angles, NOMINAL, Rotation.AS_GIVEN)
+    assert abs(fit.cor_column_mm - FRAME.cor_column_mm) < 3.0 * fit.deviation[0] < 0.1

@@ -15,6 +15,9 @@ from sawmill_worker.tomography.geometry import TAU, FloatArray
 from sawmill_worker.vocabulary import WIDEST_MEASURED_STEP_DEG, WIDEST_STEP_DEG, Rotation
 
 ComplexArray = NDArray[np.complex128]
+# Views nearer than this share of an even step stand at one place, as 0 and 360 degrees do: a curve through both would
+# swing by their noise.
+SAME_PLACE = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,13 +108,19 @@ def nearest_view(angles_rad: FloatArray, first_rad: float, views: int) -> NDArra
 def even_views(sinogram: FloatArray, angles_rad: FloatArray, usable: NDArray[np.bool_]) -> tuple[FloatArray, float]:
     """The sinogram at equidistant angles, as many as views, by periodic cubic splines through the usable ones.
 
-    Returns it, (views, cells), and the first of the angles.
+    Views at one place count by their mean. Returns it, (views, cells), and the first of the angles.
     """
     wrapped = np.mod(angles_rad, TAU)
     first = float(wrapped.min())
     order = np.flatnonzero(usable)[np.argsort(wrapped[usable], kind="stable")]
-    knots = np.append(wrapped[order], wrapped[order[0]] + TAU)
-    values = np.concatenate([sinogram[order], sinogram[order[:1]]])
+    # The widest gap stands at the seam, so that no place is cut by it.
+    order = np.roll(order, -1 - int(np.argmax(np.diff(wrapped[order], append=wrapped[order[0]] + TAU))))
+    unwrapped = wrapped[order[0]] + np.mod(wrapped[order] - wrapped[order[0]], TAU)
+    places = np.flatnonzero(np.diff(unwrapped, prepend=-math.inf) > SAME_PLACE * TAU / angles_rad.size)
+    members = np.diff(places, append=order.size)
+    knots = np.add.reduceat(unwrapped, places) / members
+    values = np.add.reduceat(sinogram[order], places) / members[:, None]
+    knots, values = np.append(knots, knots[0] + TAU), np.concatenate([values, values[:1]])
     wanted = first + np.arange(angles_rad.size) * TAU / angles_rad.size
     # Imported here: it brings half of SciPy, which every other job can do without.
     from scipy.interpolate import CubicSpline  # noqa: PLC0415
