@@ -63,6 +63,16 @@ def test_views_with_gaps_are_compared_by_pairs_alone():
     assert (fit.cor_column_mm, fit.deviation[0]) == (alone.cor_column_mm, alone.deviation[0])
 
 
+@pytest.mark.parametrize("views", [30, 45])
+def test_a_jump_of_a_cell_is_refused_even_where_hardening_hides_it_from_pairs_of_views(views):
+    """Half a turn before the jump and half after it: u_c was off by a third of a cell, 9 to 13 standard deviations."""
+    moved = np.where(np.arange(views)[:, None] < views // 2, 0.0, 0.148) * [-0.2, -0.98]
+    rays, angles = hardened_scan(views, 2, position_mm=moved)
+    with pytest.raises(DriftError, match=r"as those of a log that moved by 0\.1[2-6] mm") as refusal:
+        detector_fit(LABORATORY, rays, angles, NOMINAL, Rotation.AS_GIVEN)
+    assert refusal.value.code == "moved-too-far"
+
+
 @pytest.mark.parametrize(("views", "away"), [(20, 0.0), (20, 1e-9), pytest.param(180, 0.0, marks=pytest.mark.nightly)])
 def test_views_at_0_and_at_360_degrees_stand_at_one_place(views, away):
     rays, angles = hardened_scan(views, 1)

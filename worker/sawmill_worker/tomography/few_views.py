@@ -13,7 +13,14 @@ from scipy.special import ndtri, stdtrit
 
 from sawmill_worker.tomography.conjugate_minimum import reach
 from sawmill_worker.tomography.disturbances import Estimate, estimates_of, undetected_covariance
-from sawmill_worker.tomography.drift import CHANCE_OF_A_JUMP, DetectorFit, Disturbance, DriftError, seen_vector
+from sawmill_worker.tomography.drift import (
+    CHANCE_OF_A_JUMP,
+    DetectorFit,
+    Disturbance,
+    DriftError,
+    LogMovement,
+    seen_vector,
+)
 from sawmill_worker.tomography.full_turn import Turn, even_views, widest_gap_rad
 from sawmill_worker.tomography.geometry import TAU, FloatArray, Scanner, SourceFrame
 from sawmill_worker.tomography.levelled_rays import levelled_rays
@@ -36,7 +43,7 @@ UNREST_CELLS = 0.03
 CERTAIN_CELLS = 0.3
 # Chi-squared, 2 degrees of freedom, by which pairs and opposite rays differ in one of twenty scans.
 BY_CHANCE = 5.99
-# A shorter jump, in cells at the COR, is none that pairs would notice.
+# A shorter jump, in cells at the COR, is none: bearings and scatter look like it.
 SHORTEST_JUMP_CELLS = 0.5
 # Fewer views have no opposite rays to show a jump.
 FEWEST_JUMPED = 12
@@ -64,17 +71,22 @@ def few_view_fit(
     pairs = view_pair_fit(scanner, sinogram, angles_rad, start, rotation, deviations=deviations)
     opposite = _opposite_rays(scanner, sinogram, angles_rad, start, pairs)
     unlike = pairs.unrest > UNREST and pairs.deviation[0] > UNREST_CELLS * scanner.detector_pitch_mm
-    suspect = unlike or not pairs.settled
-    jumped = suspect and opposite is not None and opposite.log_jumped(scanner, start)
+    jump = None if opposite is None else opposite.log_jump(scanner, start)
     if pairs.settled:
-        if unlike and (jumped or not pairs.hardened):
+        if unlike and not pairs.hardened:
             raise DriftError(
                 "moved-too-far",
                 f"the views differ {math.sqrt(pairs.unrest):.2g} times more than noise and gains of the views explain: "
                 "the log moved while it was scanned, or the angles are not those of the views; secure the log and scan "
                 "again",
             )
-    elif opposite is None or jumped or not opposite.deviation_mm < CERTAIN_CELLS * scanner.detector_pitch_mm:
+        if jump is not None:
+            raise DriftError(
+                "moved-too-far",
+                f"opposite rays differ as those of a log that moved by {jump.by_mm:.2g} mm while it was scanned, or of "
+                "views with other angles than stated; secure the log and scan again",
+            )
+    elif opposite is None or jump is not None or not opposite.deviation_mm < CERTAIN_CELLS * scanner.detector_pitch_mm:
         _refuse_unseen(scanner, pairs)
         raise DriftError(
             "moved-too-far",
@@ -110,16 +122,17 @@ class _OppositeRays(NamedTuple):
         """Standard deviation of u_c."""
         return math.sqrt(self.solution.covariance[0, 0])
 
-    def log_jumped(self, scanner: Scanner, start: SourceFrame) -> bool:
-        """Whether the log moved in between, beyond chance and by what pairs of views would notice."""
+    def log_jump(self, scanner: Scanner, start: SourceFrame) -> LogMovement | None:
+        """The jump of a log that moved in between, beyond chance and by no small part of a cell."""
         if self.angles_rad.size < FEWEST_JUMPED:
-            return False
+            return None
         jump = log_movement(self.solution, self.angles_rad, start.source_distance_mm)
         # Few opposite rays span it, and know its covariance badly: Hotelling's T-squared instead of chi-squared.
         freedom = 2 * min(jump.view, self.angles_rad.size - jump.view) - 2
         by_chance = (1.0 + jump.chi_squared / freedom) ** (-0.5 * (freedom - 1))
         shortest_mm = SHORTEST_JUMP_CELLS * scanner.detector_pitch_mm / start.magnification
-        return by_chance < math.exp(-0.5 * CHANCE_OF_A_JUMP) and jump.by_mm > shortest_mm
+        beyond_chance = by_chance < math.exp(-0.5 * CHANCE_OF_A_JUMP) and jump.by_mm > shortest_mm
+        return jump if beyond_chance else None
 
 
 def _opposite_rays(
