@@ -54,8 +54,8 @@ DriftMethod = TypeAliasType(
         Literal["opposite-rays", "view-pairs"],
         Field(
             description="opposite-rays: every ray against the one from the other side, in dense scans all round. "
-            "view-pairs: what any two views have in common, in scans of 8 views or more, and opposite rays as far as those "
-            "views have them."
+            "view-pairs: what any two views have in common, in scans of 8 views or more, and opposite rays as far as "
+            "those views have them."
         ),
     ],
 )
