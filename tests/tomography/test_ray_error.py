@@ -183,3 +183,4 @@ def test_what_few_errors_exceed_is_that_of_one_normal_error_and_that_of_the_draw
     covariance = np.diag(DEVIATIONS**2)
     drawn = predicted_ray_error(scanner, frame, covariance).upper_95_mm
     assert exceeded_ray_error(scanner, frame, covariance, 0.05) == pytest.approx(drawn, rel=0.02)
+    assert exceeded_ray_error(scanner, frame, np.zeros((5, 5)), 0.05) == 0.0

@@ -48,9 +48,10 @@ class Projector:
         frame = self.geometry.frame
         corner = self.grid.reach_mm
         if corner >= frame.source_distance_mm * np.cos(frame.tilt_rad):
+            cure = "choose a smaller field" + ("" if self.grid.is_centred else ", or one nearer to the rotation centre")
             raise GeometryError(
                 f"field_mm {self.grid.field_mm:.6g} reaches {corner:.6g} mm from the centre of rotation, past the "
-                f"source at {frame.source_distance_mm:.6g} mm: choose a smaller field"
+                f"source at {frame.source_distance_mm:.6g} mm: {cure}"
             )
 
     def forward(self, image: ArrayLike) -> Image:

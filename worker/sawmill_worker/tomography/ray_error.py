@@ -219,6 +219,8 @@ def exceeded_ray_error(
     from scipy.special import chdtri  # noqa: PLC0415
 
     weights = _weights(_linear(scanner, frame, radius_mm).distances, covariance)
+    if not weights.any():
+        return 0.0
     first, second, third = (float(np.sum(weights**power)) for power in (1, 2, 3))
     freedom = second**3 / third**2
     return math.sqrt(first + math.sqrt(second / freedom) * (float(chdtri(freedom, share)) - freedom))
