@@ -50,7 +50,7 @@ def test_a_phantom_that_cannot_calibrate_is_refused(failure, tmp_path):
     (tmp_path / "disc.json").write_text(json.dumps(disc))
     reported = failure("phantom", "plan", tmp_path / "disc.json", *THETA)
     assert (reported["kind"], reported["code"]) == ("input", "phantom")
-    assert "leaves psi undetermined" in reported["detail"]
+    assert "looks the same from every side" in reported["detail"]
 
 
 @pytest.mark.parametrize(

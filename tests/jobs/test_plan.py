@@ -37,7 +37,7 @@ def test_a_plan_answers_with_the_precision_to_expect(asked, attempt, finish, sto
 def test_a_phantom_that_cannot_calibrate_is_the_asker_s_to_mend(asked, attempt, store):
     disc = PhantomDrawing(name="disc", shapes=[Disc(center_mm=(0, 0), radius_mm=50)])
     asked(store.phantoms.create(disc).id)
-    with pytest.raises(JobFailure, match="leaves psi undetermined") as failure:
+    with pytest.raises(JobFailure, match="looks the same from every side") as failure:
         run(attempt(JobKind.PLAN))
     assert (failure.value.kind, failure.value.code) == (FailureKind.INPUT, "phantom")
 

@@ -147,7 +147,8 @@ def recommend(
     direct = next((one for one in candidates if one.method is ReconstructionMethod.FBP), None)
     if prefer is Preference.SPEED and direct is not None and direct.views >= SPEED_VIEWS:
         return Recommendation(direct.method, 1, direct.error, f"speed was preferred: {_words(direct, geometry)}")
-    price = PRICE_SECONDS * (grid.size / PRICE_SIZE) ** 2
+    # A small region of a large log is worth what the log is worth: its rays cross all of it.
+    price = PRICE_SECONDS * (max(grid.size, fitted_size) / PRICE_SIZE) ** 2
     affordable = [one for one in candidates if one.seconds <= price]
     if not affordable:
         cheapest = min(candidates, key=lambda one: one.seconds)

@@ -9,6 +9,7 @@ from sawmill_worker.tomography import analytic
 from sawmill_worker.tomography.analytic import PARAMETERS, DetectorCells
 from sawmill_worker.tomography.calibration.covariance import frame_deviation, theta_covariance
 from sawmill_worker.tomography.calibration.elimination import reduce
+from sawmill_worker.tomography.calibration.refusals import refuse_round
 from sawmill_worker.tomography.calibration.scale import ScaleUncertainty, scale_uncertainty
 from sawmill_worker.tomography.geometry import FanBeamGeometry, FloatArray, GeometryError
 from sawmill_worker.tomography.log_radius import counted_radius_mm, refuse_log_beyond_source
@@ -75,6 +76,7 @@ def plan(geometry: FanBeamGeometry, phantom: Phantom, *, noise: float, log_radiu
     """
     if not (math.isfinite(noise) and noise > 0.0):
         raise GeometryError(f"noise must be a positive fraction of the sinogram's RMS, as 0.02, not {noise}")
+    refuse_round(phantom)
     scanner, frame = geometry.scanner, geometry.frame
     refuse_log_beyond_source(log_radius_mm, scanner)
     cells = DetectorCells.of(scanner)
