@@ -163,6 +163,25 @@ def test_a_reconstruction_uses_the_theta_it_is_given(store, ingested, attempt, s
     assert outside == pytest.approx(0.0, abs=0.2)
 
 
+def test_a_reconstruction_takes_out_the_hardening_that_its_calibration_found(
+    store, ingested, attempt, finish, ask, sinogram, turn
+):
+    """Of 13 % on the phantom's longest path."""
+    lengths = sinogram(turn(60))
+    spread = 0.3 / lengths.max()
+    scan = ingested((np.log1p(spread * lengths) / spread)[:, None], "3:6")
+    known = store.calibrations.accept(ask(scan_id=scan.id))
+    calibrating = attempt(JobKind.CALIBRATE)
+    finish(calibrating, run(calibrating))
+    for handling, sentences in (("auto", 1), ("none", 0)):
+        asked = {"scan_id": scan.id, "calibration_id": known.id, "hardening": handling, "size": 32}
+        store.reconstructions.accept(ReconstructionAsk(**asked))
+        reconstructing = attempt(JobKind.RECONSTRUCT)
+        result = run(reconstructing)
+        finish(reconstructing, result)
+        assert sum(done.startswith("beam hardening of -") for done in result["preparation"]) == sentences
+
+
 def test_rows_by_step_and_a_region_of_interest_say_where_they_lie(
     store, ingested, attempt, finish, sinogram, turn, theta
 ):

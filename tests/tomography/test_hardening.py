@@ -6,6 +6,7 @@ import pytest
 from sawmill_worker.tomography.hardening import fit_hardening, measured_and_slope, straightened
 from sawmill_worker.tomography.noise import noise_of_rays
 from sawmill_worker.vocabulary.hardening import BeamHardening
+from sawmill_worker.vocabulary.scattered_radiation import BeamCorrection
 
 HARDENING = BeamHardening(spread=0.4, longest=2.0, from_counts=True)
 
@@ -55,9 +56,9 @@ def test_rays_are_noisier_by_the_slope_of_the_correction():
     measured[:, 60:140] = 1.5
     measured += 0.01 * rng.standard_normal(measured.shape).astype(np.float32)
     lines = straightened(HARDENING, measured)[None]
-    noise = noise_of_rays(lines, counts=False, hardening=HARDENING)
+    noise = noise_of_rays(lines, counts=False, beam=BeamCorrection(HARDENING))
     # The scatter of 1 600 samples is known to 2 %.
     assert noise[0, 0, 10] == pytest.approx(0.01, rel=0.1)
     assert noise[0, 0, 100] / noise[0, 0, 10] == pytest.approx(np.exp(0.4 * 1.5), rel=0.02)
-    of_counts = noise_of_rays(lines, counts=True, hardening=HARDENING)
+    of_counts = noise_of_rays(lines, counts=True, beam=BeamCorrection(HARDENING))
     assert of_counts[0, 0, 100] / of_counts[0, 0, 10] == pytest.approx(np.exp((0.4 + 0.5) * 1.5), rel=0.02)

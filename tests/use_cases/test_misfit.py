@@ -33,3 +33,21 @@ def test_the_named_cause_is_the_true_one(physics, theta, displaced):
     (remark,) = (each for each in report.remarks if "misses the data" in each)
     assert ("check the geometry" in remark) is displaced
     assert ("beam hardening" in remark) is not displaced
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize(
+    ("physics", "theta", "displaced"),
+    [
+        ({"beam": {"scatter_share": 0.2}}, THETA, False),
+        ({}, SHIFTED, True),
+        ({"motion": {"slip_mm": 20.0}}, THETA, True),
+    ],
+    ids=["scatter", "column", "slip"],
+)
+def test_a_filtered_image_names_the_true_cause_too(physics, theta, displaced):
+    scan = sawmill.simulate_phantom_scan("l-shape", SCANNER, THETA, views=90, physics=physics, seed=2)
+    report = sawmill.reconstruct(scan, theta, method="fbp", size=192, field_mm=500.0).result.method
+    (remark,) = (each for each in report.remarks if "misses the data" in each)
+    assert ("check the geometry" in remark) is displaced
+    assert ("beam hardening" in remark) is not displaced

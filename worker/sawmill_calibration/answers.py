@@ -44,6 +44,7 @@ from sawmill_worker.vocabulary import (
     Theta,
     Verdict,
 )
+from sawmill_worker.vocabulary.scattered_radiation import NOTHING_FOUND
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -351,10 +352,10 @@ def reconstruct(
     if isinstance(geometry, Calibration):
         _check_same_scanner(scan, geometry)
         theta, handedness, rotation = geometry.result.theta, geometry.result.handedness, geometry.rotation
-        hardening = geometry.result.beam_hardening
+        beam = geometry.result.beam
     else:
         theta, handedness = options_of(GivenTheta, vars(geometry)), Handedness.AS_DRAWN
-        hardening = None
+        beam = NOTHING_FOUND
     given = ReconstructionInput(
         read=lambda start, stop: scan.line_integrals[:, start:stop],
         angles_rad=scan.angles_rad,
@@ -367,7 +368,7 @@ def reconstruct(
         counts=scan.from_counts,
         preparation=scan.remarks,
         row_step=scan.row_step,
-        hardening=hardening,
+        beam=beam,
     )
     with input_errors():
         made = reconstruct_in_memory(given, chosen, on_progress)

@@ -20,7 +20,7 @@ from sawmill_worker.use_cases.result_file import read_calibration
 from sawmill_worker.use_cases.scan_rows import ScanRows, open_rows
 from sawmill_worker.use_cases.scan_source import ScanSource
 from sawmill_worker.vocabulary import Handedness, ProgressCallback, Rotation, Theta
-from sawmill_worker.vocabulary.hardening import BeamHardening
+from sawmill_worker.vocabulary.scattered_radiation import NOTHING_FOUND, BeamCorrection
 
 MOSAIC_SLICES = 16
 
@@ -84,10 +84,10 @@ def _open(
     if isinstance(geometry, ThetaSource):
         r_s = geometry.source_to_cor_mm
         with open_rows(scan, source_to_cor_mm=r_s, on_progress=on_progress, beside=output) as used:
-            yield used, _input(used, geometry.theta, geometry.rotation, Handedness.AS_DRAWN, None)
+            yield used, _input(used, geometry.theta, geometry.rotation, Handedness.AS_DRAWN, NOTHING_FOUND)
         return
     with open_with_calibration(scan, geometry, on_progress=on_progress, beside=output) as (known, used):
-        yield used, _input(used, known.theta, known.rotation, known.handedness, known.beam_hardening)
+        yield used, _input(used, known.theta, known.rotation, known.handedness, known.beam)
 
 
 @contextmanager
@@ -112,7 +112,7 @@ def _calibrated(scan: ScanSource, geometry: CalibrationSource) -> tuple[Calibrat
 
 
 def _input(
-    used: ScanRows, theta: Theta, rotation: Rotation, handedness: Handedness, hardening: BeamHardening | None
+    used: ScanRows, theta: Theta, rotation: Rotation, handedness: Handedness, beam: BeamCorrection
 ) -> ReconstructionInput:
     return ReconstructionInput(
         read=used.read,
@@ -126,7 +126,7 @@ def _input(
         counts=used.counts,
         preparation=used.remarks,
         row_step=used.row_step,
-        hardening=hardening,
+        beam=beam,
     )
 
 

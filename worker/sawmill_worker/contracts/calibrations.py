@@ -43,6 +43,7 @@ from sawmill_worker.vocabulary import (
     Theta,
 )
 from sawmill_worker.vocabulary.hardening import BeamHardening
+from sawmill_worker.vocabulary.scattered_radiation import BeamCorrection, ScatteredRadiation
 from sawmill_worker.vocabulary.texts import N_
 
 
@@ -410,6 +411,11 @@ class CalibrationResult(Contract):
         description="Beam hardening that was fitted; a reconstruction takes it out of a log's line integrals. Null: "
         "none was found, or an answer of an earlier version.",
     )
+    scattered_radiation: ScatteredRadiation | None = Field(
+        None,
+        description="Scattered radiation that was fitted; a reconstruction takes it out of a log's line integrals. "
+        "Null: none was found, or an answer of an earlier version.",
+    )
     adjustments: list[str] = Field(
         [],
         description="What was found in the scan beyond the plain model, and done.",
@@ -462,6 +468,11 @@ class CalibrationResult(Contract):
         description="The log beside the phantom as a second witness for u_c and tilt; null where the scan shows none, "
         "or has fewer than 8 views.",
     )
+
+    @property
+    def beam(self) -> BeamCorrection:
+        """What a reconstruction takes out of a log's line integrals."""
+        return BeamCorrection(self.beam_hardening, self.scattered_radiation)
 
     @property
     def radius_mm(self) -> float:

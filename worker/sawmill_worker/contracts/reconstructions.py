@@ -149,8 +149,8 @@ class ReconstructionOptions(Contract):
     )
     hardening: HardeningHandling = Field(
         HardeningHandling.AUTO,
-        description="Beam hardening that the calibration found. `auto`: it is taken out of the line integrals before "
-        "they are reconstructed. `none`: they are used as they are.",
+        description="Beam hardening and scattered radiation that the calibration found. `auto`: they are taken out of "
+        "the line integrals before these are reconstructed. `none`: neither is taken out.",
         examples=["auto"],
     )
     alpha: Annotated[Positive | None, OfTikhonov] = Field(

@@ -25,7 +25,7 @@ from sawmill_worker.use_cases.failures import refused
 from sawmill_worker.use_cases.reconstruct import MEMORY_SHARE, ReconstructionInput, run_reconstruction
 from sawmill_worker.use_cases.selection import chosen_rows, chosen_views
 from sawmill_worker.vocabulary import DataKind, Handedness, Rotation, Theta
-from sawmill_worker.vocabulary.hardening import BeamHardening
+from sawmill_worker.vocabulary.scattered_radiation import NOTHING_FOUND, BeamCorrection
 
 # Of each slice of a fitted method, in single precision: the data, residuals and trial steps.
 LINES_A_SLICE = 40
@@ -38,7 +38,7 @@ def run(attempt: Attempt) -> dict[str, Any]:
     shape = shape_of(scan)
     rows = range(shape.rows)[chosen_rows(options.rows, shape.rows, scan.usable_rows)]
     views = chosen_views(options.views, shape.views)
-    theta, rotation, handedness, hardening = _geometry_of(attempt, options)
+    theta, rotation, handedness, beam = _geometry_of(attempt, options)
     with open_scan(attempt.file) as stored:
         given = ReconstructionInput(
             read=lambda start, stop: stored.rows(rows[start:stop], views),
@@ -52,7 +52,7 @@ def run(attempt: Attempt) -> dict[str, Any]:
             input_sha256=scan.sha256,
             counts=scan.data is DataKind.COUNTS,
             preparation=tuple(scan.remarks),
-            hardening=hardening,
+            beam=beam,
         )
         keeper = _keeper(attempt, given, options)
         result = run_reconstruction(given, options, attempt.output / "volume.h5", attempt.report, keeper)
@@ -68,7 +68,7 @@ def _keeper(attempt: Attempt, given: ReconstructionInput, options: Reconstructio
         "views": len(given.angles_rad),
         "scanner": vars(given.scanner),
         "theta": asdict(given.theta),
-        "hardening": None if given.hardening is None else asdict(given.hardening),
+        "beam": asdict(given.beam),
         "rotation": given.rotation,
         "handedness": given.handedness,
     }
@@ -109,13 +109,12 @@ def _fitting(attempt: Attempt, options: ReconstructionAsked, shape: ScanShape) -
     return 4 * (images * pixels + lines)
 
 
-def _geometry_of(
-    attempt: Attempt, options: ReconstructionAsked
-) -> tuple[Theta, Rotation, Handedness, BeamHardening | None]:
-    """The theta that was given, or the calibration's with its hardening; refused where it has none."""
+def _geometry_of(attempt: Attempt, options: ReconstructionAsked) -> tuple[Theta, Rotation, Handedness, BeamCorrection]:
+    """The theta that was given, or the calibration's with its beam correction; refused where it has none."""
     if options.theta is not None:
-        return options.theta, options.rotation or Rotation.AS_GIVEN, options.handedness or Handedness.AS_DRAWN, None
+        rotation, handedness = options.rotation or Rotation.AS_GIVEN, options.handedness or Handedness.AS_DRAWN
+        return options.theta, rotation, handedness, NOTHING_FOUND
     if attempt.given.calibration is None:
         raise refused("no-active-calibration", "neither calibration_id nor theta names a geometry")
     calibration = usable_calibration(attempt, "use")
-    return calibration.theta, calibration.rotation, calibration.handedness, calibration.beam_hardening
+    return calibration.theta, calibration.rotation, calibration.handedness, calibration.beam

@@ -14,6 +14,7 @@ from sawmill_worker.tomography.estimate import Estimate
 from sawmill_worker.tomography.filters import RowFilter
 from sawmill_worker.tomography.geometry import FloatArray, GeometryError, cell_centres_mm, view_weights
 from sawmill_worker.tomography.method import DirectMethod
+from sawmill_worker.tomography.noise import displaced_share, likely_cause
 from sawmill_worker.tomography.projector import Image, Projector
 from sawmill_worker.vocabulary import FilterName, Weighting
 
@@ -27,6 +28,9 @@ _FILTERED_BYTES = 2**19
 # 0.05, 16 to 2048 pixels), and noise is amplified to at most 3.7 times itself. Rays that are off by 8 mm leave 13 to
 # 17 %. From 20 views a right and a wrong geometry leave the same (tests/use_cases/test_methods.py).
 REMARK_VIEWS, REMARK_SHARE, REMARK_NOISE = 90, 0.1, 4.0
+# Shifts of the views explain more than a third of such a misfit where u_c is wrong or the object moved, and at most
+# 0.02 where hardening, scatter or blur alone are the cause (tests/use_cases/test_misfit.py).
+DISPLACED = 0.1
 
 
 def fbp(
@@ -203,12 +207,14 @@ class FilteredBackProjection(DirectMethod):
         """By a fit to measured times (docs/performance.md)."""
         return cost.seconds(*projector.geometry.sinogram_shape, projector.grid.size, slices)
 
-    def remark_on(self, misfit: float, line: Image, noise: float) -> str | None:
+    def remark_on(self, projector: Projector, image: Image, misfit: float, line: Image, noise: float) -> str | None:
         """Whether the misfit is larger than filtering alone leaves it."""
         residual, size = misfit * noise, float(np.sqrt(np.mean(np.square(line, dtype=np.float64))))
         if len(line) < REMARK_VIEWS or misfit < REMARK_NOISE or residual < REMARK_SHARE * size:
             return None
-        return (
+        missed = (
             f"the image misses the data by more than {REMARK_SHARE:.0%} of them and {REMARK_NOISE:.0f} times their "
-            "noise, which filtering alone does not: check the geometry, or whether the object moved during the scan"
+            "noise, which filtering alone does not"
         )
+        share = displaced_share(projector, image, line, np.full(line.shape, noise))
+        return missed + likely_cause(displaced=share > DISPLACED)

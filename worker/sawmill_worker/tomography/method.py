@@ -35,7 +35,9 @@ class DirectMethod(ABC):
         """The time from rows to the volume's file, where it is known beforehand."""
         return None
 
-    def remark_on(self, _misfit: float, _line: Image, _noise: float) -> str | None:
+    def remark_on(
+        self, _projector: Projector, _image: Image, _misfit: float, _line: Image, _noise: float
+    ) -> str | None:
         """What a slice's misfit, against the noise of its line integrals (views, detector), shows; None if nothing."""
         return None
 

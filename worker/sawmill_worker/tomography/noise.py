@@ -8,10 +8,11 @@ from scipy.ndimage import uniform_filter1d
 
 from sawmill_worker.tomography.air import find_air
 from sawmill_worker.tomography.geometry import FloatArray, GeometryError
-from sawmill_worker.tomography.hardening import measured_and_slope
+from sawmill_worker.tomography.hardening import STEEPEST, measured_and_slope
 from sawmill_worker.tomography.projector import Image, Projector
 from sawmill_worker.tomography.robust import noise_of_differences
-from sawmill_worker.vocabulary.hardening import BeamHardening
+from sawmill_worker.tomography.scattered_radiation import with_scatter
+from sawmill_worker.vocabulary.scattered_radiation import NOTHING_FOUND, BeamCorrection
 
 # The least noise as a share of the data's RMS, taken for noise-free data: pixels approximate a log no better.
 LEAST_SHARE = 0.002
@@ -59,7 +60,11 @@ def _smooth(sinogram: ArrayLike) -> FloatArray:
 
 
 def noise_of_rays(
-    lines: Image, *, counts: bool, hardening: BeamHardening | None = None, left_out: NDArray[np.bool_] | None = None
+    lines: Image,
+    *,
+    counts: bool,
+    beam: BeamCorrection = NOTHING_FOUND,
+    left_out: NDArray[np.bool_] | None = None,
 ) -> FloatArray:
     """The noise that air and, of counts, photons show: (slices, 1, 1), or of each ray (slices, views, detector).
 
@@ -69,13 +74,19 @@ def noise_of_rays(
         Line integrals whose air stands at 0.
     counts : bool
         Whether they were made from counts; the scatter of the air then gives the photons in air, whatever the unit.
-    hardening : BeamHardening, optional
+    beam : BeamCorrection, optional
         What was taken out of them: the noise of the measured ones has grown with the slope of the correction.
     left_out : (slices, views, detector) bool, optional
         Rays of infinite noise: they have no weight.
     """
     air = noise_of_each_ray(None, lines)
-    measured, slope = (lines, 1.0) if hardening is None else measured_and_slope(hardening, _smooth(lines))
+    measured: FloatArray = np.asarray(lines, np.float64) if beam == NOTHING_FOUND else _smooth(lines)
+    slope = np.ones(())
+    if beam.hardening is not None:
+        measured, slope = measured_and_slope(beam.hardening, measured)
+    if beam.scatter is not None:
+        primary, measured = measured, with_scatter(beam.scatter, measured)
+        slope = slope * np.minimum(np.exp(primary - measured), STEEPEST)
     noise = (photon_noise(measured, 1.0 / air**2) if counts else air) * slope
     return noise if left_out is None else np.where(left_out, math.inf, noise)
 
@@ -143,6 +154,19 @@ def displaced_share(projector: Projector, image: Image, line: Image, noise: Floa
     return float(explained.sum() - by_chance) / max(power - samples, 1e-30)
 
 
+def likely_cause(*, displaced: bool) -> str:
+    """The end of a remark on a large misfit, of which shifts of the views explain much or not."""
+    if displaced:
+        return (
+            ", and its edges lie beside those of the views: check the geometry, or whether the object moved during the "
+            "scan or lies partly outside the field"
+        )
+    return (
+        ", and its edges lie where the views have them: the likely causes are beam hardening, scattered radiation, "
+        "blur, or rows far from the middle of the beam, not the geometry"
+    )
+
+
 def remarks_on(
     projector: Projector, images: Image, misfit: FloatArray, lines: Image, noise: FloatArray
 ) -> tuple[str, ...]:
@@ -152,16 +176,8 @@ def remarks_on(
     if misfit[worst] > MISFIT_OF_A_GOOD_FIT:
         missed = f"the image misses the data by {misfit[worst]:.2g} times their noise"
         of_worst = np.broadcast_to(noise, lines.shape)[worst]
-        if displaced_share(projector, images[worst], lines[worst], of_worst) > DISPLACED:
-            remarks.append(
-                f"{missed}, and its edges lie beside those of the views: check the geometry, or whether the object "
-                "moved during the scan or lies partly outside the field"
-            )
-        else:
-            remarks.append(
-                f"{missed}, and its edges lie where the views have them: the likely causes are beam hardening, "
-                "scattered radiation, blur, or rows far from the middle of the beam, not the geometry"
-            )
+        share = displaced_share(projector, images[worst], lines[worst], of_worst)
+        remarks.append(missed + likely_cause(displaced=share > DISPLACED))
     air = find_air(lines[len(lines) // 2])
     if air is not None:
         level, scatter = air.background, rms_noise(noise)

@@ -36,7 +36,7 @@ from sawmill_worker.use_cases.failures import refused
 from sawmill_worker.use_cases.metal_reduction import MetalReduction, WithoutMetal
 from sawmill_worker.use_cases.method_findings import BlockFindings, CurvePoints, gathered, report_of
 from sawmill_worker.vocabulary import MetalHandling, ReconstructionMethod
-from sawmill_worker.vocabulary.hardening import BeamHardening
+from sawmill_worker.vocabulary.scattered_radiation import BeamCorrection
 
 Images = NDArray[np.float32]
 WHOLE = slice(None)
@@ -81,7 +81,7 @@ class LogTask:
         The scan's row of the sample.
     counts : bool
         Whether the line integrals were made from counts, so that dark rays are noisier than bright ones.
-    hardening : BeamHardening or None
+    beam : BeamCorrection
         What was taken out of the line integrals, which makes dark rays noisier too.
     memory_bytes : int
         Limit of all blocks together.
@@ -101,7 +101,7 @@ class LogTask:
     slices: int
     middle_row: int
     counts: bool
-    hardening: BeamHardening | None
+    beam: BeamCorrection
     memory_bytes: int
     on_progress: Callable[[float], None]
     on_chosen: Callable[[Settings], None]
@@ -245,7 +245,7 @@ class _DirectSolver:
             return
         misfit = data_misfit(self._projector, image[None], lines, np.full((1, 1, 1), noise))
         findings.add_checked(noise, misfit)
-        remark = self._method.remark_on(float(misfit[0]), lines[0], noise)
+        remark = self._method.remark_on(self._projector, image, float(misfit[0]), lines[0], noise)
         if remark is not None:
             findings.remark(remark)
 
@@ -419,7 +419,7 @@ class _FittedSolver:
         """All rays of a method that leaves none out weigh the same."""
         if not self._method.leaves_out:
             return noise_of_rays(lines, counts=False, left_out=left_out)
-        return noise_of_rays(lines, counts=self._task.counts, hardening=self._task.hardening, left_out=left_out)
+        return noise_of_rays(lines, counts=self._task.counts, beam=self._task.beam, left_out=left_out)
 
     def _curve_of(self, numbers: NDArray[np.int64], found: Estimate) -> CurvePoints | None:
         """Of the slice nearest to the middle of the log."""

@@ -1,5 +1,6 @@
 """A reconstruction from rows to a volume, block by block: what the job, the command line and Python users share."""
 
+import math
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -14,13 +15,14 @@ from sawmill_worker.tomography import cost
 from sawmill_worker.tomography.air import find_air
 from sawmill_worker.tomography.choosing import Recommendation, recommend, views_of_step
 from sawmill_worker.tomography.geometry import FanBeamGeometry, FloatArray, GeometryError
-from sawmill_worker.tomography.hardening import straightened
+from sawmill_worker.tomography.hardening import STEEPEST, straightened
 from sawmill_worker.tomography.image_grid import ImageGrid
 from sawmill_worker.tomography.iterative.coarse_outside import fitted_size
 from sawmill_worker.tomography.method import DirectMethod
 from sawmill_worker.tomography.object_extent import object_radius_mm, seen_radius_mm
 from sawmill_worker.tomography.present_rows import filled, present_rows
 from sawmill_worker.tomography.projector import Projector
+from sawmill_worker.tomography.scattered_radiation import without_scatter
 from sawmill_worker.tomography.stack import reconstruct_stack
 from sawmill_worker.use_cases.block_solvers import BlockSolver, Images, LogTask, Settings, method_of, solver_of
 from sawmill_worker.use_cases.capacity import check_disk, memory_available
@@ -39,6 +41,7 @@ from sawmill_worker.vocabulary import (
     Theta,
 )
 from sawmill_worker.vocabulary.hardening import BeamHardening
+from sawmill_worker.vocabulary.scattered_radiation import NOTHING_FOUND, BeamCorrection
 from sawmill_worker.vocabulary.version import VERSION
 
 # Line integrals (views, stop - start, detector) float32 of the slices start..stop.
@@ -71,8 +74,8 @@ class ReconstructionInput:
         The scan's rows, the first included, the last not; every row_step-th of them is a slice.
     preparation : tuple of str
         The steps that prepared the scan's data.
-    hardening : BeamHardening or None
-        That of the calibration, still in the line integrals.
+    beam : BeamCorrection
+        The calibration's: scatter and hardening that are still in the line integrals.
     """
 
     read: ReadRows
@@ -86,7 +89,7 @@ class ReconstructionInput:
     counts: bool
     preparation: tuple[str, ...] = ()
     row_step: int = 1
-    hardening: BeamHardening | None = None
+    beam: BeamCorrection = NOTHING_FOUND
 
 
 def volume_unit(*, counts: bool) -> str:
@@ -94,24 +97,58 @@ def volume_unit(*, counts: bool) -> str:
     return "1/mm" if counts else "line integral/mm"
 
 
-def without_hardening(given: ReconstructionInput, options: ReconstructionOptions) -> ReconstructionInput:
-    """The input with the calibration's beam hardening taken out of its line integrals, and a sentence that says so."""
-    hardening = given.hardening
-    if hardening is None or options.hardening is HardeningHandling.NONE:
-        return replace(given, hardening=None)
-    if hardening.from_counts != given.counts:
-        kinds = ("counts", "line integrals") if hardening.from_counts else ("line integrals", "counts")
-        sentence = "the beam hardening of the calibration was not taken out: it is of {}, and this scan of {}"
-        return replace(given, hardening=None, preparation=(*given.preparation, sentence.format(*kinds)))
+def with_beam_corrected(given: ReconstructionInput, options: ReconstructionOptions) -> ReconstructionInput:
+    """The input with the calibration's scatter and hardening taken out, and sentences that say so.
+
+    Where scatter is taken out, so is the level of the air, which has a part of it.
+    """
+    beam = given.beam
+    if beam == NOTHING_FOUND or options.hardening is HardeningHandling.NONE:
+        return replace(given, beam=NOTHING_FOUND)
+    if beam.from_counts != given.counts:
+        names = {"scattered radiation": beam.scatter, "beam hardening": beam.hardening}
+        found = " with the ".join(name for name, of in names.items() if of is not None)
+        kinds = ("counts", "line integrals") if beam.from_counts else ("line integrals", "counts")
+        sentence = "the {} of the calibration was not taken out: it is of {}, and this scan of {}".format(found, *kinds)
+        return replace(given, beam=NOTHING_FOUND, preparation=(*given.preparation, sentence))
     slices = len(range(*given.rows, given.row_step))
     sample = filled(given.read(slices // 2, slices // 2 + 1), given.angles_rad)[:, 0]
-    air = find_air(sample)
-    level = np.float32(0.0 if air is None else air.background)
-    longest = float(sample.max() - level)
+    level = kept = _air_level(sample)
+    beside = np.float32(0.0)
+    sample = sample - level
+    sentences: list[str] = []
+    if beam.scatter is not None:
+        primary = without_scatter(beam.scatter, sample)
+        kept, beside = np.float32(0.0), _air_level(primary)
+        sentences.append(_scatter_sentence(float((primary - sample).max())))
+        sample = primary - beside
+    if beam.hardening is not None:
+        sentences.append(_hardening_sentence(beam.hardening, float(sample.max())))
 
     def read(start: int, stop: int) -> NDArray[np.float32]:
-        return straightened(hardening, given.read(start, stop) - level) + level
+        lines = given.read(start, stop) - level
+        if beam.scatter is not None:
+            lines = without_scatter(beam.scatter, lines) - beside
+        return (lines if beam.hardening is None else straightened(beam.hardening, lines)) + kept
 
+    return replace(given, read=read, preparation=(*given.preparation, *sentences))
+
+
+def _air_level(line: NDArray[np.float32]) -> np.float32:
+    air = find_air(line)
+    return np.float32(0.0 if air is None else air.background)
+
+
+def _scatter_sentence(largest_change: float) -> str:
+    """`largest_change` is of a line integral."""
+    share = 1.0 - math.exp(-largest_change)
+    sentence = f"scattered radiation of {share:.1%} of the intensity in the deepest shadow was taken out"
+    limited = share > 0.999 * (1.0 - 1.0 / STEEPEST)
+    return f"{sentence}, the largest share that is" if limited else f"{sentence}, as the calibration found it"
+
+
+def _hardening_sentence(hardening: BeamHardening, longest: float) -> str:
+    """`longest` is the largest line integral of the scan."""
     share = ""
     if longest > 0.0:
         change = longest / float(straightened(hardening, np.array([longest], np.float32))[0]) - 1.0
@@ -120,7 +157,7 @@ def without_hardening(given: ReconstructionInput, options: ReconstructionOptions
     if longest > hardening.longest:
         beyond = longest / hardening.longest - 1.0
         sentence += f"; the longest line integral is {beyond:.0%} larger than any of the phantom's: extrapolated"
-    return replace(given, read=read, preparation=(*given.preparation, sentence))
+    return sentence
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,7 +195,7 @@ def run_reconstruction(
     OSError
         The file cannot be written.
     """
-    given = without_hardening(given, options)
+    given = with_beam_corrected(given, options)
     run = _Run(given, options, report)
     check_disk(output.parent, run.shape, cost.volume_bytes(options.size, run.slices))
     settings = settings_of(keeper)
@@ -193,7 +230,7 @@ def reconstruct_in_memory(
     given: ReconstructionInput, options: ReconstructionOptions, report: ProgressCallback
 ) -> ReconstructedVolume:
     """Reconstruct each row into arrays; as `run_reconstruction`, without a file."""
-    given = without_hardening(given, options)
+    given = with_beam_corrected(given, options)
     run = _Run(given, options, report)
     data = np.empty(run.shape, np.float32)
 
@@ -258,7 +295,7 @@ class _Run:
             slices=self.slices,
             middle_row=given.rows[0] + middle * given.row_step,
             counts=given.counts,
-            hardening=given.hardening,
+            beam=given.beam,
             memory_bytes=int(MEMORY_SHARE * memory_available()),
             on_progress=self._reporting.within_block,
             on_chosen=on_chosen,

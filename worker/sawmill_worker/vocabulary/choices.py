@@ -173,7 +173,7 @@ class ReconstructionMethod(StrEnum):
 
 
 class HardeningHandling(StrEnum):
-    """What becomes of the beam hardening that a calibration found: `auto` takes it out, `none` leaves it."""
+    """What becomes of hardening and scatter that a calibration found: `auto` takes them out, `none` neither."""
 
     AUTO = "auto"
     NONE = "none"

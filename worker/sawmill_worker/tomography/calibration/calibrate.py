@@ -25,8 +25,9 @@ from sawmill_worker.tomography.calibration.source_distance import with_theta
 from sawmill_worker.tomography.calibration.task import CalibrationTask, Hypothesis
 from sawmill_worker.tomography.hardening import fit_hardening
 from sawmill_worker.tomography.robust import noise_of_differences
+from sawmill_worker.tomography.scattered_radiation import fit_scatter_and_hardening
 from sawmill_worker.vocabulary import Adjustment
-from sawmill_worker.vocabulary.hardening import BeamHardening
+from sawmill_worker.vocabulary.scattered_radiation import NOTHING_FOUND, BeamCorrection
 
 # A sinogram with less than this share of its power above white noise shows nothing.
 LEAST_SIGNAL = 0.02
@@ -109,7 +110,7 @@ def conclude(
         ),
         judgement=judgement,
         evidence=evidence,
-        beam_hardening=_beam_hardening(joint.model),
+        beam=_beam(joint.model),
         search=basins.report,
         timing=Timing(ended - started, searched - started, refined - searched, ended - refined),
     )
@@ -122,17 +123,26 @@ def _aspect_half(task: CalibrationTask, joint: JointFit) -> float:
     return 0.5 * abs(joint.aspect)
 
 
-def _beam_hardening(model: ScanModel) -> BeamHardening | None:
-    """The hardening of all samples that count alike, once geometry and effects are known; None where none was fitted.
+def _beam(model: ScanModel) -> BeamCorrection:
+    """The hardening and scatter of all samples that count alike, once geometry and effects are known, if any is there.
 
-    The joint fit takes out what all views share, and with it much of a round phantom's hardening.
+    The joint fit takes out what all views share, and with it much of a round phantom's hardening. Its scatter is a
+    share of what is left of the beam, which does not go over from the phantom to a log: the fit here takes it as a
+    share of what the object takes out of the beam.
     """
-    if not (model.size(Term.HARDENING) or model.size(Term.HARDENING_CUBIC)):
-        return None
     lengths, integrals, weights = model.deformations[7], model.sharp + model.residual, model.data.weights
+    around, wide = model.size(Term.SCATTER), model.size(Term.SCATTER_WIDE)
+    if around or wide:
+        beside = around * model.halos[0] + wide * model.halos[1]
+        measured = integrals - np.log1p(np.maximum(beside, -0.95))
+        fitted = fit_scatter_and_hardening(lengths, measured, model.residual, weights)
+        if fitted is not None:
+            return fitted
+    if not (model.size(Term.HARDENING) or model.size(Term.HARDENING_CUBIC)):
+        return NOTHING_FOUND
     if weights is not None:
         lengths, integrals = lengths[weights > 0.0], integrals[weights > 0.0]
-    return fit_hardening(lengths, integrals, from_counts=model.from_counts)
+    return BeamCorrection(fit_hardening(lengths, integrals, from_counts=model.from_counts))
 
 
 def _without_metal(

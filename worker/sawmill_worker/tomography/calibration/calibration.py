@@ -13,7 +13,7 @@ from sawmill_worker.tomography.calibration.task import CalibrationTask, Hypothes
 from sawmill_worker.tomography.geometry import FloatArray, Scanner, SourceFrame, Theta, ThetaBounds
 from sawmill_worker.tomography.phantom import Phantom
 from sawmill_worker.vocabulary import Handedness, Rotation
-from sawmill_worker.vocabulary.hardening import BeamHardening
+from sawmill_worker.vocabulary.scattered_radiation import NOTHING_FOUND, BeamCorrection
 
 
 @dataclass(frozen=True)
@@ -44,8 +44,8 @@ class Calibration:
         What was found in the scan beyond the plain model, and what was done about it.
     evidence : Evidence or None
         What it was judged by; None from a method that has no error bars.
-    beam_hardening : BeamHardening or None
-        None where hardening was not fitted.
+    beam : BeamCorrection
+        Hardening and scatter, None where they were not fitted.
     """
 
     task: CalibrationTask
@@ -64,7 +64,7 @@ class Calibration:
     search: SearchReport
     timing: Timing
     evidence: Evidence | None = None
-    beam_hardening: BeamHardening | None = None
+    beam: BeamCorrection = NOTHING_FOUND
 
     @property
     def scanner(self) -> Scanner:

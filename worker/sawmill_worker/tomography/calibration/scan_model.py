@@ -12,7 +12,7 @@ from enum import IntEnum
 from functools import cached_property
 
 import numpy as np
-from scipy.ndimage import correlate1d, uniform_filter1d
+from scipy.ndimage import correlate1d
 
 from sawmill_worker.tomography import analytic
 from sawmill_worker.tomography.calibration.rounded_corners import with_rounded_corners
@@ -20,6 +20,7 @@ from sawmill_worker.tomography.calibration.sinogram_data import SinogramData
 from sawmill_worker.tomography.fit_parameters import FRAME, Parameter
 from sawmill_worker.tomography.geometry import TAU, FloatArray, SourceFrame
 from sawmill_worker.tomography.phantom import Phantom
+from sawmill_worker.tomography.scattered_radiation import halo
 
 
 class Term(IntEnum):
@@ -60,8 +61,6 @@ class Term(IntEnum):
 # The largest sizes of those that cannot be negative: 15 mm, 8 cells, a whole step.
 LARGEST = {Term.CORNERS: 225.0, Term.BLUR: 64.0, Term.EXPOSURE: 1.0}
 POSE = (Term.PSI, Term.T_X, Term.T_Y)
-# Half the width of the scatter's halo, in cells.
-HALO = 45
 # The step in the squared radius of corners, mm^2, over which their effect is differentiated.
 CORNER_STEP = 9.0
 
@@ -198,10 +197,7 @@ class ScanModel:
     def halos(self) -> tuple[FloatArray, FloatArray]:
         """What scatters into each cell from around it, and from the whole view, against the cell's own intensity."""
         intensity = np.exp(-self.blurred)
-        halo = intensity
-        for _ in range(2):
-            halo = uniform_filter1d(halo, HALO, axis=1, mode="nearest")
-        return halo / intensity, intensity.mean(axis=1, keepdims=True) / intensity
+        return halo(intensity) / intensity, intensity.mean(axis=1, keepdims=True) / intensity
 
     @cached_property
     def lagging(self) -> FloatArray:
@@ -269,7 +265,7 @@ class ScanModel:
         if self.from_counts:
             if self._acts_beside:
                 rows[: Term.EXPOSURE + 1] /= 1.0 + self.beside[views]
-            rows[Term.SCATTER], rows[Term.SCATTER_WIDE] = (halo[views] for halo in self.halos)
+            rows[Term.SCATTER], rows[Term.SCATTER_WIDE] = (share[views] for share in self.halos)
             rows[Term.LAG] = self.lagging[views]
             rows[Term.SCATTER : Term.LAG + 1] /= -(1.0 + self.beside[views])
         rows[Term.SLOPE], rows[Term.CURVATURE] = self.across, self.across**2
