@@ -177,7 +177,7 @@ class TestScan:
         refused(
             write_npy(file, stack),
             "angles-missing",
-            r"carries no angles; give them as START:STEP in degrees, as in 0.5:1, .* --angles-deg",
+            r"carries no angles; give the angles as START:STEP in degrees, as in 0.5:1, .* --angles-deg",
             angles_deg=None,
         )
 
@@ -371,7 +371,7 @@ class TestHdf5:
     def test_data_exchange_without_theta(self, file, stack):
         with h5py.File(file, "w") as h5:
             h5["exchange/data"] = stack
-        refused(file, "angles-missing", "carries no angles; give them", angles_deg=None)
+        refused(file, "angles-missing", "carries no angles; give the angles", angles_deg=None)
 
     def test_data_exchange_in_sinogram_order(self, file, stack):
         with h5py.File(file, "w") as h5:
@@ -381,7 +381,7 @@ class TestHdf5:
 
     def test_nxtomo_angles_without_units(self, nxtomo):
         path = nxtomo(angle_units=None)
-        refused(path, "angles-missing", "no units attribute; give them .*--angles-deg", counts=True, angles_deg=None)
+        refused(path, "angles-missing", "no units attribute; give the angles .*--angles-deg", counts=True, angles_deg=None)
 
     def test_nxtomo_angles_in_an_unknown_unit(self, nxtomo):
         path = nxtomo(angle_units="gon")

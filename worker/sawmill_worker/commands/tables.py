@@ -61,9 +61,11 @@ def print_drift(result: DriftResult) -> None:
         label = f"since {zero.looks} first logs: COR, mm"
         parts = (zero.change.cor_column_mm, zero.change_standard_deviation.cor_column_mm)
         table.add_row(label, "", "", f"{parts[0]:+.3f}", f"{parts[1]:.2g}", f"{zero.significance.cor_column_mm:+.1f}")
-    moved = f"{result.ray_change_mm:.3f} ± {result.ray_change_uncertainty_mm:.2g} mm RMS"
-    table.add_row("rays changed" if of_given else "rays moved", "", "", moved, "", "")
-    if result.scale_change_percent is not None and result.scale_change_uncertainty_percent is not None:
+    if not of_given:
+        moved = f"{result.ray_change_mm:.3f} ± {result.ray_change_uncertainty_mm:.2g} mm RMS"
+        table.add_row("rays moved", "", "", moved, "", "")
+    known = result.scale_change_percent is not None and result.scale_change_uncertainty_percent is not None
+    if known and not of_given:
         scale = f"{result.scale_change_percent:+.3f} ± {result.scale_change_uncertainty_percent:.2g} %"
         table.add_row("scale changed", "", "", scale, "", "")
     console = Console()

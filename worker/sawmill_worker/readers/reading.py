@@ -246,7 +246,7 @@ def agree_on_angles(contents: FileContents, given: AnglesGiven | None) -> tuple[
             reason = contents.angles_unusable or hint or "the file carries no angles"
             raise UnreadableScan(
                 "angles-missing",
-                f"{reason}; give them as START:STEP in degrees, as in 0.5:1, or one for each view "
+                f"{reason}; give the angles as START:STEP in degrees, as in 0.5:1, or one for each view "
                 "(angles_deg, on the command line --angles-deg or --angles-file)",
             )
         return contents.angles_deg, ()

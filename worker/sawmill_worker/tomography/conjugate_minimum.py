@@ -57,7 +57,7 @@ def refuse_unseen(scanner: Scanner, solution: Solution, start: SourceFrame) -> N
     if not solution.settled:
         raise DriftError(
             "moved-too-far",
-            f"no geometry near the calibrated one (u_c {start.cor_column_mm:.4g} mm) makes opposite rays agree: the "
+            f"no geometry near the known one (u_c {start.cor_column_mm:.4g} mm) makes opposite rays agree: the "
             "log moved while it was scanned, the calibration is another scanner's, or the geometry moved by more than "
             f"{REACH[0]:.0%} of the detector; calibrate with the phantom",
         )

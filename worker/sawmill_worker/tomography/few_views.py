@@ -90,7 +90,7 @@ def few_view_fit(
         _refuse_unseen(scanner, pairs)
         raise DriftError(
             "moved-too-far",
-            f"no geometry near the calibrated one (u_c {start.cor_column_mm:.4g} mm) makes the views agree: the log "
+            f"no geometry near the known one (u_c {start.cor_column_mm:.4g} mm) makes the views agree: the log "
             "moved while it was scanned, the calibration is another scanner's, or the geometry moved by more than "
             f"{REACH[0]:.0%} of the detector; calibrate with the phantom",
         )
