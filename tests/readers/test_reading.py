@@ -260,7 +260,7 @@ def test_a_field_of_a_mat_v5_struct_is_named_by_its_path(tmp_path, stack, compre
 
 def test_angles_of_unknown_unit_are_named_and_not_used(tmp_path, stack):
     scipy.io.savemat(tmp_path / "scan.mat", {"scan": {"sinogram": stack[:, 0], "parameters": MEASURED}})
-    with pytest.raises(UnreadableScan, match=r"scan/parameters/angles \(6 values from 75 to 77.5\); give the angles as"):
+    with pytest.raises(UnreadableScan, match=r"scan/parameters/angles \(6 values from 75 to 77.5\); give the angles"):
         read_scan(tmp_path / "scan.mat", counts=False, dataset="scan/sinogram")
 
 

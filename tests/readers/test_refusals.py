@@ -381,7 +381,7 @@ class TestHdf5:
 
     def test_nxtomo_angles_without_units(self, nxtomo):
         path = nxtomo(angle_units=None)
-        refused(path, "angles-missing", "no units attribute; give the angles .*--angles-deg", counts=True, angles_deg=None)
+        refused(path, "angles-missing", "no units attribute; give the .*--angles-deg", counts=True, angles_deg=None)
 
     def test_nxtomo_angles_in_an_unknown_unit(self, nxtomo):
         path = nxtomo(angle_units="gon")
