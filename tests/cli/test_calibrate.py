@@ -246,7 +246,7 @@ def test_a_picture_that_is_none_is_refused(failure, phantom_scan, tmp_path):
 def test_refusals_are_one_sentence_for_people(run, bare_scan):
     result = run("calibrate", bare_scan, *BARE, code=1)
     assert result.stdout == ""
-    assert result.stderr.startswith("angles-missing: the file carries no angles; give them")
+    assert result.stderr.startswith("angles-missing: the file carries no angles; give the angles")
     assert result.stderr.count("\n") == 1
 
 
