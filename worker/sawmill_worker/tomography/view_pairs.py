@@ -92,7 +92,7 @@ def view_pair_fit(
     Raises
     ------
     DriftError
-        If the views are too few, the log reaches an end of the detector, or the pairs do not show u_c.
+        If the views are too few, or the log reaches an end of the detector.
     GeometryError
         If the deviations have another shape than the sinogram, or are negative or not finite.
     """
