@@ -30,7 +30,7 @@ from sawmill_worker.tomography.opposite_rays import WITHOUT_DISTANCE, Pairs, Sol
 from sawmill_worker.tomography.pair_sums import ENCODER_DEG
 from sawmill_worker.tomography.paired_rays import fan_angles
 from sawmill_worker.tomography.view_gain import view_gain
-from sawmill_worker.tomography.view_pairs import REACH, UNREST, PairFit, view_pair_fit
+from sawmill_worker.tomography.view_pairs import MOST_VIEWS, REACH, UNREST, PairFit, view_pair_fit
 from sawmill_worker.vocabulary import Rotation
 
 # Blur of opposite rays in views and in cells: of few views more blur takes signal, and less leaves more aliasing.
@@ -143,7 +143,8 @@ def _opposite_rays(
     angles = angles_rad[screening.views]
     if widest_gap_rad(angles) > WIDEST_GAP * TAU / angles.size:
         return None
-    levelled = levelled_rays(screening.bridged(sinogram)[screening.views])
+    compared_all = angles.size <= MOST_VIEWS
+    levelled = pairs.lines if compared_all else levelled_rays(screening.bridged(sinogram)[screening.views])
     rays = np.zeros((angles.size, scanner.num_detector_pixels))
     rays[:, levelled.cells] = levelled.rays
     every = np.ones(angles.size, bool)

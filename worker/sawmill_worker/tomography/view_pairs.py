@@ -20,7 +20,7 @@ from scipy.special import ndtri, stdtrit
 
 from sawmill_worker.tomography.drift import DetectorFit, DriftError, better_sense, seen_vector
 from sawmill_worker.tomography.geometry import FloatArray, GeometryError, Scanner, SourceFrame
-from sawmill_worker.tomography.levelled_rays import levelled_rays
+from sawmill_worker.tomography.levelled_rays import LevelledRays, levelled_rays
 from sawmill_worker.tomography.log_screening import screen_log
 from sawmill_worker.tomography.pair_sums import PairSums
 from sawmill_worker.vocabulary import FEWEST_PAIRED_VIEWS, Rotation
@@ -63,11 +63,14 @@ class PairFit(DetectorFit):
         Variance of what no gain explains, against that of the rays' noise.
     hardened : bool
         It is above `UNREST`, and line integrals bent by more than `BENT` would explain it.
+    lines : LevelledRays
+        Of the views that were compared: all usable ones, or `MOST_VIEWS` of them.
     """
 
     settled: bool
     unrest: float
     hardened: bool
+    lines: LevelledRays
 
 
 def view_pair_fit(
@@ -143,6 +146,7 @@ def view_pair_fit(
         settled=fit.settled,
         unrest=fit.unrest,
         hardened=hardened,
+        lines=rays,
     )
 
 
