@@ -5,15 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from pydantic import ValidationError
+from reconstruction_inputs import reconstruction_input
 
-from sawmill_worker.contracts.geometry import ScannerConstants
 from sawmill_worker.contracts.reconstructions import ReconstructionAsk, ReconstructionAsked, ReconstructionOptions
 from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, Scanner, Theta
 from sawmill_worker.tomography.phantom import Disc, Phantom
 from sawmill_worker.tomography.simulate import simulate_rows
 from sawmill_worker.use_cases import block_solvers
-from sawmill_worker.use_cases.reconstruct import ReconstructionInput, reconstruct_in_memory
-from sawmill_worker.vocabulary import Handedness, Rotation
+from sawmill_worker.use_cases.reconstruct import reconstruct_in_memory
 
 MILL = Scanner(source_to_cor_mm=859.46, num_detector_pixels=120, detector_pitch_mm=4.0)
 THETA = Theta(0.7, 715.0, 40.0, 10.0, 0.05)
@@ -28,17 +27,7 @@ def log(row):
 def given():
     fan = FanBeamGeometry(MILL, THETA, (np.arange(VIEWS) + 0.5) * TAU / VIEWS)
     stack = simulate_rows([log(row) for row in range(ROWS)], fan, noise=0.04, seed=2601)
-    return ReconstructionInput(
-        read=lambda start, stop: stack[:, start:stop],
-        angles_rad=fan.angles_rad,
-        rows=(0, ROWS),
-        scanner=ScannerConstants(**vars(MILL)),
-        theta=THETA,
-        rotation=Rotation.AS_GIVEN,
-        handedness=Handedness.AS_DRAWN,
-        input_sha256="0" * 64,
-        counts=False,
-    )
+    return reconstruction_input(stack, fan)
 
 
 def made(given, **options):

@@ -2,14 +2,13 @@
 
 import numpy as np
 import pytest
+from reconstruction_inputs import reconstruction_input
 
-from sawmill_worker.contracts.geometry import ScannerConstants
 from sawmill_worker.contracts.reconstructions import ReconstructionOptions
 from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, Scanner, Theta
 from sawmill_worker.tomography.phantom import Disc, Phantom
 from sawmill_worker.tomography.simulate import simulate_rows
-from sawmill_worker.use_cases.reconstruct import ReconstructionInput, reconstruct_in_memory
-from sawmill_worker.vocabulary import Handedness, Rotation
+from sawmill_worker.use_cases.reconstruct import reconstruct_in_memory
 
 MILL = Scanner(source_to_cor_mm=859.46, num_detector_pixels=160, detector_pitch_mm=3.0)
 THETA = Theta(0.7, 715.0, 40.0, 10.0, 0.05)
@@ -24,17 +23,7 @@ AWAY = np.all([np.hypot(X - n.center_mm[0], Y - n.center_mm[1]) > 9.0 for n in N
 def images(bodies, **options):
     fan = FanBeamGeometry(MILL, THETA, (np.arange(VIEWS) + 0.5) * TAU / VIEWS)
     stack = simulate_rows(bodies, fan, noise=0.01, seed=5)
-    given = ReconstructionInput(
-        read=lambda start, stop: stack[:, start:stop],
-        angles_rad=fan.angles_rad,
-        rows=(0, len(bodies)),
-        scanner=ScannerConstants(**vars(MILL)),
-        theta=THETA,
-        rotation=Rotation.AS_GIVEN,
-        handedness=Handedness.AS_DRAWN,
-        input_sha256="0" * 64,
-        counts=False,
-    )
+    given = reconstruction_input(stack, fan)
     asked = ReconstructionOptions(size=SIZE, field_mm=FIELD_MM, **options)
     made = reconstruct_in_memory(given, asked, lambda _: None)
     return made.data, made.result.method

@@ -6,6 +6,7 @@ import h5py
 import numpy as np
 import pytest
 from pydantic import ValidationError
+from reconstruction_inputs import reconstruction_input
 
 from sawmill_worker.contracts.reconstructions import OptionOf, ReconstructionOptions
 from sawmill_worker.tomography.analytic import DetectorCells, project
@@ -13,8 +14,8 @@ from sawmill_worker.tomography.geometry import FanBeamGeometry, Theta, to_vector
 from sawmill_worker.tomography.methods import METHODS
 from sawmill_worker.tomography.phantom import Disc, Phantom
 from sawmill_worker.use_cases.failures import JobFailure
-from sawmill_worker.use_cases.reconstruct import ReconstructionInput, reconstruct_in_memory, run_reconstruction
-from sawmill_worker.vocabulary import Handedness, ReconstructionMethod, Rotation
+from sawmill_worker.use_cases.reconstruct import reconstruct_in_memory, run_reconstruction
+from sawmill_worker.vocabulary import ReconstructionMethod
 
 pytestmark = pytest.mark.slow
 
@@ -26,7 +27,7 @@ ITERATIVE = ("tikhonov", "cauchy_map", "total_variation")
 
 
 @pytest.fixture
-def log(constants, scanner, theta, turn):
+def log(scanner, theta, turn):
     """Rows of one log with 2 % noise, and a background where wanted."""
 
     def of(*, views=20, rows=1, background=0.0, counts=False, noise=0.02):
@@ -35,17 +36,7 @@ def log(constants, scanner, theta, turn):
         deviation = noise * np.sqrt(np.mean(line**2))
         stack = line[:, None] + deviation * np.random.default_rng(731).standard_normal((views, rows, line.shape[1]))
         stack = (stack + background).astype(np.float32)
-        return ReconstructionInput(
-            read=lambda start, stop: stack[:, start:stop],
-            angles_rad=fan.angles_rad,
-            rows=(0, rows),
-            scanner=constants,
-            theta=theta,
-            rotation=Rotation.AS_GIVEN,
-            handedness=Handedness.AS_DRAWN,
-            input_sha256="0" * 64,
-            counts=counts,
-        )
+        return reconstruction_input(stack, fan, counts=counts)
 
     return of
 

@@ -4,8 +4,8 @@ import time
 
 import numpy as np
 import pytest
+from reconstruction_inputs import reconstruction_input
 
-from sawmill_worker.contracts.geometry import ScannerConstants
 from sawmill_worker.contracts.reconstructions import ReconstructionOptions
 from sawmill_worker.tomography import _fbp_numba as kernels
 from sawmill_worker.tomography.fbp import Preparation
@@ -17,8 +17,7 @@ from sawmill_worker.tomography.projector import Projector
 from sawmill_worker.tomography.quality import relative_error
 from sawmill_worker.tomography.simulate import simulate_rows
 from sawmill_worker.use_cases.keeping import NothingKept
-from sawmill_worker.use_cases.reconstruct import ReconstructionInput, reconstruct_in_memory, run_reconstruction
-from sawmill_worker.vocabulary import Handedness, Rotation
+from sawmill_worker.use_cases.reconstruct import reconstruct_in_memory, run_reconstruction
 
 MILL = Scanner(source_to_cor_mm=859.46, num_detector_pixels=384, detector_pitch_mm=1.5)
 THETA = Theta(0.7, 715.0, 40.0, 10.0, 0.05)
@@ -45,17 +44,7 @@ def scan():
     def of(views=20, rows=1, noise=0.02):
         fan = FanBeamGeometry(MILL, THETA, (np.arange(views) + 0.5) * TAU / views)
         stack = simulate_rows([LOG] * rows, fan, noise=noise, seed=2706)
-        return ReconstructionInput(
-            read=lambda start, stop: stack[:, start:stop],
-            angles_rad=fan.angles_rad,
-            rows=(0, rows),
-            scanner=ScannerConstants(**vars(MILL)),
-            theta=THETA,
-            rotation=Rotation.AS_GIVEN,
-            handedness=Handedness.AS_DRAWN,
-            input_sha256="0" * 64,
-            counts=False,
-        )
+        return reconstruction_input(stack, fan)
 
     return of
 
