@@ -11,6 +11,7 @@ from sawmill_worker.tomography.built_in import BUILT_IN, L_SHAPE, RECTANGLE_WITH
 from sawmill_worker.tomography.calibration.calibrate import calibrate
 from sawmill_worker.tomography.calibration.errors import CalibrationError
 from sawmill_worker.tomography.calibration.fit import refine
+from sawmill_worker.tomography.calibration.search import search
 from sawmill_worker.tomography.calibration.sinogram_data import SinogramData
 from sawmill_worker.tomography.calibration.task import CalibrationTask
 from sawmill_worker.tomography.geometry import (
@@ -392,6 +393,14 @@ def test_progress_counts_the_generations(scan, full_turn):
     assert found.search.generations in {len(heard), len(heard) + 1}
     values = [value for _, _, value in heard]
     assert values == sorted(values, reverse=True)
+
+
+def test_the_search_ends_the_fits_that_cannot_win(scan, full_turn):
+    steps = []
+    found = search(scan(L_SHAPE, full_turn(20), seed=1133), 7, on_step=lambda: steps.append(None))
+    assert len(found.fits) == 4
+    # A step for each guess and for each iteration of ten fits and more, of which two are of the right hypothesis.
+    assert len(steps) < 80
 
 
 def test_the_seconds_add_up(scan, full_turn):

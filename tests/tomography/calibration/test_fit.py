@@ -92,3 +92,21 @@ def test_a_start_is_not_taken_for_an_answer(cells, true, full_turn):
     fit = refine(L_SHAPE, SinogramData(sinogram, full_turn(10), cells), start, max_iterations=1)
     assert not fit.converged
     assert fit.iterations == 1
+
+
+def test_a_hopeless_fit_ends_with_its_first_slow_step(cells, true, full_turn):
+    data = SinogramData(analytic.project(L_SHAPE, cells, true, full_turn(20)), full_turn(20), cells)
+    # The wrong side of the phantom: its minimum leaves a seventh of the sinogram, and is reached slowly.
+    wrong = L_SHAPE.mirrored()
+    assert refine(wrong, data, true, max_iterations=20, hopeless=10.0).iterations == 20
+    ended = refine(wrong, data, true, max_iterations=20, hopeless=0.01)
+    assert not ended.converged
+    assert ended.iterations < 5
+
+
+def test_some_views_keep_their_angles_and_weights(cells, full_turn):
+    sinogram, weights = np.arange(2.0 * 20 * 768).reshape(2, 20, 768)
+    some = SinogramData(sinogram, full_turn(20), cells, weights=weights).every(7)
+    np.testing.assert_array_equal(some.sinogram, sinogram[[0, 7, 14]])
+    np.testing.assert_array_equal(some.weights, weights[[0, 7, 14]])
+    np.testing.assert_array_equal(some.angles_rad, full_turn(20)[[0, 7, 14]])

@@ -41,8 +41,7 @@ def clears(phantom_radius_mm: float, frame: SourceFrame) -> bool:
 
 
 def _check(phantom: Phantom, frame: SourceFrame, position_mm: Position) -> None:
-    farthest = np.hypot(*np.atleast_2d(position_mm).T).max(initial=0.0)
-    reach = phantom.radius_mm + float(farthest)
+    reach = phantom.radius_mm + float(np.hypot(*np.transpose(position_mm)).max(initial=0.0))
     if not clears(reach, frame):
         raise GeometryError(
             f"the phantom {phantom.name!r} reaches {reach:.4g} mm from the centre of rotation, so far that it touches "
@@ -170,13 +169,13 @@ def _arguments(
     position_mm: Position,
     rays_per_cell: int | None,
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, float, float, int]:
-    x, y = np.broadcast_to(np.asarray(position_mm, np.float64), (angles_rad.size, 2)).T.copy()
+    positions = np.empty((2, angles_rad.size))
+    positions.T[:] = position_mm
     return (
         phantom.edges,
         phantom.discs,
         to_vector(frame),
-        x,
-        y,
+        *positions,
         np.ascontiguousarray(angles_rad, np.float64),
         cells.first_border_mm,
         cells.width_mm,

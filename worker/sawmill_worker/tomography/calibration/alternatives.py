@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from sawmill_worker.tomography.calibration.fit import Fit, OnStep, refine, unheard
+from sawmill_worker.tomography.calibration.misfit import COARSE_VIEWS
 from sawmill_worker.tomography.calibration.task import CalibrationTask, Hypothesis
 from sawmill_worker.tomography.geometry import angle_difference
 from sawmill_worker.vocabulary import Handedness, Rotation
@@ -72,7 +73,7 @@ class Alternatives:
 def fit_hypotheses(
     task: CalibrationTask, coarse: Mapping[Hypothesis, Sequence[Fit]], on_step: OnStep = unheard
 ) -> list[RankedFit]:
-    """Fit to all the data what may be the best, and measure there what cannot be; best first, one a first angle."""
+    """Fit to all the data what may be the best, and measure what cannot be on some; best first, one a first angle."""
     least = min((fit.relative_residual for fits in coarse.values() for fit in fits), default=0.0)
     fitted: list[RankedFit] = []
     for hypothesis, starts in coarse.items():
@@ -81,13 +82,13 @@ def fit_hypotheses(
             contends = start.relative_residual <= CONTENDER * least
             if number > 0 and not contends:
                 continue
-            # The coarse residual has its noise averaged away: what cannot win is still measured on all the data.
+            # The coarse residual has its noise averaged away: what cannot win is still measured on all the cells.
             fit = refine(
                 task.phantoms[hypothesis.handedness],
-                data,
+                data if contends else data.every(max(1, len(data.sinogram) // COARSE_VIEWS)),
                 start.frame,
                 position_mm=start.position_mm,
-                max_iterations=ITERATIONS if contends else 1,
+                max_iterations=ITERATIONS if contends else 0,
                 on_step=on_step,
             )
             if fit is not None:

@@ -27,21 +27,27 @@ def ambiguous_poses(
     In each pose the centroid stays where the fit at `at` and `position_mm` sees it.
     """
     angles, turns = found.rotation.apply(misfit.angles_rad), misfit.table_rad[::2]
+    data = misfit.sinogram.ravel() - misfit.sinogram.mean()
     centroid = complex(*misfit.phantoms[found.handedness].centroid_mm) + complex(*position_mm)
     poses: list[Pose] = []
     for other, phantom in misfit.phantoms.items():
         places = np.exp(1j * turns) * centroid - complex(*phantom.centroid_mm)
-        frames = [replace(at, psi_rad=wrap_angle(at.psi_rad + turn)) for turn in turns]
+        clear = [analytic.clears(phantom.radius_mm + abs(place), at) for place in places.tolist()]
+        # All turns in one call, as if they were views.
+        where = np.repeat(places[clear], angles.size)
+        views = np.add.outer(turns[clear], angles).ravel()
+        model = analytic.project(phantom, misfit.cells, at, views, position_mm=np.stack([where.real, where.imag], -1))
+        model = model.reshape(-1, data.size)
+        model -= model.mean(axis=1, keepdims=True)
+        spread = np.linalg.norm(model, axis=1) * np.linalg.norm(data)
         correlation = np.full(turns.size, -1.0)
-        for index, (place, frame) in enumerate(zip(places, frames, strict=True)):
-            if analytic.clears(phantom.radius_mm + abs(place), frame):
-                model = analytic.project(phantom, misfit.cells, frame, angles, position_mm=(place.real, place.imag))
-                # A pose that no view shows correlates with nothing.
-                if np.ptp(model) > 0.0:
-                    correlation[index] = np.corrcoef(model.ravel(), misfit.sinogram.ravel())[0, 1]
+        # A pose that no view shows correlates with nothing.
+        correlation[clear] = np.divide(model @ data, spread, out=np.full(spread.size, -1.0), where=spread > 0.0)
         peak = (correlation > np.roll(correlation, 1)) & (correlation >= np.roll(correlation, -1))
         if other is found.handedness:
             peak &= np.abs(np.angle(np.exp(1j * turns))) > OWN_PEAK
         best = sorted(np.flatnonzero(peak), key=lambda index: -correlation[index])[:PEAKS]
-        poses += [(other, frames[index], (places[index].real, places[index].imag)) for index in best]
+        for index in best:
+            frame = replace(at, psi_rad=wrap_angle(at.psi_rad + float(turns[index])))
+            poses.append((other, frame, (places[index].real, places[index].imag)))
     return poses

@@ -11,12 +11,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sawmill_worker.tomography import analytic
 from sawmill_worker.tomography.calibration.covariance import Covariance
 from sawmill_worker.tomography.calibration.elimination import reduce
 from sawmill_worker.tomography.calibration.sinogram_data import SinogramData
-from sawmill_worker.tomography.fit_parameters import FRAME, RAYS, GramTerm, Parameter
-from sawmill_worker.tomography.geometry import FloatArray, SourceFrame, to_vector, wrap_angle
+from sawmill_worker.tomography.fit_parameters import RAYS, GramTerm, Parameter
+from sawmill_worker.tomography.geometry import FloatArray, GeometryError, SourceFrame, to_vector, wrap_angle
 from sawmill_worker.tomography.phantom import Phantom
 
 
@@ -59,6 +58,12 @@ class Fit(FittedModel):
     iterations: int
 
 
+# A fit ends where a step would gain less than this share of one sample's variance, a tenth of a standard deviation, or
+# of this share of the data's power, where that is larger.
+NO_GAIN, ROUNDING = 0.01, 1e-14
+# A step that lowers the sum of squares by less than this share of it is slow.
+SLOW = 0.2
+
 # Called at each step of fits, whose number is not known beforehand.
 OnStep = Callable[[], None]
 
@@ -80,9 +85,8 @@ class _Normal:
 
 def _eliminate(grams: FloatArray) -> _Normal | None:
     """Project what is linear out of derivatives and data; None where the model shows nothing."""
-    kept = [*Parameter, GramTerm.DATA]
     try:
-        schur, solved = reduce(grams, kept)
+        schur, solved = reduce(grams, [*Parameter, GramTerm.DATA])
     except np.linalg.LinAlgError:  # the model is zero, or the same everywhere
         return None
     gain, offset = solved[:, -1].tolist()
@@ -101,11 +105,10 @@ def _normal_equations(phantom: Phantom, data: SinogramData, x: FloatArray) -> _N
     """At a vector x (7,) in the order of `Parameter`; None where no such geometry exists or it shows nothing."""
     if not np.isfinite(x).all() or abs(x[Parameter.TILT]) > 1.4 or not 0.0 < x[Parameter.R] < x[Parameter.SDD]:
         return None
-    if not analytic.clears(
-        phantom.radius_mm + math.hypot(x[Parameter.T_X], x[Parameter.T_Y]), SourceFrame.from_vector(x[FRAME])
-    ):
+    try:
+        return _eliminate(data.gram(phantom, x))
+    except GeometryError:  # the phantom would reach the source
         return None
-    return _eliminate(data.gram(phantom, x))
 
 
 def refine(
@@ -116,6 +119,7 @@ def refine(
     position_mm: tuple[float, float] = (0.0, 0.0),
     fixed_source_distance: bool = False,
     max_iterations: int = 60,
+    hopeless: float = math.inf,
     on_step: OnStep = unheard,
 ) -> Fit | None:
     """Go from an initial guess in the right basin to its minimum.
@@ -126,6 +130,8 @@ def refine(
         As this hypothesis of handedness sees it.
     start : SourceFrame
         Where to begin; with `fixed_source_distance` R stays there.
+    hopeless : float
+        The relative residual above which the fit ends with its first slow step.
     on_step : callable
         Called at each iteration.
 
@@ -142,33 +148,34 @@ def refine(
     now = _normal_equations(phantom, centred, x)
     if now is None:
         return None
-    power = float(np.average(centred.sinogram**2, weights=data.weights)) * centred.sinogram.size
+    samples, mean_square = data.samples, float(np.average(centred.sinogram**2, weights=data.weights))
+    power, identity = mean_square * samples, np.eye(free.size)
     damping, converged, iterations = 1e-3, False, 0
     while iterations < max_iterations:
         iterations += 1
         on_step()
-        hessian = now.hessian[np.ix_(free, free)]
-        damped = hessian + damping * np.diag(np.diag(hessian))
+        hessian, gradient = now.hessian[free][:, free], now.gradient[free]
         try:
-            step = np.linalg.solve(damped, now.gradient[free])
+            step = np.linalg.solve(hessian * (1.0 + damping * identity), gradient)
         except np.linalg.LinAlgError:  # a direction the data do not see at all: damp harder
             step = np.full(free.size, np.nan)
+        if damping < 1.0 and float(step @ gradient) <= NO_GAIN / samples * max(now.rss, ROUNDING * power):
+            converged = True
+            break
         trial = x.copy()
         trial[free] += step
         then = _normal_equations(phantom, centred, trial)
         if then is not None and then.rss <= now.rss:
-            gained = float(step @ now.gradient[free])
+            slow = then.rss > (1.0 - SLOW) * now.rss
             x, now, damping = trial, then, max(damping * 0.1, 1e-12)
-            # The expected gain against the residual: a step far below the noise's own uncertainty changes nothing.
-            if gained <= 1e-9 * max(now.rss, 1e-14 * power):
-                converged = True
+            if slow and now.rss > hopeless**2 * power:
                 break
         else:
             damping = max(damping * 10.0, 1e-9)
             if damping > 1e8:
                 converged = then is not None and abs(then.rss - now.rss) <= 1e-9 * now.rss
                 break
-    return _fit(centred, x, now, held, centre, converged=converged, iterations=iterations)
+    return _fit(centred, x, now, held, centre, mean_square, converged=converged, iterations=iterations)
 
 
 def _fit(
@@ -177,6 +184,7 @@ def _fit(
     normal: _Normal,
     held: frozenset[Parameter],
     centre: float,
+    mean_square: float,
     *,
     converged: bool,
     iterations: int,
@@ -192,7 +200,6 @@ def _fit(
     inverse = np.linalg.pinv(hessian * np.outer(scale, scale), hermitian=True) * np.outer(scale, scale)
     covariance[np.ix_(free, free)] = inverse * normal.rss / degrees
     residual_rms = math.sqrt(normal.rss / count)
-    total = math.sqrt(float(np.average(data.sinogram**2, weights=data.weights)))
     return Fit(
         frame=SourceFrame.from_vector((wrap_angle(x[Parameter.PSI]), *x[RAYS])),
         position_mm=(float(x[Parameter.T_X]), float(x[Parameter.T_Y])),
@@ -200,7 +207,7 @@ def _fit(
         offset=normal.offset + centre,
         covariance=Covariance(covariance, held, frozenset(p for p in determinable if not covariance[p, p] > 0.0)),
         residual_rms=residual_rms,
-        relative_residual=residual_rms / total if total > 0.0 else math.inf,
+        relative_residual=residual_rms / math.sqrt(mean_square) if mean_square > 0.0 else math.inf,
         converged=converged,
         iterations=iterations,
     )

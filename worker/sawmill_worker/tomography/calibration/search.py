@@ -1,11 +1,12 @@
 """The multi-start search: initial guesses, each fitted to a coarse sinogram, until one explains the scan."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from sawmill_worker.tomography.calibration.alternatives import CONTENDER
 from sawmill_worker.tomography.calibration.ambiguous_poses import ambiguous_poses
 from sawmill_worker.tomography.calibration.errors import CalibrationError
 from sawmill_worker.tomography.calibration.fit import Fit, OnStep, refine, unheard
@@ -13,7 +14,7 @@ from sawmill_worker.tomography.calibration.initial_guesses import random_guesses
 from sawmill_worker.tomography.calibration.misfit import Candidate, CoarseMisfit, coarse_data, search_box
 from sawmill_worker.tomography.calibration.sinogram_data import SinogramData
 from sawmill_worker.tomography.calibration.task import CalibrationTask, Hypothesis
-from sawmill_worker.tomography.geometry import FloatArray, GeometryError
+from sawmill_worker.tomography.geometry import FloatArray, GeometryError, SourceFrame
 
 # A coarse fit that leaves less than this unexplained ends the search. Otherwise random guesses are added, in rounds of
 # these sizes.
@@ -96,7 +97,7 @@ def search(
     report = SearchReport(
         "multi-start", seed, misfit.evaluations, generation + 1, best, explained, message, tuple(history)
     )
-    return SearchResult(_with_ambiguous_poses(fits, misfit), report)
+    return SearchResult(_with_ambiguous_poses(fits, misfit, on_step), report)
 
 
 def _coarse_misfit(task: CalibrationTask) -> CoarseMisfit:
@@ -137,29 +138,54 @@ def _improve(
         for hypothesis, candidate in misfit(guess).items():
             scored.setdefault(hypothesis, []).append(candidate)
             SearchReport.note(history, misfit.evaluations, candidate.relative_residual)
-    for hypothesis, candidates in scored.items():
-        data = SinogramData(misfit.sinogram, hypothesis.rotation.apply(misfit.angles_rad), misfit.cells)
-        phantom = misfit.phantoms[hypothesis.handedness]
-        for candidate in sorted(candidates, key=lambda c: c.misfit)[:GUESSES_FITTED]:
-            fit = refine(phantom, data, candidate.frame, max_iterations=COARSE_ITERATIONS, on_step=on_step)
-            before = fits.get(hypothesis)
-            if fit is not None and (before is None or fit.relative_residual < before.relative_residual):
-                fits[hypothesis] = fit
-                SearchReport.note(history, misfit.evaluations, fit.relative_residual)
+    chosen = [
+        (hypothesis, candidate)
+        for hypothesis, candidates in scored.items()
+        for candidate in sorted(candidates, key=lambda c: c.misfit)[:GUESSES_FITTED]
+    ]
+    for hypothesis, candidate in sorted(chosen, key=lambda pair: pair[1].misfit):
+        fit = _coarse_fit(misfit, hypothesis, candidate.frame, (0.0, 0.0), fits.values(), on_step)
+        before = fits.get(hypothesis)
+        if fit is not None and (before is None or fit.relative_residual < before.relative_residual):
+            fits[hypothesis] = fit
+            SearchReport.note(history, misfit.evaluations, fit.relative_residual)
 
 
-def _with_ambiguous_poses(found: dict[Hypothesis, Fit], misfit: CoarseMisfit) -> dict[Hypothesis, list[Fit]]:
+def _coarse_fit(
+    misfit: CoarseMisfit,
+    hypothesis: Hypothesis,
+    start: SourceFrame,
+    position_mm: tuple[float, float],
+    others: Collection[Fit],
+    on_step: OnStep,
+) -> Fit | None:
+    """Fit a guess to the coarse sinogram, as long as it may contend with a fit among others that explains the scan."""
+    least = min((fit.relative_residual for fit in others), default=math.inf)
+    return refine(
+        misfit.phantoms[hypothesis.handedness],
+        SinogramData(misfit.sinogram, hypothesis.rotation.apply(misfit.angles_rad), misfit.cells),
+        start,
+        position_mm=position_mm,
+        max_iterations=COARSE_ITERATIONS,
+        hopeless=CONTENDER * least if least < EXPLAINED else math.inf,
+        on_step=on_step,
+    )
+
+
+def _with_ambiguous_poses(
+    found: dict[Hypothesis, Fit], misfit: CoarseMisfit, on_step: OnStep
+) -> dict[Hypothesis, list[Fit]]:
     """Beside the fits found, those from poses in which the best fit's body looks almost the same."""
     fits = {hypothesis: [fit] for hypothesis, fit in found.items()}
     if not fits:
         return fits
     best = min(found, key=lambda hypothesis: found[hypothesis].relative_residual)
-    fit, rotation = found[best], best.rotation
-    data = SinogramData(misfit.sinogram, rotation.apply(misfit.angles_rad), misfit.cells)
+    fit = found[best]
     for handedness, frame, position in ambiguous_poses(misfit, best, fit.frame, fit.position_mm):
-        other = refine(misfit.phantoms[handedness], data, frame, position_mm=position, max_iterations=COARSE_ITERATIONS)
+        hypothesis = Hypothesis(handedness, best.rotation)
+        other = _coarse_fit(misfit, hypothesis, frame, position, [fit], on_step)
         if other is not None:
-            rivals = fits.setdefault(Hypothesis(handedness, rotation), [])
+            rivals = fits.setdefault(hypothesis, [])
             rivals.append(other)
             rivals.sort(key=lambda fit: fit.relative_residual)
     return fits

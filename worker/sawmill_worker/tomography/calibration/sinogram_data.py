@@ -1,6 +1,8 @@
 """What the model is compared with: a sinogram, its angles and weights."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from sawmill_worker.tomography import analytic
 from sawmill_worker.tomography.analytic import DetectorCells
@@ -37,6 +39,14 @@ class SinogramData:
     def samples(self) -> float:
         """Number of samples, by weight."""
         return self.sinogram.size if self.weights is None else float(self.weights.sum())
+
+    def every(self, step: int) -> "SinogramData":
+        """Every `step`-th view."""
+        if step == 1:
+            return self
+        weights = None if self.weights is None else np.ascontiguousarray(self.weights[::step])
+        sinogram = np.ascontiguousarray(self.sinogram[::step])
+        return replace(self, sinogram=sinogram, angles_rad=self.angles_rad[::step], weights=weights)
 
     def gram(self, phantom: Phantom, x: FloatArray) -> FloatArray:
         """`analytic.gram` at a vector x (7,) in the order of `Parameter`."""
