@@ -1,11 +1,13 @@
 """How long a slice takes from the wish to the pixels on the screen, and how long lists of 10 000 take.
 
-    python benchmarks/viewer.py [--slices 100] [--size 512] [--moves 60]
+    python benchmarks/viewer.py [--slices 300] [--size 512] [--moves 60]
 
-A service with a folder of its own, a volume with noise as a reconstruction has it, and Debian's Chromium. "Fetched"
-moves to a slice far away, which nothing has fetched ahead; "ahead" moves on to the next slice, with a pause in which
-somebody looks. The time runs from the slider's event to the second frame after the slice was painted, by the page's
-own clock: by then the first one is on the screen. Prints milliseconds: median, 95th percentile, largest.
+A service with a folder of its own, a volume with noise as a reconstruction has it, and Debian's Chromium. "Random"
+moves to a slice that nothing has fetched; "the next" moves on to a slice whose picture was fetched ahead, after a pause
+in which somebody looks. The time runs from the slider's event to the second frame after the slice's picture, or its
+values, were painted, by the page's own clock: by then the first one is on the screen. The time to the values includes
+that in which the slider must rest. A line of 3 Mbit/s with 20 ms to and fro is Chromium's emulation. Prints
+milliseconds: median, 95th percentile, largest.
 """
 
 import argparse
@@ -14,7 +16,7 @@ import shutil
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from datetime import timedelta
 from pathlib import Path
@@ -24,7 +26,7 @@ import numpy as np
 import structlog
 import uvicorn
 from numpy.typing import NDArray
-from playwright.sync_api import Page, sync_playwright
+from playwright.sync_api import Browser, Page, sync_playwright
 
 from sawmill_service.app import create_app
 from sawmill_service.listening import listen
@@ -40,14 +42,17 @@ from sawmill_worker.storage.tables import JobRow, ReconstructionRow, ScanRow
 
 SCANNERS, SCANS, MINUTES_APART = 50, 10_000, 7
 PIXEL_FIELD_MM, SPACING_MM = 400.0, 10.0
+WINDOW = (0.0, 0.034)
 PAUSE_MS, SEED = 250, 20261122
 FLAGS = ("--no-sandbox", "--disable-gpu", "--disable-background-networking")
-# Resolves with the milliseconds from the slider's event until the slice is on the screen.
+Line = dict[str, bool | float]
+LINE: Line = {"offline": False, "latency": 20, "downloadThroughput": 3e6 / 8, "uploadThroughput": 3e6 / 8}
+# Resolves with the milliseconds from the slider's event until the slice, "shown" or its "values", is on the screen.
 MOVE = """
-index => new Promise(resolve => {
+([index, what]) => new Promise(resolve => {
   const slider = document.querySelector("#slice"), pane = document.querySelector(".pane");
   const started = performance.now();
-  const look = () => pane.dataset.shown === String(index)
+  const look = () => pane.dataset[what] === String(index)
     ? requestAnimationFrame(() => requestAnimationFrame(() => resolve(performance.now() - started)))
     : setTimeout(look, 1);
   slider.value = index;
@@ -69,8 +74,8 @@ def slice_of(index: int, slices: int, size: int, rng: np.random.Generator) -> ND
     return image.astype(np.float32)
 
 
-def write_volume(folder: Path, slices: int, size: int) -> tuple[float, float]:
-    """Write volume.h5; its range of values."""
+def write_volume(folder: Path, slices: int, size: int) -> None:
+    """Write volume.h5."""
     rng = np.random.default_rng(SEED)
     folder.mkdir(parents=True)
     with new_reconstruction(
@@ -86,10 +91,9 @@ def write_volume(folder: Path, slices: int, size: int) -> tuple[float, float]:
     ) as volume:
         for index in range(slices):
             volume.write(index, slice_of(index, slices, size, rng)[np.newaxis])
-    return 0.0, 0.034
 
 
-def result_of(slices: int, size: int, window: tuple[float, float]) -> dict[str, object]:
+def result_of(slices: int, size: int) -> dict[str, object]:
     """A reconstruction's result, as a job would have stored it."""
     theta = {
         "source_shift_mm": 0.0,
@@ -102,7 +106,7 @@ def result_of(slices: int, size: int, window: tuple[float, float]) -> dict[str, 
         "shape": (slices, size, size),
         "pixel_mm": PIXEL_FIELD_MM / size,
         "unit": "1/mm",
-        "value_range": window,
+        "value_range": WINDOW,
         "theta": theta,
         "rotation": "as-given",
         "handedness": "as-drawn",
@@ -120,10 +124,10 @@ def fill(store: Store, slices: int, size: int) -> None:
     for number in range(SCANNERS):
         spec = ScannerSpec(name=f"Line {number}", constants=constants)
         store.scanners.create(spec, scanner_id=f"line-{number}")
-    window = write_volume(store.files.results(JobKind.RECONSTRUCT, "r0"), slices, size)
+    write_volume(store.files.results(JobKind.RECONSTRUCT, "r0"), slices, size)
     shape = {"views": 360, "rows": slices, "detector": 704}
     reading = {"format": "NXtomo", "shape": shape, "angular_range_deg": [0, 359]}
-    result, now = result_of(slices, size, window), store._database.now()  # noqa: SLF001 - rows that no job made
+    result, now = result_of(slices, size), store._database.now()  # noqa: SLF001 - rows that no job made
     with store._database.write() as session:  # noqa: SLF001
         for number in range(SCANS):
             at, scanner_id = now - timedelta(minutes=MINUTES_APART * number), f"line-{number % SCANNERS}"
@@ -184,6 +188,8 @@ def measure_server(client: httpx.Client, slices: int, moves: int) -> None:
     print("server")
     report("slice .npy", timed(lambda: client.get(f"{log}/slices/{next(order)}.npy"), moves))
     report("slice .npy, max_size=256", timed(lambda: client.get(f"{log}/slices/{next(order)}.npy?max_size=256"), moves))
+    small = f"max_size=512&window_low={WINDOW[0]}&window_high={WINDOW[1]}"
+    report("slice .jpg", timed(lambda: client.get(f"{log}/slices/{next(order)}.jpg?{small}"), moves))
     report("slice .png", timed(lambda: client.get(f"{log}/slices/{next(order)}.png"), moves // 4))
     report("side .npy", timed(lambda: client.get(f"{log}/side.npy"), moves // 4))
     report("thumbnail, drawn", timed(lambda: client.get(f"{log}/thumbnail.png"), 1))
@@ -196,40 +202,56 @@ def measure_server(client: httpx.Client, slices: int, moves: int) -> None:
         report(f"{path}, of a scanner and a day", timed(lambda query=query: client.get(query), moves // 4))  # type: ignore[misc]
 
 
-def moved(page: Page, places: Sequence[int], pause_ms: int) -> list[float]:
-    """Milliseconds of each move of the slider."""
+def moved(page: Page, places: Iterable[int], pause_ms: int, what: str = "shown") -> list[float]:
+    """Milliseconds of each move of the slider, until the slice is shown or its values are."""
     found = []
     for index in places:
         page.wait_for_timeout(pause_ms)
-        found.append(page.evaluate(MOVE, index))
+        found.append(page.evaluate(MOVE, [index, what]))
     return found
 
 
-def measure_browser(address: str, slices: int, moves: int) -> None:
+@contextmanager
+def looking(browser: Browser, address: str, line: Line | None = None) -> Iterator[Page]:
+    """The page of the log in a browser that has fetched nothing before, at rest."""
+    with closing(browser.new_context(base_url=address, viewport={"width": 1280, "height": 800})) as context:
+        page = context.new_page()
+        page.goto("/logs/r0")
+        page.wait_for_selector(".pane[data-values]:not([data-values=''])")
+        page.wait_for_timeout(1000)
+        if line:
+            context.new_cdp_session(page).send("Network.emulateNetworkConditions", line)
+        yield page
+
+
+def measure_browser(address: str, slices: int, size: int, moves: int) -> None:
     """From the slider's event to the screen."""
     program = shutil.which("chromium")
     assert program, "this needs Debian's Chromium: apt-get install chromium"
-    far = [(23 * n) % slices for n in range(1, moves + 1)]
+    # Five apart: no slice's picture is fetched ahead for another.
+    random = np.random.default_rng(SEED).permutation(range(3, slices, 5))[:moves].tolist()
+    following = range(slices // 2 + 1, slices)[:moves]
     with (
         sync_playwright() as playwright,
         closing(playwright.chromium.launch(executable_path=program, args=FLAGS)) as it,
     ):
-        page = it.new_page(base_url=address, viewport={"width": 1280, "height": 800})
-        page.goto("/logs/r0")
-        page.wait_for_selector(".pane[data-shown]:not([data-shown=''])")
-        page.wait_for_timeout(1000)
-        print("Chromium, 1280 x 800")
-        report("a slice fetched", moved(page, far[: slices // 4], PAUSE_MS))
-        page.reload()
-        page.wait_for_selector(".pane[data-shown]:not([data-shown=''])")
-        report("the next slice, fetched ahead", moved(page, range(slices // 2 + 1, slices)[:moves], PAUSE_MS))
-        report("a slice that is kept", moved(page, range(slices // 2 + 1, slices)[:moves], 0))
+        print(f"Chromium, 1280 x 800, {slices} slices of {size} x {size}")
+        with looking(it, address) as page:
+            report("a random slice", moved(page, random, PAUSE_MS))
+        with looking(it, address) as page:
+            report("its values", moved(page, random, PAUSE_MS, "values"))
+        with looking(it, address) as page:
+            report("the next slice", moved(page, following, PAUSE_MS))
+            report("a slice that is kept", moved(page, following, 0))
+        with looking(it, address, LINE) as page:
+            report("a random slice, 3 Mbit/s", moved(page, random, PAUSE_MS))
+            report("its values, 3 Mbit/s", moved(page, random[:: len(random) // 5], PAUSE_MS, "values"))
 
 
 def main() -> None:
     """Print the times."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--slices", type=int, default=100)
+    parser.add_argument("--slices", type=int, default=300)
     parser.add_argument("--size", type=int, default=512, help="pixels along a side")
     parser.add_argument("--moves", type=int, default=60)
     parser.add_argument("--serve", action="store_true", help="only serve, to look at the pages")
@@ -244,7 +266,7 @@ def main() -> None:
                 threading.Event().wait()
             with httpx.Client(base_url=address, timeout=60) as client:
                 measure_server(client, chosen.slices, chosen.moves)
-            measure_browser(address, chosen.slices, chosen.moves)
+            measure_browser(address, chosen.slices, chosen.size, chosen.moves)
 
 
 if __name__ == "__main__":

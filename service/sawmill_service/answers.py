@@ -19,12 +19,19 @@ from sawmill_worker.contracts import patterns
 from sawmill_worker.contracts.given import Given, GivenTime
 from sawmill_worker.contracts.jobs import Priority
 from sawmill_worker.files.errors import regular_status
+from sawmill_worker.storage import sessions
 
 
 class Png(Response):
     """A picture."""
 
     media_type = "image/png"
+
+
+class Jpeg(Response):
+    """A picture that is sent in few bytes, and is not exact."""
+
+    media_type = "image/jpeg"
 
 
 class Svg(Response):
@@ -101,6 +108,16 @@ def _saved(disposition: str, name: str) -> dict[str, str]:
         "Accept-Ranges": "bytes",
         "Cache-Control": CACHING,
     }
+
+
+def unchanging(answer: Response) -> Response:
+    """Let a browser show an answer that will never change without a further request, as long as a session lasts unused.
+
+    With another session or key, and after the logout, the browser requests it again.
+    """
+    answer.headers["Cache-Control"] = f"private, max-age={int(sessions.LASTS.total_seconds())}, immutable"
+    answer.headers["Vary"] = "Authorization, Cookie"
+    return answer
 
 
 def picture(

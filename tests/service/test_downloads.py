@@ -20,8 +20,10 @@ from sawmill_worker.storage.noted_digests import note_digests
 
 LOG, FOUND = "/v1/reconstructions/example", "/v1/calibrations/example"
 VOLUME = f"{LOG}/volume.h5"
+UNCHANGING = "private, max-age=43200, immutable"
 FILES = {
     f"{LOG}/slices/1.png": "inline",
+    f"{LOG}/slices/1.jpg": "inline",
     f"{LOG}/slices/1.npy": "attachment",
     f"{LOG}/volume.h5": "attachment",
     f"{LOG}/thumbnail.png": "inline",
@@ -42,13 +44,16 @@ def test_a_download_is_known_by_its_bytes(seeded, path):
     headers = whole.headers
     assert headers["ETag"] == f'"{digest.hex()}"'
     assert headers["Repr-Digest"] == f"sha-256=:{b64encode(digest).decode()}:"
-    assert (headers["Accept-Ranges"], headers["Cache-Control"]) == ("bytes", "private, no-cache")
+    kept = UNCHANGING if path.endswith((".jpg", ".npy")) else "private, no-cache"
+    assert (headers["Accept-Ranges"], headers["Cache-Control"]) == ("bytes", kept)
+    assert headers.get("Vary") == ("Authorization, Cookie" if kept == UNCHANGING else None)
     assert int(headers["Content-Length"]) == len(whole.content)
     assert headers["Content-Disposition"].startswith(f'{FILES[path]}; filename="')
     assert "example" in headers["Content-Disposition"] or "l-shape" in headers["Content-Disposition"]
 
     held = seeded.get(path, headers={"If-None-Match": headers["ETag"]})
     assert (held.status_code, held.content, held.headers["ETag"]) == (304, b"", headers["ETag"])
+    assert held.headers["Cache-Control"] == kept
 
     part = seeded.get(path, headers={"Range": "bytes=3-12", "If-Range": headers["ETag"]})
     assert (part.status_code, part.content) == (206, whole.content[3:13])

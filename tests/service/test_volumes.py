@@ -10,6 +10,8 @@ from PIL import Image
 from sawmill_service.arrays import HeldBytes
 from sawmill_service.problems import Refused
 from sawmill_worker.pictures.arrays import averaged
+from sawmill_worker.pictures.color_maps import painted
+from sawmill_worker.vocabulary import ColorMap
 
 LOG = "/v1/reconstructions/example"
 
@@ -46,6 +48,17 @@ def test_a_large_slice_is_averaged_over_whole_pixels(seeded, volume, max_size, f
     assert first_mm - 0.5 * 1.25 * factor == pytest.approx(-20.0)
 
 
+@pytest.mark.parametrize(("color_map", "mode"), [("grey", "L"), ("viridis", "RGB")])
+def test_a_slice_in_few_bytes_is_near_the_exact_one(seeded, volume, color_map, mode):
+    low, high = float(volume[1].min()) - 0.5, float(volume[1].max()) + 0.5
+    window = f"window_low={low}&window_high={high}&color_map={color_map}"
+    drawn = Image.open(io.BytesIO(seeded.get(f"{LOG}/slices/1.jpg?{window}&max_size=16").content))
+    assert (drawn.format, drawn.mode, drawn.size) == ("JPEG", mode, (16, 16))
+    exact = painted((averaged(volume[1], 2) - low) / (high - low), ColorMap(color_map))
+    # The volume is smooth. Halved colours of its steep map differ more than its greys.
+    np.testing.assert_allclose(np.asarray(drawn, float), exact, atol=6 if mode == "L" else 24)
+
+
 def test_a_block_at_the_edge_is_the_mean_of_what_is_there():
     image = np.arange(15.0).reshape(3, 5)
     np.testing.assert_allclose(averaged(image, 2), [[3.0, 5.0, 6.5], [10.5, 12.5, 14.0]])
@@ -69,6 +82,8 @@ def test_an_array_that_the_client_holds_is_not_read(seeded):
     [
         ("reconstructions/example/slices/3.npy", 404, "slice-not-found"),
         ("reconstructions/example/slices/0.npy?max_size=15", 422, "invalid-request"),
+        ("reconstructions/example/slices/3.jpg", 404, "slice-not-found"),
+        ("reconstructions/example/slices/0.jpg?window_low=2&window_high=1", 422, "empty-window"),
         ("reconstructions/example/side.npy?along=z", 422, "invalid-request"),
         ("reconstructions/nobody/slices/0.npy", 404, "reconstruction-not-found"),
         ("reconstructions/nobody/thumbnail.png", 404, "reconstruction-not-found"),

@@ -100,6 +100,7 @@ def _volume(store: Store, log: Reconstruction) -> dict[str, Any] | None:
         "id": log.id,
         "shape": grid.shape,
         "pixelMm": grid.pixel_mm,
+        "firstPixelMm": grid.first_pixel_mm,
         "firstHeightMm": grid.first_height_mm,
         "spacingMm": grid.spacing_mm,
         "window": log.result.value_range,

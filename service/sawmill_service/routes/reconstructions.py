@@ -142,10 +142,10 @@ def get_slice(
 
         if query.show is Shown.DEVIATION:
             image = volume_reader.deviation_slice(path, result.shape, index)
-            window = _window(query, window_of(image.data))
+            window = window_to_draw(query, window_of(image.data))
         else:
             image = volume_reader.volume_slice(path, result.shape, index)
-            window = _window(query, result.value_range)
+            window = window_to_draw(query, result.value_range)
         if query.bits is Bits.SIXTEEN:
             return image_png16(image.data, window, pixel_mm=image.pixel_mm, first_pixel_mm=image.first_pixel_mm)
         return image_png(
@@ -171,7 +171,7 @@ def get_mosaic(
 ) -> Response:
     """Slices in reading order with their heights, all in one window; large ones are averaged down to 256 pixels."""
     result = result_of(store, reconstruction_id)
-    window, indices = _window(query, result.value_range), _tiles(query, result.shape[0])
+    window, indices = window_to_draw(query, result.value_range), _tiles(query, result.shape[0])
 
     def draw() -> bytes:
         from sawmill_worker.files import volume_reader
@@ -214,7 +214,7 @@ def get_side_view(
             across=view.across,
             along_mm=view.along_mm,
             unit=view.unit,
-            window=_window(query, window_of(view.data)),
+            window=window_to_draw(query, window_of(view.data)),
             color_map=query.color_map,
         )
 
@@ -256,7 +256,14 @@ def get_volume(reconstruction_id: Identifier, request: Request, store: TheStore)
     return file(request, path, Hdf5.media_type, save_as=f"reconstruction-{reconstruction_id}.h5", check=check)
 
 
-def _window(query: WindowQuery, usual: Window) -> Window:
+def window_to_draw(query: WindowQuery, usual: Window) -> Window:
+    """Complete the window of a query by the usual one.
+
+    Raises
+    ------
+    Refused
+        422 `empty-window`.
+    """
     low = usual[0] if query.window_low is None else query.window_low
     high = usual[1] if query.window_high is None else query.window_high
     if not low < high:

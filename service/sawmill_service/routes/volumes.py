@@ -1,4 +1,4 @@
-"""/v1/reconstructions: the volume as arrays, for viewers and programs, and as a thumbnail; /v1/color-maps.
+"""/v1/reconstructions: slices as arrays and small pictures, for viewers and programs; /v1/color-maps.
 
 What reads and draws is imported by the first request: as in `routes/reconstructions.py`.
 """
@@ -10,7 +10,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Path, Query, Request, Response
 from pydantic import Field
 
-from sawmill_service.answers import Png, file
+from sawmill_service.answers import Jpeg, Png, file, picture, unchanging
 from sawmill_service.arrays import Npy, array
 from sawmill_service.dependencies import TheStore
 from sawmill_service.described_answers import drawn, stored
@@ -18,9 +18,11 @@ from sawmill_service.drawing import volume_thumbnail
 from sawmill_service.finished import check_slice, result_of
 from sawmill_service.openapi_document import trying
 from sawmill_service.refusals import OF_RESULT
+from sawmill_service.routes.reconstructions import WindowQuery, window_to_draw
 from sawmill_worker.contracts.base import Identifier
 from sawmill_worker.contracts.choices import Axis
 from sawmill_worker.contracts.given import Given
+from sawmill_worker.contracts.reconstructions import ReconstructionResult
 from sawmill_worker.vocabulary import ColorMap
 
 _FLOAT32_BYTES = 4
@@ -55,6 +57,10 @@ class ArrayQuery(Given):
     )
 
 
+class JpegQuery(WindowQuery, ArrayQuery):
+    """Which values to draw, and how large a picture to send."""
+
+
 class SideArrayQuery(Given):
     """From where to look at the log, and how large an array to send."""
 
@@ -84,8 +90,7 @@ def get_slice_array(
     """float32 (x, y), an NPY file: a row is +x, a column +y, as in the pictures."""
     result = result_of(store, reconstruction_id)
     check_slice(result, index)
-    size = result.shape[1:]
-    factor = -(-max(size) // (query.max_size or max(size)))
+    factor = _averaged_pixels(result, query)
 
     def read() -> tuple[bytes, Mapping[str, str]]:
         from sawmill_worker.files import volume_reader
@@ -104,8 +109,44 @@ def get_slice_array(
         return npy(averaged(image.data, factor)), headers
 
     name = f"reconstruction-{reconstruction_id}-slice-{index}.npy"
-    size_bytes = _FLOAT32_BYTES * size[0] * size[1]
-    return array(request, (reconstruction_id, index, factor, "npy"), size_bytes, read, save_as=name)
+    size_bytes = _FLOAT32_BYTES * result.shape[1] * result.shape[2]
+    return unchanging(array(request, (reconstruction_id, index, factor, "npy"), size_bytes, read, save_as=name))
+
+
+@router.get(
+    f"{folder}/slices/{{index}}.jpg",
+    response_class=Jpeg,
+    summary="Draw a slice in few bytes",
+    responses=drawn(*OF_RESULT, "slice-not-found", "empty-window"),
+    openapi_extra=trying(index=0, max_size=512),
+)
+def get_slice_jpeg(
+    reconstruction_id: Identifier,
+    index: Annotated[int, Path(ge=0, description="Slice, from 0.", examples=[0])],
+    query: Annotated[JpegQuery, Query()],
+    request: Request,
+    store: TheStore,
+) -> Response:
+    """8 bits a colour, nothing drawn around it, a row is +x and a column +y: a first look, not for measuring."""
+    result = result_of(store, reconstruction_id)
+    check_slice(result, index)
+    window = window_to_draw(query, result.value_range)
+
+    def draw() -> bytes:
+        from sawmill_worker.files import volume_reader
+        from sawmill_worker.pictures.arrays import averaged
+        from sawmill_worker.pictures.images import jpeg
+
+        image = volume_reader.volume_slice(store.files.volume(reconstruction_id), result.shape, index)
+        return jpeg(averaged(image.data, _averaged_pixels(result, query)), window, query.color_map)
+
+    return unchanging(picture(request, (reconstruction_id, index, query), draw, answer=Jpeg))
+
+
+def _averaged_pixels(result: ReconstructionResult, query: ArrayQuery) -> int:
+    """Pixels along the side of a block that is averaged, so that a slice fits into `max_size`."""
+    side = max(result.shape[1:])
+    return -(-side // (query.max_size or side))
 
 
 @router.get(
@@ -133,7 +174,7 @@ def get_side_array(
 
     name = f"reconstruction-{reconstruction_id}-side-along-{query.along}.npy"
     size_bytes = _FLOAT32_BYTES * slices * max(size)
-    return array(request, (reconstruction_id, "side", query, "npy"), size_bytes, read, save_as=name)
+    return unchanging(array(request, (reconstruction_id, "side", query, "npy"), size_bytes, read, save_as=name))
 
 
 @router.get(

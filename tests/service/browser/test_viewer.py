@@ -7,20 +7,37 @@ import numpy as np
 import pytest
 from page_checks import overflowing, shot, small_targets
 from PIL import Image
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Page, Route, expect
 
+from sawmill_service.settings import ServiceSettings
 from sawmill_worker.contracts.jobs import JobKind
 from sawmill_worker.contracts.reconstructions import ReconstructionAsk
 from sawmill_worker.files.volume_writer import new_reconstruction
 from sawmill_worker.storage.tables import ReconstructionRow
 
 SIDE, PIXEL_MM = 32, 12.5
+TOKEN = "Zm9yIHRlc3RzIGFsb25lLCBub3QgYSBzZWNyZXQ"  # noqa: S105 - for tests alone
 LOG = "/v1/reconstructions/example"
 PIXELS = """() => {
   const canvas = document.querySelector(".pane canvas");
   const {data, width, height} = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
   return {data: [...data], width, height};
 }"""
+# What is shown each time when the first picture has changed: the slice, whose values are there, and one read out.
+WATCH = """() => {
+  const pane = document.querySelector(".pane"), value = pane.querySelector('[data-slot="value"]');
+  const {width, height} = pane.querySelector("canvas");
+  window.seen = [];
+  const see = () => {
+    const {data} = pane.querySelector("canvas").getContext("2d").getImageData(0, 0, width, height);
+    seen.push({...pane.dataset, value: value.textContent, grey: [...data].filter((_, n) => n % 4 === 0)});
+  };
+  new MutationObserver(see).observe(pane, {attributeFilter: ["data-shown", "data-values"]});
+}"""
+HERE = """name => performance.getEntriesByType("resource").some(entry => entry.name.includes(`/slices/${name}`))"""
+# Nothing is transferred of what the browser has kept.
+TRANSFERRED = """() => performance.getEntriesByType("resource")
+  .filter(entry => entry.name.includes("/slices/") && entry.transferSize > 0).map(entry => entry.name)"""
 LOCAL = """time => new Intl.DateTimeFormat("en-GB", {dateStyle: "medium", timeStyle: "short"}).format(new Date(time))"""
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("seeded")]
 
@@ -62,7 +79,7 @@ def logs(store) -> dict[str, np.ndarray]:
 
 
 def shows(page: Page, index: int, pane: int = 0) -> None:
-    expect(page.locator(".pane").nth(pane)).to_have_attribute("data-shown", str(index))
+    expect(page.locator(".pane").nth(pane)).to_have_attribute("data-values", str(index))
 
 
 def pixels(page: Page) -> np.ndarray:
@@ -149,6 +166,87 @@ def test_slices_are_looked_at_with_mouse_and_keys(site, logs):
     as_shown = page.get_by_role("link", name="This slice as shown").get_attribute("href")
     assert as_shown == f"{LOG}/slices/7.png?window_low=0&window_high=2&color_map=viridis"
     shot(page, "viewer-1280-light")
+
+
+def test_a_picture_comes_first_and_the_values_when_the_slider_rests(site, logs):
+    page = site.open("/logs/example?slice=10")
+    shows(page, 10)
+    hover(page, 3, 28)
+    page.evaluate(WATCH)
+    page.keyboard.press("PageUp")
+    shows(page, 20)
+    picture, exact = page.evaluate("seen")
+    expected = 255 * logs["example"][20] / 4
+    for seen, values, within in ((picture, "", 3.0), (exact, "20", 0.51)):  # JPEG is not exact
+        assert (seen["shown"], seen["values"]) == ("20", values)
+        assert np.abs(np.reshape(seen["grey"], (SIDE, SIDE)) - expected).max() <= within
+    assert picture["value"] == "…"
+    assert float(exact["value"].removesuffix(" 1/mm")) == pytest.approx(logs["example"][20, 3, 28], rel=1e-3)
+
+
+@pytest.mark.usefixtures("logs")
+def test_a_slice_that_was_seen_is_not_fetched_again(site):
+    page = site.open("/logs/example?slice=10")
+    shows(page, 10)
+    page.wait_for_function(HERE, arg="11.jpg")  # the last one that is fetched ahead
+    page.keyboard.press("ArrowRight")
+    shows(page, 11)
+    page.wait_for_function(HERE, arg="13.jpg")
+    assert {name.rpartition("/")[2].partition("?")[0] for name in page.evaluate(TRANSFERRED)} == {
+        *("10.npy", "11.npy"),
+        *(f"{index}.jpg" for index in range(8, 14)),
+    }
+    page.evaluate("performance.clearResourceTimings()")
+    page.keyboard.press("ArrowLeft")
+    shows(page, 10)
+    assert page.evaluate(TRANSFERRED) == []
+    page.reload()
+    shows(page, 10)
+    assert page.evaluate(TRANSFERRED) == []
+
+
+def test_a_drag_over_a_hundred_slices_fetches_the_first_and_the_last(site, store):
+    put_volume(store, "example", asymmetric(120), row_pitch_mm=10.0, first_slice_mm=0.0)
+    page = site.open("/logs/example?slice=60&low=0&high=20")
+    shows(page, 60)
+    page.wait_for_function(HERE, arg="59.jpg")
+    site.requested.clear()
+    held: list[Route] = []
+    page.route("**/*.jpg?*", lambda route: held.append(route))  # noqa: PLW0108 - Playwright marks what it calls
+    slider, box = page.locator("#slice"), page.locator("#slice").bounding_box()
+    middle = box["y"] + box["height"] / 2
+    page.mouse.move(box["x"] + 0.05 * box["width"], middle)
+    page.mouse.down()
+    first = slider.input_value()
+    page.mouse.move(box["x"] + 0.95 * box["width"], middle, steps=100)
+    page.mouse.up()
+    last = slider.input_value()
+    assert int(last) - int(first) > 100
+    for index in (first, last):
+        while not held:
+            page.wait_for_timeout(10)
+        (picture,) = held
+        assert f"/slices/{index}.jpg" in picture.request.url
+        held.clear()
+        picture.continue_()
+    shows(page, int(last))
+    assert [re.search(r"(\d+)\.npy", url)[1] for url in site.requested if ".npy" in url] == [last]
+
+
+@pytest.mark.parametrize("settings", [ServiceSettings(token=TOKEN)], ids=["with-a-token"])
+def test_what_the_browser_keeps_is_for_the_session_that_fetched_it(site):
+    page = site.open("/login")
+    page.get_by_label("Key").fill(TOKEN)
+    page.get_by_role("button", name="Log in").click()
+    expect(page.get_by_role("button", name="Log out")).to_be_visible()
+    fetched = (
+        f"fetch('{LOG}/slices/1.npy').then(async answer => [answer.status, (await answer.arrayBuffer()).byteLength])"
+    )
+    assert page.evaluate(fetched) == page.evaluate(fetched) == [200, 4 * SIDE**2 + 128]
+    assert len(page.evaluate(TRANSFERRED)) == 1
+    page.get_by_role("button", name="Log out").click()
+    expect(page.get_by_label("Key")).to_be_visible()
+    assert page.evaluate(fetched)[0] == 401
 
 
 def test_two_logs_move_together_by_height(site, logs):

@@ -3,6 +3,7 @@
 A PNG's row is +x and its column is +y (docs/conventions.md#axes).
 """
 
+from io import BytesIO
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 from PIL.PngImagePlugin import PngInfo
 
+from sawmill_worker.pictures.color_maps import painted
 from sawmill_worker.pictures.pages import (
     Layout,
     draw_bottom_axis,
@@ -27,6 +29,8 @@ from sawmill_worker.pictures.windows import Window, labelled_views, to_unit, win
 from sawmill_worker.vocabulary import ColorMap
 
 SMALLEST_SIDE_PX = 512
+# 512 x 512 pixels with noise take 50 kB. A PNG of them takes 170 kB, and 20 times as long to make.
+JPEG_QUALITY = 75
 
 
 def image_png(
@@ -101,6 +105,24 @@ def bare_png(image: NDArray[np.floating[Any]], *, field_mm: float, window: Windo
     place, font = ((left + right) / 2, bottom - 2 * thickness), font_of(side // 22)
     draw.text(place, f"{length_mm:g} mm", fill="white", stroke_fill="black", stroke_width=2, font=font, anchor="mb")
     return encoded(panel)
+
+
+def jpeg(image: NDArray[np.floating[Any]], window: Window, color_map: ColorMap = ColorMap.GREY) -> bytes:
+    """Draw an image in few bytes for a first look: 8 bits a colour, one pixel a pixel, nothing drawn, not exact.
+
+    Parameters
+    ----------
+    image : (x, y) float
+        Row +x, column +y.
+    window : (low, high)
+        Values shown at the ends of the colour map.
+    color_map : ColorMap
+        Grey, from black to white, by default.
+    """
+    _check_two_dimensional("image", image)
+    stream = BytesIO()
+    Image.fromarray(painted(to_unit(image, window), color_map)).save(stream, format="JPEG", quality=JPEG_QUALITY)
+    return stream.getvalue()
 
 
 def image_png16(

@@ -1,9 +1,13 @@
-// One picture of the viewer: shows the newest slice that was asked for, and values at places in mm.
+// One picture of the viewer: shows the newest slice that is wanted, and values at places in mm.
 import { paint, roundLength } from "./painting.js";
 import { Volume } from "./volume.js";
 
 const language = document.documentElement.lang;
 const written = (value, digits) => new Intl.NumberFormat(language, { maximumFractionDigits: digits }).format(value);
+// A slider that has not moved for so long rests.
+const REST_MS = 100;
+// Pictures of these slices are loaded next, in the direction of the last move.
+const AHEAD = [1, 2, -1];
 const significant = new Intl.NumberFormat(language, { maximumSignificantDigits: 4 });
 
 export class Pane {
@@ -12,49 +16,74 @@ export class Pane {
     this.viewer = viewer;
     this.volume = new Volume(JSON.parse(figure.dataset.volume));
     this.canvas = figure.querySelector("canvas");
-    this.shown = null;
-    this.wanted = null;
-    this.working = false;
+    [this.canvas.width, this.canvas.height] = [this.volume.columns, this.volume.rows];
+    // The index of the slice on the screen and of the one that should be, and the values of the former once they are here.
+    [this.shown, this.wanted, this.values] = [null, null, null];
+    this.drawing = null;
+    this.outdated = new AbortController();
     this.pointed = [null, false];
+    this.#drawScale();
   }
 
   slot(name) {
     return this.figure.querySelector(`[data-slot="${name}"]`);
   }
 
-  // Show a slice, or say that there is none (null). While one is on its way, only the newest wish counts.
+  // Show a slice, or say that there is none (null): its picture, and its values once no other slice is wanted.
   async show(index, direction = 1) {
     this.wanted = index;
+    this.outdated.abort();
+    this.outdated = new AbortController();
+    const { signal } = this.outdated;
     this.figure.querySelector(".away").hidden = index !== null;
-    const here = index === null ? null : this.volume.here(index);
-    if (index === null || here) {
-      this.#put(here);
-    }
-    if (this.working) {
+    if (index === null) {
+      this.#put(null);
       return;
     }
-    this.working = true;
     try {
-      while (this.wanted !== null && this.shown?.index !== this.wanted) {
-        const slice = await this.volume.load(this.wanted);
-        if (this.wanted === slice.index) {
-          this.#put(slice);
-        }
+      this.drawing ??= this.#drawWanted().finally(() => { this.drawing = null; });
+      await this.drawing;
+      await new Promise((resolve) => setTimeout(resolve, REST_MS));
+      if (!signal.aborted) {
+        this.#put(index, await this.volume.values(index, signal));
+        this.#complain("");
+        this.#loadAhead(index, direction, signal).catch(() => {}); // loaded again when wanted
       }
-      this.#complain("");
     } catch (problem) {
-      this.#complain(problem.message);
-    } finally {
-      this.working = false;
-    }
-    if (this.wanted === index && index !== null) {
-      this.volume.loadAhead(index, direction, () => this.wanted === index).catch(() => {}); // asked for again when wanted
+      if (!signal.aborted) {
+        this.#complain(problem.message);
+      }
     }
   }
 
+  // One picture is on its way at a time; of the slices wanted meanwhile, the newest is next.
+  async #drawWanted() {
+    while (this.wanted !== null && this.shown !== this.wanted) {
+      const index = this.wanted;
+      const picture = await this.#picture(index);
+      if (this.wanted !== null) {
+        this.#put(index);
+        this.canvas.getContext("2d").drawImage(picture, 0, 0, this.canvas.width, this.canvas.height);
+      }
+    }
+  }
+
+  async #loadAhead(index, direction, signal) {
+    for (const step of AHEAD) {
+      const next = index + step * direction;
+      if (next >= 0 && next < this.volume.slices) {
+        await this.#picture(next, { signal, priority: "low" });
+      }
+    }
+  }
+
+  #picture(index, options) {
+    return this.volume.picture(index, this.viewer.window, this.viewer.colors, options);
+  }
+
   repaint() {
-    if (this.shown) {
-      paint(this.canvas, this.shown, this.viewer.window, this.viewer.table);
+    if (this.values) {
+      paint(this.canvas, this.values, this.viewer.window, this.viewer.table);
     }
   }
 
@@ -66,7 +95,7 @@ export class Pane {
   }
 
   placeOf([row, column]) {
-    const { firstMm, pixelMm } = this.shown;
+    const { firstMm, pixelMm } = this.volume;
     return [firstMm[0] + row * pixelMm, firstMm[1] + column * pixelMm];
   }
 
@@ -74,39 +103,40 @@ export class Pane {
   point(place, marked) {
     this.pointed = [place, marked];
     const cross = this.figure.querySelector(".cross");
-    if (!this.shown || !place) {
+    if (this.shown === null || !place) {
       cross.hidden = true;
       return;
     }
-    const { firstMm, pixelMm, rows, columns, data } = this.shown;
+    const { firstMm, pixelMm, rows, columns, unit } = this.volume;
     const [row, column] = place.map((mm, axis) => Math.round((mm - firstMm[axis]) / pixelMm));
     const inside = row >= 0 && row < rows && column >= 0 && column < columns;
     const [x, y] = place.map((mm) => written(mm, 1));
     this.slot("place").textContent = `x ${x} mm, y ${y} mm:`;
-    this.slot("value").textContent = inside ? `${significant.format(data[row * columns + column])} ${this.volume.unit}` : "–";
+    const value = this.values && significant.format(this.values.data[row * columns + column]);
+    this.slot("value").textContent = !inside ? "–" : value === null ? "…" : `${value} ${unit}`;
     cross.hidden = !marked || !inside;
     cross.style.top = `${(100 * (row + 0.5)) / rows}%`;
     cross.style.left = `${(100 * (column + 0.5)) / columns}%`;
   }
 
-  #put(slice) {
-    this.canvas.style.visibility = slice ? "visible" : "hidden";
-    this.shown = slice ?? null;
-    this.figure.dataset.shown = slice ? slice.index : "";
-    if (slice) {
-      this.repaint();
-      this.#drawScale(slice);
-      this.point(...this.pointed);
-    }
+  // A slice is on the screen, with its values once they are here; null: none is.
+  #put(index, values = null) {
+    Object.assign(this, { shown: index, values });
+    this.canvas.style.visibility = index === null ? "hidden" : "visible";
+    this.figure.dataset.shown = index ?? "";
+    this.figure.dataset.values = values ? index : "";
+    this.repaint();
+    this.point(...this.pointed);
   }
 
-  #drawScale({ pixelMm, columns }) {
+  #drawScale() {
+    const { pixelMm, columns, factor } = this.volume;
     const side = pixelMm * columns;
     const length = roundLength(side / 4);
     this.figure.querySelector(".rule").style.width = `${(100 * length) / side}%`;
     this.slot("length").textContent = `${written(length, 3)} mm`;
     const averaged = this.slot("averaged");
-    averaged.textContent = this.volume.factor > 1 ? averaged.dataset.text.replaceAll("{factor}", this.volume.factor) : "";
+    averaged.textContent = factor > 1 ? averaged.dataset.text.replaceAll("{factor}", factor) : "";
   }
 
   #complain(sentence) {

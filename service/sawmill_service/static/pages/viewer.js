@@ -13,7 +13,7 @@ const [slider, low, high, colors] = ["#slice", "#low", "#high", "#colors"].map(f
 const asked = new URLSearchParams(location.search);
 let tables = { grey: GREY };
 
-const viewer = { index: Number(slider.value), window: null, table: tables.grey };
+const viewer = { index: Number(slider.value), window: null, colors: "grey", table: tables.grey };
 const panes = [...root.querySelectorAll(".pane")].map((figure) => new Pane(figure, viewer));
 const first = panes[0].volume;
 const height = find('[data-slot="height"]');
@@ -88,14 +88,14 @@ async function color(name) {
     tables = await colorTables("/v1/color-maps").catch(() => tables);
   }
   colors.value = name in tables ? name : "grey";
-  root.dataset.colors = colors.value;
-  viewer.table = tables[colors.value];
+  root.dataset.colors = viewer.colors = colors.value;
+  viewer.table = tables[viewer.colors];
   repaint();
   changed();
 }
 
 function shownNow() {
-  return { slice: viewer.index, low: viewer.window.low, high: viewer.window.high, colors: colors.value };
+  return { slice: viewer.index, low: viewer.window.low, high: viewer.window.high, colors: viewer.colors };
 }
 
 // The links to what is shown, and the address, when nothing has changed for a moment.
@@ -113,7 +113,7 @@ function changed() {
 }
 
 function pointAt(pane, event) {
-  const place = pane.shown && pane.placeOf(pane.pixelAt(event));
+  const place = pane.placeOf(pane.pixelAt(event));
   panes.forEach((each) => each.point(place, each !== pane));
 }
 
