@@ -86,7 +86,7 @@ def project(
     _check(phantom, frame, position_mm)
     out = np.empty((angles_rad.size, cells.count))
     kernel = kernels.project_in_one_thread if out.size < WORTH_THREADS else kernels.project
-    kernel(*_arguments(phantom, cells, frame, angles_rad, position_mm, rays_per_cell), out)
+    kernel(*kernel_arguments(phantom, cells, frame, angles_rad, position_mm, rays_per_cell), out)
     return out
 
 
@@ -102,7 +102,9 @@ def project_with_derivative(
     """As `project`, and the derivative by (psi, R, SDD, u_c, tau, t_x, t_y): (views, cells), (7, views, cells)."""
     _check(phantom, frame, position_mm)
     out = np.empty((PARAMETERS + 1, angles_rad.size, cells.count))
-    kernels.project_with_derivative(*_arguments(phantom, cells, frame, angles_rad, position_mm, rays_per_cell), out)
+    kernels.project_with_derivative(
+        *kernel_arguments(phantom, cells, frame, angles_rad, position_mm, rays_per_cell), out
+    )
     return out[PARAMETERS], out[:PARAMETERS]
 
 
@@ -122,7 +124,9 @@ def project_with_deformations(
     """
     _check(phantom, frame, position_mm)
     out = np.empty((kernels.ROWS, angles_rad.size, cells.count))
-    kernels.project_with_derivative(*_arguments(phantom, cells, frame, angles_rad, position_mm, rays_per_cell), out)
+    kernels.project_with_derivative(
+        *kernel_arguments(phantom, cells, frame, angles_rad, position_mm, rays_per_cell), out
+    )
     return out
 
 
@@ -155,13 +159,13 @@ def gram(
     """
     _check(phantom, frame, position_mm)
     out = np.empty((angles_rad.size, kernels.TERMS, kernels.TERMS))
-    arguments = _arguments(phantom, cells, frame, angles_rad, position_mm, rays_per_cell)
+    arguments = kernel_arguments(phantom, cells, frame, angles_rad, position_mm, rays_per_cell)
     kernel = kernels.gram_in_one_thread if sinogram.size < WORTH_THREADS else kernels.gram
     kernel(*arguments, sinogram, np.empty((0, 0)) if weights is None else weights, out)
     return out
 
 
-def _arguments(
+def kernel_arguments(
     phantom: Phantom,
     cells: DetectorCells,
     frame: SourceFrame,
@@ -169,6 +173,7 @@ def _arguments(
     position_mm: Position,
     rays_per_cell: int | None,
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, float, float, int]:
+    """Return what every kernel takes first."""
     positions = np.empty((2, angles_rad.size))
     positions.T[:] = position_mm
     return (

@@ -12,15 +12,14 @@ from functools import cached_property
 
 import numpy as np
 
-from sawmill_worker.tomography.calibration.faults.structure import mean_beyond_chance
+from sawmill_worker.tomography.calibration._derivatives_numba import BLOCK, inner_products
+from sawmill_worker.tomography.calibration.faults.structure import beyond_chance
 from sawmill_worker.tomography.calibration.sample_noise import sample_noise
 from sawmill_worker.tomography.calibration.scan_model import POSE, ScanModel, Term
 from sawmill_worker.tomography.fit_parameters import Parameter
 from sawmill_worker.tomography.geometry import FloatArray
 from sawmill_worker.tomography.robust import robust_deviation
 
-# Views that are taken at once.
-AT_ONCE = 12
 # Offsets of views scatter where they do by this number of standard deviations of what noise brings about.
 SCATTERS = 4.0
 
@@ -81,27 +80,33 @@ class ViewGrams:
         self._count = self.weights.sum(axis=0)
         self._stripes(residual)
         rest = residual - self.stripes
-        self.rest = rest
-        even = np.sqrt(self.weights) * rest
-        self.structured = mean_beyond_chance(even[:, 1:] * even[:, :-1]) * even[:, 1:].size
         self.power = float((self.weights * rest * residual).sum())
-        views, terms = len(residual), len(Term)
-        self.grams, self.scores = np.empty((views, terms, terms)), np.empty((views, terms))
-        self._sums = np.zeros((terms, residual.shape[1]))
+        (views, cells), terms = residual.shape, len(Term)
+        self.grams, self.scores = np.zeros((views, terms, terms)), np.zeros((views, terms))
         # Weighted derivatives (views, cells) by what may be taken out of each view, or change from view to view.
-        self._weighted = {term: np.empty_like(residual) for term in (*POSE, Term.GAIN, Term.OFFSET)}
-        for first in range(0, views, AT_ONCE):
-            self._take(model, slice(first, min(first + AT_ONCE, views)))
-
-    def _take(self, model: ScanModel, views: slice) -> None:
-        """The inner products of a few views, as many as a processor's cache holds."""
-        rows = np.ascontiguousarray(np.swapaxes(model.derivatives(views), 0, 1))
-        weighted = rows * self.weights[views, None, :]
-        self.grams[views] = weighted @ np.swapaxes(rows, 1, 2)
-        self.scores[views] = (weighted @ self.rest[views, :, None])[..., 0]
-        self._sums += weighted.sum(axis=0)
-        for term, kept in self._weighted.items():
-            kept[views] = weighted[:, term]
+        kept = np.array([*POSE, Term.GAIN, Term.OFFSET])
+        weighted = np.empty((kept.size, views, cells))
+        sums, neighbours = np.zeros((-(-views // BLOCK), terms, cells)), np.empty((views, 2))
+        inner_products(
+            model.kernel_arguments,
+            model.gain,
+            np.array([model.size(term) for term in Term]),
+            model.by_corners,
+            model.exposure,
+            model.exposed,
+            model.blurred,
+            model.taps,
+            (*model.halos, model.lagging, model.beside) if model.from_counts else (np.empty((0, cells)),) * 4,
+            self.weights,
+            rest,
+            kept,
+            (self.grams, self.scores, sums, weighted, neighbours),
+        )
+        self._sums = sums.sum(axis=0)
+        self._weighted = {Term(term): rows for term, rows in zip(kept, weighted, strict=True)}
+        count = views * (cells - 1)
+        mean, square = (neighbours.sum(axis=0) / count).tolist()
+        self.structured = beyond_chance(mean, math.sqrt(max(square - mean * mean, 0.0)), count) * count
 
     def _stripes(self, residual: FloatArray) -> None:
         """The stripes (cells,) as far as noise explains no more, and how much of a cell's sum they share."""

@@ -49,13 +49,13 @@ class Term(IntEnum):
     BLUR = 16
     # The square of the share of a step over which a view is exposed.
     EXPOSURE = 17
-    # Shares of the intensity: from around, from the whole view, from the view before.
-    SCATTER = 18
-    SCATTER_WIDE = 19
-    LAG = 20
     # Across the detector, from end to end: odd, and even.
-    SLOPE = 21
-    CURVATURE = 22
+    SLOPE = 18
+    CURVATURE = 19
+    # Shares of the intensity: from around, from the whole view, from the view before. Without counts they are nothing.
+    SCATTER = 20
+    SCATTER_WIDE = 21
+    LAG = 22
 
 
 # The largest sizes of those that cannot be negative: 15 mm, 8 cells, a whole step.
@@ -124,6 +124,18 @@ class ScanModel:
         turned = np.sort(np.mod(self.data.angles_rad, TAU))
         return float(np.median(np.diff(turned))) / math.sqrt(12.0)
 
+    @property
+    def kernel_arguments(self) -> tuple[object, ...]:
+        """What the kernels of the analytic projection take first."""
+        return analytic.kernel_arguments(
+            self.phantom,
+            self.data.cells,
+            self.frame,
+            self.data.angles_rad + self.pose[:, 0],
+            self.pose[:, 1:] + self.x[5:],
+            self.data.rays_per_cell,
+        )
+
     def project(self, *, turned: float = 0.0, phantom: Phantom | None = None) -> FloatArray:
         """Line integrals of the drawing alone, in mm."""
         return analytic.project(
@@ -181,16 +193,25 @@ class ScanModel:
         return self.sharp + share * self.exposure if share else self.sharp
 
     @cached_property
+    def taps(self) -> FloatArray:
+        """The blur of neighbouring cells, both sides; none where there is no blur."""
+        square = self.size(Term.BLUR)
+        if not square:
+            return np.empty(0)
+        taps = analytic.blur_taps(math.sqrt(square))
+        both: FloatArray = np.concatenate([taps[:0:-1], taps])
+        return both
+
+    @cached_property
     def blurred(self) -> FloatArray:
         """After the blur."""
-        return self._blur(self.exposed) if self.size(Term.BLUR) else self.exposed
+        return self._blur(self.exposed) if self.taps.size else self.exposed
 
     def _blur(self, integrals: FloatArray) -> FloatArray:
-        taps = _taps(self.size(Term.BLUR))
         if not self.from_counts:
-            soft: FloatArray = correlate1d(integrals, taps, axis=1, mode="reflect")
+            soft: FloatArray = correlate1d(integrals, self.taps, axis=1, mode="reflect")
             return soft
-        of_intensity: FloatArray = -np.log(correlate1d(np.exp(-integrals), taps, axis=1, mode="reflect"))
+        of_intensity: FloatArray = -np.log(correlate1d(np.exp(-integrals), self.taps, axis=1, mode="reflect"))
         return of_intensity
 
     @cached_property
@@ -241,36 +262,6 @@ class ScanModel:
         """What it leaves of the sinogram."""
         return self.data.sinogram - self.prediction
 
-    def derivatives(self, views: slice) -> FloatArray:
-        """Of the prediction by every term in some views, (23, views, cells); scatter and lag are 0 without counts."""
-        raw, lengths, gain = self.deformations[:, views], self.deformations[7, views], self.gain[views]
-        rows = np.zeros((len(Term), *lengths.shape))
-        chain = gain
-        square, cubic = self.size(Term.HARDENING), self.size(Term.HARDENING_CUBIC)
-        if square or cubic:
-            chain = gain * (1.0 + 2.0 * square * lengths + 3.0 * cubic * lengths**2)
-        np.multiply(raw[:7], chain, out=rows[:7])
-        np.divide(self.sharp[views] - self.offset[views], gain, out=rows[Term.GAIN])
-        rows[Term.OFFSET] = 1.0
-        np.multiply(lengths, lengths, out=rows[Term.HARDENING])
-        np.multiply(rows[Term.HARDENING], lengths, out=rows[Term.HARDENING_CUBIC])
-        rows[Term.HARDENING : Term.HARDENING_CUBIC + 1] *= gain
-        np.multiply(raw[8:10], gain, out=rows[Term.GRADIENT_X : Term.GRADIENT_Y + 1])
-        np.multiply(raw[10:12], chain, out=rows[Term.ASPECT : Term.SHEAR + 1])
-        np.multiply(self.by_corners[views], chain, out=rows[Term.CORNERS])
-        rows[Term.EXPOSURE] = self.exposure[views]
-        if self.size(Term.BLUR):
-            self._blur_rows(rows[: Term.EXPOSURE + 1], views)
-        rows[Term.BLUR] = self._by_blur(views)
-        if self.from_counts:
-            if self._acts_beside:
-                rows[: Term.EXPOSURE + 1] /= 1.0 + self.beside[views]
-            rows[Term.SCATTER], rows[Term.SCATTER_WIDE] = (share[views] for share in self.halos)
-            rows[Term.LAG] = self.lagging[views]
-            rows[Term.SCATTER : Term.LAG + 1] /= -(1.0 + self.beside[views])
-        rows[Term.SLOPE], rows[Term.CURVATURE] = self.across, self.across**2
-        return rows
-
     @cached_property
     def by_corners(self) -> FloatArray:
         """The drawing's line integrals by the squared radius of its corners."""
@@ -287,29 +278,6 @@ class ScanModel:
         cut_off = replace(self.drawing, shapes=pieces).deformed(self.size(Term.ASPECT), self.size(Term.SHEAR))
         change: FloatArray = self.project(phantom=cut_off) / CORNER_STEP
         return change
-
-    def _by_blur(self, views: slice) -> FloatArray:
-        """By the squared width: half the second difference; of intensities, less the squared first one."""
-        m = self.blurred[views]
-        padded = np.pad(m, ((0, 0), (1, 1)), mode="edge")
-        second = 0.5 * (padded[:, 2:] - 2.0 * m + padded[:, :-2])
-        if not self.from_counts:
-            return second
-        first = 0.5 * (padded[:, 2:] - padded[:, :-2])
-        of_intensity: FloatArray = second - 0.5 * first * first
-        return of_intensity
-
-    def _blur_rows(self, rows: FloatArray, views: slice) -> None:
-        taps = _taps(self.size(Term.BLUR))
-        intensity = np.exp(-self.exposed[views]) if self.from_counts else None
-        soft = None if intensity is None else correlate1d(intensity, taps, axis=1, mode="reflect")
-        for term, row in enumerate(rows):
-            if term in (Term.OFFSET, Term.BLUR):
-                continue
-            if intensity is None or soft is None:
-                row[...] = correlate1d(row, taps, axis=1, mode="reflect")
-            else:
-                row[...] = correlate1d(row * intensity, taps, axis=1, mode="reflect") / soft
 
     def with_view_gains(self, weights: FloatArray) -> "ScanModel":
         """With each view's gain and offset by weighted linear regression of what is measured."""
@@ -340,9 +308,3 @@ class ScanModel:
                 size = self.size(term) + change
                 sizes[term] = min(max(size, 0.0), LARGEST[term]) if term in LARGEST else size
         return replace(self, x=x, gain=gain, offset=offset, sizes=sizes, pose=self.pose + pose)
-
-
-def _taps(square: float) -> FloatArray:
-    taps = analytic.blur_taps(math.sqrt(square))
-    both: FloatArray = np.concatenate([taps[:0:-1], taps])
-    return both

@@ -67,8 +67,12 @@ def shared_power(residual: FloatArray) -> float:
 
 def mean_beyond_chance(products: FloatArray) -> float:
     """Their mean, or nothing where independent noise, as uneven as it may be, has one as large."""
-    mean = float(products.mean())
-    return mean if mean > CHANCE * float(products.std()) / math.sqrt(products.size) else 0.0
+    return beyond_chance(float(products.mean()), float(products.std()), products.size)
+
+
+def beyond_chance(mean: float, deviation: float, count: int) -> float:
+    """The mean of products of this standard deviation, or nothing where independent noise has one as large."""
+    return mean if mean > CHANCE * deviation / math.sqrt(count) else 0.0
 
 
 def _place(residual: FloatArray, model: FloatArray, shared: float) -> Place:

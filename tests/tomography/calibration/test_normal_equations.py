@@ -1,0 +1,110 @@
+"""The inner products of a view's derivatives are those of the forward model, whatever effects it has."""
+
+import numba
+import numpy as np
+import pytest
+from scipy.ndimage import correlate1d
+
+from sawmill_worker.tomography import analytic
+from sawmill_worker.tomography.analytic import DetectorCells
+from sawmill_worker.tomography.built_in import L_SHAPE, RECTANGLE_WITH_HOLE
+from sawmill_worker.tomography.calibration.normal_equations import Column, ViewGrams
+from sawmill_worker.tomography.calibration.scan_model import ScanModel, Term
+from sawmill_worker.tomography.calibration.sinogram_data import SinogramData
+from sawmill_worker.tomography.geometry import SourceFrame, to_vector
+
+FRAME = SourceFrame(2.5, 917.0, 1620.0, -9.0, -0.083)
+OF_THE_BEAM = {Term.SCATTER: 0.02, Term.SCATTER_WIDE: 0.03, Term.LAG: 0.04}
+EFFECTS = {
+    Term.HARDENING: -1e-3,
+    Term.HARDENING_CUBIC: 1e-6,
+    Term.GRADIENT_X: 1e-3,
+    Term.GRADIENT_Y: -2e-3,
+    Term.ASPECT: 0.01,
+    Term.SHEAR: 0.003,
+    Term.CORNERS: 4.0,
+    Term.BLUR: 1.3,
+    Term.EXPOSURE: 0.7,
+    Term.SLOPE: 0.01,
+    Term.CURVATURE: 0.02,
+}
+
+
+def scan(*, counts, effects, views=21, phantom=L_SHAPE):
+    """A model and noisy data that it does not quite explain; the pose changes from view to view."""
+    rng = np.random.default_rng(2801)
+    cells, angles = DetectorCells(-300.0, 9.0, 70), np.sort(rng.uniform(0.0, 6.0, views))
+    sinogram = 0.01 * analytic.project(phantom, cells, FRAME, angles, position_mm=(1.0, -2.0))
+    sinogram += 0.01 * rng.standard_normal(70) + 0.02 * rng.standard_normal(sinogram.shape)
+    weights = (rng.random(sinogram.shape) > 0.1).astype(np.float64)
+    data = SinogramData(sinogram, angles, cells, weights=weights if effects else None)
+    sizes = {**EFFECTS, **(OF_THE_BEAM if counts else {})} if effects else {}
+    x, pose = np.concatenate([to_vector(FRAME), [1.0, -2.0]]), 1e-3 * rng.standard_normal((views, 3))
+    return ScanModel(phantom, data, counts, x, np.full((views, 1), 0.01), np.full((views, 1), 0.001), pose, sizes)
+
+
+def derivatives(model):
+    """Of the prediction by every term, in whole arrays: (terms, views, cells)."""
+    raw, length, gain = model.deformations, model.deformations[7], model.gain
+    size = model.size
+    chain = gain * (1.0 + 2.0 * size(Term.HARDENING) * length + 3.0 * size(Term.HARDENING_CUBIC) * length**2)
+    across = np.broadcast_to(model.across, length.shape)
+    m, padded = model.blurred, np.pad(model.blurred, ((0, 0), (1, 1)), mode="edge")
+    first, second = 0.5 * (padded[:, 2:] - padded[:, :-2]), 0.5 * (padded[:, 2:] - 2.0 * m + padded[:, :-2])
+    rows = [
+        *(raw[:7] * chain),
+        (model.sharp - model.offset) / gain,
+        np.ones_like(length),
+        gain * length**2,
+        gain * length**3,
+        *(gain * raw[8:10]),
+        *(raw[10:12] * chain),
+        model.by_corners * chain,
+        second - 0.5 * first**2 if model.from_counts else second,
+        model.exposure,
+        across,
+        across**2,
+        *(np.zeros((3, *length.shape))),
+    ]
+    intensity = np.exp(-model.exposed) if model.from_counts else np.ones_like(length)
+    if model.taps.size:
+        soft = correlate1d(intensity, model.taps, axis=1)
+        for term in set(Term) - {Term.OFFSET, Term.BLUR} - set(range(Term.SLOPE, len(Term))):
+            rows[term] = correlate1d(rows[term] * intensity, model.taps, axis=1) / soft
+    if model.from_counts:
+        rows[: Term.SLOPE] = [row / (1.0 + model.beside) for row in rows[: Term.SLOPE]]
+        rows[Term.SCATTER :] = [-row / (1.0 + model.beside) for row in (*model.halos, model.lagging)]
+    return np.stack(rows)
+
+
+@pytest.mark.parametrize("counts", [False, True])
+@pytest.mark.parametrize("effects", [False, True])
+@pytest.mark.parametrize("phantom", [L_SHAPE, RECTANGLE_WITH_HOLE])
+def test_inner_products_are_those_of_whole_arrays(counts, effects, phantom):
+    model = scan(counts=counts, effects=effects, phantom=phantom)
+    grams, rows = ViewGrams(model), derivatives(model)
+    weighted = rows * grams.weights
+    rest = model.residual - grams.log_bias - grams.stripes
+    # By Cauchy and Schwarz: products that are small by cancellation keep the rounding of their terms.
+    norm = np.sqrt(np.einsum("tkm,tkm->kt", weighted, rows)) + 1e-300
+    expected = np.einsum("pkm,qkm->kpq", weighted, rows)
+    assert (np.abs(grams.grams - expected) <= 1e-12 * norm[:, :, None] * norm[:, None]).all()
+    score, power = np.einsum("tkm,km->kt", weighted, rest), (grams.weights * rest**2).sum(axis=1)
+    assert (np.abs(grams.scores - score) <= 1e-12 * norm * np.sqrt(power)[:, None]).all()
+    sums = grams.system([Column.of(term) for term in Term]).sums
+    largest = np.abs(weighted).sum(axis=1).max(axis=1, keepdims=True)
+    assert (np.abs(sums - weighted.sum(axis=1)) <= 1e-12 * largest).all()
+
+
+def test_inner_products_do_not_depend_on_the_number_of_threads():
+    model = scan(counts=True, effects=True, views=50)
+    found = []
+    for threads in (1, numba.config.NUMBA_NUM_THREADS):
+        before = numba.get_num_threads()
+        numba.set_num_threads(threads)
+        grams = ViewGrams(model)
+        numba.set_num_threads(before)
+        found.append(
+            np.concatenate([grams.grams.ravel(), grams.scores.ravel(), grams.system([Column.of(Term.R)]).sums.ravel()])
+        )
+    assert (found[0] == found[1]).all()

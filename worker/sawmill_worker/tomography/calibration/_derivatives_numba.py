@@ -1,0 +1,214 @@
+"""Kernel of the joint fit. It only loops; `normal_equations.py` documents and allocates.
+
+All derivatives of one view stay in the processor's cache: their inner products leave it, not the derivatives.
+"""
+
+import math
+
+import numpy as np
+from numba import njit, prange
+
+from sawmill_worker.tomography._analytic_numba import _FAST, PARAMETERS, ROWS, _view
+from sawmill_worker.tomography.calibration.scan_model import Term
+
+# The views of a block are taken by one thread one after another, whatever the number of threads: so are their sums.
+BLOCK = 16
+# Rows that are multiplied with others at once.
+AT_ONCE = 4
+
+TERMS = len(Term)
+_GAIN, _OFFSET = int(Term.GAIN), int(Term.OFFSET)
+_HARDENING, _CUBIC = int(Term.HARDENING), int(Term.HARDENING_CUBIC)
+_GRADIENT_X, _GRADIENT_Y = int(Term.GRADIENT_X), int(Term.GRADIENT_Y)
+_ASPECT, _CORNERS, _BLUR, _EXPOSURE = int(Term.ASPECT), int(Term.CORNERS), int(Term.BLUR), int(Term.EXPOSURE)
+_SLOPE, _CURVATURE, _SCATTER = int(Term.SLOPE), int(Term.CURVATURE), int(Term.SCATTER)
+
+
+@njit(fastmath=_FAST)
+def _of_line_integrals(raw, gain, cosine, sine, sizes, by_corners, exposure, chain, row):
+    """Fill the rows up to the exposure's from those of `_view`, before blur."""
+    cells = raw.shape[1]
+    square, cubic, by_x, by_y = sizes[_HARDENING], sizes[_CUBIC], sizes[_GRADIENT_X], sizes[_GRADIENT_Y]
+    for m in range(cells):
+        length = raw[PARAMETERS, m]
+        chain[m] = gain * (1.0 + 2.0 * square * length + 3.0 * cubic * length * length)
+        row[_OFFSET, m] = 1.0
+    for p in range(PARAMETERS):
+        for m in range(cells):
+            row[p, m] = raw[p, m] * chain[m]
+    for m in range(cells):
+        length = raw[PARAMETERS, m]
+        row[_HARDENING, m] = gain * length * length
+        row[_CUBIC, m] = gain * length * length * length
+    for m in range(cells):
+        row[_GRADIENT_X, m] = gain * (cosine * raw[8, m] - sine * raw[9, m])
+        row[_GRADIENT_Y, m] = gain * (sine * raw[8, m] + cosine * raw[9, m])
+    for m in range(cells):
+        length = raw[PARAMETERS, m]
+        bent = length + square * length * length + cubic * length * length * length
+        x, y = cosine * raw[8, m] - sine * raw[9, m], sine * raw[8, m] + cosine * raw[9, m]
+        row[_GAIN, m] = bent + by_x * x + by_y * y
+    for p in range(2):
+        for m in range(cells):
+            row[_ASPECT + p, m] = raw[10 + p, m] * chain[m]
+    for m in range(cells):
+        row[_CORNERS, m] = by_corners[m] * chain[m]
+        row[_EXPOSURE, m] = exposure[m]
+
+
+@njit(fastmath=_FAST)
+def _soften(line, taps, padded):
+    """Blur a line (cells,) in place; its ends are reflected."""
+    cells, reach = line.size, taps.size // 2
+    for m in range(cells + 2 * reach):
+        at = (m - reach) % (2 * cells)
+        padded[m] = line[min(at, 2 * cells - 1 - at)]
+    for m in range(cells):
+        line[m] = 0.0
+    for j in range(taps.size):
+        for m in range(cells):
+            line[m] += taps[j] * padded[m + j]
+
+
+@njit(fastmath=_FAST)
+def _blur_rows(exposed, taps, from_counts, row):
+    """Blur the rows, or what they make of the intensities."""
+    cells = exposed.size
+    padded, intensity = np.empty(cells + taps.size), np.ones(cells)
+    if from_counts:
+        for m in range(cells):
+            intensity[m] = math.exp(-exposed[m])
+    soft = intensity.copy()
+    _soften(soft, taps, padded)
+    for p in range(_EXPOSURE + 1):
+        if p not in (_OFFSET, _BLUR):
+            for m in range(cells):
+                row[p, m] *= intensity[m]
+            _soften(row[p], taps, padded)
+            for m in range(cells):
+                row[p, m] /= soft[m]
+
+
+@njit(fastmath=_FAST)
+def _by_blur(blurred, from_counts, row):
+    """Fill the row of the squared width: half the second difference; of intensities, less the squared first one."""
+    cells = blurred.size
+    for m in range(cells):
+        before, after = blurred[max(m - 1, 0)], blurred[min(m + 1, cells - 1)]
+        first = 0.5 * (after - before) if from_counts else 0.0
+        row[_BLUR, m] = 0.5 * (after - 2.0 * blurred[m] + before - first * first)
+
+
+@njit(fastmath=_FAST)
+def _multiply(row, count, grams, scores):
+    """Inner products of all rows with each other and with the row `count`, which is the last."""
+    cells = row.shape[1]
+    products = np.empty((row.shape[0], row.shape[0]))
+    for p in range(0, count + 1, 2):
+        for q in range(0, p + 2, AT_ONCE):
+            a0 = a1 = a2 = a3 = b0 = b1 = b2 = b3 = 0.0
+            for m in range(cells):
+                a, b = row[p, m], row[p + 1, m]
+                a0 += a * row[q, m]
+                a1 += a * row[q + 1, m]
+                a2 += a * row[q + 2, m]
+                a3 += a * row[q + 3, m]
+                b0 += b * row[q, m]
+                b1 += b * row[q + 1, m]
+                b2 += b * row[q + 2, m]
+                b3 += b * row[q + 3, m]
+            of_p, of_next = products[p, q : q + AT_ONCE], products[p + 1, q : q + AT_ONCE]
+            of_p[0], of_p[1], of_p[2], of_p[3] = a0, a1, a2, a3
+            of_next[0], of_next[1], of_next[2], of_next[3] = b0, b1, b2, b3
+    for p in range(count):
+        scores[p] = products[count, p]
+        for q in range(p + 1):
+            grams[p, q] = grams[q, p] = products[p, q]
+
+
+@njit(fastmath=_FAST)
+def _of_intensities(around, wide, lagging, beside, row):
+    """Divide the rows by the intensity that is measured, and fill those of what is added to a cell's own."""
+    cells = row.shape[1]
+    if beside.any():
+        for p in range(_SLOPE):
+            for m in range(cells):
+                row[p, m] /= 1.0 + beside[m]
+    for m in range(cells):
+        row[_SCATTER, m] = -around[m] / (1.0 + beside[m])
+        row[_SCATTER + 1, m] = -wide[m] / (1.0 + beside[m])
+        row[_SCATTER + 2, m] = -lagging[m] / (1.0 + beside[m])
+
+
+@njit(parallel=True, cache=True, fastmath=_FAST)
+def inner_products(
+    geometry,
+    gain,
+    sizes,
+    by_corners,
+    exposure,
+    exposed,
+    blurred,
+    taps,
+    intensities,
+    weights,
+    rest,
+    kept_terms,
+    products,
+):
+    """Fill what leaves the views.
+
+    geometry : as of the kernels of the analytic projection, as a tuple
+    sizes : (terms,)
+    by_corners, exposure, exposed, blurred : (views, cells)
+    taps : (2 n + 1,) of the blur; empty where there is none
+    intensities : four times (views, cells): what scatters from around and from the whole view, what lags, and what is
+        added of these; (0, cells) where the line integrals were not made from counts
+    weights, rest : (views, cells); the residual
+    kept_terms : terms whose weighted rows are kept
+    products : grams (views, terms, terms), scores (views, terms), sums (blocks, terms, cells) of the weighted rows,
+        kept (kept terms, views, cells), neighbours (views, 2): sum and sum of squares of neighbours' products
+    """
+    edges, discs, frame, t_x, t_y, angles, u_first, pitch, rays = geometry
+    grams, scores, sums, kept, neighbours = products
+    views, cells = rest.shape
+    around, wide, lagging, beside = intensities
+    from_counts = len(beside) > 0
+    count = TERMS if from_counts else _SCATTER
+    for block in prange(sums.shape[0]):
+        raw, row = np.empty((ROWS, cells)), np.zeros((TERMS + AT_ONCE, cells))
+        chain, left, right = np.empty(cells), np.empty(8), np.empty(8)
+        for kk in range(block * BLOCK, min((block + 1) * BLOCK, views)):
+            k = np.int64(kk)
+            raw[:] = 0.0
+            _view(k, edges, discs, frame, t_x, t_y, angles, u_first, pitch, cells, rays, raw, 2, left, right)
+            beta = angles[k] + frame[0]
+            _of_line_integrals(
+                raw, gain[k, 0], math.cos(beta), math.sin(beta), sizes, by_corners[k], exposure[k], chain, row
+            )
+            if taps.size > 0:
+                _blur_rows(exposed[k], taps, from_counts, row)
+            _by_blur(blurred[k], from_counts, row)
+            for m in range(cells):
+                across = (m + 0.5) / cells - 0.5
+                row[_SLOPE, m] = across
+                row[_CURVATURE, m] = across * across
+            if from_counts:
+                _of_intensities(around[k], wide[k], lagging[k], beside[k], row)
+            for m in range(cells):
+                chain[m] = math.sqrt(weights[k, m])
+                row[count, m] = chain[m] * rest[k, m]
+            for p in range(count):
+                for m in range(cells):
+                    row[p, m] *= chain[m]
+                    sums[block, p, m] += chain[m] * row[p, m]
+            for n in range(kept_terms.size):
+                for m in range(cells):
+                    kept[n, k, m] = chain[m] * row[kept_terms[n], m]
+            total = squares = 0.0
+            for m in range(cells - 1):
+                product = row[count, m] * row[count, m + 1]
+                total += product
+                squares += product * product
+            neighbours[k, 0], neighbours[k, 1] = total, squares
+            _multiply(row, count, grams[k], scores[k])
