@@ -280,7 +280,7 @@ class Access:
         return replace(caller, csrf_token=csrf_token(secret))
 
 
-def check_scope(request: Request) -> None:
+async def check_scope(request: Request) -> None:
     """Refuse whoever has not the scope that the route needs; a dependency of every route."""
     caller_of(request).check(needed_scope(request.method, request.scope["route"].path))
 

@@ -30,7 +30,7 @@ def allowed_methods(request: Request) -> str:
     return ", ".join(sorted(found | ({"HEAD"} if "GET" in found else set())))
 
 
-def check_method(request: Request) -> None:
+async def check_method(request: Request) -> None:
     """Refuse what a pattern would take for one of its ids; a dependency of every route.
 
     Raises

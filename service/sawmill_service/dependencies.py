@@ -1,4 +1,7 @@
-"""What routes are given: the store, the settings and the wake-up."""
+"""What routes are given: the store, the settings and the wake-up.
+
+Each is found by a coroutine: FastAPI runs every other function in a thread of its own, and the request waits for it.
+"""
 
 from collections.abc import Callable
 from functools import partial
@@ -18,17 +21,17 @@ from sawmill_worker.storage.store import Store
 Wake = Callable[[str], None]
 
 
-def _store(request: Request) -> Store:
+async def _store(request: Request) -> Store:
     store: Store = request.app.state.store
     return store
 
 
-def _settings(request: Request) -> ServiceSettings:
+async def _settings(request: Request) -> ServiceSettings:
     settings: ServiceSettings = request.app.state.settings
     return settings
 
 
-def _wake(request: Request) -> Wake:
+async def _wake(request: Request) -> Wake:
     wake: Wake = request.app.state.wake
 
     def note_and_wake(job_id: str) -> None:
@@ -38,29 +41,33 @@ def _wake(request: Request) -> Wake:
     return note_and_wake
 
 
-def _stopping(request: Request) -> Stopping:
+async def _stopping(request: Request) -> Stopping:
     stopping: Stopping = request.app.state.stopping
     return stopping
 
 
-def _access(request: Request) -> Access:
+async def _access(request: Request) -> Access:
     access: Access = request.app.state.access
     return access
 
 
-def _session_cookie(request: Request) -> SessionCookie:
+async def _session_cookie(request: Request) -> SessionCookie:
     cookie: SessionCookie = request.app.state.session_cookie
     return cookie
 
 
-def _event_feed(request: Request) -> EventFeed:
+async def _event_feed(request: Request) -> EventFeed:
     feed: EventFeed = request.app.state.event_feed
     return feed
 
 
-def _transfers(request: Request) -> Transfers:
+async def _transfers(request: Request) -> Transfers:
     transfers: Transfers = request.app.state.transfers
     return transfers
+
+
+async def _caller(request: Request) -> Caller:
+    return caller_of(request)
 
 
 TheStore = Annotated[Store, Depends(_store)]
@@ -71,4 +78,4 @@ TheAccess = Annotated[Access, Depends(_access)]
 TheSessionCookie = Annotated[SessionCookie, Depends(_session_cookie)]
 TheEventFeed = Annotated[EventFeed, Depends(_event_feed)]
 TheTransfers = Annotated[Transfers, Depends(_transfers)]
-TheCaller = Annotated[Caller, Depends(caller_of)]
+TheCaller = Annotated[Caller, Depends(_caller)]

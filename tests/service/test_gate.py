@@ -1,6 +1,14 @@
+from inspect import iscoroutinefunction
+
 import pytest
 
+from sawmill_service import dependencies
+from sawmill_service.access import check_scope
+from sawmill_service.allowed_methods import check_method
 from sawmill_service.app import create_app
+from sawmill_service.forms import check_csrf
+from sawmill_service.queries import check_query
+from sawmill_service.sent_json import check_body
 from sawmill_service.settings import ServiceSettings
 
 SPEC = {
@@ -98,3 +106,11 @@ def test_every_answer_is_protected(client, path):
     assert "frame-ancestors 'none'" in headers["Content-Security-Policy"]
     assert headers["X-Content-Type-Options"] == "nosniff"
     assert headers["Cross-Origin-Resource-Policy"] == "same-origin"
+
+
+def test_a_request_takes_no_thread_before_its_route_does():
+    checks = (check_method, check_scope, check_csrf, check_query, check_body)
+    given = [alias.__metadata__[0].dependency for name, alias in vars(dependencies).items() if name.startswith("The")]
+    assert dependencies.TheStore.__metadata__[0].dependency in given
+    # FastAPI runs every other function in a thread, and the request waits for it.
+    assert [each for each in (*checks, *given) if not iscoroutinefunction(each)] == []
