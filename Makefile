@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 WORKERS ?= 3
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --constraint constraints.txt
 
-.PHONY: install install-dev demo check test texts nightly study study-wheel study-run-lengths lint openapi release-contract clients bench bench-scanners bench-coverage bench-misspecified bench-mill bench-unsteady bench-seeds bench-drift bench-speed bench-http bench-upload bench-viewer bench-pages bench-job-price bench-fbp bench-memory study-load paper figures measured bench-preparing bench-iterative bench-choosing study-logs study-drift faults faults-folder screenshots bundle try-bundle clean
+.PHONY: install install-dev demo check test texts nightly study study-wheel study-run-lengths lint openapi release-contract clients bench bench-scanners bench-coverage bench-misspecified bench-mill bench-unsteady bench-seeds bench-drift bench-guard bench-speed bench-http bench-upload bench-viewer bench-pages bench-job-price bench-fbp bench-memory study-load paper figures measured bench-preparing bench-iterative bench-choosing study-logs study-drift faults faults-folder screenshots bundle try-bundle clean
 
 install: $(VENV)/.installed
 install-dev: $(VENV)/.installed-dev
@@ -83,6 +83,10 @@ texts: install-dev
 
 # Studies, minutes each; every figure in the documents names the one it is from.
 bench: bench-speed bench-seeds bench-scanners bench-coverage bench-misspecified bench-drift
+
+# Is this commit slower than its parent, or than AGAINST=COMMIT? Five minutes, on a machine that does little else.
+bench-guard: install-dev
+	@$(BIN)/python benchmarks/guard.py $(if $(AGAINST),--against $(AGAINST))
 
 bench-speed: install-dev
 	@$(BIN)/python benchmarks/speed.py

@@ -1,0 +1,221 @@
+"""Is this commit slower than its parent? Red where a row is slower by a quarter, twice in a row.
+
+    python benchmarks/guard.py [--against COMMIT]
+
+The other commit is checked out in `build/guard`, with this environment, or one of its own where its dependencies
+differ. Both are measured in turns, five times, on the same scans: calibration, FBP, total variation and a drift check
+in one warm process of each commit, starts of the command line, and a short job of a service at rest. A row is slower
+where the least of five processor seconds, or of five times by the clock, is. Rows that are slower are measured again.
+Exit code 1 where one stays so. At most five minutes on two cores, on which little else should run.
+"""
+
+import argparse
+import json
+import os
+import resource
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+import tomllib
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import guard_rows
+import httpx
+from http_latency import scan_of
+from job_price import VIEWS, calibrated
+
+ROOT = Path(__file__).resolve().parents[1]
+CHECKOUTS = ROOT / "build" / "guard"
+ROUNDS, ALLOWED, READY_S = 5, 1.25, 120.0
+SCANNER_THETA = "146.1deg,714.7,319.9,43.65,0.2808"
+# What the scans are: BODY and options of `sawmill simulate`.
+SCANS = {
+    "phantom.h5": ("l-shape", "--views", "360"),
+    "log.h5": ("log", "--views", "360", "--rows", "64"),
+    "few-views.h5": ("log", "--views", "20", "--rows", "16"),
+}
+
+Seconds = dict[str, float]
+Measure = Callable[[], Seconds]
+
+
+@dataclass(frozen=True)
+class Tree:
+    """A checkout and the environment that it runs in."""
+
+    folder: Path
+    python: Path
+
+    @property
+    def environment(self) -> dict[str, str]:
+        """Ours, with this checkout's code and no settings of a service."""
+        kept = {name: value for name, value in os.environ.items() if not name.startswith("SAWMILL_")}
+        return {**kept, "PYTHONPATH": f"{self.folder / 'service'}:{self.folder / 'worker'}"}
+
+    @property
+    def project(self) -> dict[str, Any]:
+        """What its pyproject.toml says of it."""
+        return tomllib.loads((self.folder / "pyproject.toml").read_text())["project"]
+
+    @property
+    def dependencies(self) -> tuple[list[str], str]:
+        """What an environment is made of."""
+        return self.project["dependencies"], (self.folder / "constraints.txt").read_text()
+
+    def command(self, *arguments: str) -> list[str]:
+        """The program `sawmill` of this checkout."""
+        module, _, function = self.project["scripts"]["sawmill"].partition(":")
+        return [str(self.python), "-c", f"from {module} import {function}; {function}()", *arguments]
+
+    def run(self, *arguments: str) -> None:
+        """Run the program to its end."""
+        subprocess.run(self.command(*arguments), check=True, capture_output=True, env=self.environment)  # noqa: S603 - our own
+
+    def started(self, *arguments: str) -> Seconds:
+        """Measure the program as a process, start included."""
+        before, began = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
+        self.run(*arguments)
+        clock, after = time.perf_counter() - began, resource.getrusage(resource.RUSAGE_CHILDREN)
+        return {"processor": after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime, "clock": clock}
+
+
+THIS = Tree(ROOT, Path(sys.executable))
+
+
+def checked_out(commit: str) -> Tree:
+    """Another commit, its kernels compiled; those of earlier runs are removed."""
+    revision = _git("rev-parse", "--verify", f"{commit}^{{commit}}")
+    folder = CHECKOUTS / revision[:12]
+    for other in CHECKOUTS.glob("*"):
+        if other != folder:
+            _git("worktree", "remove", "--force", str(other))
+    if not folder.is_dir():
+        _git("worktree", "prune")
+        _git("worktree", "add", "--detach", str(folder), revision)
+    tree = Tree(folder, THIS.python)
+    if tree.dependencies == THIS.dependencies:
+        return tree
+    subprocess.run(["make", "install"], cwd=folder, check=True)  # noqa: S607 - as its README says
+    return Tree(folder, folder / ".venv" / "bin" / "python")
+
+
+def _git(*arguments: str) -> str:
+    command = ["git", "-C", str(ROOT), *arguments]
+    return subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()  # noqa: S603 - our own
+
+
+@contextmanager
+def warm_process(tree: Tree, scans: Path) -> Iterator[Callable[[str], Seconds]]:
+    """A process that measures rows by their names."""
+    own = tree.folder / "benchmarks" / "guard_rows.py"
+    script = own if own.is_file() else Path(guard_rows.__file__)
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+    with subprocess.Popen([tree.python, script, scans], env=tree.environment, **pipes) as process:  # noqa: S603 - ours
+
+        def measured(row: str) -> Seconds:
+            process.stdin.write(row + "\n")
+            process.stdin.flush()
+            return json.loads(process.stdout.readline())
+
+        yield measured
+        process.stdin.close()
+
+
+@contextmanager
+def short_job(tree: Tree, folder: Path) -> Iterator[Measure]:
+    """A service at rest, and what a calibration of 20 views costs it."""
+    folder.mkdir()
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    command = tree.command("serve", "--data", str(folder / "data"), "--port", str(port), "--no-examples")
+    with (folder / "log").open("wb") as log:
+        service = subprocess.Popen(command, stdout=log, stderr=log, env=tree.environment)  # noqa: S603 - our own
+        try:
+            with httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=60.0, trust_env=False) as client:
+                _wait_until_ready(client, folder / "log")
+                scan_id = scan_of(client, folder, VIEWS)
+
+                def measured() -> Seconds:
+                    processor, clock = calibrated(client, scan_id, service.pid)
+                    return {"processor": processor, "clock": clock}
+
+                measured()
+                yield measured
+        finally:
+            service.terminate()
+            service.wait()
+
+
+def _wait_until_ready(client: httpx.Client, log: Path) -> None:
+    deadline = time.monotonic() + READY_S
+    while time.monotonic() < deadline:
+        try:
+            if client.get("/health/ready").is_success:
+                return
+        except httpx.TransportError:  # it does not listen yet
+            pass
+        time.sleep(0.1)
+    sys.exit(f"The service was not ready within {READY_S:.0f} s:\n{log.read_text()}")
+
+
+def rows_of(tree: Tree, folder: Path, scans: Path, resources: ExitStack) -> dict[str, Measure]:
+    """Every row's measurement of one checkout."""
+    tree.run("compile")
+    in_process = resources.enter_context(warm_process(tree, scans))
+    phantom = (str(scans / "phantom.h5"), "--data", "counts", "--source-to-cor-mm", str(guard_rows.SOURCE_TO_COR_MM))
+    calibrate = ("calibrate", *phantom, "--phantom", "l-shape", "--json")
+    return {
+        **{row: partial(in_process, row) for row in guard_rows.rows(scans)},
+        "sawmill --help": partial(tree.started, "--help"),
+        "sawmill calibrate, 360 views": partial(tree.started, *calibrate),
+        "short job": resources.enter_context(short_job(tree, folder)),
+    }
+
+
+def least(here: Measure, other: Measure) -> tuple[Seconds, Seconds]:
+    """Measure in turns; the least of each kind of seconds, the other's first."""
+    laps = [(other(), here()) for _ in range(ROUNDS)]
+    before, now = ({kind: min(lap[kind] for lap in side) for kind in side[0]} for side in zip(*laps, strict=True))
+    return before, now
+
+
+def is_red(row: str, here: Measure, other: Measure) -> bool:
+    """Whether a row is slower twice in a row; prints what was measured."""
+    for _ in range(2):
+        before, now = least(here, other)
+        ratio = max(now[kind] / before[kind] for kind in now)
+        texts = [f"{seconds['processor']:.4f} / {seconds['clock']:.4f}" for seconds in (before, now)]
+        print(f"{row:30} {texts[0]:18} now {texts[1]:18} {ratio:.2f}", flush=True)
+        if ratio <= ALLOWED:
+            return False
+    return True
+
+
+def main() -> None:
+    """Print the table; exit code 1 where a row is red."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--against", default="HEAD^", metavar="COMMIT", help="the commit before this one by default")
+    options = parser.parse_args()
+    print(f"load before the start {os.getloadavg()[0]:.2f}; seconds of the processor / by the clock", flush=True)
+    here, other = THIS, checked_out(options.against)
+    with tempfile.TemporaryDirectory(prefix="sawmill-guard-") as name, ExitStack() as resources:
+        folder = Path(name)
+        for file, (body, *given) in SCANS.items():
+            here.run("simulate", body, "--theta", SCANNER_THETA, "--output", str(folder / file), *given)
+        before = rows_of(other, folder / "before", folder, resources)
+        now = rows_of(here, folder / "now", folder, resources)
+        red = [row for row, measure in now.items() if is_red(row, measure, before[row])]
+    print(f"{options.against} is {other.folder.name}." + "".join(f"\nred: {row} is slower" for row in red))
+    sys.exit(1 if red else 0)
+
+
+if __name__ == "__main__":
+    main()
