@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 import pytest
-from guard import is_red
+from guard import red
 
 Seconds = dict[str, float]
 
@@ -15,7 +15,7 @@ def lasting(*clock_s: float, processor_s: float = 1.0) -> Callable[[], Seconds]:
 
 
 @pytest.mark.parametrize(
-    ("now", "red"),
+    ("now", "is_red"),
     [
         (lasting(1.2), False),
         (lasting(1.3), True),
@@ -24,5 +24,7 @@ def lasting(*clock_s: float, processor_s: float = 1.0) -> Callable[[], Seconds]:
         (lasting(1.0, processor_s=1.3), True),  # the other core does what the clock does not show
     ],
 )
-def test_a_row_is_red_that_is_a_quarter_slower_twice_in_a_row(now: Callable[[], Seconds], *, red: bool) -> None:
-    assert is_red("a row", now, lasting(1.0)) is red
+def test_a_row_is_red_that_is_a_quarter_slower_twice_in_a_row(now: Callable[[], Seconds], *, is_red: bool) -> None:
+    rows = {"a row": now, "another row": lasting(1.0)}
+
+    assert red(rows, dict.fromkeys(rows, lasting(1.0))) == (["a row"] if is_red else [])
