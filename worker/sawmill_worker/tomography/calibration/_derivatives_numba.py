@@ -152,7 +152,8 @@ def inner_products(
     taps,
     intensities,
     weights,
-    rest,
+    residual,
+    stripes,
     kept_terms,
     products,
 ):
@@ -164,14 +165,14 @@ def inner_products(
     taps : (2 n + 1,) of the blur; empty where there is none
     intensities : four times (views, cells): what scatters from around and from the whole view, what lags, and what is
         added of these; (0, cells) where the line integrals were not made from counts
-    weights, rest : (views, cells); the residual
+    weights, residual : (views, cells); stripes (cells,) are what all views share of the residual
     kept_terms : terms whose weighted rows are kept
     products : grams (views, terms, terms), scores (views, terms), sums (blocks, terms, cells) of the weighted rows,
         kept (kept terms, views, cells), neighbours (views, 2): sum and sum of squares of neighbours' products
     """
     edges, discs, frame, t_x, t_y, angles, u_first, pitch, rays = geometry
     grams, scores, sums, kept, neighbours = products
-    views, cells = rest.shape
+    views, cells = residual.shape
     around, wide, lagging, beside = intensities
     from_counts = len(beside) > 0
     count = TERMS if from_counts else _SCATTER
@@ -197,7 +198,7 @@ def inner_products(
                 _of_intensities(around[k], wide[k], lagging[k], beside[k], row)
             for m in range(cells):
                 chain[m] = math.sqrt(weights[k, m])
-                row[count, m] = chain[m] * rest[k, m]
+                row[count, m] = chain[m] * (residual[k, m] - stripes[m])
             for p in range(count):
                 for m in range(cells):
                     row[p, m] *= chain[m]
@@ -212,3 +213,51 @@ def inner_products(
                 squares += product * product
             neighbours[k, 0], neighbours[k, 1] = total, squares
             _multiply(row, count, grams[k], scores[k])
+
+
+@njit(cache=True, fastmath=_FAST)
+def combine(terms, shapes, grams, scores, grams_of_columns, scores_of_columns):
+    """Fill grams (views, n, n) and scores (views, n) of columns, each the sum of some terms times shapes.
+
+    terms : (n, parts)
+    shapes : (n, parts, views); 0 for a part that is none
+    """
+    views, count = grams.shape[0], grams.shape[1]
+    n, parts = terms.shape
+    line = np.empty(count)
+    for k in range(views):
+        for i in range(n):
+            line[:] = 0.0
+            score = 0.0
+            for part in range(parts):
+                term, shape = terms[i, part], shapes[i, part, k]
+                score += shape * scores[k, term]
+                for t in range(count):
+                    line[t] += shape * grams[k, term, t]
+            scores_of_columns[k, i] = score
+            for j in range(i + 1):
+                total = 0.0
+                for part in range(parts):
+                    total += shapes[j, part, k] * line[terms[j, part]]
+                grams_of_columns[k, i, j] = grams_of_columns[k, j, i] = total
+
+
+@njit(cache=True, fastmath=_FAST)
+def whiten(grams, scores, columns, basis, white_scores, information):
+    """Fill the scores (views, n) and grams (views, n, n) of n combinations `basis` (columns, n) of some columns."""
+    count, n = basis.shape
+    line = np.empty(n)
+    for k in range(grams.shape[0]):
+        white_scores[k] = 0.0
+        information[k] = 0.0
+        for i in range(count):
+            line[:] = 0.0
+            for j in range(count):
+                inner = grams[k, columns[i], columns[j]]
+                for q in range(n):
+                    line[q] += inner * basis[j, q]
+            score = scores[k, columns[i]]
+            for p in range(n):
+                white_scores[k, p] += basis[i, p] * score
+                for q in range(n):
+                    information[k, p, q] += basis[i, p] * line[q]

@@ -130,7 +130,7 @@ def _beam(model: ScanModel) -> BeamCorrection:
     share of what is left of the beam, which does not go over from the phantom to a log: the fit here takes it as a
     share of what the object takes out of the beam.
     """
-    lengths, integrals, weights = model.deformations[7], model.sharp + model.residual, model.data.weights
+    lengths, integrals, weights = model.lengths, model.sharp + model.residual, model.data.weights
     around, wide = model.size(Term.SCATTER), model.size(Term.SCATTER_WIDE)
     if around or wide:
         beside = around * model.halos[0] + wide * model.halos[1]

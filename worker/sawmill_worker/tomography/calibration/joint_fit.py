@@ -200,7 +200,7 @@ class _JointFitter:
         self.rounds += 1
         grams, free = self._linearised()
         system, tried, used = self._system(grams, free)
-        joined = self._join(system, tried, used) if self.rounds <= JOINING else []
+        joined, tests = self._join(system, tried, used)
         change = np.zeros(len(system.columns))
         change[used] = system.inverse(used) @ system.score[used]
         remaining = max(system.power - float(change @ system.score), 0.0)
@@ -210,7 +210,7 @@ class _JointFitter:
         self.model, share = stepped(self.model, system.columns, change, grams, may_rise=may_rise)
         for one in self.fitted:
             one.sizes = one.sizes + share * change[one.places]
-        self.last = system, tried, used, change
+        self.last = system, tried, used, change, tests
         self.converged = off_by(system, used, change) <= TOLERABLE * self.variance
         if share == 0.0:
             return True
@@ -221,13 +221,14 @@ class _JointFitter:
 
     def result(self) -> JointFit:
         """Where it ended."""
-        system, tried, used, change = self.last
-        beside = Beside(system, used)
+        system, tried, used, change, tests = self.last
         allowed = [one for one in tried if one.effect.adjustment not in self.without]
         other = _other_reading(system, used, self.fitted, allowed)
-        left = [one for one in tried if one not in self.fitted and (other is None or one is not other.other)]
-        tests = [(one, beside.tested(one.places)) for one in left]
-        beyond = tuple((one, test) for one, test in tests if test.is_beyond_chance(one.trials))
+        beyond = tuple(
+            (one, test)
+            for one, test in tests
+            if (other is None or one is not other.other) and test.is_beyond_chance(one.trials)
+        )
         return JointFit(
             self.model,
             tuple(self.fitted),
@@ -261,37 +262,37 @@ class _JointFitter:
     def _system(self, grams: ViewGrams, free: list[Column]) -> tuple[System, list[Fitted], list[int]]:
         """Normal equations of all columns; the effects to be tried, the likeliest slip among them; what is fitted."""
         tried = list(self.waiting)
-        system = grams.system([*free, *(c for one in (*self.fitted, *tried) for c in one.columns)])
-        used = list(range(len(free) + sum(len(one.columns) for one in self.fitted)))
+        base = [*free, *(column for one in self.fitted for column in one.columns)]
+        used = list(range(len(base)))
         slips = sum(one.effect.adjustment is Adjustment.SLIP for one in self.fitted)
-        view = likeliest_slip(system, used) if slips < MOST_SLIPS else None
+        view = likeliest_slip(grams.system(base)) if slips < MOST_SLIPS else None
         if view is not None:
-            slip, trials = slip_at(view), float(len(system.scores))
+            slip, trials = slip_at(view), float(len(grams.scores))
             declined = Adjustment.SLIP in self.without
             tried.append(Fitted(slip, slip.columns(self.model), trials, declined=declined))
-            system = grams.with_pose_from(system, view, tried[-1].columns)
+        system = grams.system([*base, *(column for one in tried for column in one.columns)])
         first = len(free)
         for one in (*self.fitted, *tried):
             one.places = list(range(first, first := first + len(one.columns)))
         return system, tried, used
 
-    def _join(self, system: System, tried: Sequence[Fitted], used: list[int]) -> list[Fitted]:
-        """Those that join, each time the one that explains most; `used` grows by their columns."""
+    def _join(
+        self, system: System, tried: Sequence[Fitted], used: list[int]
+    ) -> tuple[list[Fitted], list[tuple[Fitted, EffectTest]]]:
+        """Those that join, each time the one that explains most, and the tests of the rest; `used` grows by columns."""
         joined: list[Fitted] = []
-        remaining = [one for one in tried if not one.declined]
-        while remaining and len(joined) < MOST_AT_ONCE:
+        while True:
             beside = Beside(system, used)
-            tests = [(beside.tested(one.places), one) for one in remaining]
-            worth = [(test.power, one) for test, one in tests if test.is_fitted(one.trials)]
-            if not worth:
+            tests = [(one, beside.tested(one.places)) for one in tried if one not in joined]
+            worth = [(test.power, one) for one, test in tests if not one.declined and test.is_fitted(one.trials)]
+            if not worth or len(joined) == MOST_AT_ONCE or self.rounds > JOINING:
                 break
             _, best = max(worth, key=lambda pair: pair[0])
             joined.append(best)
-            remaining.remove(best)
             used += best.places
         self.fitted += joined
         self.waiting = [one for one in self.waiting if one not in joined]
-        return joined
+        return joined, tests
 
     def _settled(self, system: System, used: list[int], change: FloatArray) -> bool:
         """Whether every effect is still needed, angles scatter no more, and intensities are averaged as modelled."""

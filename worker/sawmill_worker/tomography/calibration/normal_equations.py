@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from sawmill_worker.tomography.calibration._derivatives_numba import BLOCK, inner_products
+from sawmill_worker.tomography.calibration._derivatives_numba import BLOCK, combine, inner_products
 from sawmill_worker.tomography.calibration.faults.structure import beyond_chance
 from sawmill_worker.tomography.calibration.sample_noise import sample_noise
 from sawmill_worker.tomography.calibration.scan_model import POSE, ScanModel, Term
@@ -20,6 +20,8 @@ from sawmill_worker.tomography.fit_parameters import Parameter
 from sawmill_worker.tomography.geometry import FloatArray
 from sawmill_worker.tomography.robust import robust_deviation
 
+# Terms that may change from view to view, or be taken out of each.
+KEPT = (*POSE, Term.GAIN, Term.OFFSET)
 # Offsets of views scatter where they do by this number of standard deviations of what noise brings about.
 SCATTERS = 4.0
 
@@ -65,8 +67,10 @@ class ViewGrams:
         Number of samples, by the data's weights.
     power : float
         Weighted sum of squares of the residual, stripes taken out.
+    objective_at_model : float
+        `objective` of the model's residual.
     structured : float
-        As much of it as neighbouring cells share.
+        As much of `power` as neighbouring cells share.
     """
 
     def __init__(self, model: ScanModel) -> None:
@@ -75,17 +79,15 @@ class ViewGrams:
         self.weights = noise.weights
         # The logarithm of noisy counts is too large, in the mean by half its variance.
         self.log_bias = 0.5 * noise.variance if model.from_counts else np.zeros(())
-        residual = residual - self.log_bias
         self.samples = float(data.samples)
         self._count = self.weights.sum(axis=0)
-        self._stripes(residual)
-        rest = residual - self.stripes
-        self.power = float((self.weights * rest * residual).sum())
+        squares, products = self._squares(residual)
+        self._stripes(squares, products)
+        self.power = self.objective_at_model = squares - float(self.stripes @ products)
         (views, cells), terms = residual.shape, len(Term)
         self.grams, self.scores = np.zeros((views, terms, terms)), np.zeros((views, terms))
-        # Weighted derivatives (views, cells) by what may be taken out of each view, or change from view to view.
-        kept = np.array([*POSE, Term.GAIN, Term.OFFSET])
-        weighted = np.empty((kept.size, views, cells))
+        # The weighted derivatives of `KEPT` (kept, views, cells), and how much of them was taken out of each term's.
+        self._weighted, self._taken = np.empty((len(KEPT), views, cells)), np.zeros((views, terms, len(KEPT)))
         sums, neighbours = np.zeros((-(-views // BLOCK), terms, cells)), np.empty((views, 2))
         inner_products(
             model.kernel_arguments,
@@ -98,23 +100,29 @@ class ViewGrams:
             model.taps,
             (*model.halos, model.lagging, model.beside) if model.from_counts else (np.empty((0, cells)),) * 4,
             self.weights,
-            rest,
-            kept,
-            (self.grams, self.scores, sums, weighted, neighbours),
+            residual - self.log_bias,
+            self.stripes,
+            np.array(KEPT),
+            (self.grams, self.scores, sums, self._weighted, neighbours),
         )
         self._sums = sums.sum(axis=0)
-        self._weighted = {Term(term): rows for term, rows in zip(kept, weighted, strict=True)}
         count = views * (cells - 1)
         mean, square = (neighbours.sum(axis=0) / count).tolist()
         self.structured = beyond_chance(mean, math.sqrt(max(square - mean * mean, 0.0)), count) * count
 
-    def _stripes(self, residual: FloatArray) -> None:
+    def _squares(self, residual: FloatArray) -> tuple[float, FloatArray]:
+        """The weighted sum of squares of a residual, and each cell's weighted sum (cells,)."""
+        residual = residual - self.log_bias
+        weighted = self.weights * residual
+        return float(np.einsum("km,km->", weighted, residual)), weighted.sum(axis=0)
+
+    def _stripes(self, squares: float, products: FloatArray) -> None:
         """The stripes (cells,) as far as noise explains no more, and how much of a cell's sum they share."""
         seen = self._count > 0.0
         count = np.where(seen, self._count, 1.0)
-        mean = (self.weights * residual).sum(axis=0) / count
+        mean = products / count
         steps = np.diff(mean)[seen[1:] & seen[:-1]]
-        variance = float((self.weights * residual**2).sum()) / max(self.samples, 1.0)
+        variance = squares / max(self.samples, 1.0)
         between = 0.5 * robust_deviation(steps - np.median(steps)) ** 2 if steps.size > 8 else 0.0
         ratio = max(between - variance / float(count.mean()), 0.0) / variance if variance > 0.0 else 0.0
         ratios = np.full(count.size, ratio)
@@ -151,52 +159,39 @@ class ViewGrams:
         within = self.grams[:, own][:, :, own] + precision * np.eye(len(own))
         inverse = np.linalg.pinv(within, rcond=1e-12, hermitian=True)
         share = self.grams[:, :, own] @ inverse
-        rows = np.stack([self._weighted[term] for term in own], axis=1)
         self.power -= float(np.einsum("ki,kij,kj->", self.scores[:, own], inverse, self.scores[:, own]))
-        self._sums = self._sums - np.tensordot(share, rows, axes=((0, 2), (0, 1)))
-        for term, of_term in self._weighted.items():
-            self._weighted[term] = of_term - np.einsum("ke,kem->km", share[:, term], rows)
+        rows = np.array([[float(kept is term) for kept in KEPT] for term in terms])
+        self._taken = self._taken + share @ (rows - self._taken[:, own])
         self.scores = self.scores - (share @ self.scores[:, own, None])[..., 0]
         self.grams = self.grams - share @ self.grams[:, own]
 
     def objective(self, residual: FloatArray) -> float:
         """What generalised least squares minimises, views' random effects apart, of another residual."""
-        residual = residual - self.log_bias
-        sums = (self.weights * residual).sum(axis=0)
-        return float((self.weights * residual**2).sum() - (self._share * sums) @ sums)
+        squares, products = self._squares(residual)
+        return squares - float((self._share * products) @ products)
 
     def system(self, columns: Sequence[Column]) -> "System":
         """The normal equations of these columns."""
-        views, terms = self.scores.shape
-        shapes = np.zeros((views, terms, len(columns)))
-        sums = np.zeros((len(columns), self._count.size))
+        views, most = len(self.scores), max(len(column.parts) for column in columns)
+        terms, shapes = np.zeros((len(columns), most), np.int64), np.zeros((len(columns), most, views))
+        sums, of_kept = np.zeros((len(columns), self._count.size)), np.zeros((len(columns), len(KEPT), views))
         for number, column in enumerate(columns):
-            for term, shape in column.parts:
-                shapes[:, term, number] += 1.0 if shape is None else shape
-                sums[number] += self._sums[term] if shape is None else shape @ self._weighted[term]
-        grams = np.swapaxes(shapes, 1, 2) @ self.grams @ shapes
-        scores = (np.swapaxes(shapes, 1, 2) @ self.scores[..., None])[..., 0]
-        return self._system(columns, grams, scores, sums)
-
-    def _system(self, columns: Sequence[Column], grams: FloatArray, scores: FloatArray, sums: FloatArray) -> "System":
+            for place, (term, shape) in enumerate(column.parts):
+                terms[number, place], shapes[number, place] = term, 1.0 if shape is None else shape
+                of_kept[number] -= shapes[number, place] * self._taken[:, term].T
+                if shape is None:
+                    sums[number] += self._sums[term]
+                else:
+                    of_kept[number, KEPT.index(term)] += shape
+        for kept, rows in enumerate(self._weighted):
+            some = of_kept[:, kept].any(axis=1)
+            sums[some] += of_kept[some, kept] @ rows
+        grams, scores = np.empty((views, len(columns), len(columns))), np.empty((views, len(columns)))
+        combine(terms, shapes, self.grams, self.scores, grams, scores)
         normal = grams.sum(axis=0) - (sums * self._share) @ sums.T
         return System(
             tuple(columns), grams, scores, scores.sum(axis=0), normal, sums, self.power, self.structured, self.samples
         )
-
-    def with_pose_from(self, system: "System", view: int, columns: Sequence[Column]) -> "System":
-        """A system with three more columns, those of a pose that is another from this view on."""
-        places = [next(i for i, c in enumerate(system.columns) if c.term is term) for term in POSE]
-        grams, scores = system.grams, system.scores
-        cross, own = grams[:, :, places].copy(), grams[:, places][:, :, places].copy()
-        cross[:view], own[:view] = 0.0, 0.0
-        after = scores[:, places].copy()
-        after[:view] = 0.0
-        wider = np.concatenate(
-            [np.concatenate([grams, cross], axis=2), np.concatenate([np.swapaxes(cross, 1, 2), own], axis=2)], axis=1
-        )
-        sums = np.concatenate([system.sums, [self._weighted[term][view:].sum(axis=0) for term in POSE]])
-        return self._system([*system.columns, *columns], wider, np.concatenate([scores, after], axis=1), sums)
 
 
 @dataclass(frozen=True, eq=False)

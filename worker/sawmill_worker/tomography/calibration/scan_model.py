@@ -168,23 +168,33 @@ class ScanModel:
         if self.size(Term.GRADIENT_X) or self.size(Term.GRADIENT_Y):
             x, y = self.deformations[8:10]
             shape = shape + self.size(Term.GRADIENT_X) * x + self.size(Term.GRADIENT_Y) * y
-        integrals: FloatArray = self.gain * shape + self.offset
+        integrals: FloatArray = self.gain * shape
+        integrals += self.offset
         return integrals
+
+    @cached_property
+    def lengths(self) -> FloatArray:
+        """`project` of the phantom in the poses of the views, (views, cells)."""
+        return self.project()
 
     @cached_property
     def sharp(self) -> FloatArray:
         """(views, cells), before exposure, blur, scatter, lag and the flat field act."""
-        return self._line_integrals(self.project())
+        return self._line_integrals(self.lengths)
 
     @cached_property
     def exposure(self) -> FloatArray:
         """What the exposure over a whole step adds."""
-        ends = [self._line_integrals(self.project(turned=end * self.exposure_angle_rad)) for end in (-1.0, 1.0)]
-        if not self.from_counts:
-            mean: FloatArray = 0.5 * (ends[0] + ends[1]) - self.sharp
-            return mean
-        added: FloatArray = -np.log(0.5 * (np.exp(-ends[0]) + np.exp(-ends[1]))) - self.sharp
-        return added
+        start, end = (self._line_integrals(self.project(turned=way * self.exposure_angle_rad)) for way in (-1.0, 1.0))
+        if self.from_counts:
+            np.exp(np.negative(start, out=start), out=start)
+            np.exp(np.negative(end, out=end), out=end)
+        start += end
+        start *= 0.5
+        if self.from_counts:
+            np.negative(np.log(start, out=start), out=start)
+        start -= self.sharp
+        return start
 
     @cached_property
     def exposed(self) -> FloatArray:

@@ -2,11 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import chdtri
 
+from sawmill_worker.tomography.calibration._derivatives_numba import whiten
 from sawmill_worker.tomography.calibration.normal_equations import System
 from sawmill_worker.tomography.geometry import FloatArray
 
@@ -71,24 +73,30 @@ class Beside:
 
     def __init__(self, system: System, base: Sequence[int]) -> None:
         self._system, self._base = system, list(base)
-        self._inverse = system.inverse(self._base)
-        self._best = self._inverse @ system.score[self._base]
+        cross, inverse = system.normal[self._base], system.inverse(self._base)
+        self._best = inverse @ system.score[self._base]
         self._explained = float(system.score[self._base] @ self._best)
+        # Of every column what the base's take over of it, and what is left of the normal equations.
+        self._carried = inverse @ cross
+        self._normal, self._score = system.normal - cross.T @ self._carried, system.score - cross.T @ self._best
+
+    @cached_property
+    def _scores(self) -> FloatArray:
+        """Each view's, (views, columns), at the base's best change."""
+        return self._system.scores - self._system.grams[:, :, self._base] @ self._best
 
     def tested(self, tried: Sequence[int]) -> EffectTest:
         """Judge these columns."""
         system, base, tried = self._system, self._base, list(tried)
-        cross = system.normal[np.ix_(base, tried)]
-        carried = self._inverse @ cross
-        matrix = system.normal[np.ix_(tried, tried)] - cross.T @ carried
         scale = system.scale[tried]
-        values, vectors = np.linalg.eigh(matrix * np.outer(scale, scale))
+        values, vectors = np.linalg.eigh(self._normal[np.ix_(tried, tried)] * np.outer(scale, scale))
         kept = values > SINGULAR
         # Unknowns (columns, degrees) of which each has unit information, independent of the others.
         white = scale[:, None] * vectors[:, kept] / np.sqrt(values[kept])
-        score = white.T @ (system.score[tried] - cross.T @ self._best)
+        score = white.T @ self._score[tried]
         sizes, power, degrees = white @ score, float(score @ score), int(kept.sum())
-        bias = -carried @ sizes
+        carried = self._carried[:, tried] @ white
+        bias = -carried @ score
         explained = self._explained + power
         variance = max(system.power - explained, 0.0) / max(system.samples - len(base) - len(tried), 1.0)
         if variance <= 0.0 or degrees == 0:
@@ -96,33 +104,47 @@ class Beside:
         # It scatters by noise at least: where that explains it, no other scatter need be known.
         if power < variance * chance_limit(BEYOND_CHANCE, degrees):
             return EffectTest(power / variance, power, degrees, sizes, bias)
-        change = np.zeros(len(system.columns))
-        change[base], change[tried] = self._best + bias, sizes
-        basis = np.zeros((len(system.columns), degrees))
-        basis[tried], basis[base] = white, -carried @ white
+        scores, information = np.empty((len(system.scores), degrees)), np.empty((len(system.scores), degrees, degrees))
+        whiten(
+            system.grams,
+            self._scores,
+            np.array([*base, *tried]),
+            np.concatenate([-carried, white]),
+            scores,
+            information,
+        )
         structured = max(system.structured - explained, UNTRUSTED * system.structured)
-        by_chance = max(variance * _scatter(system, change, basis, variance), structured / STRUCTURES)
-        return EffectTest(power / by_chance, power, degrees, sizes, bias)
+        scatter = _scatter(scores - information @ score, information, variance)
+        return EffectTest(power / max(variance * scatter, structured / STRUCTURES), power, degrees, sizes, bias)
 
 
-def _scatter(system: System, change: FloatArray, basis: FloatArray, variance: float) -> float:
-    """How much more the scores of unknowns of unit information (columns, degrees) scatter than noise does, at least 1.
+def _scatter(scores: FloatArray, information: FloatArray, variance: float) -> float:
+    """How much more the scores of unknowns of unit information scatter than noise does, at least 1.
 
     From view to view they are those that would be seen without the view (the jackknife; MacKinnon and White 1985), or
     one view in which an edge lies along the rays would explain itself.
 
     What the change takes from the stripes is in no view's scores. It is their mean, since their sum is 0 at the best
     change of generalised least squares, and no scatter.
+
+    Parameters
+    ----------
+    scores : (views, unknowns)
+    information : (views, unknowns, unknowns)
+        Of each view; the sum over the views is 1.
     """
-    scores = (system.scores - system.grams @ change) @ basis
-    scores -= scores.mean(axis=0)
-    information = np.swapaxes(system.grams @ basis, 1, 2) @ basis
+    scores = scores - scores.mean(axis=0)
     degrees = scores.shape[1]
     alone = np.linalg.solve(np.eye(degrees) * (1.0 + RIDGE) - information, scores[..., None])[..., 0]
     largest: float = max(1.0, float((alone**2).sum()) / (variance * degrees))
     for blocks in BLOCKS:
         if blocks < len(scores):
-            first = np.linspace(0, len(scores), blocks, endpoint=False).astype(np.intp)
-            power = float((np.add.reduceat(scores, first) ** 2).sum())
+            power = float((np.add.reduceat(scores, first_views(len(scores), blocks)) ** 2).sum())
             largest = max(largest, power / (variance * degrees))
     return largest
+
+
+@cache
+def first_views(views: int, blocks: int) -> NDArray[np.intp]:
+    """The first view of each block of neighbouring ones."""
+    return np.linspace(0, views, blocks, endpoint=False).astype(np.intp)

@@ -64,13 +64,13 @@ def stepped(
 
     A residual that is larger by the share `may_rise` is no larger.
     """
-    share, before = 1.0, grams.objective(model.residual)
+    share = 1.0
     while share >= SHORTEST:
         then = moved(model, columns, share * change)
         if then.view_gain and then.clears:
             then = then.with_view_gains(grams.weights)
         exists = then.clears and bool((then.gain > 0.0).all())
-        if exists and grams.objective(then.residual) <= before * (1.0 + may_rise):
+        if exists and grams.objective(then.residual) <= grams.objective_at_model * (1.0 + may_rise):
             return then, share
         share *= 0.5
     return model, 0.0

@@ -39,24 +39,23 @@ def slip_at(view: int) -> Effect:
     )
 
 
-def likeliest_slip(system: System, base: list[int]) -> int | None:
-    """The view at which a slip explains most beside the columns `base`; None of too few views.
+def likeliest_slip(system: System) -> int | None:
+    """The view at which a slip explains most beside the columns of a system; None of too few views.
 
-    The base has the columns of `POSE`, in all views alike.
+    It has the columns of `POSE`, in all views alike.
     """
     views = len(system.scores)
     fewest = max(FEWEST_VIEWS, round(SHARE_OF_VIEWS * views))
     if views < 2 * fewest:
         return None
-    pose = [next(i for i in base if system.columns[i].term is term) for term in POSE]
+    pose = [next(i for i, column in enumerate(system.columns) if column.term is term) for term in POSE]
     # Stripes are left out of account: what is subtracted for them belongs to no view.
-    system = replace(system, normal=system.grams.sum(axis=0))
-    inverse = system.inverse(base)
-    best = inverse @ system.scores[:, base].sum(axis=0)
-    rest = system.scores[:, pose] - system.grams[:, pose][:, :, base] @ best
+    inverse = replace(system, normal=system.grams.sum(axis=0)).inverse(range(len(system.columns)))
+    best = inverse @ system.scores.sum(axis=0)
+    grams = system.grams[:, pose]
+    rest = system.scores[:, pose] - grams @ best
     after = np.cumsum(rest[::-1], axis=0)[::-1][fewest : views - fewest + 1]
-    own = np.cumsum(system.grams[::-1, pose][:, :, pose], axis=0)[::-1][fewest : views - fewest + 1]
-    cross = np.cumsum(system.grams[::-1, pose][:, :, base], axis=0)[::-1][fewest : views - fewest + 1]
-    matrix = own - cross @ inverse @ np.swapaxes(cross, 1, 2)
+    cross = np.cumsum(grams[::-1], axis=0)[::-1][fewest : views - fewest + 1]
+    matrix = cross[:, :, pose] - cross @ inverse @ np.swapaxes(cross, 1, 2)
     solved = (np.linalg.pinv(matrix, rcond=1e-9, hermitian=True) @ after[..., None])[..., 0]
     return fewest + int(np.einsum("nt,nt->n", after, solved).argmax())
