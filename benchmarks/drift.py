@@ -5,12 +5,11 @@
 Every scan has its own scanner, log, number of views (120, 180, 360 or 720) and noise (0.5 to 4 % of the RMS, or
 counts with 3 000 to 30 000 photons in air). Prints for each kind of scan the share without an answer, the RMS errors,
 how often value +- 1.96 standard deviations held the truth, false alarms of drift (against the truth), and scans whose
-turn is called disturbed; then the time for 360 views of 768 cells.
+turn is called disturbed.
 """
 
 import argparse
 import math
-import time
 from collections import Counter, defaultdict
 from dataclasses import dataclass, field, replace
 
@@ -147,18 +146,6 @@ def near(truth: SourceFrame, rng: np.random.Generator) -> SourceFrame:
     )
 
 
-def speed(rng: np.random.Generator) -> float:
-    """Seconds for 360 views of 768 cells, warm: median of seven."""
-    fan = FanBeamGeometry(SCANNER, Theta(0.7, 715.0, 180.0, 30.0, 0.15), np.arange(360) * TAU / 360)
-    sinogram = simulate_sinogram(random_log(rng, 4).moved(5.0, -3.0), fan, noise=0.01, seed=4)
-    times = []
-    for _ in range(7):
-        started = time.perf_counter()
-        conjugate_fit(SCANNER, sinogram, fan.angles_rad, near(fan.frame, rng))
-        times.append(time.perf_counter() - started)
-    return float(np.median(times))
-
-
 def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -186,7 +173,6 @@ def main() -> None:
     print(f"{'':24s}scans  refused   held   {columns}")
     for name in (*KINDS, *(f"{views} views" for views in VIEWS), "all"):
         print(f"{name:24s}{tallies[name].line()}  {dict(tallies[name].refused) or ''}")
-    print(f"360 views of 768 cells: {speed(rng):.2f} s")
 
 
 if __name__ == "__main__":

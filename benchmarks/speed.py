@@ -1,8 +1,13 @@
-"""The published pipeline and the product's calibration on the same L-phantom data, one after the other in one process.
+"""The product beside its peers and the machine's limits, one after the other in one process.
 
     python benchmarks/speed.py [--full]
 
 Writes `benchmarks/results/speed.json`.
+
+Calibrations of the L-phantom's scan are beside the published pipeline, filtered back-projection beside ODL, and total
+variation beside ASTRA's SIRT on one core, stopped where its error is least. Drift checks have no peer. A limit is what
+the multiply-adds that cannot be left out take at the rate of a matrix product on all cores: of a calibration the inner
+products of its joint fit, of an image two of each pixel (FBP) or of each pixel's width along each ray (iterations).
 
 Without --full the published search is not run to its end: the time of one evaluation is measured and multiplied by the
 evaluations that such a search took when it was run (4 389 with 360 views, 3 498 with 20). The product's time is
@@ -15,25 +20,39 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from astra_rivals import STOPS, tuned
 from measurement import Measurement
+from mill_logs import Mill
+from numpy.typing import DTypeLike
 from published_pipeline import PublishedObjective, search
+from reconstruction_speed import from_counts
 from scanners import SCANNER
+from scans import GRID, TRUE_THETA
 from scipy.io import loadmat
+from slice_price import BLOCK, logs
 
 from sawmill_worker.tomography import analytic
 from sawmill_worker.tomography.analytic import DetectorCells
 from sawmill_worker.tomography.built_in import L_SHAPE
 from sawmill_worker.tomography.calibration.calibrate import calibrate
+from sawmill_worker.tomography.calibration.scan_model import Term
 from sawmill_worker.tomography.calibration.task import CalibrationTask
+from sawmill_worker.tomography.detector_fit import detector_fit
 from sawmill_worker.tomography.fbp import fbp
 from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, FloatArray, Theta, to_vector
 from sawmill_worker.tomography.image_grid import ImageGrid
+from sawmill_worker.tomography.log_model import SAPWOOD_PER_MM
 from sawmill_worker.tomography.projector import Projector
+from sawmill_worker.tomography.quality import relative_error
 from sawmill_worker.tomography.ray_error import ray_error
+from sawmill_worker.tomography.simulate import simulate_sinogram
+from sawmill_worker.tomography.total_variation import USUAL_PAIRS, total_variation
+from sawmill_worker.vocabulary import Rotation
 
 THETA = Theta(2.55023549, 714.683839, 319.943788, 43.6514375, 0.280799451)
 MEASURED_EVALUATIONS = {360: 4389, 20: 3498}
@@ -78,13 +97,33 @@ def published_seconds(sinogram: FloatArray, *, full: bool) -> tuple[float, float
     return once, seconds, f"{outcome.nfev} evaluations run, ray error {error:.3f} mm"
 
 
-def product_seconds(sinogram: FloatArray, angles: FloatArray) -> tuple[dict[str, float], float]:
-    """Median seconds of each stage, and the ray error."""
+def median_s(run: Callable[[], object], repeats: int = 7) -> float:
+    """Median seconds by the clock; a run before them is not counted."""
+    laps = []
+    for _ in range(repeats + 1):
+        started = time.perf_counter()
+        run()
+        laps.append(time.perf_counter() - started)
+    return float(np.median(laps[1:]))
+
+
+def multiply_add_s(kind: DTypeLike) -> float:
+    """Seconds of a multiply-add in a product of matrices of 2048 x 2048, all cores at work."""
+    size = 2048
+    matrix = np.random.default_rng(1).standard_normal((size, size)).astype(kind)
+    return median_s(lambda: matrix @ matrix) / size**3
+
+
+def product_seconds(sinogram: FloatArray, angles: FloatArray) -> tuple[dict[str, float], float, float]:
+    """Median seconds of each stage, the limit of the whole, and the ray error."""
     calibrate(CalibrationTask(SCANNER, L_SHAPE, sinogram, angles))
     runs = [calibrate(CalibrationTask(SCANNER, L_SHAPE, sinogram, angles), seed=seed) for seed in range(REPEATS)]
     stages = {name: float(np.median([getattr(run.timing, name) for run in runs])) for name in vars(runs[0].timing)}
     true = THETA.source_frame(SCANNER.source_to_cor_mm)
-    return stages, max(ray_error(SCANNER, true, run.frame).rms_mm for run in runs)
+    # Each round multiplies every two derivatives of the model, and each with the residual.
+    products = float(np.median([run.fit.iterations for run in runs])) * sinogram.size * len(Term) * (len(Term) + 3) / 2
+    limit = products * multiply_add_s(np.float64)
+    return stages, limit, max(ray_error(SCANNER, true, run.frame).rms_mm for run in runs)
 
 
 def from_the_shell(sinogram: FloatArray, folder: Path) -> float:
@@ -118,6 +157,47 @@ def one_fbp(sinogram: FloatArray, angles: FloatArray) -> tuple[float, float]:
     return float(np.median(laps["odl"][1:])), float(np.median(laps["ours"][1:]))
 
 
+def block_of_slices(slices: int = 64) -> dict[str, float]:
+    """Milliseconds a slice from counts to the image, 360 views, and the back-projection's limit."""
+    views, size = 360, 256
+    projector = Projector(
+        FanBeamGeometry(SCANNER, THETA, (np.arange(views) + 0.5) * TAU / views), ImageGrid(size, 400.0)
+    )
+    once = median_s(from_counts(projector, slices)) / slices
+    return {"a_slice_ms": 1e3 * once, "limit_ms": 1e3 * 2 * views * size**2 * multiply_add_s(np.float32)}
+
+
+def few_views_slices() -> dict[str, float]:
+    """Milliseconds a slice of a block by total variation from 20 views at 2 % noise, and by ASTRA's SIRT; errors."""
+    geometry = FanBeamGeometry(SCANNER, TRUE_THETA, (np.arange(20) + 0.5) * TAU / 20)
+    projector, bodies = Projector(geometry, GRID), logs()
+    sinograms = [simulate_sinogram(body, geometry, noise=0.02, seed=number) for number, body in enumerate(bodies)]
+    lines, truths = projector.block(np.stack(sinograms)), [body.rasterise(GRID.size, GRID.field_mm) for body in bodies]
+    found = total_variation(projector, lines, weight=4.0 / SAPWOOD_PER_MM)
+    once = median_s(lambda: total_variation(projector, lines, weight=4.0 / SAPWOOD_PER_MM)) / BLOCK
+    peer = tuned("SIRT", projector, np.stack(sinograms).astype(np.float32), np.stack(truths), STOPS["SIRT"])
+    # Two pixels share a ray's crossing of a row of pixels, forward and back.
+    crossings = 4.0 * USUAL_PAIRS * geometry.sinogram_shape[0] * geometry.sinogram_shape[1] * GRID.size
+    errors = [relative_error(image, truth) for image, truth in zip(found.image, truths, strict=True)]
+    peers = [relative_error(image, truth) for image, truth in zip(peer.images, truths, strict=True)]
+    return {
+        "a_slice_ms": 1e3 * once,
+        "sirt_ms": 1e3 * peer.wall_s,
+        "ratio": peer.wall_s / once,
+        "limit_ms": 1e3 * crossings * multiply_add_s(np.float32),
+        "error": float(np.mean(errors)),
+        "sirt_error": float(np.mean(peers)),
+    }
+
+
+def drift_check_s(views: int) -> float:
+    """Median seconds of the fit of one drift check of a simulated log, its rows averaged already."""
+    rng = np.random.default_rng(views)
+    mill = Mill.random(rng, views, rows=16)
+    rays, start = mill.look(rng), mill.calibrated(rng)
+    return median_s(lambda: detector_fit(SCANNER, rays, mill.angles_rad, start, Rotation.AS_GIVEN))
+
+
 def main() -> None:
     """Print the table and write the results."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -130,7 +210,7 @@ def main() -> None:
         step = 360 // views
         sinogram, angles = whole[::step], ((np.arange(360) + 0.5) * TAU / 360)[::step]
         once, published, how = published_seconds(sinogram, full=options.full and step == 1)
-        stages, error = product_seconds(sinogram, angles)
+        stages, limit, error = product_seconds(sinogram, angles)
         print(f"{name}, {views} x 768")
         print(f"  published pipeline (ODL, ASTRA CPU): {once:.4f} s an evaluation, {published:8.1f} s in all ({how})")
         print(f"  product: {stages['total']:.4f} s in all, ray error at most {error:.3f} mm")
@@ -147,11 +227,18 @@ def main() -> None:
             "published_s": published,
             "published_how": how,
             "ratio": published / stages["total"],
+            "limit_s": limit,
             "ray_error_mm": error,
             "shell_s": shell,
             "shell_ratio": published / shell,
+            "odl_fbp_s": odl_seconds,
+            "fbp_s": our_seconds,
             "fbp_ratio": odl_seconds / our_seconds,
         }
+    values["fbp_block"], values["total_variation"] = block_of_slices(), few_views_slices()
+    values["drift_check"] = {f"views_{views}_s": drift_check_s(views) for views in (20, 45, 120, 360)}
+    for name in ("fbp_block", "total_variation", "drift_check"):
+        print(f"{name}: {', '.join(f'{key} {value:.3g}' for key, value in values[name].items())}")
     measurement.write({"speed": values})
 
 
