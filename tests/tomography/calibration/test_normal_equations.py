@@ -6,6 +6,7 @@ import pytest
 from scipy.ndimage import correlate1d
 
 from sawmill_worker.tomography import analytic
+from sawmill_worker.tomography._analytic_numba import project
 from sawmill_worker.tomography.analytic import DetectorCells
 from sawmill_worker.tomography.built_in import L_SHAPE, RECTANGLE_WITH_HOLE
 from sawmill_worker.tomography.calibration.normal_equations import Column, ViewGrams
@@ -49,6 +50,9 @@ def derivatives(model):
     size = model.size
     chain = gain * (1.0 + 2.0 * size(Term.HARDENING) * length + 3.0 * size(Term.HARDENING_CUBIC) * length**2)
     across = np.broadcast_to(model.across, length.shape)
+    of_corners = (model.corner_edges, np.empty((0, 4)), *model.kernel_arguments[2:])
+    by_corners = np.empty_like(length)
+    project(*of_corners, by_corners)
     m, padded = model.blurred, np.pad(model.blurred, ((0, 0), (1, 1)), mode="edge")
     first, second = 0.5 * (padded[:, 2:] - padded[:, :-2]), 0.5 * (padded[:, 2:] - 2.0 * m + padded[:, :-2])
     rows = [
@@ -59,7 +63,7 @@ def derivatives(model):
         gain * length**3,
         *(gain * raw[8:10]),
         *(raw[10:12] * chain),
-        model.by_corners * chain,
+        by_corners * chain,
         second - 0.5 * first**2 if model.from_counts else second,
         model.exposure,
         across,
@@ -91,9 +95,36 @@ def test_inner_products_are_those_of_whole_arrays(counts, effects, phantom):
     assert (np.abs(grams.grams - expected) <= 1e-12 * norm[:, :, None] * norm[:, None]).all()
     score, power = np.einsum("tkm,km->kt", weighted, rest), (grams.weights * rest**2).sum(axis=1)
     assert (np.abs(grams.scores - score) <= 1e-12 * norm * np.sqrt(power)[:, None]).all()
-    sums = grams.system([Column.of(term) for term in Term]).sums
-    largest = np.abs(weighted).sum(axis=1).max(axis=1, keepdims=True)
-    assert (np.abs(sums - weighted.sum(axis=1)) <= 1e-12 * largest).all()
+    across_views = np.cos(model.data.angles_rad)
+    columns = [*(Column.of(term) for term in Term), Column(((Term.T_X, across_views), (Term.T_Y, -across_views)))]
+    sums = weighted.sum(axis=1)
+    sums = np.concatenate([sums, [across_views @ (weighted[Term.T_X] - weighted[Term.T_Y])]])
+    moves = (rows[Term.T_X] - rows[Term.T_Y]) * across_views[:, None]
+    every = np.concatenate([rows, moves[None]])
+    normal = np.einsum("pkm,km,qkm->pq", every, grams.weights, every) - (sums * grams._share) @ sums.T
+    size = np.sqrt(np.einsum("pkm,km,pkm->p", every, grams.weights, every)) + 1e-300
+    assert (np.abs(grams.system(columns).normal - normal) <= 1e-12 * np.outer(size, size)).all()
+
+
+@pytest.mark.parametrize("terms", [[Term.PSI], [Term.OFFSET], [Term.GAIN, Term.OFFSET]])
+def test_what_is_taken_out_of_each_view_is_taken_out_of_all_its_rows(terms):
+    model, precision = scan(counts=False, effects=True), 3.0
+    grams, rows = ViewGrams(model), derivatives(model)
+    wave = np.cos(model.data.angles_rad)
+    columns = [Column.of(Term.R), Column.of(Term.PSI), Column(((Term.T_X, wave), (Term.T_Y, -wave)))]
+    grams.project_out(terms, precision)
+    weighted = rows * grams.weights
+    inner = np.einsum("pkm,qkm->kpq", weighted[terms], rows[terms]) + precision * np.eye(len(terms))
+    share = np.einsum("tkm,pkm,kpq->tqk", weighted, rows[terms], np.linalg.inv(inner))
+    left = weighted - np.einsum("tqk,qkm->tkm", share, weighted[terms])
+
+    def of_columns(of_terms):
+        moves = (of_terms[Term.T_X] - of_terms[Term.T_Y]) * wave[:, None]
+        return np.stack([of_terms[Term.R], of_terms[Term.PSI], moves])
+
+    sums = of_columns(left).sum(axis=1)
+    expected = np.einsum("pkm,qkm->pq", of_columns(left), of_columns(rows)) - (sums * grams._share) @ sums.T
+    assert grams.system(columns).normal == pytest.approx(expected, rel=1e-9)
 
 
 def test_inner_products_do_not_depend_on_the_number_of_threads():
@@ -105,6 +136,8 @@ def test_inner_products_do_not_depend_on_the_number_of_threads():
         grams = ViewGrams(model)
         numba.set_num_threads(before)
         found.append(
-            np.concatenate([grams.grams.ravel(), grams.scores.ravel(), grams.system([Column.of(Term.R)]).sums.ravel()])
+            np.concatenate(
+                [grams.grams.ravel(), grams.scores.ravel(), grams.system([Column.of(Term.R)]).normal.ravel()]
+            )
         )
     assert (found[0] == found[1]).all()

@@ -25,7 +25,7 @@ _SLOPE, _CURVATURE, _SCATTER = int(Term.SLOPE), int(Term.CURVATURE), int(Term.SC
 
 
 @njit(fastmath=_FAST)
-def _of_line_integrals(raw, gain, cosine, sine, sizes, by_corners, exposure, chain, row):
+def _of_line_integrals(raw, gain, cosine, sine, sizes, chain, row):
     """Fill the rows up to the exposure's from those of `_view`, before blur."""
     cells = raw.shape[1]
     square, cubic, by_x, by_y = sizes[_HARDENING], sizes[_CUBIC], sizes[_GRADIENT_X], sizes[_GRADIENT_Y]
@@ -51,9 +51,32 @@ def _of_line_integrals(raw, gain, cosine, sine, sizes, by_corners, exposure, cha
     for p in range(2):
         for m in range(cells):
             row[_ASPECT + p, m] = raw[10 + p, m] * chain[m]
-    for m in range(cells):
-        row[_CORNERS, m] = by_corners[m] * chain[m]
-        row[_EXPOSURE, m] = exposure[m]
+
+
+@njit(fastmath=_FAST)
+def _exposure(start, end, raw, gain, sizes, from_counts, row):
+    """Fill the row of the exposure from the lengths (cells,) at both points that stand for it."""
+    square, cubic = sizes[_HARDENING], sizes[_CUBIC]
+    for m in range(start.size):
+        one, two, length = start[m], end[m], raw[PARAMETERS, m]
+        bent_one = one + square * one * one + cubic * one * one * one
+        bent_two = two + square * two * two + cubic * two * two * two
+        bent = length + square * length * length + cubic * length * length * length
+        row[_EXPOSURE, m] = gain * (0.5 * (bent_one + bent_two) - bent)
+        start[m] = 0.5 * gain * (bent_one - bent_two)
+    if from_counts:
+        for m in range(start.size):
+            if start[m] != 0.0:
+                row[_EXPOSURE, m] -= _log_cosh(start[m])
+
+
+@njit(fastmath=_FAST)
+def _log_cosh(x):
+    """ln(cosh(x)); of small arguments the first terms of its series."""
+    y = x * x
+    if y > 0.01:
+        return math.log(math.cosh(x))
+    return y * (1.0 / 2.0 - y * (1.0 / 12.0 - y * (1.0 / 45.0 - y * (17.0 / 2520.0 - y * 31.0 / 14175.0))))
 
 
 @njit(fastmath=_FAST)
@@ -143,10 +166,10 @@ def _of_intensities(around, wide, lagging, beside, row):
 @njit(parallel=True, cache=True, fastmath=_FAST)
 def inner_products(
     geometry,
+    turned,
+    corner_edges,
     gain,
     sizes,
-    by_corners,
-    exposure,
     exposed,
     blurred,
     taps,
@@ -160,8 +183,10 @@ def inner_products(
     """Fill what leaves the views.
 
     geometry : as of the kernels of the analytic projection, as a tuple
-    sizes : (terms,)
-    by_corners, exposure, exposed, blurred : (views, cells)
+    turned : (2, views) angles of the two points that stand for a view's exposure
+    corner_edges : (edges, 5) of what a corner loses, of the density by which its derivative is taken
+    gain : (views, 1); sizes : (terms,)
+    exposed, blurred : (views, cells)
     taps : (2 n + 1,) of the blur; empty where there is none
     intensities : four times (views, cells): what scatters from around and from the whole view, what lags, and what is
         added of these; (0, cells) where the line integrals were not made from counts
@@ -178,15 +203,22 @@ def inner_products(
     count = TERMS if from_counts else _SCATTER
     for block in prange(sums.shape[0]):
         raw, row = np.empty((ROWS, cells)), np.zeros((TERMS + AT_ONCE, cells))
-        chain, left, right = np.empty(cells), np.empty(8), np.empty(8)
+        lengths, chain, left, right = np.empty((3, ROWS, cells)), np.empty(cells), np.empty(8), np.empty(8)
         for kk in range(block * BLOCK, min((block + 1) * BLOCK, views)):
             k = np.int64(kk)
             raw[:] = 0.0
             _view(k, edges, discs, frame, t_x, t_y, angles, u_first, pitch, cells, rays, raw, 2, left, right)
             beta = angles[k] + frame[0]
-            _of_line_integrals(
-                raw, gain[k, 0], math.cos(beta), math.sin(beta), sizes, by_corners[k], exposure[k], chain, row
-            )
+            _of_line_integrals(raw, gain[k, 0], math.cos(beta), math.sin(beta), sizes, chain, row)
+            lengths[:, PARAMETERS] = 0.0
+            for end in range(2):
+                at = lengths[end]
+                _view(k, edges, discs, frame, t_x, t_y, turned[end], u_first, pitch, cells, rays, at, 0, left, right)
+            _exposure(lengths[0, PARAMETERS], lengths[1, PARAMETERS], raw, gain[k, 0], sizes, from_counts, row)
+            at = lengths[2]
+            _view(k, corner_edges, discs[:0], frame, t_x, t_y, angles, u_first, pitch, cells, rays, at, 0, left, right)
+            for m in range(cells):
+                row[_CORNERS, m] = at[PARAMETERS, m] * chain[m]
             if taps.size > 0:
                 _blur_rows(exposed[k], taps, from_counts, row)
             _by_blur(blurred[k], from_counts, row)

@@ -265,7 +265,7 @@ class _JointFitter:
         base = [*free, *(column for one in self.fitted for column in one.columns)]
         used = list(range(len(base)))
         slips = sum(one.effect.adjustment is Adjustment.SLIP for one in self.fitted)
-        view = likeliest_slip(grams.system(base)) if slips < MOST_SLIPS else None
+        view = likeliest_slip(base, *grams.of_columns(base)) if slips < MOST_SLIPS else None
         if view is not None:
             slip, trials = slip_at(view), float(len(grams.scores))
             declined = Adjustment.SLIP in self.without

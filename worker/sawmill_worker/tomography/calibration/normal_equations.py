@@ -87,14 +87,14 @@ class ViewGrams:
         (views, cells), terms = residual.shape, len(Term)
         self.grams, self.scores = np.zeros((views, terms, terms)), np.zeros((views, terms))
         # The weighted derivatives of `KEPT` (kept, views, cells), and how much of them was taken out of each term's.
-        self._weighted, self._taken = np.empty((len(KEPT), views, cells)), np.zeros((views, terms, len(KEPT)))
+        self._weighted, self._taken = np.empty((len(KEPT), views, cells)), np.zeros((terms, len(KEPT), views))
         sums, neighbours = np.zeros((-(-views // BLOCK), terms, cells)), np.empty((views, 2))
         inner_products(
             model.kernel_arguments,
+            model.data.angles_rad + model.pose[:, 0] + model.exposure_angle_rad * np.array([[-1.0], [1.0]]),
+            model.corner_edges,
             model.gain,
             np.array([model.size(term) for term in Term]),
-            model.by_corners,
-            model.exposure,
             model.exposed,
             model.blurred,
             model.taps,
@@ -161,7 +161,7 @@ class ViewGrams:
         share = self.grams[:, :, own] @ inverse
         self.power -= float(np.einsum("ki,kij,kj->", self.scores[:, own], inverse, self.scores[:, own]))
         rows = np.array([[float(kept is term) for kept in KEPT] for term in terms])
-        self._taken = self._taken + share @ (rows - self._taken[:, own])
+        self._taken = self._taken + np.einsum("kto,oek->tek", share, rows[..., None] - self._taken[own])
         self.scores = self.scores - (share @ self.scores[:, own, None])[..., 0]
         self.grams = self.grams - share @ self.grams[:, own]
 
@@ -170,15 +170,24 @@ class ViewGrams:
         squares, products = self._squares(residual)
         return squares - float((self._share * products) @ products)
 
-    def system(self, columns: Sequence[Column]) -> "System":
-        """The normal equations of these columns."""
-        views, most = len(self.scores), max(len(column.parts) for column in columns)
-        terms, shapes = np.zeros((len(columns), most), np.int64), np.zeros((len(columns), most, views))
-        sums, of_kept = np.zeros((len(columns), self._count.size)), np.zeros((len(columns), len(KEPT), views))
+    def of_columns(self, columns: Sequence[Column]) -> tuple[FloatArray, FloatArray]:
+        """Every view's inner products of these columns (views, n, n), and with the residual (views, n)."""
+        views, n, parts = len(self.scores), len(columns), max(len(column.parts) for column in columns)
+        terms, shapes = np.zeros((n, parts), np.int64), np.zeros((n, parts, views))
         for number, column in enumerate(columns):
             for place, (term, shape) in enumerate(column.parts):
                 terms[number, place], shapes[number, place] = term, 1.0 if shape is None else shape
-                of_kept[number] -= shapes[number, place] * self._taken[:, term].T
+        grams, scores = np.empty((views, n, n)), np.empty((views, n))
+        combine(terms, shapes, self.grams, self.scores, grams, scores)
+        return grams, scores
+
+    def system(self, columns: Sequence[Column]) -> "System":
+        """The normal equations of these columns."""
+        grams, scores = self.of_columns(columns)
+        sums, of_kept = np.zeros((len(columns), self._count.size)), np.zeros((len(columns), len(KEPT), len(scores)))
+        for number, column in enumerate(columns):
+            for term, shape in column.parts:
+                of_kept[number] -= self._taken[term] if shape is None else shape * self._taken[term]
                 if shape is None:
                     sums[number] += self._sums[term]
                 else:
@@ -186,11 +195,9 @@ class ViewGrams:
         for kept, rows in enumerate(self._weighted):
             some = of_kept[:, kept].any(axis=1)
             sums[some] += of_kept[some, kept] @ rows
-        grams, scores = np.empty((views, len(columns), len(columns))), np.empty((views, len(columns)))
-        combine(terms, shapes, self.grams, self.scores, grams, scores)
         normal = grams.sum(axis=0) - (sums * self._share) @ sums.T
         return System(
-            tuple(columns), grams, scores, scores.sum(axis=0), normal, sums, self.power, self.structured, self.samples
+            tuple(columns), grams, scores, scores.sum(axis=0), normal, self.power, self.structured, self.samples
         )
 
 
@@ -204,8 +211,6 @@ class System:
         Of each view.
     score : (n,); normal : (n, n)
         Their sums, less what stripes make of them.
-    sums : (n, cells)
-        Of the columns over the views, weighted.
     power : float
         Of the residual.
     structured : float
@@ -217,7 +222,6 @@ class System:
     scores: FloatArray
     score: FloatArray
     normal: FloatArray
-    sums: FloatArray
     power: float
     structured: float
     samples: float
@@ -232,13 +236,22 @@ class System:
     @cached_property
     def scale(self) -> FloatArray:
         """What makes the diagonal one."""
-        diagonal = np.diag(self.normal)
-        scale: FloatArray = np.where(diagonal > 0.0, 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0)), 0.0)
-        return scale
+        return _unit_scale(self.normal)
 
     def inverse(self, used: Sequence[int]) -> FloatArray:
-        """Of the normal matrix of some columns; what they do not determine has no variance."""
-        scale = self.scale[list(used)]
-        matrix = self.normal[np.ix_(used, used)] * np.outer(scale, scale)
-        inverse: FloatArray = np.linalg.pinv(matrix, rcond=1e-11, hermitian=True) * np.outer(scale, scale)
-        return inverse
+        """Of the normal matrix of some columns."""
+        return scaled_inverse(self.normal[np.ix_(used, used)])
+
+
+def scaled_inverse(normal: FloatArray) -> FloatArray:
+    """Invert a normal matrix (n, n); what it does not determine has no variance."""
+    scale = _unit_scale(normal)
+    both = np.outer(scale, scale)
+    inverse: FloatArray = np.linalg.pinv(normal * both, rcond=1e-11, hermitian=True) * both
+    return inverse
+
+
+def _unit_scale(normal: FloatArray) -> FloatArray:
+    diagonal = np.diag(normal)
+    scale: FloatArray = np.where(diagonal > 0.0, 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0)), 0.0)
+    return scale

@@ -136,10 +136,10 @@ class ScanModel:
             self.data.rays_per_cell,
         )
 
-    def project(self, *, turned: float = 0.0, phantom: Phantom | None = None) -> FloatArray:
+    def project(self, *, turned: float = 0.0) -> FloatArray:
         """Line integrals of the drawing alone, in mm."""
         return analytic.project(
-            phantom or self.phantom,
+            self.phantom,
             self.data.cells,
             self.frame,
             self.data.angles_rad + self.pose[:, 0] + turned,
@@ -272,9 +272,9 @@ class ScanModel:
         """What it leaves of the sinogram."""
         return self.data.sinogram - self.prediction
 
-    @cached_property
-    def by_corners(self) -> FloatArray:
-        """The drawing's line integrals by the squared radius of its corners."""
+    @property
+    def corner_edges(self) -> FloatArray:
+        """Edges (edges, 5) of what corners lose; their line integrals are the derivative by the squared radius."""
         square = self.size(Term.CORNERS)
         with_more = with_rounded_corners(self.drawing, math.sqrt(square + CORNER_STEP))
         without = with_rounded_corners(self.drawing, math.sqrt(square))
@@ -284,10 +284,9 @@ class ScanModel:
             *(replace(shape, density=-shape.density) for shape in without.shapes[known:]),
         )
         if not pieces:
-            return np.zeros_like(self.data.sinogram)
+            return np.empty((0, 5))
         cut_off = replace(self.drawing, shapes=pieces).deformed(self.size(Term.ASPECT), self.size(Term.SHEAR))
-        change: FloatArray = self.project(phantom=cut_off) / CORNER_STEP
-        return change
+        return cut_off.edges * [1.0, 1.0, 1.0, 1.0, 1.0 / CORNER_STEP]
 
     def with_view_gains(self, weights: FloatArray) -> "ScanModel":
         """With each view's gain and offset by weighted linear regression of what is measured."""

@@ -1,12 +1,12 @@
 """A phantom that slips, or an angle that jumps, at some view."""
 
 import math
-from dataclasses import replace
+from collections.abc import Sequence
 
 import numpy as np
 
 from sawmill_worker.tomography.calibration.faults.effect import Effect
-from sawmill_worker.tomography.calibration.normal_equations import Column, System
+from sawmill_worker.tomography.calibration.normal_equations import Column, scaled_inverse
 from sawmill_worker.tomography.calibration.scan_model import POSE, ScanModel
 from sawmill_worker.tomography.geometry import FloatArray
 from sawmill_worker.vocabulary import Adjustment
@@ -39,23 +39,26 @@ def slip_at(view: int) -> Effect:
     )
 
 
-def likeliest_slip(system: System) -> int | None:
-    """The view at which a slip explains most beside the columns of a system; None of too few views.
+def likeliest_slip(columns: Sequence[Column], grams: FloatArray, scores: FloatArray) -> int | None:
+    """The view at which a slip explains most beside the columns of a fit; None of too few views.
 
-    It has the columns of `POSE`, in all views alike.
+    Parameters
+    ----------
+    columns : sequence of Column
+        Those of `POSE`, in all views alike, among them.
+    grams : (views, columns, columns); scores : (views, columns)
+        Of each view. Stripes are left out of account: what is subtracted for them belongs to no view.
     """
-    views = len(system.scores)
+    views = len(scores)
     fewest = max(FEWEST_VIEWS, round(SHARE_OF_VIEWS * views))
     if views < 2 * fewest:
         return None
-    pose = [next(i for i, column in enumerate(system.columns) if column.term is term) for term in POSE]
-    # Stripes are left out of account: what is subtracted for them belongs to no view.
-    inverse = replace(system, normal=system.grams.sum(axis=0)).inverse(range(len(system.columns)))
-    best = inverse @ system.scores.sum(axis=0)
-    grams = system.grams[:, pose]
-    rest = system.scores[:, pose] - grams @ best
+    pose = [next(i for i, column in enumerate(columns) if column.term is term) for term in POSE]
+    inverse = scaled_inverse(grams.sum(axis=0))
+    of_pose = grams[:, pose]
+    rest = scores[:, pose] - of_pose @ (inverse @ scores.sum(axis=0))
     after = np.cumsum(rest[::-1], axis=0)[::-1][fewest : views - fewest + 1]
-    cross = np.cumsum(grams[::-1], axis=0)[::-1][fewest : views - fewest + 1]
+    cross = np.cumsum(of_pose[::-1], axis=0)[::-1][fewest : views - fewest + 1]
     matrix = cross[:, :, pose] - cross @ inverse @ np.swapaxes(cross, 1, 2)
     solved = (np.linalg.pinv(matrix, rcond=1e-9, hermitian=True) @ after[..., None])[..., 0]
     return fewest + int(np.einsum("nt,nt->n", after, solved).argmax())
