@@ -1,5 +1,6 @@
 """The direction of imports (docs/architecture.md#direction-of-imports), and what each part wakes up."""
 
+import os
 import subprocess
 import sys
 import tomllib
@@ -7,6 +8,8 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+
+from sawmill_worker.execution.importing import PROGRAM, UNUSED
 
 pytestmark = pytest.mark.slow
 
@@ -100,3 +103,20 @@ def test_what_runs_idle_holds_no_library_that_only_work_needs():
     ready = imported_by("import sawmill_worker.execution.attempt")
     never = {"scipy.stats", "scipy.optimize", "scipy.interpolate", "matplotlib", "alembic", "celery", "sqlalchemy"}
     assert not ready & never
+
+
+def test_a_worker_and_its_template_hold_no_library_that_others_bring_along(tmp_path):
+    """As they are started: `structlog` would import one, Numba and NumPy the others."""
+    started = "import sys, sawmill_worker.execution.attempt, sawmill_worker.execution.poller\n"
+    tells = "def main():\n    print(*(name for name, module in sys.modules.items() if module is not None))\n"
+    (tmp_path / "program.py").write_text(started + tells)
+    done = subprocess.run(
+        [*PROGRAM, "program"],
+        capture_output=True,
+        text=True,
+        check=True,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])},
+    )
+    loaded = set(done.stdout.split())
+    assert {"structlog", "numba", "sqlalchemy"} <= loaded
+    assert not loaded & {*UNUSED}

@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ from sawmill_worker.contracts.jobs import JobKind, JobState
 from sawmill_worker.contracts.scanners import ScannerSpec
 from sawmill_worker.contracts.scans import ScanSpec
 from sawmill_worker.execution import template
+from sawmill_worker.execution.poller import run_worker
 from sawmill_worker.execution.runner import ATTEMPT_COMMAND, Runner
 from sawmill_worker.execution.template import ForkedProcess, Template, template_library
 from sawmill_worker.files import calibration_file
@@ -228,3 +230,24 @@ def test_the_science_answers_alike_to_the_bit_in_a_child_and_in_a_fresh_process(
     answers, arrays = zip(*(read_back(store, each.id) for each in (first, second)), strict=True)
     assert answers[0] == answers[1]
     assert all(np.array_equal(arrays[0][name], arrays[1][name]) for name in arrays[0])
+
+
+def test_a_worker_without_a_job_for_long_ends_its_template_and_starts_one_for_the_next_job(
+    store, settings, command, queue, in_background, wait_for, stop
+):
+    def templates():
+        found = []
+        for file in Path("/proc/self/task").glob("*/children"):
+            with suppress(FileNotFoundError, ProcessLookupError):  # a thread or a process that has just ended
+                found += [Path(f"/proc/{child}/cmdline").read_bytes() for child in file.read_text().split()]
+        return [each for each in found if command[-1].encode() in each]
+
+    first = queue("succeed")
+    outcome = in_background(run_worker, store, settings.model_copy(update={"spare_idle_s": 0.3}), stop, command=command)
+    wait_for(lambda: store.jobs.get(first.id).state is JobState.SUCCEEDED)
+    wait_for(lambda: not templates())
+    second = queue("succeed")
+    wait_for(lambda: store.jobs.get(second.id).state is JobState.SUCCEEDED)
+    wait_for(lambda: not templates())
+    stop.set()
+    outcome.result(timeout=60)

@@ -60,10 +60,11 @@ def run_worker(
     housekeeping.start()
     worked_at = time.monotonic()
     try:
-        while not stop.is_set() and time.monotonic() - worked_at < idle_s:
+        while not stop.is_set() and (idle_for_s := time.monotonic() - worked_at) < idle_s:
             wake.clear()
+            resting = idle_for_s >= settings.spare_idle_s
             try:
-                idle = runner.run_next(selection) is None
+                idle = (resting and not store.jobs.could_start(selection)) or runner.run_next(selection) is None
             except (StorageFull, StorageUnavailable, AttemptNotStarted, OSError) as error:
                 if isinstance(error, AttemptNotStarted) and not runner.able:
                     raise
@@ -71,7 +72,10 @@ def run_worker(
                 wake.wait(settings.outage_wait_s)
                 continue
             if idle:
-                runner.warm_up()
+                if resting:
+                    runner.close()
+                else:
+                    runner.warm_up()
                 wake.wait(settings.poll_s)
             else:
                 worked_at = time.monotonic()

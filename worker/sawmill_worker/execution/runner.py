@@ -158,7 +158,7 @@ class Runner:
             structlog.get_logger().warning("spare-not-started", reason=str(error))
 
     def close(self) -> None:
-        """End the spare processes."""
+        """End the spare processes and their template; a later job starts new ones."""
         with self._lock:
             spares, self._spares = self._spares, []
         self._attempts.close()

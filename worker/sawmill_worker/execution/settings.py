@@ -72,6 +72,11 @@ class ExecutionSettings(BaseSettings):
         1,
         description="Processes kept ready with the science imported; more where jobs often come together.",
     )
+    spare_idle_s: Seconds = Field(
+        600.0,
+        description="How long an embedded worker keeps its template and its spare processes, which hold the science, "
+        "without a job; the next job then waits a second or two for new ones.",
+    )
     fork_attempts: bool = Field(
         default=True,
         description="Fork attempts from a process that has imported everything, where TBB is installed and the system "

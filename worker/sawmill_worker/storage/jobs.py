@@ -418,6 +418,12 @@ class Jobs:
         with self._database.read() as session:
             return session.scalars(ready.with_only_columns(JobRow.id).order_by(*FIRST_COME).limit(limit)).all()
 
+    def could_start(self, selection: Selection) -> bool:
+        """Whether a job of a selection waits that could start now."""
+        ready = _claimable(self._database.now(), selection).with_only_columns(JobRow.id).limit(1)
+        with self._database.read() as session:
+            return session.scalar(ready) is not None
+
     def is_short(self, job_id: str) -> bool:
         """Whether there is such a job, and it takes seconds."""
         with self._database.read() as session:
