@@ -184,6 +184,25 @@ def test_a_picture_comes_first_and_the_values_when_the_slider_rests(site, logs):
     assert float(exact["value"].removesuffix(" 1/mm")) == pytest.approx(logs["example"][20, 3, 28], rel=1e-3)
 
 
+def test_the_window_holds_for_the_picture_while_the_values_are_on_their_way(site, logs):
+    page = site.open("/logs/example?slice=10")
+    shows(page, 10)
+    page.route("**/*.npy?*", lambda _: None)  # they never come
+    page.keyboard.press("ArrowRight")
+    expect(page.locator(".pane")).to_have_attribute("data-shown", "11")
+    with page.expect_response("**/11.jpg?*window_high=2*"):
+        page.locator("#high").fill("2")
+    expected = 255 * np.clip(logs["example"][11] / 2, 0, 1)
+    # JPEG is not exact, least of all where the window cuts the values off.
+    page.wait_for_function(
+        f"""expected => {{
+      const {{data}} = ({PIXELS})();
+      return expected.every((grey, n) => Math.abs(data[4 * n] - grey) < 12);
+    }}""",
+        arg=expected.ravel().tolist(),
+    )
+
+
 @pytest.mark.usefixtures("logs")
 def test_a_slice_that_was_seen_is_not_fetched_again(site):
     page = site.open("/logs/example?slice=10")

@@ -19,7 +19,8 @@ export class Pane {
     [this.canvas.width, this.canvas.height] = [this.volume.columns, this.volume.rows];
     // The index of the slice on the screen and of the one that should be, and the values of the former once they are here.
     [this.shown, this.wanted, this.values] = [null, null, null];
-    this.drawing = null;
+    // The look of the picture on the screen, and the drawing of the next one.
+    [this.drawn, this.drawing] = [null, null];
     this.outdated = new AbortController();
     this.pointed = [null, false];
     this.#drawScale();
@@ -30,8 +31,8 @@ export class Pane {
   }
 
   // Show a slice, or say that there is none (null): its picture, and its values once no other slice is wanted.
-  async show(index, direction = 1) {
-    this.wanted = index;
+  async show(index, direction) {
+    Object.assign(this, { wanted: index, direction });
     this.outdated.abort();
     this.outdated = new AbortController();
     const { signal } = this.outdated;
@@ -58,14 +59,24 @@ export class Pane {
 
   // One picture is on its way at a time; of the slices wanted meanwhile, the newest is next.
   async #drawWanted() {
-    while (this.wanted !== null && this.shown !== this.wanted) {
-      const index = this.wanted;
+    while (this.wanted !== null && !this.#isDrawn()) {
+      const [index, look] = [this.wanted, this.#look()];
       const picture = await this.#picture(index);
       if (this.wanted !== null) {
         this.#put(index);
+        this.drawn = look;
         this.canvas.getContext("2d").drawImage(picture, 0, 0, this.canvas.width, this.canvas.height);
       }
     }
+  }
+
+  // What a picture shows: a slice, in a window and in colours. Values are painted in others when these change.
+  #look() {
+    return JSON.stringify([this.wanted, this.viewer.window, this.viewer.colors]);
+  }
+
+  #isDrawn() {
+    return this.values ? this.shown === this.wanted : this.drawn === this.#look();
   }
 
   async #loadAhead(index, direction, signal) {
@@ -81,9 +92,12 @@ export class Pane {
     return this.volume.picture(index, this.viewer.window, this.viewer.colors, options);
   }
 
+  // Paint the values in the present window and colours, or draw the picture in them while there are no values.
   repaint() {
     if (this.values) {
       paint(this.canvas, this.values, this.viewer.window, this.viewer.table);
+    } else if (this.wanted !== null) {
+      this.show(this.wanted, this.direction);
     }
   }
 
@@ -121,11 +135,13 @@ export class Pane {
 
   // A slice is on the screen, with its values once they are here; null: none is.
   #put(index, values = null) {
-    Object.assign(this, { shown: index, values });
+    Object.assign(this, { shown: index, values, drawn: null });
     this.canvas.style.visibility = index === null ? "hidden" : "visible";
     this.figure.dataset.shown = index ?? "";
     this.figure.dataset.values = values ? index : "";
-    this.repaint();
+    if (values) {
+      this.repaint();
+    }
     this.point(...this.pointed);
   }
 
