@@ -32,7 +32,7 @@ from sawmill_worker.files.scan_reader import open_scan
 from sawmill_worker.files.scan_writer import write_scan
 from sawmill_worker.files.volume_writer import new_reconstruction
 from sawmill_worker.tomography import analytic, cost
-from sawmill_worker.tomography._fbp_numba import back_project_block
+from sawmill_worker.tomography._fbp_numba import back_project_16
 from sawmill_worker.tomography.analytic import DetectorCells
 from sawmill_worker.tomography.built_in import L_SHAPE
 from sawmill_worker.tomography.fbp import Preparation, fbp
@@ -161,7 +161,7 @@ def blocks() -> None:
     rows = np.random.default_rng(5).standard_normal((VIEWS, CELLS + 2, 64), dtype=np.float32)
     volume = np.empty((64, SIZE, SIZE), np.float32)
     frame = Preparation.of(project, "exact", FilterName.HANN, 1.0).frame
-    lap = in_turns({"alone": lambda: back_project_block(rows, *frame, volume)}, 5)["alone"]
+    lap = in_turns({"alone": lambda: back_project_16(rows, *frame, volume)}, 5)["alone"]
     updates = VIEWS * SIZE**2 * 64 / 1e9
     print(f"  back-projection alone: {updates / lap.elapsed:.1f} billion updates a second", end="")
     print(f", {CORES * updates / lap.processor:.1f} by processor time")

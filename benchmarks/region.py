@@ -56,8 +56,8 @@ def back_projection_s(projector: Projector, repeats: int = 5) -> float:
     views, cells = projector.geometry.sinogram_shape
     rows, size = np.ones((views, cells + 2, 16), np.float32), projector.grid.size
     volume = np.empty((16, size, size), np.float32)
-    kernels.back_project_block(rows, *frame, volume)
-    return min(timed(lambda: kernels.back_project_block(rows, *frame, volume))[1] for _ in range(repeats))
+    kernels.back_project_16(rows, *frame, volume)
+    return min(timed(lambda: kernels.back_project_16(rows, *frame, volume))[1] for _ in range(repeats))
 
 
 def main() -> None:

@@ -59,10 +59,11 @@ def back_project(numbers: Numbers) -> None:
         call(fbp.pair_up, np.ones((VIEWS, CELLS), np.float32), numbers(VIEWS), numbers(CELLS), pairs)
         gathered = pairs.view(np.uint64)[..., 0]
         call(fbp.back_project, gathered, *frame, np.empty((SIZE, SIZE), np.float32))
-        call(fbp.back_project_quarters, gathered, *frame, np.empty((4, SIZE, SIZE), np.float32))
-        rows = np.zeros((VIEWS, CELLS + 2, 16), np.float32)
-        call(fbp.lay_out, np.ones((VIEWS, 2, CELLS), np.float32), numbers(VIEWS), numbers(CELLS), rows)
-        call(fbp.back_project_block, rows, *frame, np.empty((2, SIZE, SIZE), np.float32))
+        filtered, weights = np.ones((VIEWS, 2, CELLS), np.float32), (numbers(VIEWS), numbers(CELLS))
+        for kernel, lanes in ((fbp.back_project_4, 4), (fbp.back_project_16, 16)):
+            rows = np.zeros((VIEWS, CELLS + 2, lanes), np.float32)
+            call(fbp.lay_out, filtered, *weights, rows)
+            call(kernel, rows, *frame, np.empty((2, SIZE, SIZE), np.float32))
 
 
 def project(numbers: Numbers) -> None:

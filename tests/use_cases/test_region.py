@@ -133,7 +133,7 @@ def test_the_backprojection_of_a_region_costs_its_share_of_the_pixels():
         times = []
         for _ in range(5):
             start = time.process_time()
-            kernels.back_project_block(rows, *frame, volume)
+            kernels.back_project_16(rows, *frame, volume)
             times.append(time.process_time() - start)
         return min(times)
 

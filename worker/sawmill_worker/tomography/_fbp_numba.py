@@ -12,9 +12,11 @@ import math
 import numpy as np
 from numba import njit, prange
 
+from sawmill_worker.tomography import _lanes_numba as vector
+
 _FAST = {"contract", "nsz", "arcp", "reassoc"}
-# Pixels along a side of a tile: the cells under it, for 64 slices and four views, stay in the second-level cache.
-_TILE = 16
+# Pixels of a tile: the cells under it, for 64 slices and four views, stay in the second-level cache.
+_TILE_X, _TILE_Y = 32, 16
 # Slices laid out at a time, the lanes of a vector: columns of more evict one another from the first-level cache.
 _TOGETHER = 16
 # Only an index whose sign bit is known to be clear is gathered with 32 bits.
@@ -95,69 +97,23 @@ def back_project(pairs, source_angle, big_r, sdd, u_c, tau, pitch, low_x, low_y,
             out[i, j] = line[j]
 
 
-@njit(parallel=True, cache=True, nogil=True, fastmath=_FAST)
-def back_project_quarters(pairs, source_angle, big_r, sdd, u_c, tau, pitch, low_x, low_y, pixel, power, out):
-    """The same where view k + n views / 4 is n quarter turns after view k; out [quarter, x, y] is seen from view k.
-
-    The four share cells and weights. source_angle needs only the angles of the first quarter.
-    """
-    views, padded = pairs.shape
-    flat = pairs.ravel()
-    cosine, sine = np.cos(source_angle), np.sin(source_angle)
-    frame = _frame(padded, big_r, sdd, u_c, tau, pitch, pixel, power)
-    size = out.shape[1]
-    y = low_y + 0.5 * pixel
-    quarter = views // 4
-    turn = np.uint32(quarter * padded)
-    for ii in prange(size):
-        i = np.int64(ii)
-        x = low_x + (i + 0.5) * pixel
-        lines = np.zeros((4, size), np.float32)
-        none, along = np.zeros(size, np.float32), np.arange(size).astype(np.float32)
-        at = np.empty((1, size), np.uint32)
-        left = np.empty((1, size), np.float32)
-        right = np.empty((1, size), np.float32)
-        for k in range(quarter):
-            base, live = np.uint32(k * padded), np.float32(1.0)
-            _tabulate(x, y, none, along, cosine[k], sine[k], base, live, frame, at, left, right, 0)
-            for j in range(size):
-                near, far, here = left[0, j], right[0, j], at[0, j]
-                a = flat[here & _UNSIGNED]
-                b = flat[(here + turn) & _UNSIGNED]
-                c = flat[(here + np.uint32(2) * turn) & _UNSIGNED]
-                d = flat[(here + np.uint32(3) * turn) & _UNSIGNED]
-                a0, a1 = np.uint32(a).view(np.float32), np.uint32(a >> np.uint64(32)).view(np.float32)
-                b0, b1 = np.uint32(b).view(np.float32), np.uint32(b >> np.uint64(32)).view(np.float32)
-                c0, c1 = np.uint32(c).view(np.float32), np.uint32(c >> np.uint64(32)).view(np.float32)
-                d0, d1 = np.uint32(d).view(np.float32), np.uint32(d >> np.uint64(32)).view(np.float32)
-                lines[0, j] += near * a0 + far * a1
-                lines[1, j] += near * b0 + far * b1
-                lines[2, j] += near * c0 + far * c1
-                lines[3, j] += near * d0 + far * d1
-        for q in range(4):
-            for j in range(size):
-                out[q, i, j] = lines[q, j]
-
-
-@njit(parallel=True, cache=True, nogil=True, fastmath=_FAST)
-def back_project_block(rows, source_angle, big_r, sdd, u_c, tau, pitch, low_x, low_y, pixel, power, out):
-    """Slices out [slice, x, y] from rows (views, cells + 2, lanes); lanes beyond the slices fill up vectors."""
+@njit(inline="always")
+def _back_project_lanes(rows, source_angle, big_r, sdd, u_c, tau, pitch, low_x, low_y, pixel, power, width, out):
     views, padded, lanes = rows.shape
-    flat = rows.ravel()
+    flat, cell = rows.ravel(), np.uint64(lanes)
     cosine, sine = np.cos(source_angle), np.sin(source_angle)
     frame = _frame(padded, big_r, sdd, u_c, tau, pitch, pixel, power)
-    slices, size = out.shape[0], out.shape[1]
-    across = (size + _TILE - 1) // _TILE
-    one_cell = np.uint64(lanes)
-    along_x = (np.arange(_TILE * _TILE) // _TILE).astype(np.float32)
-    along_y = (np.arange(_TILE * _TILE) % _TILE).astype(np.float32)
-    for tt in prange(across * across):
+    images, size = out.shape[0], out.shape[1]
+    pixels, across = _TILE_X * _TILE_Y, (size + _TILE_Y - 1) // _TILE_Y
+    along_x = (np.arange(pixels) // _TILE_Y).astype(np.float32)
+    along_y = (np.arange(pixels) % _TILE_Y).astype(np.float32)
+    for tt in prange((size + _TILE_X - 1) // _TILE_X * across):
         tile = np.int64(tt)
-        total = np.zeros(_TILE * _TILE * lanes, np.float32)
-        at = np.empty((4, _TILE * _TILE), np.uint32)
-        left = np.empty((4, _TILE * _TILE), np.float32)
-        right = np.empty((4, _TILE * _TILE), np.float32)
-        i0, j0 = tile // across * _TILE, tile % across * _TILE
+        total = np.zeros(pixels * lanes, np.float32)
+        at = np.empty((4, pixels), np.uint32)
+        left = np.empty((4, pixels), np.float32)
+        right = np.empty((4, pixels), np.float32)
+        i0, j0 = tile // across * _TILE_X, tile % across * _TILE_Y
         x, y = low_x + (i0 + 0.5) * pixel, low_y + (j0 + 0.5) * pixel
         for k in range(0, views, 4):
             for g in range(4):
@@ -166,29 +122,42 @@ def back_project_block(rows, source_angle, big_r, sdd, u_c, tau, pitch, low_x, l
                 base, c, s = np.uint32(view * padded), cosine[view], sine[view]
                 _tabulate(x, y, along_x, along_y, c, s, base, live, frame, at, left, right, g)
             # Pixels of the tile beyond the image, too: they are added up and left there.
-            for p in range(_TILE * _TILE):
-                here = np.uint64(p) * one_cell
-                a0, b0 = np.uint64(at[0, p]) * one_cell, np.uint64(at[1, p]) * one_cell
-                c0, d0 = np.uint64(at[2, p]) * one_cell, np.uint64(at[3, p]) * one_cell
-                a1, b1, c1, d1 = a0 + one_cell, b0 + one_cell, c0 + one_cell, d0 + one_cell
+            for p in range(pixels):
+                a, b = np.uint64(at[0, p]) * cell, np.uint64(at[1, p]) * cell
+                c, d = np.uint64(at[2, p]) * cell, np.uint64(at[3, p]) * cell
+                # In registers: the compiler would take them from memory again for each vector.
                 left_a, left_b, left_c, left_d = left[0, p], left[1, p], left[2, p], left[3, p]
                 right_a, right_b, right_c, right_d = right[0, p], right[1, p], right[2, p], right[3, p]
-                for lane in range(lanes):
-                    n = np.uint64(lane)
-                    near, far = total[here + n], np.float32(0.0)
-                    near += left_a * flat[a0 + n]
-                    near += left_b * flat[b0 + n]
-                    near += left_c * flat[c0 + n]
-                    near += left_d * flat[d0 + n]
-                    far += right_a * flat[a1 + n]
-                    far += right_b * flat[b1 + n]
-                    far += right_c * flat[c1 + n]
-                    far += right_d * flat[d1 + n]
-                    total[here + n] = near + far
-        for n in range(slices):
-            for i in range(min(_TILE, size - i0)):
-                for j in range(min(_TILE, size - j0)):
-                    out[n, i0 + i, j0 + j] = total[(i * _TILE + j) * lanes + n]
+                for lane in range(np.uint64(0), cell, np.uint64(width)):
+                    here = lane * np.uint64(pixels) + np.uint64(p) * np.uint64(width)
+                    near = vector.plus(
+                        vector.load(total, here, width), vector.scaled(left_a, vector.load(flat, a + lane, width))
+                    )
+                    far = vector.scaled(right_a, vector.load(flat, a + lane + cell, width))
+                    near = vector.plus(near, vector.scaled(left_b, vector.load(flat, b + lane, width)))
+                    far = vector.plus(far, vector.scaled(right_b, vector.load(flat, b + lane + cell, width)))
+                    near = vector.plus(near, vector.scaled(left_c, vector.load(flat, c + lane, width)))
+                    far = vector.plus(far, vector.scaled(right_c, vector.load(flat, c + lane + cell, width)))
+                    near = vector.plus(near, vector.scaled(left_d, vector.load(flat, d + lane, width)))
+                    far = vector.plus(far, vector.scaled(right_d, vector.load(flat, d + lane + cell, width)))
+                    vector.store(total, here, vector.plus(near, far))
+        for n in range(images):
+            first = n // width * width * pixels + n % width
+            for i in range(min(_TILE_X, size - i0)):
+                for j in range(min(_TILE_Y, size - j0)):
+                    out[n, i0 + i, j0 + j] = total[first + (i * _TILE_Y + j) * width]
+
+
+@njit(parallel=True, cache=True, nogil=True, fastmath=_FAST)
+def back_project_4(rows, source_angle, big_r, sdd, u_c, tau, pitch, low_x, low_y, pixel, power, out):
+    """Images out [image, x, y] from rows (views, cells + 2, 4), a lane for each image."""
+    _back_project_lanes(rows, source_angle, big_r, sdd, u_c, tau, pitch, low_x, low_y, pixel, power, 4, out)
+
+
+@njit(parallel=True, cache=True, nogil=True, fastmath=_FAST)
+def back_project_16(rows, source_angle, big_r, sdd, u_c, tau, pitch, low_x, low_y, pixel, power, out):
+    """As `back_project_4` of any multiple of sixteen lanes; those beyond the images fill up vectors."""
+    _back_project_lanes(rows, source_angle, big_r, sdd, u_c, tau, pitch, low_x, low_y, pixel, power, 16, out)
 
 
 @njit(cache=True, nogil=True)
@@ -206,7 +175,7 @@ def lay_out(filtered, view_weight, cell_weight, rows):
             for m in range(cells):
                 for n in range(first, stop):
                     rows[k, m + 1, n] = weight[m] * filtered[k, n, m]
-                for n in range(stop, first + _TOGETHER):
+                for n in range(stop, min(first + _TOGETHER, lanes)):
                     rows[k, m + 1, n] = zero
         for n in range(lanes):
             rows[k, 0, n] = rows[k, cells + 1, n] = zero

@@ -1,7 +1,7 @@
 """The cost of a reconstruction, in seconds and memory, before it starts."""
 
-# Slices in one vector of the kernels.
-LANES = 16
+# Slices in one vector of the kernels, and where there are only few.
+LANES, FEW_LANES = 16, 4
 # For all blocks at work. Both: benchmarks/reconstruction_speed.py.
 MEMORY_BYTES = 768 * 2**20
 # A block of more slices takes more memory and is no faster.
@@ -56,7 +56,7 @@ def seconds_left(elapsed: float, done: float, slices: int) -> float:
 
 def lanes_of(slices: int) -> int:
     """Slices rounded up to whole vectors, as the kernels keep them."""
-    return -(-slices // LANES) * LANES
+    return FEW_LANES if slices <= FEW_LANES else -(-slices // LANES) * LANES
 
 
 def block_bytes(views: int, cells: int, size: int, slices: int) -> int:

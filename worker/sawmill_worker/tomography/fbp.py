@@ -1,5 +1,6 @@
 """Filtered back-projection with the exact fan-beam weights for any shift and tilt, at any explicit angles."""
 
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -15,14 +16,14 @@ from sawmill_worker.tomography.filters import RowFilter
 from sawmill_worker.tomography.geometry import FloatArray, GeometryError, cell_centres_mm, view_weights
 from sawmill_worker.tomography.method import DirectMethod
 from sawmill_worker.tomography.noise import displaced_share, likely_cause
-from sawmill_worker.tomography.projector import Image, Projector
+from sawmill_worker.tomography.projector import Image, Projector, aligned
 from sawmill_worker.vocabulary import FilterName, Weighting
 
 Block = Image
 
 # Filtered at a time: few enough to stay in the cache, in memory that is not returned in between
 # (benchmarks/reconstruction_speed.py).
-_FILTERED_BYTES = 2**19
+_FILTERED_BYTES = 2**17
 # A remark needs this number of views, this share of the data and this multiple of the noise. From as many views and
 # with the right geometry, filter and pixels leave at most 9 % of the data (phantoms and logs, frequency scaling from
 # 0.05, 16 to 2048 pixels), and noise is amplified to at most 3.7 times itself. Rays that are off by 8 mm leave 13 to
@@ -84,20 +85,16 @@ def _block(projector: Projector, sinograms: ArrayLike) -> Block:
 
 def _back_projected(projector: Projector, line: Image, prepared: "Preparation") -> Image:
     views, cells = line.shape
-    pairs = np.empty((views, cells + 2, 2), np.float32)
-    for part in _parts(views, cells):
-        kernels.pair_up(prepared.filtered(line[part]), prepared.view_weight[part], prepared.cell_weight, pairs[part])
-    gathered = pairs.view(np.uint64)[..., 0]
-    size = projector.grid.size
-    image: Image
     sense = projector.quarter_turn
     if sense == 0:
-        image = np.empty((size, size), np.float32)
-        kernels.back_project(gathered, *prepared.frame, image)
+        pairs = np.empty((views, cells + 2, 2), np.float32)
+        image: Image = np.empty((projector.grid.size, projector.grid.size), np.float32)
+        _filter(prepared, line, kernels.pair_up, pairs)
+        kernels.back_project(pairs.view(np.uint64)[..., 0], *prepared.frame, image)
         return image
-    quarters = np.empty((4, size, size), np.float32)
-    kernels.back_project_quarters(gathered, *prepared.frame, quarters)
-    # The views n quarter turns on see of a pixel what the first views see of the pixel turned back by as much.
+    # The views n quarter turns on see of a pixel what the first views see of the pixel turned back by as much: they are
+    # as another slice, in the same block.
+    quarters = _back_projected_block(projector, line.reshape(4, -1, cells).transpose(1, 0, 2), prepared)
     image = quarters[0]
     for n in (1, 2, 3):
         image += np.rot90(quarters[n], sense * n)
@@ -105,19 +102,25 @@ def _back_projected(projector: Projector, line: Image, prepared: "Preparation") 
 
 
 def _back_projected_block(projector: Projector, data: Block, prepared: "Preparation") -> Image:
+    """Slices of rows (views, slices, cells), the views being the geometry's or its first ones."""
     views, slices, cells = data.shape
-    size = projector.grid.size
-    volume = np.empty((slices, size, size), np.float32)
-    rows = np.empty((views, cells + 2, cost.lanes_of(slices)), np.float32)
+    volume = np.empty((slices, projector.grid.size, projector.grid.size), np.float32)
+    rows = aligned(views, cells + 2, cost.lanes_of(slices))
+    _filter(prepared, data, kernels.lay_out, rows)
+    back_project = kernels.back_project_4 if rows.shape[2] == cost.FEW_LANES else kernels.back_project_16
+    back_project(rows, *prepared.frame, volume)
+    return volume
 
-    def lay_out(part: slice) -> None:
-        kernels.lay_out(prepared.filtered(data[part]), prepared.view_weight[part], prepared.cell_weight, rows[part])
+
+def _filter(prepared: "Preparation", data: Image, lay_out: Callable[..., None], rows: Image) -> None:
+    """Lay out filtered and weighted data (views, ..., cells) in rows, as a kernel of the back-projection reads them."""
+
+    def work_on(part: slice) -> None:
+        lay_out(prepared.filtered(data[part]), prepared.view_weight[part], prepared.cell_weight, rows[part])
 
     # Each thread takes the next part: no part depends on another.
     with ThreadPoolExecutor(get_num_threads()) as pool:
-        list(pool.map(lay_out, _parts(views, slices * cells)))
-    kernels.back_project_block(rows, *prepared.frame, volume)
-    return volume
+        list(pool.map(work_on, _parts(len(data), data[0].size)))
 
 
 def _parts(views: int, values: int) -> list[slice]:

@@ -89,10 +89,7 @@ class RowFilter:
 
     def __call__(self, rows: NDArray[np.float32]) -> NDArray[np.float32]:
         """Each row (..., cells) float32, in its unit per mm."""
-        cells = self.weight.size
-        padded = np.zeros((*rows.shape[:-1], self.length), np.float32)
-        np.multiply(rows, self.weight, out=padded[..., :cells])
-        spectrum = scipy.fft.rfft(padded, overwrite_x=True)
+        spectrum = scipy.fft.rfft(rows * self.weight, self.length)
         spectrum *= self.response
-        filtered: NDArray[np.float32] = scipy.fft.irfft(spectrum, n=self.length, overwrite_x=True)[..., :cells]
-        return filtered
+        filtered = np.asarray(scipy.fft.irfft(spectrum, self.length, overwrite_x=True), np.float32)
+        return filtered[..., : self.weight.size]

@@ -65,7 +65,7 @@ class Projector:
         out = np.empty((*image.shape[:-2], *self.geometry.sinogram_shape), np.float32)
         images, lines = image.reshape(-1, size, size), out.reshape(-1, *self.geometry.sinogram_shape)
         for part, quarters, lanes in self._parts(len(images)):
-            block = _aligned(size + kernels.BORDER, size + kernels.BORDER, lanes)
+            block = aligned(size + kernels.BORDER, size + kernels.BORDER, lanes)
             kernels.pack(images[part], quarters, block)
             forward = {1: kernels.forward_1, 4: kernels.forward_4, BLOCK: kernels.forward_16}[lanes]
             forward(block.ravel(), *self._rays, self._by_quarter(lines[part], quarters))
@@ -78,7 +78,7 @@ class Projector:
         out = np.empty((*lines.shape[:-2], size, size), np.float32)
         images, lines = out.reshape(-1, size, size), lines.reshape(-1, *self.geometry.sinogram_shape)
         for part, quarters, lanes in self._parts(len(images)):
-            work = _aligned(get_num_threads(), (size + kernels.BORDER) ** 2 * lanes)
+            work = aligned(get_num_threads(), (size + kernels.BORDER) ** 2 * lanes)
             adjoint = {1: kernels.adjoint_1, 4: kernels.adjoint_4, BLOCK: kernels.adjoint_16}[lanes]
             adjoint(self._by_quarter(lines[part], quarters), *self._rays, work)
             kernels.unpack(work, quarters, lanes, images[part])
@@ -172,10 +172,10 @@ class Projector:
         return grid.size, source, middle, axis, pitch, 0.5 * grid.field_mm, grid.pixel_mm
 
 
-def _aligned(*shape: int) -> Image:
+def aligned(*shape: int) -> Image:
     """Memory that begins at a line of the processor's cache: lanes that straddle two take up to half as long again."""
     bytes_ = 4 * math.prod(shape)
     memory = np.empty(bytes_ + _CACHE_LINE, np.uint8)
     begin = -memory.ctypes.data % _CACHE_LINE
-    aligned: Image = memory[begin : begin + bytes_].view(np.float32).reshape(shape)
-    return aligned
+    values: Image = memory[begin : begin + bytes_].view(np.float32).reshape(shape)
+    return values
