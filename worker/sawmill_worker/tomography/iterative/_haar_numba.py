@@ -19,8 +19,8 @@ def means(images, out):
 
 
 @njit(parallel=True, cache=True, fastmath=_FAST)
-def join(mean, straight, diagonal, images):
-    """Give each four pixels another mean, and multiply what they differ from it by, in place.
+def join(images, mean, straight, diagonal, out):
+    """Fill out with images whose each four pixels have another mean, and multiplied differences from it.
 
     mean is as `means` fills it; straight and diagonal (slices,) are the factors of the differences along x or y, and of
     those along both.
@@ -30,10 +30,11 @@ def join(mean, straight, diagonal, images):
     for task in prange(slices * m):
         s, i = np.int64(task) // m, np.int64(task) % m
         one, other, now = images[s, 2 * i], images[s, 2 * i + 1], mean[s, i]
+        new_one, new_other = out[s, 2 * i], out[s, 2 * i + 1]
         edge, corner = quarter * np.float32(straight[s]), quarter * np.float32(diagonal[s])
         for j in range(m):
             a, b, c, d = one[2 * j], one[2 * j + 1], other[2 * j], other[2 * j + 1]
             level = half * now[j]
             x, y, xy = edge * (a + b - c - d), edge * (a - b + c - d), corner * (a - b - c + d)
-            one[2 * j], one[2 * j + 1] = level + x + y + xy, level + x - y - xy
-            other[2 * j], other[2 * j + 1] = level - x + y - xy, level - x - y + xy
+            new_one[2 * j], new_one[2 * j + 1] = level + x + y + xy, level + x - y - xy
+            new_other[2 * j], new_other[2 * j + 1] = level - x + y - xy, level - x - y + xy

@@ -24,15 +24,15 @@ def _ratios(x, row, n, inverse, out):
 
 @njit(inline="always")
 def _add_gradient(x, i, n, weight, here, before, g):
-    """Add to row i the gradient of the differences that start or end in it, each over its divisor."""
+    """Add to row i the gradient of the differences that start or end in it, each times its factor."""
     if i < n - 1:
         for j in range(n - 1):
-            g[i, j] -= weight * (x[i + 1, j] + x[i, j + 1] - np.float32(2.0) * x[i, j]) / here[j]
+            g[i, j] -= weight * (x[i + 1, j] + x[i, j + 1] - np.float32(2.0) * x[i, j]) * here[j]
         for j in range(n - 1):
-            g[i, j + 1] += weight * (x[i, j + 1] - x[i, j]) / here[j]
+            g[i, j + 1] += weight * (x[i, j + 1] - x[i, j]) * here[j]
     if i > 0:
         for j in range(n - 1):
-            g[i, j] += weight * (x[i, j] - x[i - 1, j]) / before[j]
+            g[i, j] += weight * (x[i, j] - x[i - 1, j]) * before[j]
 
 
 @njit(parallel=True, cache=True, fastmath=_FAST)
@@ -53,6 +53,8 @@ def cauchy(images, scales, strengths, gradient, values):
         first, last = band * BAND, min((band + 1) * BAND, n)
         if first > 0:
             _ratios(x, first - 1, n, inverse, before)
+            for j in range(before.size):
+                before[j] = np.float32(1.0) / before[j]
         total = 0.0
         for i in range(first, last):
             if i < n - 1:
@@ -62,6 +64,8 @@ def cauchy(images, scales, strengths, gradient, values):
                     for q in range(TOGETHER):
                         product *= here[group + q]
                     total += math.log(product)
+                for j in range(here.size):
+                    here[j] = np.float32(1.0) / here[j]
             _add_gradient(x, i, n, weight, here, before, g)
             before, here = here, before
         values[s, band] = strengths[s] * total
@@ -82,14 +86,15 @@ def total_variation(images, scales, strengths, gradient, values):
         if first > 0:
             _ratios(x, first - 1, n, inverse, before)
             for j in range(n):
-                before[j] = math.sqrt(before[j])
+                before[j] = np.float32(1.0) / math.sqrt(before[j])
         total = 0.0
         for i in range(first, last):
             if i < n - 1:
                 _ratios(x, i, n, inverse, here)
                 for j in range(n):
-                    here[j] = math.sqrt(here[j])
-                    total += here[j] - 1.0
+                    factor = np.float32(1.0) / math.sqrt(here[j])
+                    total += here[j] * factor - np.float32(1.0)
+                    here[j] = factor
             _add_gradient(x, i, n, weight, here, before, g)
             before, here = here, before
         values[s, band] = strengths[s] * scales[s] * total
@@ -148,17 +153,28 @@ def axial(images, scales, strengths, gradient, values):
 
 
 @njit(parallel=True, cache=True, fastmath=_FAST)
-def axial_stiffness(images, scales, strengths, out):
-    """Add to out (slices, n, n) how stiff the differences along the axis are: strength / scale / root of each."""
+def stiffen(images, scales, strengths, flat, softness):
+    """Lower softness (slices, n, n) in place by how stiff the differences along the axis are, as of `axial`.
+
+    softness is sqrt(flat / stiffness) with flat (slices,), as `scaling` fills it; strength / scale / root of each
+    difference is added to the stiffness of both of its pixels.
+    """
     slices, n, _ = images.shape
+    one = np.float32(1.0)
     for ii in prange(n):
         i = np.int64(ii)
-        for k in range(slices - 1):
-            here, there, g, h = images[k, i], images[k + 1, i], out[k, i], out[k + 1, i]
-            inverse = np.float32(1.0 / scales[k] ** 2)
-            weight = np.float32(strengths[k] / scales[k])
+        below, above = np.zeros(n, np.float32), np.zeros(n, np.float32)
+        for k in range(slices):
+            if k < slices - 1:
+                here, there = images[k, i], images[k + 1, i]
+                inverse = np.float32(1.0 / scales[k] ** 2)
+                weight = np.float32(strengths[k] / scales[k])
+                for j in range(n):
+                    d = there[j] - here[j]
+                    above[j] = weight / math.sqrt(one + d * d * inverse)
+            else:
+                above[:] = np.float32(0.0)
+            soft, share = softness[k, i], np.float32(1.0 / flat[k])
             for j in range(n):
-                d = there[j] - here[j]
-                stiff = weight / math.sqrt(np.float32(1.0) + d * d * inverse)
-                g[j] += stiff
-                h[j] += stiff
+                soft[j] /= math.sqrt(one + (below[j] + above[j]) * soft[j] * soft[j] * share)
+            below, above = above, below

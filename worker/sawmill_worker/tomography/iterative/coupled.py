@@ -53,13 +53,9 @@ class _CoupledCurvature:
 
     def scaling(self, volumes: Images, _which: Indices) -> Images:
         images = volumes[0]
-        every = np.arange(len(images))
-        own = self._own.scaling(images, every)
-        axial = np.zeros_like(images)
-        kernels.axial_stiffness(images, *self._objective.axial, axial)
-        # own = sqrt(flat / stiff): as much softer as all of it together is.
-        flat = (self._own.flat()[:, None, None]).astype(np.float32)
-        return np.asarray(own / np.sqrt(1.0 + axial * own * own / flat))[None]
+        soft = self._own.scaling(images, np.arange(len(images)))
+        kernels.stiffen(images, *self._objective.axial, self._own.flat(), soft)
+        return soft[None]
 
     def smoothed(self, volumes: Images, _which: Indices) -> Images:
         return self._own.smoothed(volumes[0], np.arange(volumes.shape[1]))[None]

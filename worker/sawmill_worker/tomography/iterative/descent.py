@@ -78,8 +78,9 @@ class _History:
     def __init__(self, problems: int, shape: Shape) -> None:
         self.shape = shape
         pixels = math.prod(shape)
-        self.steps = np.zeros((problems, MEMORY, pixels), np.float32)
-        self.changes = np.zeros_like(self.steps)
+        # Not zeroed: where a ring ends early, nothing of its rest is touched.
+        self.steps = np.empty((problems, MEMORY, pixels), np.float32)
+        self.changes = np.empty_like(self.steps)
         self.products = np.ones((problems, MEMORY))
         self.taken = np.zeros((problems, MEMORY))
         # The preconditioner's scaling, and a factor for each problem.
@@ -94,12 +95,10 @@ class _History:
         if known.size == 0:
             return
         change = self.changes[known, self.newest[known]] * self.scaling[known]
-        if preconditioner is None:
-            product = np.einsum("bp,bp->b", change, change, dtype=np.float64)
-        else:
+        smoothed = change
+        if preconditioner is not None:
             smoothed = preconditioner.smoothed(change.reshape(-1, *self.shape), known).reshape(change.shape)
-            product = np.einsum("bp,bp->b", change, smoothed, dtype=np.float64)
-        self.scales[known] = self.products[known, self.newest[known]] / product
+        self.scales[known] = self.products[known, self.newest[known]] / np.vecdot(change, smoothed)
 
 
 def minimise(

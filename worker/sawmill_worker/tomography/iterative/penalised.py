@@ -130,9 +130,9 @@ class HalvedInverseCurvature(InverseCurvature):
     def smoothed(self, images: Images, which: Indices) -> Images:
         """The inverse curvature of a flat image, applied to images (named, n, n)."""
         size = images.shape[1] // 2
-        means, out = np.empty((len(images), size, size), np.float32), images.copy()
+        means, out = np.empty((len(images), size, size), np.float32), np.empty_like(images)
         haar.means(images, means)
-        haar.join(super().smoothed(means, which), self._straight[which], self._diagonal[which], out)
+        haar.join(images, super().smoothed(means, which), self._straight[which], self._diagonal[which], out)
         return out
 
 
