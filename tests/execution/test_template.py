@@ -251,3 +251,24 @@ def test_a_worker_without_a_job_for_long_ends_its_template_and_starts_one_for_th
     wait_for(lambda: not templates())
     stop.set()
     outcome.result(timeout=60)
+
+
+def test_a_template_gives_back_the_pages_of_its_libraries_and_can_use_them_still():
+    script = """
+import re
+from pathlib import Path
+import numpy as np
+from sawmill_worker.execution.forking import give_back_memory
+
+def resident():
+    of_code = r"r-xp .*openblas.*\\n(?:[A-Z].*\\n)*?Rss: +(\\d+) kB"
+    return [int(size) for size in re.findall(of_code, Path("/proc/self/smaps").read_text())]
+
+matrix = np.eye(300) + 1.0
+inverse = np.linalg.inv(matrix)
+assert sum(resident()) > 0
+give_back_memory()
+assert resident() and sum(resident()) == 0
+assert np.array_equal(np.linalg.inv(matrix), inverse)
+"""
+    subprocess.run([sys.executable, "-c", script], check=True)
