@@ -357,8 +357,8 @@ def test_pairs_that_no_longer_show_the_unknowns_have_no_error_bars():
     """Under a mask the normal matrix is not symmetric: definite below its diagonal, and not as a whole."""
     slopes = np.array([[[1.0, 0.0]], [[3.0, 1.0]]])
     instruments = np.array([[[1.0, 0.0]], [[0.0, 1.0]]])
-    nothing, derivatives = np.zeros_like(slopes), Derivatives(*[np.zeros((2, 1, 2))] * 4)
-    rays = PairedRays(np.ones((1, 2)), slopes, instruments, nothing, nothing, np.ones((1, 2), bool), 1.0, derivatives)
+    derivatives = Derivatives(slopes, instruments, *[np.zeros_like(slopes)] * 2)
+    rays = PairedRays(np.ones((1, 2)), derivatives, np.eye(2)[:, :, None], np.ones((1, 2), bool))
     assert np.isinf(rays.covariance(slice(0, 2), corrected=True)).all()
 
 
@@ -372,10 +372,9 @@ def test_differences_that_change_slowly_count_as_correlated():
         slope = (2.0 + np.cos(chi - rng.uniform(0.0, TAU)))[None, None, :]
         smooth = np.exp(-0.5 * ((np.arange(views) - 0.5 * views) / 3.0) ** 2)
         slow = np.real(np.fft.ifft(np.fft.fft(rng.standard_normal(views)) * np.fft.fft(smooth)))
-        derivatives = Derivatives(nothing, nothing, nothing, nothing)
-        used = np.ones((1, views), bool)
-        rays = PairedRays(slow[None], slope, slope, nothing, nothing, used, 0.0, derivatives)
-        fits.append(float(rays.scores().sum() / rays.gram(corrected=True)[0, 0]))
+        derivatives = Derivatives(slope, slope, nothing, nothing)
+        rays = PairedRays(slow[None], derivatives, np.ones((1, 1, 1)), np.ones((1, views), bool))
+        fits.append(float(rays.scores.sum() / rays.gram(corrected=True)[0, 0]))
         for share, deviations in stated.items():
             covariance = rays.covariance(slice(0, 1), corrected=True, correlated=share)
             deviations.append(math.sqrt(covariance[0, 0]))

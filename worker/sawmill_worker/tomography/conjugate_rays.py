@@ -118,7 +118,7 @@ def conjugate_fit(
         rotation=fit.rotation,
         rotation_ratio=fit.ratio,
         rotation_decided=fit.ratio > DECISIVE_RATIO,
-        relative_residual=best.rays.relative_residual,
+        relative_residual=best.relative_residual,
         distance_sensitivity=best.distance_sensitivity,
         movement=movement,
         adjustments=(*used.done, remark) if disagreeing else used.done,
@@ -204,7 +204,7 @@ def _fit(scan: _Scan, start: SourceFrame, rotation: Rotation) -> _Fit:
     even, first = even_views(scan.sinogram, scan.angles_rad, scan.usable)
     turn = scan.turn(even, first)
     basins = {sense: coarse_minimum(scan.scanner, turn.read(sense), start) for sense in Rotation}
-    residuals = {sense: basin.rays.relative_residual for sense, basin in basins.items()}
+    residuals = {sense: basin.relative_residual for sense, basin in basins.items()}
     rotation, ratio = better_sense(residuals, rotation, DECISIVE_RATIO)
     vector, done = basins[rotation].vector, scan.done
     for _ in range(GAIN_ROUNDS):

@@ -147,13 +147,14 @@ def undetected_covariance(solution: Solution, estimates: Sequence[Estimate], sou
 
 def estimates_of(solution: Solution) -> list[Estimate]:
     """Each disturbance fitted alone beside the geometry; without those that the pairs do not show."""
-    near, opposite = solution.pairs.views_of()
+    slopes = np.concatenate([_weights(each, solution.pairs.gamma, solution.pairs.chi) for each in DISTURBANCES])
+    # An error of the encoder moves rays by chi, one of the bearing by gamma.
+    chosen = [1 if each.part == "encoder" else 0 for each in DISTURBANCES for _ in range(2)]
+    rays = solution.rays.with_unknowns(solution.derivatives, chosen, slopes)
     geometry = list(range(3))[solution.free]
-    derivatives = solution.derivatives
     estimates = []
-    for each in DISTURBANCES:
-        rays = solution.rays.with_unknowns(derivatives, *_weights(each, near, opposite))
-        unknowns = [*geometry, 3, 4]
+    for at, each in enumerate(DISTURBANCES):
+        unknowns = [*geometry, 3 + 2 * at, 4 + 2 * at]
         covariance = rays.covariance(unknowns, corrected=True)
         if np.isfinite(covariance).all():
             estimates.append(_estimate(each, rays, geometry, unknowns, covariance))
@@ -164,20 +165,21 @@ def _estimate(
     each: Disturbance, rays: PairedRays, geometry: list[int], unknowns: list[int], covariance: FloatArray
 ) -> Estimate:
     gram = rays.gram(corrected=True)[unknowns][:, unknowns]
-    step = -np.linalg.solve(gram, rays.scores().sum(axis=0)[unknowns])
+    step = -np.linalg.solve(gram, rays.scores.sum(axis=0)[unknowns])
     inside = len(geometry)
     sensitivity = np.asarray(-np.linalg.solve(gram[:inside, :inside], gram[:inside, inside:]), np.float64)
     return Estimate(each, step[inside:], covariance[inside:, inside:], sensitivity)
 
 
-def _weights(each: Disturbance, near: FloatArray, opposite: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """How cosine and sine of a disturbance count of the derivatives by gamma and by chi, (2, pairs, chi).
+def _weights(each: Disturbance, gamma: FloatArray, chi: FloatArray) -> FloatArray:
+    """How cosine and sine of a disturbance count of its derivative, (2, pairs, chi).
 
     With the sign of an unknown of the geometry: taking the disturbance out takes this off the differences.
     """
-    here, there = _waves(each.order, near), _waves(each.order, opposite)
-    nothing = np.zeros_like(here)
-    return (nothing, there - here) if each.part == "encoder" else (-here - there, nothing)
+    here, there = np.exp(1j * each.order * gamma), np.exp(1j * each.order * (math.pi - gamma))
+    of_pairs = there - here if each.part == "encoder" else -here - there
+    waves = np.outer(of_pairs, np.exp(1j * each.order * chi))
+    return np.stack([waves.real, waves.imag])
 
 
 def _waves(order: int, phi: FloatArray) -> FloatArray:

@@ -25,7 +25,6 @@ from sawmill_worker.tomography.full_turn import Turn, even_views, widest_gap_rad
 from sawmill_worker.tomography.geometry import TAU, FloatArray, Scanner, SourceFrame
 from sawmill_worker.tomography.levelled_rays import levelled_rays
 from sawmill_worker.tomography.log_movement import log_movement
-from sawmill_worker.tomography.log_screening import screen_log
 from sawmill_worker.tomography.opposite_rays import WITHOUT_DISTANCE, Pairs, Solution
 from sawmill_worker.tomography.pair_sums import ENCODER_DEG
 from sawmill_worker.tomography.paired_rays import fan_angles
@@ -139,7 +138,7 @@ def _opposite_rays(
     scanner: Scanner, sinogram: FloatArray, angles_rad: FloatArray, start: SourceFrame, pairs: PairFit
 ) -> _OppositeRays | None:
     """Their fit from where the pairs came to rest; None where the views are not evenly round, or do not show it."""
-    screening = screen_log(sinogram)
+    screening = pairs.screening
     angles = angles_rad[screening.views]
     if widest_gap_rad(angles) > WIDEST_GAP * TAU / angles.size:
         return None

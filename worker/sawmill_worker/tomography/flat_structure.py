@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import toeplitz
 
 from sawmill_worker.tomography.geometry import FloatArray
 
@@ -48,7 +49,7 @@ def flat_structure(
     common : (detector,) float64
         The mean over the views, less a level and patterns that were fitted to the air.
     air : (detector,) bool
-        The log is in the other cells.
+        The log is in the other cells, which are neighbours.
     patterns : (patterns, detector) float64
     cell_variance : float
         Of what each cell adds to every view on its own.
@@ -64,19 +65,18 @@ def flat_structure(
     # In halves of a cell, so that the middle of a group is an integer.
     middles, places = 2 * first + group - 1, 2 * log
     smooth = _smooth_covariance(means, grouped, middles, group, air.size)
-    of_log, of_air, crossed = (
-        smooth[np.abs(one[:, None] - other)] for one, other in ((places, places), (middles, middles), (places, middles))
-    )
+    of_log = toeplitz(smooth[: 2 * log.size : 2])
+    of_air, crossed = (smooth[np.abs(one[:, None] - middles)] for one in (middles, places))
     of_log[np.diag_indices_from(of_log)] += cell_variance
     of_air[np.diag_indices_from(of_air)] += cell_variance / group
     # Of all that, level and patterns take what they find in the air, there and behind the log.
     fit = np.linalg.pinv(grouped.T)
-    taken, rest = behind.T @ fit, np.eye(means.size) - grouped.T @ fit
-    remaining = of_log - crossed @ taken.T - taken @ crossed.T + taken @ of_air @ taken.T
-    shared = (crossed - taken @ of_air) @ rest
+    left = crossed - behind.T @ (fit @ of_air)
+    taken = (0.5 * (crossed + left) @ fit.T) @ behind
+    rest, shared = np.eye(means.size) - grouped.T @ fit, left - (left @ grouped.T) @ fit
     seen = rest @ of_air @ rest + noise**2 / group * np.eye(means.size)
     known = np.linalg.solve(seen, shared.T).T
-    return FlatStructure(known @ means, remaining - known @ shared.T)
+    return FlatStructure(known @ means, of_log - taken - taken.T - known @ shared.T)
 
 
 def _smooth_covariance(
@@ -93,12 +93,13 @@ def _smooth_covariance(
         return np.zeros(2 * detector)
     free = np.linalg.qr(shapes.T, mode="complete")[0][:, len(shapes) :]
     left, number = free.T @ means, free.shape[1]
-    apart = 0.5 * (middles[:, None] - middles)
     lengths = np.geomspace(SHORTEST * group, max(LONGEST * detector, SHORTEST * group), LENGTHS)
+    bumps = np.exp(-0.5 * (0.5 * np.arange(2 * detector) / lengths[:, None]) ** 2)
+    apart = np.abs(middles[:, None] - middles)
     ratios = np.append(0.0, VARIANCES)
     likelihoods, noises = np.empty((2, LENGTHS, ratios.size))
-    for at, length in enumerate(lengths):
-        spread, directions = np.linalg.eigh(free.T @ np.exp(-0.5 * (apart / length) ** 2) @ free)
+    for at, bump in enumerate(bumps):
+        spread, directions = np.linalg.eigh(free.T @ bump[apart] @ free)
         factors = 1.0 + np.outer(ratios, np.maximum(spread, 0.0))
         squares = np.sum((directions.T @ left) ** 2 / factors, axis=1)
         noises[at] = squares / (number - 2)
@@ -106,6 +107,5 @@ def _smooth_covariance(
     weights = np.exp(likelihoods - likelihoods.max())
     weights[:, 0] *= VARIANCES.size
     variances = np.sum(weights * noises * ratios, axis=1) / weights.sum()
-    distances = 0.5 * np.arange(2 * detector)
-    smooth: FloatArray = variances @ np.exp(-0.5 * (distances / lengths[:, None]) ** 2)
+    smooth: FloatArray = variances @ bumps
     return smooth

@@ -18,6 +18,8 @@ ComplexArray = NDArray[np.complex128]
 # Views nearer than this share of an even step stand at one place, as 0 and 360 degrees do: a curve through both would
 # swing by their noise.
 SAME_PLACE = 0.1
+# Views nearer than this share to even steps are not interpolated.
+SAME_ANGLE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,12 +65,12 @@ class Turn:
     ) -> "Turn":
         """Of `even_views`; views (views,), cells (cells,) and samples (views, cells) are at the scan's own angles."""
         views = len(even)
-        spectrum = rfft(np.ascontiguousarray(even.T), axis=-1)[:, 1 : (views + 1) // 2]
+        spectrum = rfft(even.T)[:, 1 : (views + 1) // 2]
         orders = np.arange(1, spectrum.shape[1] + 1)
         missing = np.zeros(even.shape, bool)
         missing[nearest_view(angles_rad, first_rad, views)] = left_out
         return cls(
-            np.ascontiguousarray(spectrum * np.exp(-1j * orders * first_rad)),
+            spectrum * np.exp(-1j * orders * first_rad),
             even.mean(axis=0),
             views,
             angles_rad[~usable],
@@ -112,7 +114,10 @@ def even_views(sinogram: FloatArray, angles_rad: FloatArray, usable: NDArray[np.
     """
     wrapped = np.mod(angles_rad, TAU)
     first = float(wrapped.min())
+    wanted = first + np.arange(angles_rad.size) * TAU / angles_rad.size
     order = np.flatnonzero(usable)[np.argsort(wrapped[usable], kind="stable")]
+    if usable.all() and np.abs(wrapped[order] - wanted).max() < SAME_ANGLE * TAU / angles_rad.size:
+        return sinogram[order], first
     # The widest gap stands at the seam, so that no place is cut by it.
     order = np.roll(order, -1 - int(np.argmax(np.diff(wrapped[order], append=wrapped[order[0]] + TAU))))
     unwrapped = wrapped[order[0]] + np.mod(wrapped[order] - wrapped[order[0]], TAU)
@@ -120,7 +125,6 @@ def even_views(sinogram: FloatArray, angles_rad: FloatArray, usable: NDArray[np.
     members = np.diff(places, append=order.size)
     knots = np.add.reduceat(unwrapped, places) / members
     values = np.add.reduceat(sinogram[order], places) / members[:, None]
-    wanted = first + np.arange(angles_rad.size) * TAU / angles_rad.size
     return periodic_spline(knots, values, wanted), first
 
 

@@ -71,12 +71,12 @@ class _Jumps:
         -------
         right : (tried, 2), matrix : (tried, 2, 2), products with the geometry's derivatives : (tried, 2, unknowns)
         """
-        right = self._sums(self._jump_instrument * self._difference, tried).sum(axis=-1)
-        own = self._sums(self._jump_instrument[:, None] * self._jump, tried).sum(axis=-1)
-        cross = self._sums(self._jump_instrument[:, None] * self._known, tried).sum(axis=-1)
-        back = self._sums(self._known_instrument[:, None] * self._jump, tried).sum(axis=-1)
+        right = self._sums(self._jump_instrument * self._difference, tried)
+        own = self._sums(self._jump_instrument[:, None] * self._jump, tried)
+        cross = self._sums(self._jump_instrument[:, None] * self._known, tried)
+        back = self._sums(self._known_instrument[:, None] * self._jump, tried)
         # Differences have no mean over chi.
-        means = self._sums(self._jump_instrument, tried), self._sums(self._jump, tried)
+        means = self._sums_of_pairs(self._jump_instrument, tried), self._sums_of_pairs(self._jump, tried)
         own -= np.einsum("kip,kjp->kij", *means) / self._difference.shape[1]
         return right, own - cross @ np.linalg.solve(self._gram, back), cross
 
@@ -93,14 +93,24 @@ class _Jumps:
         return covariance
 
     def _sums(self, values: FloatArray, tried: NDArray[np.intp]) -> FloatArray:
-        """Over chi of values (..., pairs, chi) where a jump moves one ray of a pair alone, (tried, ..., pairs)."""
+        """Sum values (..., pairs, chi) where a jump moves one ray of a pair alone, (tried, ...)."""
+        return self._counted(values, self._first, self._last, self._views + 1)[tried]
+
+    def _sums_of_pairs(self, values: FloatArray, tried: NDArray[np.intp]) -> FloatArray:
+        """Sum values (..., pairs, chi) over chi where a jump moves one ray of a pair alone, (tried, ..., pairs)."""
         pairs, size = len(self._first), self._views + 1
         at = np.arange(pairs)[:, None] * size
-        begun, ended = (at + self._first + 1).ravel(), (at + self._last + 1).ravel()
-        flat = values.reshape(-1, self._first.size)
-        steps = [np.bincount(begun, row, pairs * size) - np.bincount(ended, row, pairs * size) for row in flat]
-        sums = np.cumsum(np.reshape(steps, (len(flat), pairs, size)), axis=-1)[..., tried]
-        return np.asarray(np.moveaxis(sums, -1, 0)).reshape(tried.size, *values.shape[:-1])
+        sums = self._counted(values, at + self._first, at + self._last, pairs * size)
+        # Every jump that has begun in a pair has ended in it, so the pairs before add nothing.
+        return np.moveaxis(sums.reshape(pairs, size, -1)[:, tried], 0, -1)
+
+    @staticmethod
+    def _counted(values: FloatArray, first: NDArray[np.intp], last: NDArray[np.intp], size: int) -> FloatArray:
+        """Sum values (..., pairs, chi) that count from after the first place up to the last, (size, ...)."""
+        begun, ended = (first + 1).ravel(), (last + 1).ravel()
+        rows = values.reshape(-1, begun.size)
+        sums = np.cumsum([np.bincount(begun, row, size) - np.bincount(ended, row, size) for row in rows], axis=1)
+        return np.asarray(sums.T.reshape(size, *values.shape[:-2]))
 
 
 def _taken(angles: FloatArray, angles_rad: FloatArray) -> NDArray[np.intp]:

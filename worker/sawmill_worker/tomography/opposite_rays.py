@@ -5,6 +5,7 @@ chi is the direction of a ray in the plane, as a parallel beam's angle is counte
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,8 +24,9 @@ CUT_OFF = 4.5
 # fewer than these, but not closer than cells.
 PAIR_STEP, MANY_PAIRS = 1.25, 40
 STEPS = 40
-# A step below this share of the standard deviations is the last one.
-SMALL_STEP = 1e-2
+# A step below this share of the standard deviations is the last one, and the rays before it are near enough: the next
+# would be a hundred times shorter.
+SMALL_STEP = 0.1
 # A vector within this share of the standard deviations of another is as good.
 NEAR = 0.1
 # A pair is left out when a ray of it lies within this many widths of the blur of a cell without data, unless that would
@@ -46,7 +48,9 @@ class Pairs:
 
     def __init__(self, scanner: Scanner, turn: Turn, start: FloatArray, blur: tuple[float, float]) -> None:
         self._scanner, self._turn = scanner, turn
-        self._orders = np.arange(1, turn.spectrum.shape[1] + 1)
+        self._orders = np.arange(turn.views // 2 + 1)
+        self._spectrum = np.zeros((scanner.num_detector_pixels, self._orders.size), np.complex128)
+        self._spectrum[:, 1 : turn.spectrum.shape[1] + 1] = turn.spectrum
         self._blur = np.exp(-0.5 * (blur[0] * self._orders * TAU / turn.views) ** 2)
         fan, _ = fan_angles(self._scanner, start)
         spacing = float(np.median(np.diff(fan)))
@@ -62,12 +66,12 @@ class Pairs:
                 "opposite rays need detector on both sides of it",
             )
         self.gamma = (np.arange(pairs) + 0.5) * step
+        self.chi = np.arange(turn.views) * TAU / turn.views
         self._used = self._measured(fan)
 
     def views_of(self) -> tuple[FloatArray, FloatArray]:
         """Angle of the view that measured each ray, and each opposite ray, (pairs, chi)."""
-        chi = np.arange(self._turn.views) * TAU / self._turn.views
-        return chi + self.gamma[:, None], chi + math.pi - self.gamma[:, None]
+        return self.chi + self.gamma[:, None], self.chi + math.pi - self.gamma[:, None]
 
     def _measured(self, fan: FloatArray) -> NDArray[np.bool_]:
         """Pairs without a ray next to a view or a cell that was left out; cells stay in where they are too many."""
@@ -99,33 +103,47 @@ class Pairs:
 
     def at(self, vector: FloatArray) -> PairedRays:
         """The pairs with this geometry."""
-        rays, opposite, slope, opposite_slope = self._both_sides(vector)
-        half_sum, difference = 0.5 * (rays + opposite), rays - opposite
+        rays, slopes = self._both_sides(vector)
+        harmonics = np.empty((9, self.gamma.size, self._orders.size), np.complex128)
+        np.subtract(rays[0], rays[1], out=harmonics[0])
         # A ray's derivative by gamma at fixed view is that at fixed chi less that by chi. The opposite has the first
         # with its sign turned and the second as it is.
-        near, opposed = _shifts(vector, self.gamma)[:, :, None], _shifts(vector, -self.gamma)[:, :, None]
-        derivatives = Derivatives(
-            *self._derivatives(half_sum, 0.5 * (slope + opposite_slope)),
-            *self._derivatives(0.5 * difference, 0.5 * (slope - opposite_slope)),
-        )
-        blurred = (self._over_chi(rays * self._blur) * self._used for rays in (difference, half_sum))
-        residual, signal = (float(np.sum(rays**2)) for rays in blurred)
+        np.add(slopes[0], slopes[1], out=harmonics[1])
+        np.multiply(1j * self._orders, rays[0] + rays[1], out=harmonics[2])
+        np.subtract(slopes[0], slopes[1], out=harmonics[3])
+        np.multiply(1j * self._orders, harmonics[0], out=harmonics[4])
+        np.multiply(0.5 * self._blur**2, harmonics[1:5], out=harmonics[5:9])
+        harmonics[1:5] *= 0.5
+        over_chi = self._over_chi(harmonics)
+        over_chi[5:] *= self._used
+        near, opposed = _shifts(vector, self.gamma), _shifts(vector, -self.gamma)
         return PairedRays(
-            self._over_chi(difference),
-            *derivatives.slopes(near + opposed, opposed - near),
+            over_chi[0],
+            Derivatives(over_chi[1:3], over_chi[5:7], over_chi[3:5], over_chi[7:9]),
+            np.stack([near + opposed, opposed - near], axis=1),
             self._used,
-            math.sqrt(residual / signal),
-            derivatives,
         )
 
-    def _both_sides(self, vector: FloatArray) -> tuple[ComplexArray, ComplexArray, ComplexArray, ComplexArray]:
-        """Rays and opposite rays (pairs, harmonics) over chi, and the derivatives of both by the rays' gamma."""
+    def relative_residual(self, vector: FloatArray) -> float:
+        """RMS of the blurred differences of the pairs that are used against that of the blurred rays."""
+        (rays, opposite), _ = self._both_sides(vector)
+        both = np.stack([rays - opposite, 0.5 * (rays + opposite)])
+        blurred = self._over_chi(self._blur * both) * self._used
+        residual, signal = np.sum(blurred**2, axis=(1, 2))
+        return math.sqrt(residual / signal)
+
+    def _both_sides(self, vector: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+        """Rays and opposite rays over chi, and the derivatives of both by the rays' gamma, (2, pairs, harmonics)."""
         fan, covered = fan_angles(self._scanner, vector)
-        turned = self._turn.spectrum * np.exp(1j * np.outer(fan, self._orders)) * covered[:, None]
-        rays, slope = self._side(turned, fan, 1.0)
-        opposite, opposite_slope = self._side(turned, fan, -1.0)
+        turned = _powers(np.exp(1j * fan), self._orders.size)
+        turned *= covered[:, None]
+        turned *= self._spectrum
+        rays, slopes = (each.view(np.complex128) for each in self._sides(turned.view(np.float64), fan))
+        # The opposite ray lies at -gamma and half a turn on.
         half_turn = np.where(self._orders % 2, -1.0, 1.0)
-        return rays, half_turn * opposite, slope, -half_turn * opposite_slope
+        rays[1] *= half_turn
+        slopes[1] *= -half_turn
+        return rays, slopes
 
     def mean_by_gamma(self, vector: FloatArray) -> FloatArray:
         """The derivative by gamma (pairs,) of half the sums of opposite rays of the views' mean.
@@ -133,64 +151,54 @@ class Pairs:
         An unknown that is the same at every chi does not need it; one that varies with chi does.
         """
         fan, covered = fan_angles(self._scanner, vector)
-        mean = (self._turn.mean * covered)[:, None].astype(np.complex128)
-        (_, slope), (_, opposite) = (self._side(mean, fan, side) for side in (1.0, -1.0))
-        half: FloatArray = 0.5 * (slope - opposite)[:, 0].real
+        _, slopes = self._sides((self._turn.mean * covered)[:, None], fan)
+        half: FloatArray = 0.5 * (slopes[0] - slopes[1])[:, 0]
         return half
 
     def _over_chi(self, harmonics: ComplexArray) -> FloatArray:
-        """(..., harmonics) as (..., views) over chi."""
-        spectrum = np.zeros((*harmonics.shape[:-1], self._turn.views // 2 + 1), np.complex128)
-        spectrum[..., 1 : self._orders.size + 1] = harmonics
-        values: FloatArray = irfft(spectrum, self._turn.views, axis=-1, overwrite_x=True)
+        """Harmonics (..., orders) as (..., views) over chi."""
+        values: FloatArray = irfft(harmonics, self._turn.views, overwrite_x=True)
         return values
 
-    def _side(self, turned: ComplexArray, fan: FloatArray, side: float) -> tuple[ComplexArray, ComplexArray]:
-        """P(chi + gamma, u(gamma)) at plus or minus the pairs' gamma, and its derivative by gamma at fixed chi."""
-        gamma = side * self.gamma[:, None]
+    def _sides(self, turned: FloatArray, fan: FloatArray) -> FloatArray:
+        """Values (cells, n) at the pairs' gamma and at -gamma, and their derivatives by gamma, (2, 2, pairs, n)."""
+        gamma = np.concatenate([self.gamma, -self.gamma])[:, None]
         near = np.searchsorted(fan, gamma) + self._taps
         inside = (near >= 0) & (near < fan.size)
         near = near.clip(0, fan.size - 1)
         z = (gamma - fan[near]) / self._width
         kernel = np.exp(-0.5 * z * z) / (math.sqrt(TAU) * self._width) * inside
-        borders = np.arange(gamma.size + 1) * self._taps.size
-        real = turned.view(np.float64)
-        smoothed, slope = (
-            csr_array((values.ravel(), near.ravel(), borders), shape=(gamma.size, fan.size)) @ real
-            for values in (kernel, -z / self._width * kernel)
-        )
-        return smoothed.view(np.complex128), slope.view(np.complex128)
-
-    def _derivatives(self, rays: ComplexArray, by_gamma: ComplexArray) -> tuple[FloatArray, FloatArray]:
-        """Derivatives of rays by gamma and chi, (2, pairs, chi): plain, and blurred twice."""
-        both = np.stack([by_gamma, 1j * self._orders * rays])
-        return self._over_chi(both), self._over_chi(both * self._blur**2) * self._used
+        borders = np.arange(2 * gamma.size + 1) * self._taps.size
+        values, cells = np.concatenate([kernel, -z / self._width * kernel]), np.concatenate([near, near])
+        smoothed = csr_array((values.ravel(), cells.ravel(), borders), shape=(2 * gamma.size, fan.size)) @ turned
+        return np.asarray(smoothed).reshape(2, 2, self.gamma.size, -1)
 
     def solve(
         self, start: FloatArray, low: FloatArray, high: FloatArray, *, free: slice, corrected: bool
     ) -> "Solution":
         """Gauss-Newton in the free unknowns from the start, inside the reach."""
-        vector, rays = start, self.at(start)
+        vector, settled = start, False
         for _ in range(STEPS):
+            rays = self.at(vector)
             gram = rays.gram(corrected=corrected)[free, free]
             if not is_definite(gram):
                 break
-            moved = vector.copy()
-            moved[free] -= np.linalg.solve(gram, rays.scores().sum(axis=0)[free])
-            moved = np.clip(moved, low, high)
-            spread = np.sqrt(np.diag(rays.covariance(free, corrected=corrected)))
-            small = np.all(np.abs(moved - vector)[free] <= SMALL_STEP * spread)
-            vector, rays = moved, self.at(moved)
-            if small:
+            covariance, before = rays.covariance(free, corrected=corrected), vector
+            vector = vector.copy()
+            vector[free] -= np.linalg.solve(gram, rays.scores.sum(axis=0)[free])
+            vector = np.clip(vector, low, high)
+            if np.all(np.abs(vector - before)[free] <= SMALL_STEP * np.sqrt(np.diag(covariance))):
                 settled = bool(np.all((vector > low) & (vector < high)))
-                return Solution(vector, settled, self, rays, rays.covariance(free, corrected=corrected), free)
-        unknown = np.full_like(gram, math.inf)
-        return Solution(vector, False, self, rays, unknown, free)  # noqa: FBT003 - a field, named in the class
+                if not np.isfinite(covariance).all():
+                    rays = self.at(vector)
+                    covariance = rays.covariance(free, corrected=corrected)
+                return Solution(vector, settled, self, rays, covariance, free)
+        return Solution(vector, settled, self, rays, np.full_like(gram, math.inf), free)
 
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """(u_c, tau, SDD) at the end of a fit, whether it came to rest inside the reach, pairs and covariance there."""
+    """(u_c, tau, SDD) at the end of a fit, whether it came to rest inside the reach, and rays and covariance there."""
 
     vector: FloatArray
     settled: bool
@@ -215,7 +223,12 @@ class Solution:
         spread = np.sqrt(np.diag(self.free_covariance))
         return bool(np.all(np.abs(self.vector - vector)[self.free] <= NEAR * spread))
 
-    @property
+    @cached_property
+    def relative_residual(self) -> float:
+        """RMS of the blurred differences against that of the blurred rays."""
+        return self.pairs.relative_residual(self.vector)
+
+    @cached_property
     def derivatives(self) -> Derivatives:
         """Those of the pairs with the views' mean, for unknowns that vary with chi."""
         return self.rays.derivatives.with_mean(self.pairs.mean_by_gamma(self.vector), self.rays.used)
@@ -236,3 +249,14 @@ def _shifts(vector: FloatArray, gamma: NDArray[np.floating]) -> FloatArray:
     by = np.stack([np.ones_like(gamma), sdd * np.sin(gamma) * np.sin(gamma + tau) / c**2, np.sin(gamma) / c])
     shifts: FloatArray = by * (c * c / (sdd * math.cos(tau)))
     return shifts
+
+
+def _powers(base: ComplexArray, number: int) -> ComplexArray:
+    """Powers of each base from 0 on, (bases, number)."""
+    powers = np.ones((base.size, number), np.complex128)
+    powers[:, 1], done = base, 2
+    while done < number:
+        more = min(done, number - done)
+        np.multiply(powers[:, :more], powers[:, done // 2 : done // 2 + 1] ** 2, out=powers[:, done : done + more])
+        done += more
+    return powers

@@ -5,6 +5,8 @@ chi is the direction of a ray in the plane, as a parallel beam's angle is counte
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,14 +18,18 @@ from sawmill_worker.tomography.geometry import FloatArray, Scanner, cell_centres
 SIGNAL_SHARE = 0.3
 
 
-@dataclass(frozen=True, eq=False)
-class Derivatives:
-    """Derivatives of half the sums of opposite rays by gamma at fixed chi and by chi, each (2, pairs, chi) float64.
+class Derivatives(NamedTuple):
+    """Derivatives of half the sums of opposite rays, each (derivatives, pairs, chi) float64.
+
+    The first is that by gamma at fixed chi, the second that by chi; multiples of them may follow.
 
     Attributes
     ----------
-    plain, blurred : float64
-        Not blurred over chi, and blurred twice where both rays are used.
+    plain : float64
+        Not blurred over chi, where white noise of the views is white.
+    blurred : float64
+        Blurred twice over chi, and 0 where a ray of the pair is not used: the score is that of least squares of blurred
+        differences.
     noise, noise_blurred : float64
         The same of half the differences, which carry as much noise as half the sums and no signal.
     """
@@ -34,69 +40,62 @@ class Derivatives:
     noise_blurred: FloatArray
 
     def with_mean(self, by_gamma: FloatArray, used: NDArray[np.bool_]) -> "Derivatives":
-        """With the derivative (pairs,) of the views' mean, which does not depend on chi."""
+        """Add the derivative by gamma (pairs,) of the views' mean, which does not depend on chi."""
         mean = np.stack([np.broadcast_to(by_gamma[:, None], used.shape), np.zeros(used.shape)])
-        return replace(self, plain=self.plain + mean, blurred=self.blurred + mean * used)
+        return self._replace(plain=self.plain + mean, blurred=self.blurred + mean * used)
 
-    def slopes(self, by_gamma: FloatArray, by_chi: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Slopes, instruments, noise slopes and noise instruments of `PairedRays` for other unknowns.
-
-        Parameters
-        ----------
-        by_gamma, by_chi : (unknowns, pairs, chi or 1)
-            How much each unknown counts of either derivative.
-        """
-        slopes, instruments, noise_slopes, noise_instruments = (
-            by_gamma * each[0] + by_chi * each[1] for each in (self.plain, self.blurred, self.noise, self.noise_blurred)
-        )
-        return slopes, instruments, noise_slopes, noise_instruments
+    def and_multiples(self, other: "Derivatives", chosen: list[int], weights: FloatArray) -> "Derivatives":
+        """Append the chosen derivatives of another, each times its weights (chosen, pairs, chi)."""
+        both = zip(self, other, strict=True)
+        return Derivatives(*(np.concatenate([own, others[chosen] * weights]) for own, others in both))
 
 
 @dataclass(frozen=True, eq=False)
 class PairedRays:
-    """Differences of opposite rays (pairs, chi), and their derivatives by the unknowns, (unknowns, pairs, chi).
+    """Differences of opposite rays (pairs, chi), and their derivatives by the unknowns.
 
     The unknowns are (u_c, tau, SDD), perhaps with others after them.
 
     Attributes
     ----------
-    difference, slopes : float64
-        Not blurred over chi, where white noise of the views is white.
-    instruments : float64
-        The slopes blurred twice over chi: the score is that of least squares of blurred differences.
-    noise_slopes, noise_instruments : float64
-        The same of half the differences, which carry as much noise as half the sums and no signal.
+    difference : float64
+        Not blurred over chi.
+    weights : (unknowns, derivatives, pairs) float64
+        How much of each derivative the slope by an unknown has.
     used : bool
         Pairs of which both rays were measured.
-    relative_residual : float
-        RMS of the blurred differences against that of the blurred rays.
-    derivatives : Derivatives
-        What the slopes are made of.
     """
 
     difference: FloatArray
-    slopes: FloatArray
-    instruments: FloatArray
-    noise_slopes: FloatArray
-    noise_instruments: FloatArray
-    used: NDArray[np.bool_]
-    relative_residual: float
     derivatives: Derivatives
+    weights: FloatArray
+    used: NDArray[np.bool_]
 
-    def with_unknowns(self, derivatives: Derivatives, by_gamma: FloatArray, by_chi: FloatArray) -> "PairedRays":
-        """With further unknowns, as of `Derivatives.slopes`."""
-        slopes, instruments, noise_slopes, noise_instruments = derivatives.slopes(by_gamma, by_chi)
-        return replace(
-            self,
-            slopes=np.concatenate([self.slopes, slopes]),
-            instruments=np.concatenate([self.instruments, instruments]),
-            noise_slopes=np.concatenate([self.noise_slopes, noise_slopes]),
-            noise_instruments=np.concatenate([self.noise_instruments, noise_instruments]),
-        )
+    def with_unknowns(self, derivatives: Derivatives, chosen: list[int], slopes: FloatArray) -> "PairedRays":
+        """Append unknowns whose slopes are the chosen derivatives, each times (chosen, pairs, chi)."""
+        more = len(chosen)
+        weights = np.pad(self.weights, ((0, more), (0, more), (0, 0)))
+        weights[-more:, -more:] = np.eye(more)[:, :, None]
+        return replace(self, derivatives=self.derivatives.and_multiples(derivatives, chosen, slopes), weights=weights)
 
+    @property
+    def slopes(self) -> FloatArray:
+        """Derivatives of half the sums by the unknowns, (unknowns, pairs, chi)."""
+        slopes: FloatArray = np.einsum("xip,ipt->xpt", self.weights, self.derivatives.plain)
+        return slopes
+
+    @property
+    def instruments(self) -> FloatArray:
+        """The slopes of blurred rays, (unknowns, pairs, chi)."""
+        instruments: FloatArray = np.einsum("xip,ipt->xpt", self.weights, self.derivatives.blurred)
+        return instruments
+
+    @cached_property
     def scores(self) -> FloatArray:
         """Instruments times differences at each chi, (chi, unknowns)."""
-        scores: FloatArray = np.einsum("xpt,pt->tx", self.instruments, self.difference)
+        products = self.derivatives.blurred * self.difference
+        unknowns, chi = len(self.weights), products.shape[-1]
+        scores: FloatArray = (self.weights.reshape(unknowns, -1) @ products.reshape(-1, chi)).T
         return scores
 
     def gram(self, *, corrected: bool) -> FloatArray:
@@ -105,8 +104,15 @@ class PairedRays:
         Both are those of noisy data, and their noise makes the matrix too large (errors in variables); the noise's
         share, as half the differences have it, can be taken off.
         """
-        gram = _products(self.instruments, self.slopes)
-        return gram - _products(self.noise_instruments, self.noise_slopes) if corrected else gram
+        return self._gram - self._noise_gram if corrected else self._gram
+
+    @cached_property
+    def _gram(self) -> FloatArray:
+        return _products(self.weights, self.derivatives.blurred, self.derivatives.plain)
+
+    @cached_property
+    def _noise_gram(self) -> FloatArray:
+        return _products(self.weights, self.derivatives.noise_blurred, self.derivatives.noise)
 
     def covariance(self, free: slice | list[int], *, corrected: bool, correlated: float = 0.0) -> FloatArray:
         """Heteroscedasticity-robust covariance (White 1980) of the free unknowns, from each chi's score.
@@ -117,7 +123,7 @@ class PairedRays:
         gram, noisy = (self.gram(corrected=kind)[free][:, free] for kind in (corrected, False))
         if not (is_definite(noisy + noisy.T) and _signal_share(gram, noisy) > SIGNAL_SHARE):
             return np.full(gram.shape, math.inf)
-        scores = self.scores()[:, free]
+        scores = self.scores[:, free]
         bread = np.linalg.inv(gram)
         products, lags = scores.T @ scores, int(correlated * len(scores))
         for lag in range(1, lags + 1):
@@ -144,8 +150,11 @@ def is_definite(gram: FloatArray) -> bool:
     return bool(np.linalg.eigvalsh(gram * np.outer(scale, scale))[0] > 1e-6)
 
 
-def _products(left: FloatArray, right: FloatArray) -> FloatArray:
-    return left.reshape(len(left), -1) @ right.reshape(len(right), -1).T
+def _products(weights: FloatArray, left: FloatArray, right: FloatArray) -> FloatArray:
+    """Sum products of weighted derivatives over pairs and chi: over chi first, where no weight changes."""
+    of_pairs, of_unknowns = left.transpose(1, 0, 2) @ right.transpose(1, 2, 0), weights.transpose(2, 0, 1)
+    products: FloatArray = (of_unknowns @ of_pairs @ of_unknowns.transpose(0, 2, 1)).sum(axis=0)
+    return products
 
 
 def _signal_share(gram: FloatArray, noisy: FloatArray) -> float:

@@ -4,13 +4,15 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.fft import irfft, rfft
+from scipy.sparse import csr_array
 
 from sawmill_worker.tomography.geometry import FloatArray
 
 # Opposite rays are compared on samples this many cells apart, each a Gaussian mean this wide: nearly independent.
 SPACING_CELLS, WIDTH_CELLS = 5.0, 1.5
+# Weights of cells farther away are below 1e-15.
+REACH_CELLS = 13
 # Each round takes half of the residual: the opposite rays have as much of it as the rays.
 ROUNDS = 8
 # Gain and offset of the views must explain this number of times more of the differences than noise would
@@ -49,15 +51,16 @@ def view_gain(sinogram: FloatArray, fan_rad: FloatArray, *, reversed_turn: bool)
         Fan angle of each cell, ascending through zero.
     """
     gamma, means = _means(fan_rad)
-    rays = sinogram @ means
+    rays = means @ np.ascontiguousarray(sinogram.T)
+    views = len(sinogram)
     shift = (math.pi - 2.0 * gamma) * (-1.0 if reversed_turn else 1.0)
-    phase = np.exp(1j * np.outer(np.arange(len(rays) // 2 + 1), shift))
-    found = ViewGain(np.ones(len(rays)), np.zeros(len(rays)))
+    phase = np.exp(1j * np.outer(shift, np.arange(views // 2 + 1)))
+    found = ViewGain(np.ones(views), np.zeros(views))
     for done in range(ROUNDS):
-        corrected = found.removed(rays)
-        opposite = irfft(rfft(corrected[:, ::-1], axis=0) * phase, len(rays), axis=0)
-        gain, offset, evidence = _line(opposite, corrected)
-        if done == 0 and evidence < EVIDENCE:
+        corrected = (rays - found.offset) / found.gain
+        opposite = irfft(rfft(corrected)[::-1] * phase, views)
+        gain, offset = _line(opposite, corrected)
+        if done == 0 and _evidence(opposite, corrected, gain, offset) < EVIDENCE:
             return None
         gain = 1.0 + 0.5 * (gain - gain.mean())
         offset = 0.5 * (offset - offset.mean())
@@ -65,26 +68,35 @@ def view_gain(sinogram: FloatArray, fan_rad: FloatArray, *, reversed_turn: bool)
     return found
 
 
-def _means(fan_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Fan angles that lie symmetrically about zero, (samples,), and the weights of their means, (cells, samples)."""
+def _means(fan_rad: FloatArray) -> tuple[FloatArray, csr_array]:
+    """Fan angles that lie symmetrically about zero, (samples,), and the weights of their means, (samples, cells)."""
     spacing = float(np.median(np.diff(fan_rad)))
     count = int(min(-fan_rad[0], fan_rad[-1]) / (SPACING_CELLS * spacing))
     half = (np.arange(count) + 0.5) * SPACING_CELLS * spacing
     gamma = np.concatenate([-half[::-1], half])
-    weights = np.exp(-0.5 * ((fan_rad[:, None] - gamma) / (WIDTH_CELLS * spacing)) ** 2)
-    return gamma, weights / weights.sum(axis=0)
+    near = np.searchsorted(fan_rad, gamma)[:, None] + np.arange(-REACH_CELLS, REACH_CELLS)
+    inside = (near >= 0) & (near < fan_rad.size)
+    near = near.clip(0, fan_rad.size - 1)
+    weights = inside * np.exp(-0.5 * ((fan_rad[near] - gamma[:, None]) / (WIDTH_CELLS * spacing)) ** 2)
+    weights /= weights.sum(axis=1, keepdims=True)
+    borders = np.arange(gamma.size + 1) * near.shape[1]
+    return gamma, csr_array((weights.ravel(), near.ravel(), borders), shape=(gamma.size, fan_rad.size))
 
 
-def _line(x: NDArray[np.float64], y: FloatArray) -> tuple[FloatArray, FloatArray, float]:
-    """Slope and intercept of y over x in each view, and the sum of squares that they explain beyond y = x.
+def _line(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Slope and intercept of y over x (samples, views) in each view."""
+    x_mean, y_mean = x.mean(axis=0), y.mean(axis=0)
+    x = x - x_mean
+    slope = np.einsum("sv,sv->v", x, y) / np.einsum("sv,sv->v", x, x)
+    return slope, y_mean - slope * x_mean
+
+
+def _evidence(x: FloatArray, y: FloatArray, slope: FloatArray, intercept: FloatArray) -> float:
+    """The sum of squares that the lines explain beyond y = x.
 
     The sum is given for each of the two unknowns, in units of the residual for each degree of freedom.
     """
-    x_mean, y_mean = x.mean(axis=1, keepdims=True), y.mean(axis=1, keepdims=True)
-    spread = np.sum((x - x_mean) ** 2, axis=1)
-    slope = np.sum((x - x_mean) * (y - y_mean), axis=1) / spread
-    intercept = (y_mean - slope[:, None] * x_mean)[:, 0]
-    residual = float(np.sum((y - slope[:, None] * x - intercept[:, None]) ** 2))
+    residual = float(np.sum((y - slope * x - intercept) ** 2))
     explained = float(np.sum((y - x) ** 2)) - residual
-    freedom = (x.shape[1] - 2) / 2
-    return slope, intercept, explained / residual * freedom
+    freedom = (len(x) - 2) / 2
+    return explained / residual * freedom

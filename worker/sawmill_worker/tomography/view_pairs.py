@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import ndtri, stdtrit
 
+from sawmill_worker.tomography.calibration.faults.screening import Screening
 from sawmill_worker.tomography.drift import DetectorFit, DriftError, better_sense, seen_vector
 from sawmill_worker.tomography.geometry import FloatArray, GeometryError, Scanner, SourceFrame
 from sawmill_worker.tomography.levelled_rays import LevelledRays, levelled_rays
@@ -63,6 +64,8 @@ class PairFit(DetectorFit):
         Variance of what no gain explains, against that of the rays' noise.
     hardened : bool
         It is above `UNREST`, and line integrals bent by more than `BENT` would explain it.
+    screening : Screening
+        Views and cells that may be used.
     lines : LevelledRays
         Of the views that were compared: all usable ones, or `MOST_VIEWS` of them.
     """
@@ -70,6 +73,7 @@ class PairFit(DetectorFit):
     settled: bool
     unrest: float
     hardened: bool
+    screening: Screening
     lines: LevelledRays
 
 
@@ -146,6 +150,7 @@ def view_pair_fit(
         settled=fit.settled,
         unrest=fit.unrest,
         hardened=hardened,
+        screening=screening,
         lines=rays,
     )
 

@@ -74,9 +74,8 @@ def screen(sinogram: FloatArray, *, cells: bool = True, views: bool = True) -> S
 
 
 def _corrupt_views(sinogram: FloatArray) -> NDArray[np.bool_]:
-    low = float(np.median(np.quantile(sinogram, 0.02, axis=1)))
     # Hot cells stand in every view: the highest hundredth is theirs.
-    high = float(np.median(np.quantile(sinogram, 0.99, axis=1)))
+    low, high = np.median(np.quantile(sinogram, [0.02, 0.99], axis=1), axis=1).tolist()
     span = high - low
     outside = (sinogram < low - 0.3 * span) | (sinogram > high + span)
     common = np.median(outside.mean(axis=1))
