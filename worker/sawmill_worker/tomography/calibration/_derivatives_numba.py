@@ -275,21 +275,56 @@ def combine(terms, shapes, grams, scores, grams_of_columns, scores_of_columns):
 
 
 @njit(cache=True, fastmath=_FAST)
-def whiten(grams, scores, columns, basis, white_scores, information):
-    """Fill the scores (views, n) and grams (views, n, n) of n combinations `basis` (columns, n) of some columns."""
-    count, n = basis.shape
-    line = np.empty(n)
+def whiten(grams, of_base, scores, base, first, white, carried, white_scores, information):
+    """Fill each view's scores (views, n) and grams (views, n, n) of n combinations of columns beside others.
+
+    of_base : (views, base, columns), the rows of `base` in grams (views, columns, columns)
+    white : (own, n) of the columns from `first` on; carried : (base, n) of the base's, taken away
+    """
+    own, n = white.shape
+    columns = grams.shape[2]
+    line = np.empty(columns)
     for k in range(grams.shape[0]):
-        white_scores[k] = 0.0
-        information[k] = 0.0
-        for i in range(count):
+        for q in range(n):
             line[:] = 0.0
-            for j in range(count):
-                inner = grams[k, columns[i], columns[j]]
-                for q in range(n):
-                    line[q] += inner * basis[j, q]
-            score = scores[k, columns[i]]
-            for p in range(n):
-                white_scores[k, p] += basis[i, p] * score
-                for q in range(n):
-                    information[k, p, q] += basis[i, p] * line[q]
+            score = 0.0
+            for i in range(own):
+                score += white[i, q] * scores[k, first + i]
+                for column in range(columns):
+                    line[column] += white[i, q] * grams[k, first + i, column]
+            for i in range(base.size):
+                score -= carried[i, q] * scores[k, base[i]]
+                for column in range(columns):
+                    line[column] -= carried[i, q] * of_base[k, i, column]
+            white_scores[k, q] = score
+            for p in range(q + 1):
+                total = 0.0
+                for i in range(own):
+                    total += white[i, p] * line[first + i]
+                for i in range(base.size):
+                    total -= carried[i, p] * line[base[i]]
+                information[k, p, q] = information[k, q, p] = total
+
+
+@njit(cache=True, fastmath=_FAST)
+def jackknife(scores, information, diagonal):
+    """Sum of squares of (diagonal - information)^-1 scores over the views, by Gauss's elimination."""
+    views, n = scores.shape
+    matrix, solved, total = np.empty((n, n)), np.empty(n), 0.0
+    for k in range(views):
+        for i in range(n):
+            solved[i] = scores[k, i]
+            for j in range(n):
+                matrix[i, j] = (diagonal if i == j else 0.0) - information[k, i, j]
+        for i in range(n):
+            for j in range(i + 1, n):
+                factor = matrix[j, i] / matrix[i, i]
+                solved[j] -= factor * solved[i]
+                for q in range(i, n):
+                    matrix[j, q] -= factor * matrix[i, q]
+        for i in range(n - 1, -1, -1):
+            for j in range(i + 1, n):
+                solved[i] -= matrix[i, j] * solved[j]
+            solved[i] /= matrix[i, i]
+            total += solved[i] * solved[i]
+    return total

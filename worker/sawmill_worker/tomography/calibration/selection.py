@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
-from sawmill_worker.tomography.calibration._derivatives_numba import whiten
+from sawmill_worker.tomography.calibration._derivatives_numba import jackknife, whiten
 from sawmill_worker.tomography.calibration.normal_equations import System
 from sawmill_worker.tomography.geometry import FloatArray
 
@@ -81,21 +81,27 @@ class Beside:
         self._normal, self._score = system.normal - cross.T @ self._carried, system.score - cross.T @ self._best
 
     @cached_property
+    def _of_base(self) -> FloatArray:
+        """Each view's inner products of the base's columns with all, (views, base, columns)."""
+        return np.take(self._system.grams, self._base, axis=1)
+
+    @cached_property
     def _scores(self) -> FloatArray:
         """Each view's, (views, columns), at the base's best change."""
-        return self._system.scores - self._system.grams[:, :, self._base] @ self._best
+        scores: FloatArray = self._system.scores - self._best @ self._of_base
+        return scores
 
     def tested(self, tried: Sequence[int]) -> EffectTest:
-        """Judge these columns."""
-        system, base, tried = self._system, self._base, list(tried)
-        scale = system.scale[tried]
-        values, vectors = np.linalg.eigh(self._normal[np.ix_(tried, tried)] * np.outer(scale, scale))
+        """Judge these columns, which stand one after another."""
+        system, base, own = self._system, self._base, slice(tried[0], tried[-1] + 1)
+        scale = system.scale[own]
+        values, vectors = np.linalg.eigh(self._normal[own, own] * np.outer(scale, scale))
         kept = values > SINGULAR
         # Unknowns (columns, degrees) of which each has unit information, independent of the others.
-        white = scale[:, None] * vectors[:, kept] / np.sqrt(values[kept])
-        score = white.T @ self._score[tried]
-        sizes, power, degrees = white @ score, float(score @ score), int(kept.sum())
-        carried = self._carried[:, tried] @ white
+        white = np.ascontiguousarray(scale[:, None] * vectors[:, kept] / np.sqrt(values[kept]))
+        score = white.T @ self._score[own]
+        sizes, power, degrees = white @ score, float(score @ score), len(score)
+        carried = self._carried[:, own] @ white
         bias = -carried @ score
         explained = self._explained + power
         variance = max(system.power - explained, 0.0) / max(system.samples - len(base) - len(tried), 1.0)
@@ -106,12 +112,7 @@ class Beside:
             return EffectTest(power / variance, power, degrees, sizes, bias)
         scores, information = np.empty((len(system.scores), degrees)), np.empty((len(system.scores), degrees, degrees))
         whiten(
-            system.grams,
-            self._scores,
-            np.array([*base, *tried]),
-            np.concatenate([-carried, white]),
-            scores,
-            information,
+            system.grams, self._of_base, self._scores, np.array(base), own.start, white, carried, scores, information
         )
         structured = max(system.structured - explained, UNTRUSTED * system.structured)
         scatter = _scatter(scores - information @ score, information, variance)
@@ -134,13 +135,12 @@ def _scatter(scores: FloatArray, information: FloatArray, variance: float) -> fl
         Of each view; the sum over the views is 1.
     """
     scores = scores - scores.mean(axis=0)
-    degrees = scores.shape[1]
-    alone = np.linalg.solve(np.eye(degrees) * (1.0 + RIDGE) - information, scores[..., None])[..., 0]
-    largest: float = max(1.0, float((alone**2).sum()) / (variance * degrees))
+    by_noise = variance * scores.shape[1]
+    largest: float = max(1.0, jackknife(scores, information, 1.0 + RIDGE) / by_noise)
     for blocks in BLOCKS:
         if blocks < len(scores):
             power = float((np.add.reduceat(scores, first_views(len(scores), blocks)) ** 2).sum())
-            largest = max(largest, power / (variance * degrees))
+            largest = max(largest, power / by_noise)
     return largest
 
 
