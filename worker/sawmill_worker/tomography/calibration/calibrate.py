@@ -67,7 +67,7 @@ def conclude(
     known, metal = _without_metal(task, by_hypothesis(ranked), on_step)
     if known is not task:
         task, ranked = known, fit_hypotheses(known, by_hypothesis(ranked), on_step)
-    best = replace(_found(task, ranked), on_step=on_step)
+    best = _found(task, ranked, on_step)
     sentences = () if metal is None else (metal.sentence(ranked[0].hypothesis.handedness, best.fit.position_mm),)
     prepared, joint, scatter, source_distance = with_theta(task, prepare(best, task.without), on_step)
     refined = time.perf_counter()
@@ -160,12 +160,12 @@ def _without_metal(
     return (of_all, None) if metal is None else (replace(task, metal=metal.samples), metal)
 
 
-def _found(task: CalibrationTask, ranked: list[RankedFit]) -> AdjustedFit:
+def _found(task: CalibrationTask, ranked: list[RankedFit], on_step: OnStep) -> AdjustedFit:
     """The best fit, of which nothing is adjusted yet, if it explains the scan as this phantom."""
     if not ranked:
         refuse_unfound(task.scanner, task.phantom, None, 1.0)
     (handedness, rotation), fit = ranked[0]
-    best = AdjustedFit(task.phantoms[handedness], task.full_data(rotation), fit, task.from_counts)
+    best = AdjustedFit(task.phantoms[handedness], task.full_data(rotation), fit, task.from_counts, on_step=on_step)
     refuse_unfound(task.scanner, task.phantom, fit, _unexplained(best))
     return best
 

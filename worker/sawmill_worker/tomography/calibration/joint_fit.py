@@ -352,10 +352,9 @@ def as_fit(joint: JointFit, covariance: Covariance, true_axis: TrueAxis | None, 
     Where the true axis would put the source nearer than r_S, the source stays there.
     """
     model, data = joint.model, joint.model.data
-    weights = np.ones_like(data.sinogram) if data.weights is None else data.weights
-    rms = math.sqrt(float(np.average(model.residual**2, weights=weights)))
-    centred = data.sinogram - float(np.average(data.sinogram, weights=weights))
-    total = math.sqrt(float(np.average(centred**2, weights=weights)))
+    rms = math.sqrt(float(np.average(model.residual**2, weights=data.weights)))
+    centred = data.sinogram - float(np.average(data.sinogram, weights=data.weights))
+    total = math.sqrt(float(np.average(centred**2, weights=data.weights)))
     half = 0.5 * model.size(Term.ASPECT)
     longer = {"x": 1.0 + half, "y": 1.0 - half, None: 1.0}[true_axis]
     distance = model.frame.source_distance_mm

@@ -37,9 +37,9 @@ def sample_noise(data: SinogramData, residual: FloatArray, model: FloatArray) ->
     """
     low, high = float(model.min()), float(model.max())
     per_level = LEVELS * (1.0 - 1e-9) / max(high - low, np.finfo(np.float64).tiny)
-    level = ((model - low) * per_level).astype(np.uint8)
     views = slice(None, None, max(1, residual.size // MEASURED))
-    steps, at, values = np.abs(np.diff(residual[views], axis=1)), level[views, 1:], model[views, 1:]
+    steps, values = np.abs(np.diff(residual[views], axis=1)), model[views, 1:]
+    at = ((values - low) * per_level).astype(np.uint8)
     known, variance = [], []
     for one in range(LEVELS):
         here = (at == one) & (steps > 0.0)
@@ -50,8 +50,10 @@ def sample_noise(data: SinogramData, residual: FloatArray, model: FloatArray) ->
         weights = np.ones_like(residual) if data.weights is None else data.weights
         return SampleNoise(np.zeros_like(residual), weights)
     # Of photons the logarithm of the variance is a straight line of the line integral.
-    of_sample = np.exp(np.interp(model, known, np.log(variance)))
-    weights = 1.0 / np.maximum(of_sample, LEAST_NOISE * float(of_sample.mean()))
+    of_sample = np.interp(model, known, np.log(variance))
+    np.exp(of_sample, out=of_sample)
+    weights = np.maximum(of_sample, LEAST_NOISE * float(of_sample.mean()))
+    np.divide(1.0, weights, out=weights)
     if data.weights is not None:
         weights *= data.weights
     weights *= np.count_nonzero(weights) / weights.sum()

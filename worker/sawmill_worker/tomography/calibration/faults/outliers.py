@@ -31,10 +31,9 @@ def _adjust(now: AdjustedFit) -> AdjustedFit:
         deviation = _deviation(current, residual, used)
         if deviation == 0.0:
             return now
-        size = np.abs(residual) / deviation
+        size, power = np.abs(residual) / deviation, used * residual**2
         outlying = size > OUTLIER
-        power = used * np.where(outlying, residual, 0.0) ** 2
-        if power.sum() < OUTLIER_POWER * (used * residual**2).sum() or not _is_a_fault(power, outlying):
+        if power[outlying].sum() < OUTLIER_POWER * power.sum() or not _is_a_fault(power * outlying, outlying):
             break
         weighted = replace(current.data, weights=used * np.where(outlying, (OUTLIER / size) ** 2, 1.0))
         again = now.refitted(weighted, current.fit)

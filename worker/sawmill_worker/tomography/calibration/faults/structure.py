@@ -89,11 +89,13 @@ def _place(residual: FloatArray, model: FloatArray, shared: float) -> Place:
         if np.median(level[worst]) > ALL_OVER * np.median(level):
             return Place.VIEWS
     depth = float(np.ptp(model))
-    edges = maximum_filter1d(np.abs(np.diff(model, 2, axis=1, prepend=0.0, append=0.0)), 2 * BESIDE + 1, axis=1)
-    at_edges = edges > KINK * depth
+    bent = -2.0 * model
+    bent[:, 1:] += model[:, :-1]
+    bent[:, :-1] += model[:, 1:]
+    at_edges = maximum_filter1d(np.abs(bent) > KINK * depth, 2 * BESIDE + 1, axis=1)
     in_shadow = (model > model.min() + SHADOW * depth) & ~at_edges
     return Place.EDGES if _mean(power, at_edges) > EDGES_STAND_OUT * _mean(power, in_shadow) else Place.SHADOW
 
 
 def _mean(power: FloatArray, where: NDArray[np.bool_]) -> float:
-    return float(power[where].mean()) if where.any() else 0.0
+    return float(np.einsum("km,km->", power, where)) / max(int(where.sum()), 1)
