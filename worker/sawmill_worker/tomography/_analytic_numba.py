@@ -19,44 +19,53 @@ PARAMETERS = 7
 ROWS = 12
 # Terms of `gram`: the derivatives, the projection, one, the data.
 TERMS = 10
-# Below this relative change of Y over a cell the midpoint is exact to 2e-6 of the distance; above, three Gauss points.
+# Below this relative change of Y over a cell the midpoint is exact to 2e-6 of the distance; above, three Gauss points,
+# here from the middle in cells, and their weights.
 _SMOOTH = 0.005
-_GAUSS_X = math.sqrt(0.6)
+_NODES = (0.0, -0.5 * math.sqrt(0.6), 0.5 * math.sqrt(0.6))
+_WEIGHTS = (8.0 / 18.0, 5.0 / 18.0, 5.0 / 18.0)
+# A cell's derivatives are made of sums over all edges, with k = density / Y, s = X / Y and the edge's vector e: k X,
+# k e_x, k e_y, k s e_x, k s e_y; for the moments k X s; for aspect and shear k (dX - s a x de). The row behind them holds
+# 1 / Y of one edge, then |a|.
+SUMS = 8
+# Rows that are multiplied with others at once.
+ROWS_AT_ONCE = 4
 
 _FAST = {"reassoc", "contract", "arcp", "nsz"}
+# No test for a division by zero: it keeps loops from being vectorised.
+_VECTORISED = {"fastmath": _FAST, "error_model": "numpy"}
 
 # The parts are functions of their own: LLVM inlines what pays, and a quarter of the time compiles them.
 
 
-@njit(fastmath=_FAST)
-def _edge_point(u, share, sign, big_r, u_c, sdd, c_tau, s_tau, x, ex, ey, dx, bend, row, m, derivative):
+@njit(**_VECTORISED)
+def _edge_point(u, share, line, big_r, sdd, u_c, c_tau, s_tau, c_b, s_b, row, m, derivative):
     """Add one quadrature point's share of the distance, of its derivatives and of the first moments, to cell m."""
+    x, ex, ey = line[0], line[1], line[2]
     w = u - u_c
     ax = w * c_tau
     ay = sdd + w * s_tau
     n = math.sqrt(ax * ax + ay * ay)
     inv_y = 1.0 / (ax * ey - ay * ex)
     s = x * inv_y
-    f = sign * share
-    row[7, m] += f * n * s
+    row[7, m] += share * n * s
     if derivative:
-        per_n = 1.0 / n
-        g = f * n * inv_y
-        h = f * s * per_n
-        row[0, m] += g * (dx[0] + s * (ax * ex + ay * ey))
-        row[1, m] += g * dx[1]
+        g = share * n * inv_y
+        h = share * s / n
+        row[0, m] += g * (s * (ax * ex + ay * ey) - big_r * ey)
+        row[1, m] -= g * ex
         row[2, m] += h * ay + g * s * ex
-        row[3, m] += -h * (ax * c_tau + ay * s_tau) + g * s * (c_tau * ey - s_tau * ex)
+        row[3, m] += g * s * (c_tau * ey - s_tau * ex) - h * (ax * c_tau + ay * s_tau)
         row[4, m] += w * (h * (ay * c_tau - ax * s_tau) + g * s * (s_tau * ey + c_tau * ex))
-        row[5, m] += g * dx[2]
-        row[6, m] += g * dx[3]
+        row[5, m] += g * (c_b * ey + s_b * ex)
+        row[6, m] += g * (s_b * ey - c_b * ex)
         if derivative > 1:
             # From the source to the edge, at the distance n s: integrals of the coordinates around the COR.
-            half = 0.5 * f * n * s * s
+            half = 0.5 * share * n * s * s
             row[8, m] += half * ax
-            row[9, m] += half * ay - f * n * s * big_r
-            row[10, m] += g * (bend[0] - s * (ax * bend[2] - ay * bend[1]))
-            row[11, m] += g * (bend[3] - s * (ax * bend[5] - ay * bend[4]))
+            row[9, m] += half * ay - share * n * s * big_r
+            for i in range(2):
+                row[10 + i, m] += g * (line[6 + 3 * i] - s * (ax * line[8 + 3 * i] - ay * line[7 + 3 * i]))
 
 
 @njit(fastmath=_FAST)
@@ -80,55 +89,165 @@ def _bend(edge, c_b, s_b, qax, qay, qbx, qby):
     return aspect, b_x - a_x, b_y - a_y, shear, d_x - c_x, d_y - c_y
 
 
-@njit(fastmath=_FAST)
-def _edge(edge, frame, t_x, t_y, c_b, s_b, u_first, pitch, cells, rays, row, derivative):
-    """Add one polygon edge to the row of one view."""
-    big_r, sdd, u_c, tau = frame[1], frame[2], frame[3], frame[4]
-    c_tau = math.cos(tau)
-    s_tau = math.sin(tau)
+@njit(**_VECTORISED)
+def _line(edge, big_r, sdd, u_c, t_x, t_y, c_tau, s_tau, c_b, s_b, derivative, line):
+    """Fill X, the edge's vector, its density signed by its direction on the detector, its ends there, `_bend`."""
     xa, ya = edge[0] + t_x, edge[1] + t_y
     xb, yb = edge[2] + t_x, edge[3] + t_y
     qax, qay = c_b * xa + s_b * ya, c_b * ya - s_b * xa + big_r
     qbx, qby = c_b * xb + s_b * yb, c_b * yb - s_b * xb + big_r
     ua = u_c + sdd * qax / (qay * c_tau - qax * s_tau)
     ub = u_c + sdd * qbx / (qby * c_tau - qbx * s_tau)
-    low, high = min(ua, ub), max(ua, ub)
-    if high <= u_first or low >= u_first + cells * pitch or high - low < 1e-9:
+    line[0], line[1], line[2] = qax * qby - qay * qbx, qbx - qax, qby - qay
+    line[3] = -edge[4] if ub > ua else edge[4]
+    line[4], line[5] = min(ua, ub), max(ua, ub)
+    if derivative > 1:
+        line[6], line[7], line[8], line[9], line[10], line[11] = _bend(edge, c_b, s_b, qax, qay, qbx, qby)
+
+
+@njit(**_VECTORISED)
+def _whole_cells(line, f, first, last, centre, shift, sdd, c_tau, s_tau, derivative, sums, j):
+    """Add one edge, times f, to the sums of cells first to last - 1, taken at their centres + shift."""
+    x, ex, ey = line[0], line[1], line[2]
+    slope, least = c_tau * ey - s_tau * ex, sdd * ex
+    cells = range(np.uint64(first), np.uint64(last))
+    if not derivative:
+        for m in cells:
+            sums[j, 0, m] += f * x / ((centre[m] + shift) * slope - least)
         return
-    sign = -edge[4] if ub > ua else edge[4]
-    ex, ey = qbx - qax, qby - qay
-    x = qax * qby - qay * qbx
-    dx = (-big_r * ey, -ex, c_b * ey + s_b * ex, s_b * ey - c_b * ex)
-    bend = _bend(edge, c_b, s_b, qax, qay, qbx, qby)
+    for m in cells:
+        sums[j, SUMS, m] = 1.0 / ((centre[m] + shift) * slope - least)
+    for m in cells:
+        k = f * sums[j, SUMS, m]
+        sums[j, 0, m] += k * x
+        sums[j, 1, m] += k * ex
+        sums[j, 2, m] += k * ey
+    for m in cells:
+        k = f * x * sums[j, SUMS, m] * sums[j, SUMS, m]
+        sums[j, 3, m] += k * ex
+        sums[j, 4, m] += k * ey
+    if derivative > 1:
+        for m in cells:
+            s = x * sums[j, SUMS, m]
+            sums[j, 5, m] += f * s * s
+        for i in range(2):
+            by_x, by_ex, by_ey = line[6 + 3 * i], line[7 + 3 * i], line[8 + 3 * i]
+            for m in cells:
+                w, inv_y = centre[m] + shift, sums[j, SUMS, m]
+                bent = w * c_tau * by_ey - (sdd + w * s_tau) * by_ex
+                sums[j, 6 + i, m] += f * inv_y * (by_x - x * inv_y * bent)
+
+
+@njit(**_VECTORISED)
+def _add_sums(sums, j, first, last, centre, shift, big_r, sdd, c_tau, s_tau, c_b, s_b, row, derivative):
+    """Add to cells first to last - 1 what `_edge_point` adds of one edge, from the sums over all edges."""
+    cells = range(np.uint64(first), np.uint64(last))
+    n = sums[j, SUMS]
+    for m in cells:
+        w = centre[m] + shift
+        ax, ay = w * c_tau, sdd + w * s_tau
+        n[m] = math.sqrt(ax * ax + ay * ay)
+    for m in cells:
+        row[7, m] += n[m] * sums[j, 0, m]
+    if not derivative:
+        return
+    for m in cells:
+        w = centre[m] + shift
+        along = w * c_tau * sums[j, 3, m] + (sdd + w * s_tau) * sums[j, 4, m]
+        row[0, m] += n[m] * (along - big_r * sums[j, 2, m])
+    for m in cells:
+        row[1, m] -= n[m] * sums[j, 1, m]
+    for m in cells:
+        row[2, m] += (sdd + (centre[m] + shift) * s_tau) * sums[j, 0, m] / n[m] + n[m] * sums[j, 3, m]
+    for m in cells:
+        turned = c_tau * sums[j, 4, m] - s_tau * sums[j, 3, m]
+        row[3, m] += n[m] * turned - (centre[m] + shift + sdd * s_tau) * sums[j, 0, m] / n[m]
+    for m in cells:
+        turned = s_tau * sums[j, 4, m] + c_tau * sums[j, 3, m]
+        row[4, m] += (centre[m] + shift) * (n[m] * turned + sdd * c_tau * sums[j, 0, m] / n[m])
+    for m in cells:
+        row[5, m] += n[m] * (c_b * sums[j, 2, m] + s_b * sums[j, 1, m])
+    for m in cells:
+        row[6, m] += n[m] * (s_b * sums[j, 2, m] - c_b * sums[j, 1, m])
+    if derivative > 1:
+        for m in cells:
+            row[8, m] += 0.5 * n[m] * (centre[m] + shift) * c_tau * sums[j, 5, m]
+        for m in cells:
+            ay = sdd + (centre[m] + shift) * s_tau
+            row[9, m] += n[m] * (0.5 * ay * sums[j, 5, m] - big_r * sums[j, 0, m])
+        for i in range(2):
+            for m in cells:
+                row[10 + i, m] += n[m] * sums[j, 6 + i, m]
+
+
+@njit(**_VECTORISED)
+def _part_of_cell(line, m, a, b, pitch, big_r, sdd, u_c, c_tau, s_tau, c_b, s_b, row, derivative):
+    """Add what an edge does in the part [a, b] of cell m."""
+    if b <= a:
+        return
+    mid, share = 0.5 * (a + b), line[3] * (b - a) / pitch
+    y_slope = c_tau * line[2] - s_tau * line[1]
+    smooth = abs(y_slope * (b - a)) < _SMOOTH * abs((mid - u_c) * y_slope - sdd * line[1])
+    for i in range(1 if smooth else 3):
+        u, f = mid + _NODES[i] * (b - a), share if smooth else _WEIGHTS[i] * share
+        _edge_point(u, f, line, big_r, sdd, u_c, c_tau, s_tau, c_b, s_b, row, m, derivative)
+
+
+@njit(**_VECTORISED)
+def _edges(edges, frame, t_x, t_y, c_b, s_b, u_first, pitch, cells, rays, row, derivative):
+    """Add all polygons' edges to the row of one view: whole cells by sums over the edges, parts of cells each."""
+    big_r, sdd, u_c = frame[1], frame[2], frame[3]
+    c_tau, s_tau = math.cos(frame[4]), math.sin(frame[4])
+    lines = np.empty((len(edges), 12))
+    low, high = math.inf, -math.inf
+    for e in range(len(edges)):
+        _line(edges[e], big_r, sdd, u_c, t_x, t_y, c_tau, s_tau, c_b, s_b, derivative, lines[e])
+        low, high = min(low, lines[e, 4]), max(high, lines[e, 5])
     first = max(0, _cell_under(low, u_first, pitch, cells))
-    last = min(cells - 1, _cell_under(high, u_first, pitch, cells))
-    y_slope = c_tau * ey - s_tau * ex
-    for m in range(first, last + 1):
-        left = u_first + m * pitch
+    last = max(first, min(cells, _cell_under(high, u_first, pitch, cells) + 1))
+    centre, sums, nodes = np.empty(cells), np.empty((3, SUMS + 1, cells)), 0
+    for m in range(first, last):
+        centre[m] = u_first + (m + 0.5) * pitch - u_c
+    for e in range(len(edges)):
+        line = lines[e]
+        low, high = max(line[4], u_first), min(line[5], u_first + cells * pitch)
+        if not (line[5] - line[4] >= 1e-9 and high > low):
+            continue
+        begin = max(0, _cell_under(low, u_first, pitch, cells))
+        end = min(cells - 1, _cell_under(high, u_first, pitch, cells))
         if rays > 0:
-            for i in range(rays):
-                u = left + (i + 0.5) * pitch / rays
-                if low <= u < high:
-                    _edge_point(
-                        u, 1.0 / rays, sign, big_r, u_c, sdd, c_tau, s_tau, x, ex, ey, dx, bend, row, m, derivative
-                    )
+            for m in range(begin, end + 1):
+                for i in range(rays):
+                    u = u_first + (m + (i + 0.5) / rays) * pitch
+                    if low <= u < high:
+                        f = line[3] / rays
+                        _edge_point(u, f, line, big_r, sdd, u_c, c_tau, s_tau, c_b, s_b, row, m, derivative)
             continue
-        a = max(left, low)
-        b = min(left + pitch, high)
-        if b <= a:
-            continue
-        share = (b - a) / pitch
-        mid = 0.5 * (a + b)
-        w = mid - u_c
-        y_mid = w * c_tau * ey - (sdd + w * s_tau) * ex
-        if abs(y_slope * (b - a)) < _SMOOTH * abs(y_mid):
-            _edge_point(mid, share, sign, big_r, u_c, sdd, c_tau, s_tau, x, ex, ey, dx, bend, row, m, derivative)
-        else:
-            off = 0.5 * (b - a) * _GAUSS_X
-            outer, inner = share * (5.0 / 18.0), share * (8.0 / 18.0)
-            _edge_point(mid - off, outer, sign, big_r, u_c, sdd, c_tau, s_tau, x, ex, ey, dx, bend, row, m, derivative)
-            _edge_point(mid, inner, sign, big_r, u_c, sdd, c_tau, s_tau, x, ex, ey, dx, bend, row, m, derivative)
-            _edge_point(mid + off, outer, sign, big_r, u_c, sdd, c_tau, s_tau, x, ex, ey, dx, bend, row, m, derivative)
+        for m, a, b in (
+            (begin, low, min(u_first + (begin + 1) * pitch, high)),
+            (end, max(u_first + end * pitch, u_first + (begin + 1) * pitch), high),
+        ):
+            _part_of_cell(line, m, a, b, pitch, big_r, sdd, u_c, c_tau, s_tau, c_b, s_b, row, derivative)
+        begin = min(begin + 1, end)
+        # Around where the rays are parallel to the edge.
+        parallel = u_c + sdd * line[1] / (c_tau * line[2] - s_tau * line[1])
+        near, far = parallel - (1.0 / _SMOOTH - 0.5) * pitch, parallel + (1.0 / _SMOOTH + 0.5) * pitch
+        near = max(begin, min(end, _cell_under(near, u_first, pitch, cells)))
+        far = max(near, min(end, _cell_under(far, u_first, pitch, cells)))
+        while nodes < (3 if far > near else 1):
+            for i in range(SUMS if derivative > 1 else 5):
+                for m in range(np.uint64(first), np.uint64(last)):
+                    sums[nodes, i, m] = 0.0
+            nodes += 1
+        # The cells on both sides, and those between them at each of three points.
+        for i in range(5 if far > near else 2):
+            j = max(0, i - 2)
+            start, stop = (begin, near) if i == 0 else (far, end) if i == 1 else (near, far)
+            f, shift = line[3] * (_WEIGHTS[j] if i > 1 else 1.0), _NODES[j] * pitch
+            _whole_cells(line, f, start, stop, centre, shift, sdd, c_tau, s_tau, derivative, sums, j)
+    for i in range(nodes):
+        shift = _NODES[i] * pitch
+        _add_sums(sums, i, first, last, centre, shift, big_r, sdd, c_tau, s_tau, c_b, s_b, row, derivative)
 
 
 @njit(fastmath=_FAST)
@@ -244,8 +363,8 @@ def _view(k, edges, discs, frame, t_x, t_y, angles, u_first, pitch, cells, rays,
     c_b = math.cos(beta)
     s_b = math.sin(beta)
     x, y = t_x[k], t_y[k]
-    for e in range(edges.shape[0]):
-        _edge(edges[e], frame, x, y, c_b, s_b, u_first, pitch, cells, rays, row, derivative)
+    if len(edges) > 0:
+        _edges(edges, frame, x, y, c_b, s_b, u_first, pitch, cells, rays, row, derivative)
     for i in range(discs.shape[0]):
         _disc(discs[i], frame, x, y, c_b, s_b, u_first, pitch, cells, rays, row, derivative, left, right)
 
@@ -253,7 +372,8 @@ def _view(k, edges, discs, frame, t_x, t_y, angles, u_first, pitch, cells, rays,
 @njit(fastmath=_FAST)
 def _project_view(k, edges, discs, frame, t_x, t_y, angles, u_first, pitch, rays, out):
     cells = out.shape[1]
-    row = np.zeros((ROWS, cells))
+    row = np.empty((ROWS, cells))
+    row[7] = 0.0
     left = np.empty(8)
     right = np.empty(8)
     _view(k, edges, discs, frame, t_x, t_y, angles, u_first, pitch, cells, rays, row, 0, left, right)
@@ -308,16 +428,36 @@ def _gram_view(k, edges, discs, frame, t_x, t_y, angles, u_first, pitch, rays, s
         row[8, m] = 1.0
         row[9, m] = sinogram[k, m]
     if weights.shape[0] > 0:
+        for m in range(cells):
+            row[TERMS, m] = math.sqrt(weights[k, m])
         for p in range(TERMS):
             for m in range(cells):
-                row[p, m] *= math.sqrt(weights[k, m])
-    for p in range(TERMS):
-        for q in range(p + 1):
-            total = 0.0
+                row[p, m] *= row[TERMS, m]
+    products_of_rows(row, TERMS, out[k])
+
+
+@njit(fastmath=_FAST)
+def products_of_rows(row, count, products):
+    """Fill products (count, count) with the rows' inner products; behind the rows there are `ROWS_AT_ONCE` more."""
+    cells = row.shape[1]
+    for p in range(0, count, 2):
+        for q in range(0, p + 2, ROWS_AT_ONCE):
+            a0 = a1 = a2 = a3 = b0 = b1 = b2 = b3 = 0.0
             for m in range(cells):
-                total += row[p, m] * row[q, m]
-            out[k, p, q] = total
-            out[k, q, p] = total
+                a, b = row[p, m], row[p + 1, m]
+                a0 += a * row[q, m]
+                a1 += a * row[q + 1, m]
+                a2 += a * row[q + 2, m]
+                a3 += a * row[q + 3, m]
+                b0 += b * row[q, m]
+                b1 += b * row[q + 1, m]
+                b2 += b * row[q + 2, m]
+                b3 += b * row[q + 3, m]
+            for i, a, b in ((0, a0, b0), (1, a1, b1), (2, a2, b2), (3, a3, b3)):
+                if q + i <= p:
+                    products[p, q + i] = products[q + i, p] = a
+                if q + i <= p + 1 < count:
+                    products[p + 1, q + i] = products[q + i, p + 1] = b
 
 
 @njit(parallel=True, cache=True, fastmath=_FAST)

@@ -8,13 +8,18 @@ import math
 import numpy as np
 from numba import njit, prange
 
-from sawmill_worker.tomography._analytic_numba import _FAST, PARAMETERS, ROWS, _view
+from sawmill_worker.tomography._analytic_numba import (
+    _FAST,
+    PARAMETERS,
+    ROWS,
+    ROWS_AT_ONCE,
+    _view,
+    products_of_rows,
+)
 from sawmill_worker.tomography.calibration.scan_model import Term
 
 # The views of a block are taken by one thread one after another, whatever the number of threads: so are their sums.
 BLOCK = 16
-# Rows that are multiplied with others at once.
-AT_ONCE = 4
 
 TERMS = len(Term)
 _GAIN, _OFFSET = int(Term.GAIN), int(Term.OFFSET)
@@ -123,33 +128,6 @@ def _by_blur(blurred, from_counts, row):
 
 
 @njit(fastmath=_FAST)
-def _multiply(row, count, grams, scores):
-    """Inner products of all rows with each other and with the row `count`, which is the last."""
-    cells = row.shape[1]
-    products = np.empty((row.shape[0], row.shape[0]))
-    for p in range(0, count + 1, 2):
-        for q in range(0, p + 2, AT_ONCE):
-            a0 = a1 = a2 = a3 = b0 = b1 = b2 = b3 = 0.0
-            for m in range(cells):
-                a, b = row[p, m], row[p + 1, m]
-                a0 += a * row[q, m]
-                a1 += a * row[q + 1, m]
-                a2 += a * row[q + 2, m]
-                a3 += a * row[q + 3, m]
-                b0 += b * row[q, m]
-                b1 += b * row[q + 1, m]
-                b2 += b * row[q + 2, m]
-                b3 += b * row[q + 3, m]
-            of_p, of_next = products[p, q : q + AT_ONCE], products[p + 1, q : q + AT_ONCE]
-            of_p[0], of_p[1], of_p[2], of_p[3] = a0, a1, a2, a3
-            of_next[0], of_next[1], of_next[2], of_next[3] = b0, b1, b2, b3
-    for p in range(count):
-        scores[p] = products[count, p]
-        for q in range(p + 1):
-            grams[p, q] = grams[q, p] = products[p, q]
-
-
-@njit(fastmath=_FAST)
 def _of_intensities(around, wide, lagging, beside, row):
     """Divide the rows by the intensity that is measured, and fill those of what is added to a cell's own."""
     cells = row.shape[1]
@@ -202,7 +180,8 @@ def inner_products(
     from_counts = len(beside) > 0
     count = TERMS if from_counts else _SCATTER
     for block in prange(sums.shape[0]):
-        raw, row = np.empty((ROWS, cells)), np.zeros((TERMS + AT_ONCE, cells))
+        raw, row = np.empty((ROWS, cells)), np.zeros((TERMS + ROWS_AT_ONCE, cells))
+        of_rows = np.empty((count + 1, count + 1))
         lengths, chain, left, right = np.empty((3, ROWS, cells)), np.empty(cells), np.empty(8), np.empty(8)
         for kk in range(block * BLOCK, min((block + 1) * BLOCK, views)):
             k = np.int64(kk)
@@ -244,7 +223,11 @@ def inner_products(
                 total += product
                 squares += product * product
             neighbours[k, 0], neighbours[k, 1] = total, squares
-            _multiply(row, count, grams[k], scores[k])
+            products_of_rows(row, count + 1, of_rows)
+            for p in range(count):
+                scores[k, p] = of_rows[count, p]
+                for q in range(count):
+                    grams[k, p, q] = of_rows[p, q]
 
 
 @njit(cache=True, fastmath=_FAST)
