@@ -25,8 +25,8 @@ _SMOOTH = 0.005
 _NODES = (0.0, -0.5 * math.sqrt(0.6), 0.5 * math.sqrt(0.6))
 _WEIGHTS = (8.0 / 18.0, 5.0 / 18.0, 5.0 / 18.0)
 # A cell's derivatives are made of sums over all edges, with k = density / Y, s = X / Y and the edge's vector e: k X,
-# k e_x, k e_y, k s e_x, k s e_y; for the moments k X s; for aspect and shear k (dX - s a x de). The row behind them holds
-# 1 / Y of one edge, then |a|.
+# k e_x, k e_y, k s e_x, k s e_y; for the moments k X s; for aspect and shear k (dX - s a x de). The row behind them
+# holds 1 / Y of one edge, then |a|.
 SUMS = 8
 # Rows that are multiplied with others at once.
 ROWS_AT_ONCE = 4
