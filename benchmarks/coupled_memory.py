@@ -1,10 +1,14 @@
-"""The largest memory of the job that reconstructs a whole log by coupled total variation.
+"""The largest memory and the seconds of the job that reconstructs a whole log by coupled total variation.
 
     python benchmarks/coupled_memory.py [--rows 2500] [--views 20] [--folder FOLDER]
 
 A log of VIEWS x ROWS x 768 line integrals (`memory.py`) is read by the ingest's job and reconstructed by the
 reconstruction's, `total_variation` coupled by a given weight, in this process: its largest memory (VmHWM) before and
 after the reconstruction, and its seconds by the clock and of processors.
+
+Last comes an estimate for more cores, by Amdahl's law and from processor seconds alone, so that what else the machine
+does counts little. The job's own thread does all that is serial and its share of what is parallel; together they give
+both. The time to choose the weight is part of it, once a log. Memory is taken to keep pace with the cores.
 """
 
 import argparse
@@ -13,8 +17,9 @@ import tempfile
 from pathlib import Path
 
 from memory import make_npy
+from numba import get_num_threads
 from scanners import SCANNER
-from waiting_job import do_waiting_job
+from waiting_job import Done, do_waiting_job
 
 from sawmill_worker.contracts.geometry import GivenTheta, ScannerConstants
 from sawmill_worker.contracts.jobs import JobKind
@@ -32,6 +37,8 @@ THETA = GivenTheta(
 )
 # As chosen for simulated logs; this one would take none.
 COUPLING = "0.4"
+# Between two logs at a mill.
+LOG_EVERY_S, MANY_CORES = 29.0, 16
 
 
 def largest_gb() -> float:
@@ -39,8 +46,22 @@ def largest_gb() -> float:
     return 1e-9 * peak_memory_bytes()
 
 
+def estimate(done: Done) -> str:
+    """What the job would take on more cores, from its processor seconds with the threads of this run."""
+    threads = get_num_threads()
+    if threads == 1:
+        return "no estimate for more cores: it needs a run with two threads or more"
+    parallel_s = (done.processor_s - done.own_thread_s) * threads / (threads - 1)
+    serial_s = done.processor_s - parallel_s
+    return (
+        f"serial {serial_s:.1f} s of {done.processor_s:.1f} s of processors; estimate for {MANY_CORES} cores: "
+        f"{serial_s + parallel_s / MANY_CORES:.1f} s, where a log comes every {LOG_EVERY_S:.0f} s "
+        f"(for {threads} cores: {serial_s + parallel_s / threads:.1f} s)"
+    )
+
+
 def main() -> None:
-    """Print both lines."""
+    """Print the lines."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rows", type=int, default=2500, help="of the detector")
     parser.add_argument("--views", type=int, default=20)
@@ -74,6 +95,7 @@ def main() -> None:
             f"reconstructed {done.result['shape']}: {largest_gb():.2f} GB at most, {done.clock_s:.0f} s by "
             f"the clock, {done.processor_s:.0f} s of processors, {os.cpu_count()} cores; {done.result['method']}"
         )
+        print(estimate(done))
         store.close()
 
 

@@ -10,11 +10,12 @@ from sawmill_worker.storage.store import Store
 
 
 class Done(NamedTuple):
-    """A job's result, and the seconds that it took by the clock and of all threads."""
+    """A job's result, the seconds that it took by the clock, and those of processors: all threads', and its own's."""
 
     result: dict[str, Any]
     clock_s: float
     processor_s: float
+    own_thread_s: float
 
 
 def do_waiting_job(store: Store, kind: JobKind) -> Done:
@@ -25,8 +26,8 @@ def do_waiting_job(store: Store, kind: JobKind) -> Done:
     output = store.files.make_attempt_folder(claim.job_id, claim.attempt)
     given = store.jobs.handed_over(claim.job_id)
     attempt = Attempt(claim.job, given, output, report=lambda _: None, announce=lambda _: None)
-    clock, processor = time.perf_counter(), time.process_time()
+    started = time.perf_counter(), time.process_time(), time.thread_time()
     result = run(attempt)
-    clock, processor = time.perf_counter() - clock, time.process_time() - processor
+    ended = time.perf_counter(), time.process_time(), time.thread_time()
     store.jobs.succeed(claim, result, output)
-    return Done(result, clock, processor)
+    return Done(result, *(after - before for before, after in zip(started, ended, strict=True)))

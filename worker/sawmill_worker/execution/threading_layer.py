@@ -31,12 +31,9 @@ def tbb_library() -> Path | None:
 def configure_threads(environment: MutableMapping[str, str] = os.environ) -> None:
     """Set what libraries read when they are loaded, where nobody has set it.
 
-    Threads of GNU OpenMP are not to wait for each other by keeping a core busy: several processes at a time on few
-    cores would keep each other from ending, and an iterative method took minutes instead of five seconds. OpenBLAS has
-    one thread: the matrices are so small that its threads wait longer for each other than they compute, which doubled
-    the processor time of a calibration of 20 views.
+    OpenBLAS has one thread: the matrices are so small that its threads wait longer for each other than they compute,
+    which doubled the processor time of a calibration of 20 views.
     """
-    environment.setdefault("OMP_WAIT_POLICY", "passive")
     environment.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
