@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from sawmill_worker.tomography.iterative.descent import minimise
+from sawmill_worker.tomography.iterative import _descent_numba as kernels
+from sawmill_worker.tomography.iterative.descent import MEMORY, minimise
 
 
 def test_a_bound_cuts_the_minimum_of_independent_pixels():
@@ -129,3 +130,32 @@ def test_a_problem_among_others_takes_the_steps_that_it_takes_alone():
         alone = found(np.array([problem]))
         assert alone.iterations[0] == together.iterations[problem]
         np.testing.assert_array_equal(alone.images[0], together.images[problem])
+
+
+def test_a_direction_is_that_of_the_two_loop_recursion():
+    rng, memory, pixels = np.random.default_rng(5), MEMORY, 10_000
+    matrix = rng.uniform(0.5, 2.0, pixels)
+    x, gradient = rng.normal(size=(2, 1, pixels)).astype(np.float32)
+    steps, changes = np.empty((2, 1, memory, pixels), np.float32)
+    products = np.ones((1, memory, memory))
+    used, newest, every = np.zeros(1, np.int64), np.full(1, memory - 1), np.arange(1)
+    pairs = []
+    for _ in range(memory + 2):  # more than the ring holds
+        moved = x + rng.normal(size=x.shape).astype(np.float32)
+        slope = (gradient + matrix * (moved - x)).astype(np.float32)
+        pairs.append(((moved - x)[0].astype(np.float64), (slope - gradient)[0].astype(np.float64)))
+        kernels.accept(every, every, moved, slope, x, gradient, newest, steps, changes, products, used)
+    scaling, rings = np.ones_like(x), (steps, changes, products, used, newest, np.zeros((1, memory)))
+    direction = np.empty_like(x)
+    kernels.first_recursion(every, x, gradient, -np.inf, scaling, *rings, direction)
+    kernels.second_recursion(every, x, gradient, -np.inf, scaling, np.ones(1), *rings, direction)
+
+    # Nocedal and Wright 2006, algorithm 7.4.
+    q, taken = gradient[0].astype(np.float64), []
+    for s, y in reversed(pairs[-memory:]):
+        taken.append(s @ q / (s @ y))
+        q -= taken[-1] * y
+    for s, y in pairs[-memory:]:
+        q += (taken.pop() - y @ q / (s @ y)) * s
+    # Single precision of inner products of ten thousand.
+    np.testing.assert_allclose(direction[0], -q, atol=1e-4 * np.abs(q).max())

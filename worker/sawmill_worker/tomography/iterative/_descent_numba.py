@@ -1,24 +1,49 @@
-"""Kernels of the projected quasi-Newton descent: several problems side by side, (problem, pixel), one thread each.
+"""Kernels of the projected quasi-Newton descent: several problems side by side, (problem, pixel).
 
 `which` holds the indices of the problems of a call; arrays (named, pixels) have a row for each of them, arrays
 (problems, pixels) one for every problem. A pixel stays where it is at the bound and its gradient pushes outwards.
+
+A thread takes a band of pixels at a time, so that few large problems keep all threads busy as well. The steps s and the
+changes of gradient y are rings (problems, memory, pixels). Each two-loop recursion needs the inner products of a vector
+with all of a ring at once, and those of s and y with each other, products (problems, memory, memory) = s_i . y_j, which
+`accept` keeps (Chen, Wang and Zhou 2014, "Large-scale L-BFGS using MapReduce").
 """
 
 import numpy as np
 from numba import njit, prange
 
 _FAST = {"contract", "nsz", "reassoc", "nnan", "ninf"}
+# Pixels of a band: with a vector of them in the first-level cache. Its inner products are in single precision.
+_BAND = 4096
 
 
 @njit(inline="always")
-def _add_then_dot(q, factor, vector, other):
-    """Do q += factor * vector, and then q . other, in one pass."""
+def _band(task, pixels):
+    """The row among those named, the band's number, and its pixels."""
+    bands = (pixels + _BAND - 1) // _BAND
+    first = task % bands * _BAND
+    return task // bands, task % bands, slice(first, min(first + _BAND, pixels))
+
+
+@njit(inline="always")
+def _tasks(named, pixels):
+    return named * ((pixels + _BAND - 1) // _BAND)
+
+
+@njit(inline="always")
+def _dot(one, other):
+    total = np.float32(0.0)
+    for p in range(one.size):
+        total += one[p] * other[p]
+    return total
+
+
+@njit(inline="always")
+def _add(q, factor, vector):
+    """Do q += factor * vector."""
     factor = np.float32(factor)
-    total = 0.0
     for p in range(q.size):
         q[p] += factor * vector[p]
-        total += q[p] * other[p]
-    return total
 
 
 @njit(inline="always")
@@ -50,91 +75,127 @@ def weigh(projected, lines, weights, which):
 def first_recursion(which, x, gradient, lower, scaling, steps, changes, products, used, newest, taken, out):
     """The first loop of the two-loop recursion (Nocedal and Wright 2006, algorithm 7.4), times scaling, into out.
 
-    x, gradient and scaling are (problems, pixels), out (named, pixels); the histories steps and changes (problems,
-    memory, pixels) are rings, with products (problems, memory) = s . y. Fills taken (problems, memory).
+    x, gradient and scaling are (problems, pixels), out (named, pixels). Fills taken (problems, memory).
     """
-    memory = steps.shape[1]
+    memory, pixels = steps.shape[1:]
     low = np.float32(lower)
-    for bb in prange(which.size):
-        b = np.int64(bb)
+    tasks = _tasks(which.size, pixels)
+    dots = np.zeros((which.size, tasks // which.size, memory))
+    for task in prange(tasks):
+        b, number, part = _band(np.int64(task), pixels)
         w = which[b]
-        q, s, y = out[b], steps[w], changes[w]
+        q, here, slope = out[b, part], x[w, part], gradient[w, part]
         for p in range(q.size):
-            q[p] = np.float32(0.0) if _at_bound(x[w, p], gradient[w, p], low) else gradient[w, p]
-        count = used[w]
-        h = newest[w]
-        dot = _add_then_dot(q, 0.0, q, s[h])
-        for back in range(count):
-            taken[w, h] = dot / products[w, h]
-            previous = (h - 1 + memory) % memory
-            following = s[previous] if back < count - 1 else y[h]
-            dot = _add_then_dot(q, -taken[w, h], y[h], following)
-            h = previous
+            q[p] = np.float32(0.0) if _at_bound(here[p], slope[p], low) else slope[p]
+        for back in range(used[w]):
+            h = (newest[w] - back + memory) % memory
+            dots[b, number, h] = _dot(q, steps[w, h, part])
+    for b in range(which.size):
+        w = which[b]
+        for back in range(used[w]):
+            h = (newest[w] - back + memory) % memory
+            dot = dots[b, :, h].sum()
+            for later in range(back):
+                j = (newest[w] - later + memory) % memory
+                dot -= taken[w, j] * products[w, h, j]
+            taken[w, h] = dot / products[w, h, h]
+    for task in prange(tasks):
+        b, _, part = _band(np.int64(task), pixels)
+        w = which[b]
+        q, factor = out[b, part], scaling[w, part]
+        for back in range(used[w]):
+            h = (newest[w] - back + memory) % memory
+            _add(q, -taken[w, h], changes[w, h, part])
         for p in range(q.size):
-            q[p] *= scaling[w, p]
+            q[p] *= factor[p]
 
 
 @njit(parallel=True, cache=True, fastmath=_FAST)
 def second_recursion(which, x, gradient, lower, scaling, scales, steps, changes, products, used, newest, taken, out):
     """The second loop, in place, after the preconditioner: -H g, zero at the bound."""
-    memory = steps.shape[1]
+    memory, pixels = steps.shape[1:]
     low = np.float32(lower)
-    for bb in prange(which.size):
-        b = np.int64(bb)
+    tasks = _tasks(which.size, pixels)
+    dots = np.zeros((which.size, tasks // which.size, memory))
+    for task in prange(tasks):
+        b, number, part = _band(np.int64(task), pixels)
         w = which[b]
-        q, s, y = out[b], steps[w], changes[w]
-        count = used[w]
-        h = (newest[w] - count + 1 + memory) % memory
-        scale = np.float32(scales[w])
-        dot = 0.0
+        q, factor, scale = out[b, part], scaling[w, part], np.float32(scales[w])
         for p in range(q.size):
-            q[p] *= scale * scaling[w, p]
-            dot += q[p] * y[h, p]
-        for _ in range(count):
-            following = (h + 1) % memory
-            dot = _add_then_dot(q, taken[w, h] - dot / products[w, h], s[h], y[following])
-            h = following
+            q[p] *= scale * factor[p]
+        for back in range(used[w]):
+            h = (newest[w] - back + memory) % memory
+            dots[b, number, h] = _dot(q, changes[w, h, part])
+    for b in range(which.size):
+        w = which[b]
+        for back in range(used[w] - 1, -1, -1):
+            h = (newest[w] - back + memory) % memory
+            dot = dots[b, :, h].sum()
+            for earlier in range(used[w] - 1, back, -1):
+                j = (newest[w] - earlier + memory) % memory
+                dot += taken[w, j] * products[w, j, h]
+            taken[w, h] -= dot / products[w, h, h]
+    for task in prange(tasks):
+        b, _, part = _band(np.int64(task), pixels)
+        w = which[b]
+        q, here, slope = out[b, part], x[w, part], gradient[w, part]
+        for back in range(used[w]):
+            h = (newest[w] - back + memory) % memory
+            _add(q, taken[w, h], steps[w, h, part])
         for p in range(q.size):
-            q[p] = np.float32(0.0) if _at_bound(x[w, p], gradient[w, p], low) else -q[p]
+            q[p] = np.float32(0.0) if _at_bound(here[p], slope[p], low) else -q[p]
 
 
 @njit(parallel=True, cache=True, fastmath=_FAST)
 def move(which, rows, x, direction, gradient, lengths, lower, out):
     """Fill out (named, pixels) with max(x + length direction[row], lower); returns gradient . (out - x) of each."""
-    gains = np.zeros(which.size)
+    pixels = x.shape[1]
     low = np.float32(lower)
-    for bb in prange(which.size):
-        b = np.int64(bb)
-        w, row, length = which[b], rows[b], np.float32(lengths[b])
-        total = 0.0
-        for p in range(x.shape[1]):
-            new = max(x[w, p] + length * direction[row, p], low)
-            total += gradient[w, p] * (new - x[w, p])
-            out[b, p] = new
-        gains[b] = total
-    return gains
+    tasks = _tasks(which.size, pixels)
+    gains = np.empty((which.size, tasks // which.size))
+    for task in prange(tasks):
+        b, number, part = _band(np.int64(task), pixels)
+        w, length = which[b], np.float32(lengths[b])
+        here, along, slope, to = x[w, part], direction[rows[b], part], gradient[w, part], out[b, part]
+        total = np.float32(0.0)
+        for p in range(to.size):
+            new = max(here[p] + length * along[p], low)
+            total += slope[p] * (new - here[p])
+            to[p] = new
+        gains[b, number] = total
+    return gains.sum(axis=1)
 
 
 @njit(parallel=True, cache=True, fastmath=_FAST)
 def accept(which, rows, moved, slope, x, gradient, newest, steps, changes, products, used):
     """Go to moved[row], where the gradient is slope[row]; the step becomes history where it shows upward curvature."""
-    memory = steps.shape[1]
-    for bb in prange(which.size):
-        b = np.int64(bb)
+    memory, pixels = steps.shape[1:]
+    tasks = _tasks(which.size, pixels)
+    # With each of the ring: the step . changes, the change . steps; and the change . itself.
+    dots = np.zeros((which.size, tasks // max(which.size, 1), 3, memory))
+    for task in prange(tasks):
+        b, number, part = _band(np.int64(task), pixels)
         w, row = which[b], rows[b]
-        h = (newest[w] + 1) % memory
-        s, y = steps[w, h], changes[w, h]
-        sy, yy = 0.0, 0.0
+        new = (newest[w] + 1) % memory
+        s, y = steps[w, new, part], changes[w, new, part]
+        here, there, slope_here, slope_there = x[w, part], moved[row, part], gradient[w, part], slope[row, part]
         for p in range(s.size):
-            s[p] = moved[row, p] - x[w, p]
-            y[p] = slope[row, p] - gradient[w, p]
-            sy += s[p] * y[p]
-            yy += y[p] * y[p]
-            x[w, p] = moved[row, p]
-            gradient[w, p] = slope[row, p]
-        if sy > 1e-10 * yy and sy > 0.0:
-            products[w, h] = sy
-            newest[w], used[w] = h, min(used[w] + 1, memory)
+            s[p] = there[p] - here[p]
+            y[p] = slope_there[p] - slope_here[p]
+            here[p] = there[p]
+            slope_here[p] = slope_there[p]
+        one = dots[b, number]
+        one[0, new], one[2, new] = _dot(s, y), _dot(y, y)
+        for back in range(min(used[w], memory - 1)):
+            h = (newest[w] - back + memory) % memory
+            one[0, h], one[1, h] = _dot(s, changes[w, h, part]), _dot(y, steps[w, h, part])
+    for b in range(which.size):
+        w, total = which[b], dots[b].sum(axis=0)
+        new = (newest[w] + 1) % memory
+        if total[0, new] > 1e-10 * total[2, new] and total[0, new] > 0.0:
+            products[w, :, new] = total[1]
+            products[w, new] = total[0]
+            newest[w], used[w] = new, min(used[w] + 1, memory)
         else:
             # The ring's oldest entry is overwritten already: forget it.
             used[w] = min(used[w], memory - 1)

@@ -81,7 +81,7 @@ class _History:
         # Not zeroed: where a ring ends early, nothing of its rest is touched.
         self.steps = np.empty((problems, MEMORY, pixels), np.float32)
         self.changes = np.empty_like(self.steps)
-        self.products = np.ones((problems, MEMORY))
+        self.products = np.ones((problems, MEMORY, MEMORY))
         self.taken = np.zeros((problems, MEMORY))
         # The preconditioner's scaling, and a factor for each problem.
         self.scaling = np.ones((problems, pixels), np.float32)
@@ -94,11 +94,12 @@ class _History:
         known = which[self.used[which] > 0]
         if known.size == 0:
             return
-        change = self.changes[known, self.newest[known]] * self.scaling[known]
+        newest = self.newest[known]
+        change = self.changes[known, newest] * self.scaling[known]
         smoothed = change
         if preconditioner is not None:
             smoothed = preconditioner.smoothed(change.reshape(-1, *self.shape), known).reshape(change.shape)
-        self.scales[known] = self.products[known, self.newest[known]] / np.vecdot(change, smoothed)
+        self.scales[known] = self.products[known, newest, newest] / np.vecdot(change, smoothed)
 
 
 def minimise(
