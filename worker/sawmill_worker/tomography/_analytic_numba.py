@@ -32,13 +32,12 @@ SUMS = 8
 ROWS_AT_ONCE = 4
 
 _FAST = {"reassoc", "contract", "arcp", "nsz"}
-# No test for a division by zero: it keeps loops from being vectorised.
-_VECTORISED = {"fastmath": _FAST, "error_model": "numpy"}
 
-# The parts are functions of their own: LLVM inlines what pays, and a quarter of the time compiles them.
+# The parts are functions of their own: LLVM inlines what pays, and a quarter of the time compiles them. Those with the
+# error model of NumPy test no division for zero: a test keeps loops from being vectorised.
 
 
-@njit(**_VECTORISED)
+@njit(fastmath=_FAST, error_model="numpy")
 def _edge_point(u, share, line, big_r, sdd, u_c, c_tau, s_tau, c_b, s_b, row, m, derivative):
     """Add one quadrature point's share of the distance, of its derivatives and of the first moments, to cell m."""
     x, ex, ey = line[0], line[1], line[2]
@@ -89,7 +88,7 @@ def _bend(edge, c_b, s_b, qax, qay, qbx, qby):
     return aspect, b_x - a_x, b_y - a_y, shear, d_x - c_x, d_y - c_y
 
 
-@njit(**_VECTORISED)
+@njit(fastmath=_FAST, error_model="numpy")
 def _line(edge, big_r, sdd, u_c, t_x, t_y, c_tau, s_tau, c_b, s_b, derivative, line):
     """Fill X, the edge's vector, its density signed by its direction on the detector, its ends there, `_bend`."""
     xa, ya = edge[0] + t_x, edge[1] + t_y
@@ -105,7 +104,7 @@ def _line(edge, big_r, sdd, u_c, t_x, t_y, c_tau, s_tau, c_b, s_b, derivative, l
         line[6], line[7], line[8], line[9], line[10], line[11] = _bend(edge, c_b, s_b, qax, qay, qbx, qby)
 
 
-@njit(**_VECTORISED)
+@njit(fastmath=_FAST, error_model="numpy")
 def _whole_cells(line, f, first, last, centre, shift, sdd, c_tau, s_tau, derivative, sums, j):
     """Add one edge, times f, to the sums of cells first to last - 1, taken at their centres + shift."""
     x, ex, ey = line[0], line[1], line[2]
@@ -138,7 +137,7 @@ def _whole_cells(line, f, first, last, centre, shift, sdd, c_tau, s_tau, derivat
                 sums[j, 6 + i, m] += f * inv_y * (by_x - x * inv_y * bent)
 
 
-@njit(**_VECTORISED)
+@njit(fastmath=_FAST, error_model="numpy")
 def _add_sums(sums, j, first, last, centre, shift, big_r, sdd, c_tau, s_tau, c_b, s_b, row, derivative):
     """Add to cells first to last - 1 what `_edge_point` adds of one edge, from the sums over all edges."""
     cells = range(np.uint64(first), np.uint64(last))
@@ -180,7 +179,7 @@ def _add_sums(sums, j, first, last, centre, shift, big_r, sdd, c_tau, s_tau, c_b
                 row[10 + i, m] += n[m] * sums[j, 6 + i, m]
 
 
-@njit(**_VECTORISED)
+@njit(fastmath=_FAST, error_model="numpy")
 def _part_of_cell(line, m, a, b, pitch, big_r, sdd, u_c, c_tau, s_tau, c_b, s_b, row, derivative):
     """Add what an edge does in the part [a, b] of cell m."""
     if b <= a:
@@ -193,7 +192,7 @@ def _part_of_cell(line, m, a, b, pitch, big_r, sdd, u_c, c_tau, s_tau, c_b, s_b,
         _edge_point(u, f, line, big_r, sdd, u_c, c_tau, s_tau, c_b, s_b, row, m, derivative)
 
 
-@njit(**_VECTORISED)
+@njit(fastmath=_FAST, error_model="numpy")
 def _edges(edges, frame, t_x, t_y, c_b, s_b, u_first, pitch, cells, rays, row, derivative):
     """Add all polygons' edges to the row of one view: whole cells by sums over the edges, parts of cells each."""
     big_r, sdd, u_c = frame[1], frame[2], frame[3]
