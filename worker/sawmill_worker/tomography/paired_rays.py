@@ -44,11 +44,6 @@ class Derivatives(NamedTuple):
         mean = np.stack([np.broadcast_to(by_gamma[:, None], used.shape), np.zeros(used.shape)])
         return self._replace(plain=self.plain + mean, blurred=self.blurred + mean * used)
 
-    def and_multiples(self, other: "Derivatives", chosen: list[int], weights: FloatArray) -> "Derivatives":
-        """Append the chosen derivatives of another, each times its weights (chosen, pairs, chi)."""
-        both = zip(self, other, strict=True)
-        return Derivatives(*(np.concatenate([own, others[chosen] * weights]) for own, others in both))
-
 
 @dataclass(frozen=True, eq=False)
 class PairedRays:
@@ -73,10 +68,15 @@ class PairedRays:
 
     def with_unknowns(self, derivatives: Derivatives, chosen: list[int], slopes: FloatArray) -> "PairedRays":
         """Append unknowns whose slopes are the chosen derivatives, each times (chosen, pairs, chi)."""
-        more = len(chosen)
+        known, more = self.weights.shape[1], len(chosen)
+        joined = np.empty((len(derivatives), known + more, *self.used.shape))
+        for both, own, others in zip(joined, self.derivatives, derivatives, strict=True):
+            both[:known] = own
+            for row, one, slope in zip(both[known:], chosen, slopes, strict=True):
+                np.multiply(others[one], slope, out=row)
         weights = np.pad(self.weights, ((0, more), (0, more), (0, 0)))
         weights[-more:, -more:] = np.eye(more)[:, :, None]
-        return replace(self, derivatives=self.derivatives.and_multiples(derivatives, chosen, slopes), weights=weights)
+        return replace(self, derivatives=Derivatives(*joined), weights=weights)
 
     @property
     def slopes(self) -> FloatArray:

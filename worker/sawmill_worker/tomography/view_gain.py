@@ -57,7 +57,8 @@ def view_gain(sinogram: FloatArray, fan_rad: FloatArray, *, reversed_turn: bool)
     phase = np.exp(1j * np.outer(shift, np.arange(views // 2 + 1)))
     found = ViewGain(np.ones(views), np.zeros(views))
     for done in range(ROUNDS):
-        corrected = (rays - found.offset) / found.gain
+        corrected = rays - found.offset
+        corrected /= found.gain
         opposite = irfft(rfft(corrected)[::-1] * phase, views)
         gain, offset = _line(opposite, corrected)
         if done == 0 and _evidence(opposite, corrected, gain, offset) < EVIDENCE:
