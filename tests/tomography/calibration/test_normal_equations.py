@@ -88,7 +88,7 @@ def test_inner_products_are_those_of_whole_arrays(counts, effects, phantom):
     model = scan(counts=counts, effects=effects, phantom=phantom)
     grams, rows = ViewGrams(model), derivatives(model)
     weighted = rows * grams.weights
-    rest = model.residual - grams.log_bias - grams.stripes
+    rest = model.residual - (0.0 if grams.log_bias is None else grams.log_bias) - grams.stripes
     # By Cauchy and Schwarz: products that are small by cancellation keep the rounding of their terms.
     norm = np.sqrt(np.einsum("tkm,tkm->kt", weighted, rows)) + 1e-300
     expected = np.einsum("pkm,qkm->kpq", weighted, rows)

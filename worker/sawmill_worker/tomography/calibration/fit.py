@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sawmill_worker.tomography.calibration.covariance import Covariance
-from sawmill_worker.tomography.calibration.elimination import reduce
+from sawmill_worker.tomography.calibration.elimination import reduce, scaled_inverse
 from sawmill_worker.tomography.calibration.sinogram_data import SinogramData
 from sawmill_worker.tomography.fit_parameters import RAYS, GramTerm, Parameter
 from sawmill_worker.tomography.geometry import FloatArray, GeometryError, SourceFrame, to_vector, wrap_angle
@@ -194,10 +194,7 @@ def _fit(
     free = np.array(determinable)
     degrees = max(count - free.size - 2, 1.0)
     covariance = np.zeros((len(Parameter), len(Parameter)))
-    # The diagonal is scaled to one before inverting: radians and millimetres differ by 1e4.
-    hessian = normal.hessian[np.ix_(free, free)]
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(hessian), 1e-300))
-    inverse = np.linalg.pinv(hessian * np.outer(scale, scale), hermitian=True) * np.outer(scale, scale)
+    inverse = scaled_inverse(normal.hessian[np.ix_(free, free)], least=1e-15)
     covariance[np.ix_(free, free)] = inverse * normal.rss / degrees
     residual_rms = math.sqrt(normal.rss / count)
     return Fit(

@@ -13,6 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from sawmill_worker.tomography.calibration._derivatives_numba import BLOCK, combine, inner_products
+from sawmill_worker.tomography.calibration.elimination import scaled_inverse, unit_scale
 from sawmill_worker.tomography.calibration.faults.structure import beyond_chance
 from sawmill_worker.tomography.calibration.sample_noise import sample_noise
 from sawmill_worker.tomography.calibration.scan_model import POSE, ScanModel, Term
@@ -78,9 +79,10 @@ class ViewGrams:
         noise = sample_noise(data, residual, model.prediction)
         self.weights = noise.weights
         # The logarithm of noisy counts is too large, in the mean by half its variance.
-        self.log_bias = 0.5 * noise.variance if model.from_counts else np.zeros(())
+        self.log_bias = 0.5 * noise.variance if model.from_counts else None
         self.samples = float(data.samples)
         self._count = self.weights.sum(axis=0)
+        residual = self._unbiased(residual)
         squares, products = self._squares(residual)
         self._stripes(squares, products)
         self.power = self.objective_at_model = squares - float(self.stripes @ products)
@@ -100,7 +102,7 @@ class ViewGrams:
             model.taps,
             (*model.halos, model.lagging, model.beside) if model.from_counts else (np.empty((0, cells)),) * 4,
             self.weights,
-            residual - self.log_bias,
+            residual,
             self.stripes,
             np.array(KEPT),
             (self.grams, self.scores, sums, self._weighted, neighbours),
@@ -110,9 +112,11 @@ class ViewGrams:
         mean, square = (neighbours.sum(axis=0) / count).tolist()
         self.structured = beyond_chance(mean, math.sqrt(max(square - mean * mean, 0.0)), count) * count
 
+    def _unbiased(self, residual: FloatArray) -> FloatArray:
+        return residual if self.log_bias is None else residual - self.log_bias
+
     def _squares(self, residual: FloatArray) -> tuple[float, FloatArray]:
         """The weighted sum of squares of a residual, and each cell's weighted sum (cells,)."""
-        residual = residual - self.log_bias
         weighted = self.weights * residual
         return float(np.einsum("km,km->", weighted, residual)), weighted.sum(axis=0)
 
@@ -167,7 +171,7 @@ class ViewGrams:
 
     def objective(self, residual: FloatArray) -> float:
         """What generalised least squares minimises, views' random effects apart, of another residual."""
-        squares, products = self._squares(residual)
+        squares, products = self._squares(self._unbiased(residual))
         return squares - float((self._share * products) @ products)
 
     def of_columns(self, columns: Sequence[Column]) -> tuple[FloatArray, FloatArray]:
@@ -236,22 +240,8 @@ class System:
     @cached_property
     def scale(self) -> FloatArray:
         """What makes the diagonal one."""
-        return _unit_scale(self.normal)
+        return unit_scale(self.normal)
 
     def inverse(self, used: Sequence[int]) -> FloatArray:
-        """Of the normal matrix of some columns."""
+        """Of the normal matrix of some columns; what they do not determine has no variance."""
         return scaled_inverse(self.normal[np.ix_(used, used)])
-
-
-def scaled_inverse(normal: FloatArray) -> FloatArray:
-    """Invert a normal matrix (n, n); what it does not determine has no variance."""
-    scale = _unit_scale(normal)
-    both = np.outer(scale, scale)
-    inverse: FloatArray = np.linalg.pinv(normal * both, rcond=1e-11, hermitian=True) * both
-    return inverse
-
-
-def _unit_scale(normal: FloatArray) -> FloatArray:
-    diagonal = np.diag(normal)
-    scale: FloatArray = np.where(diagonal > 0.0, 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0)), 0.0)
-    return scale

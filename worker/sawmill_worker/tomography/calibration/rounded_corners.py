@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -11,6 +12,8 @@ from sawmill_worker.tomography.phantom import Phantom, Polygon
 ARC_POINTS = 7
 
 
+# A joint fit asks for the same at every step.
+@lru_cache(maxsize=4)
 def with_rounded_corners(phantom: Phantom, radius_mm: float) -> Phantom:
     """With pieces of negative density in every convex corner of its wood, so that arcs of this radius remain."""
     if radius_mm == 0.0:

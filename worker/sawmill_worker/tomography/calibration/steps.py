@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from sawmill_worker.tomography.calibration.elimination import pseudo_inverse
 from sawmill_worker.tomography.calibration.normal_equations import Column, System, ViewGrams
 from sawmill_worker.tomography.calibration.scan_model import POSE, ScanModel, Term
 from sawmill_worker.tomography.geometry import FloatArray
@@ -33,7 +34,7 @@ def off_by(system: System, used: Sequence[int], change: FloatArray) -> float:
     own = [n for n, i in enumerate(used) if columns[i].parameter is not None]
     covariance = system.inverse(used)[np.ix_(own, own)]
     step = change[[used[n] for n in own]]
-    return float(step @ np.linalg.pinv(covariance, rcond=1e-12, hermitian=True) @ step)
+    return float(step @ pseudo_inverse(covariance, 1e-12) @ step)
 
 
 def _moves_mm(model: ScanModel, columns: Sequence[Column], change: FloatArray) -> float:

@@ -5,8 +5,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from sawmill_worker.tomography.calibration.elimination import scaled_inverse
 from sawmill_worker.tomography.calibration.faults.effect import Effect
-from sawmill_worker.tomography.calibration.normal_equations import Column, scaled_inverse
+from sawmill_worker.tomography.calibration.normal_equations import Column
 from sawmill_worker.tomography.calibration.scan_model import POSE, ScanModel
 from sawmill_worker.tomography.geometry import FloatArray
 from sawmill_worker.vocabulary import Adjustment
