@@ -258,11 +258,12 @@ def combine(terms, shapes, grams, scores, grams_of_columns, scores_of_columns):
 
 
 @njit(cache=True, fastmath=_FAST)
-def whiten(grams, of_base, scores, base, first, white, carried, white_scores, information):
-    """Fill each view's scores (views, n) and grams (views, n, n) of n combinations of columns beside others.
+def whiten(grams, of_base, scores, base, first, white, carried, change, white_scores, information):
+    """Fill each view's scores (views, n) and grams (views, n, n) of n combinations of columns next to others.
 
     of_base : (views, base, columns), the rows of `base` in grams (views, columns, columns)
     white : (own, n) of the columns from `first` on; carried : (base, n) of the base's, taken away
+    change : (n,), after which the scores are
     """
     own, n = white.shape
     columns = grams.shape[2]
@@ -280,20 +281,24 @@ def whiten(grams, of_base, scores, base, first, white, carried, white_scores, in
                 for column in range(columns):
                     line[column] -= carried[i, q] * of_base[k, i, column]
             white_scores[k, q] = score
-            for p in range(q + 1):
+            for p in range(n):
                 total = 0.0
                 for i in range(own):
                     total += white[i, p] * line[first + i]
                 for i in range(base.size):
                     total -= carried[i, p] * line[base[i]]
-                information[k, p, q] = information[k, q, p] = total
+                information[k, q, p] = total
+                white_scores[k, q] -= total * change[p]
 
 
 @njit(cache=True, fastmath=_FAST)
-def jackknife(scores, information, diagonal):
-    """Sum of squares of (diagonal - information)^-1 scores over the views, by Gauss's elimination."""
+def largest_power(scores, information, diagonal, blocks):
+    """Return the largest sum of squares of scores (views, n): of single views, or of blocks of neighbouring ones.
+
+    Those of single views are (diagonal - information)^-1 scores, by Gauss's elimination.
+    """
     views, n = scores.shape
-    matrix, solved, total = np.empty((n, n)), np.empty(n), 0.0
+    matrix, solved, largest = np.empty((n, n)), np.empty(n), 0.0
     for k in range(views):
         for i in range(n):
             solved[i] = scores[k, i]
@@ -309,5 +314,15 @@ def jackknife(scores, information, diagonal):
             for j in range(i + 1, n):
                 solved[i] -= matrix[i, j] * solved[j]
             solved[i] /= matrix[i, i]
-            total += solved[i] * solved[i]
-    return total
+            largest += solved[i] * solved[i]
+    for count in blocks:
+        if count < views:
+            power = 0.0
+            for block in range(count):
+                for i in range(n):
+                    total = 0.0
+                    for k in range(block * views // count, (block + 1) * views // count):
+                        total += scores[k, i]
+                    power += total * total
+            largest = max(largest, power)
+    return largest

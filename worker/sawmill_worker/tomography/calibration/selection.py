@@ -5,10 +5,9 @@ from dataclasses import dataclass
 from functools import cache, cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtri
 
-from sawmill_worker.tomography.calibration._derivatives_numba import jackknife, whiten
+from sawmill_worker.tomography.calibration._derivatives_numba import largest_power, whiten
 from sawmill_worker.tomography.calibration.normal_equations import System
 from sawmill_worker.tomography.geometry import FloatArray
 
@@ -112,10 +111,19 @@ class Beside:
             return EffectTest(power / variance, power, degrees, sizes, bias)
         scores, information = np.empty((len(system.scores), degrees)), np.empty((len(system.scores), degrees, degrees))
         whiten(
-            system.grams, self._of_base, self._scores, np.array(base), own.start, white, carried, scores, information
+            system.grams,
+            self._of_base,
+            self._scores,
+            np.array(base),
+            own.start,
+            white,
+            carried,
+            score,
+            scores,
+            information,
         )
         structured = max(system.structured - explained, UNTRUSTED * system.structured)
-        scatter = _scatter(scores - information @ score, information, variance)
+        scatter = _scatter(scores, information, variance)
         return EffectTest(power / max(variance * scatter, structured / STRUCTURES), power, degrees, sizes, bias)
 
 
@@ -134,17 +142,6 @@ def _scatter(scores: FloatArray, information: FloatArray, variance: float) -> fl
     information : (views, unknowns, unknowns)
         Of each view; the sum over the views is 1.
     """
-    scores = scores - scores.mean(axis=0)
-    by_noise = variance * scores.shape[1]
-    largest: float = max(1.0, jackknife(scores, information, 1.0 + RIDGE) / by_noise)
-    for blocks in BLOCKS:
-        if blocks < len(scores):
-            power = float((np.add.reduceat(scores, first_views(len(scores), blocks)) ** 2).sum())
-            largest = max(largest, power / by_noise)
-    return largest
-
-
-@cache
-def first_views(views: int, blocks: int) -> NDArray[np.intp]:
-    """The first view of each block of neighbouring ones."""
-    return np.linspace(0, views, blocks, endpoint=False).astype(np.intp)
+    degrees: int = scores.shape[1]
+    power = float(largest_power(scores - scores.mean(axis=0), information, 1.0 + RIDGE, BLOCKS))
+    return max(1.0, power / (variance * degrees))
