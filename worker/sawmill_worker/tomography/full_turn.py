@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import rfft
+from scipy.linalg import solveh_banded
 
 from sawmill_worker.tomography.drift import DriftError
 from sawmill_worker.tomography.geometry import TAU, FloatArray
@@ -131,8 +132,8 @@ def even_views(sinogram: FloatArray, angles_rad: FloatArray, usable: NDArray[np.
 def periodic_spline(knots_rad: FloatArray, values: FloatArray, angles_rad: FloatArray) -> FloatArray:
     """Evaluate the cubic splines of period 2 pi through values at angles.
 
-    Press et al., Numerical Recipes, 3rd edition, equations 3.3.2 to 3.3.7, the last with neighbours all round. That of
-    SciPy is equal and no faster; its module takes longer to import than a job of 20 views to calibrate.
+    Press et al., Numerical Recipes, 3rd edition, equations 3.3.2 to 3.3.7, the last with neighbours all round, and
+    2.7.5. That of SciPy is equal and no faster; its module takes longer to import than a job of 20 views to calibrate.
 
     Parameters
     ----------
@@ -145,15 +146,17 @@ def periodic_spline(knots_rad: FloatArray, values: FloatArray, angles_rad: Float
     -------
     (angles, columns) float64
     """
-    here = np.arange(knots_rad.size)
-    after = np.roll(here, -1)
+    after = np.roll(np.arange(knots_rad.size), -1)
     steps = np.diff(knots_rad, append=knots_rad[0] + TAU)[:, None]
     slopes = (values[after] - values) / steps
-    system = np.zeros((here.size, here.size))
-    np.add.at(system, (here, here), 2.0 * (steps + np.roll(steps, 1))[:, 0])
-    np.add.at(system, (here, after), steps[:, 0])
-    np.add.at(system, (after, here), steps[:, 0])
-    curvatures = np.linalg.solve(system, 6.0 * (slopes - np.roll(slopes, 1, axis=0)))
+    # The last knot's link to the first is taken off the band, and brought back by the Sherman-Morrison formula.
+    link, ends = steps[-1], np.zeros_like(steps)
+    ends[[0, -1]] = 1.0
+    band = np.hstack([np.roll(steps, 1), 2.0 * (steps + np.roll(steps, 1)) - link * ends]).T
+    bends = 6.0 * (slopes - np.roll(slopes, 1, axis=0))
+    unlinked = solveh_banded(band, np.hstack([bends, ends]))
+    curvatures, of_ends = unlinked[:, :-1], unlinked[:, -1:]
+    curvatures -= of_ends * link * (curvatures[0] + curvatures[-1]) / (1.0 + link * (of_ends[0] + of_ends[-1]))
     wrapped = knots_rad[0] + np.mod(angles_rad - knots_rad[0], TAU)
     left = np.searchsorted(knots_rad, wrapped, side="right") - 1
     right, step = after[left], steps[left]
