@@ -79,9 +79,27 @@ def test_the_service_wakes_no_science():
     assert not of(("numba", "scipy", "skimage", "matplotlib", *ours), modules)
 
 
-def test_the_commands_start_before_what_they_need_is_imported():
-    slow = ("numba", "scipy", "skimage", "matplotlib", "h5py", "sqlalchemy", "celery", "fastapi", "uvicorn")
-    assert not of(slow, imported_by("import sawmill_service.cli"))
+NUMERICAL = ("numpy", "scipy", "numba", "h5py", "PIL", "skimage", "matplotlib", "tifffile")
+SERVER = ("sqlalchemy", "celery", "fastapi", "uvicorn")
+
+
+def started_by(*line: str) -> frozenset[str]:
+    """Every module that a fresh interpreter holds after a line of `sawmill`."""
+    run = f"import contextlib\nsys.argv = {['sawmill', *line]}\nwith contextlib.suppress(SystemExit): main()"
+    return imported_by(f"from sawmill_service.entry import main\n{run}")
+
+
+@pytest.mark.parametrize("question", ["--version", "--help"])
+def test_the_version_and_the_list_of_commands_wait_for_no_library(question):
+    modules = started_by(question)
+    assert not of((*NUMERICAL, *SERVER, "pydantic", "sawmill_worker.contracts"), modules)
+    assert ("rich" in modules) == (question == "--help")
+
+
+@pytest.mark.parametrize("command", ["calibrate", "drift", "reconstruct", "serve"])
+def test_the_help_of_a_command_waits_for_nothing_that_only_its_work_needs(command):
+    modules = started_by(command, "--help")
+    assert not of((*NUMERICAL, *SERVER, "sawmill_worker.tomography", "sawmill_worker.readers"), modules)
 
 
 def test_a_calibration_waits_for_no_server_no_tracing_and_no_drawing():

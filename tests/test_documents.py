@@ -27,7 +27,7 @@ from typer.testing import CliRunner
 
 from sawmill_service.cli import main
 from sawmill_service.settings import ServiceSettings
-from sawmill_worker.commands.options import theta_of
+from sawmill_worker.commands.geometry_options import theta_of
 from sawmill_worker.contracts.phantoms import PhantomDrawing
 from sawmill_worker.contracts.scanners import ScannerSpec
 from sawmill_worker.contracts.schedules import ScheduleSpec

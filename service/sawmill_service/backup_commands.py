@@ -9,14 +9,18 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from sawmill_service.data_option import Data, storage_settings
+from sawmill_worker.commands.command_line import Command
 from sawmill_worker.commands.terminal import ending_when_terminated, say, showing_progress
 
 if TYPE_CHECKING:
     from sawmill_worker.storage.backups.manifest import Manifest
 
+app = typer.Typer()
+
 _MOST_NAMED = 20
 
 
+@app.command(cls=Command)
 def backup(
     folder: Annotated[
         Path, typer.Argument(metavar="FOLDER", help="Folder of backups, on another disk; it must be there.")
@@ -49,6 +53,7 @@ def backup(
                 say(f"{path} was removed.")
 
 
+@app.command(cls=Command)
 def restore(
     backup: Annotated[Path, typer.Argument(metavar="BACKUP", help="Folder of one backup.")],
     check: Annotated[

@@ -20,7 +20,9 @@ from sawmill_worker.contracts.keys import Key, KeyAsk, NewKey, Scope
 if TYPE_CHECKING:
     from sawmill_worker.storage.store import Store
 
-app = typer.Typer(no_args_is_help=True)
+app = typer.Typer()
+key_app = typer.Typer(no_args_is_help=True)
+app.add_typer(key_app, name="key")
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
 KeyId = Annotated[str, typer.Argument(help="The key's id, as listed.", metavar="KEY_ID")]
@@ -43,7 +45,12 @@ def _expiry(text: str) -> datetime:
     return moment if moment.tzinfo is not None else moment.replace(tzinfo=UTC)
 
 
-@app.command(cls=Command)
+@key_app.callback()
+def key() -> None:
+    """Who may do what: make, list, rotate and revoke keys."""
+
+
+@key_app.command(cls=Command)
 def create(
     name: Annotated[str, typer.Option(help="Whose it is: a person or a program.")],
     scope: Annotated[Scope, typer.Option(help="What it may do; each may do what those before it may.")],
@@ -66,7 +73,7 @@ def create(
         _show(store.keys.create(ask), as_json=as_json)
 
 
-@app.command("list", cls=Command)
+@key_app.command("list", cls=Command)
 def list_keys(data: Data = None, as_json: AsJson = False) -> None:
     """List all keys, newest first, with their last use."""
     with opened(data) as store:
@@ -80,7 +87,7 @@ def list_keys(data: Data = None, as_json: AsJson = False) -> None:
         say("There is no key yet: sawmill key create --name NAME --scope SCOPE makes one.")
 
 
-@app.command(cls=Command)
+@key_app.command(cls=Command)
 def rotate(
     key_id: KeyId,
     grace_s: Annotated[
@@ -94,7 +101,7 @@ def rotate(
         _show(store.keys.rotate(key_id, grace_s=grace_s), as_json=as_json)
 
 
-@app.command(cls=Command)
+@key_app.command(cls=Command)
 def revoke(key_id: KeyId, data: Data = None) -> None:
     """End a key, and the sessions that it opened, at once."""
     with opened(data) as store:
@@ -102,6 +109,7 @@ def revoke(key_id: KeyId, data: Data = None) -> None:
     say(f"The key of {key.name!r} opens nothing any more.")
 
 
+@app.command(cls=Command)
 def audit(
     output: Annotated[
         Path | None, typer.Option("--output", "-o", dir_okay=False, help="File to write; standard output otherwise.")

@@ -3,7 +3,7 @@
 from datetime import datetime
 from pathlib import Path
 
-from sawmill_worker.commands.options import PhantomSource
+from sawmill_worker.commands.phantom_options import PhantomSource
 from sawmill_worker.commands.phantoms import drawing_of
 from sawmill_worker.contracts.calibrations import CalibrationOptions, CalibrationResult
 from sawmill_worker.tomography.present_rows import mean_of_rows

@@ -5,7 +5,7 @@ from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 
-from sawmill_worker.commands.options import CalibrationSource, ThetaSource
+from sawmill_worker.commands.geometry_options import CalibrationSource, ThetaSource
 from sawmill_worker.commands.reconstruct import open_with_calibration
 from sawmill_worker.contracts.calibrations import CalibrationResult
 from sawmill_worker.contracts.drifts import DriftResult

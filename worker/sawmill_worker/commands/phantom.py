@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from sawmill_worker.commands.options import PhantomSource
+from sawmill_worker.commands.phantom_options import PhantomSource
 from sawmill_worker.commands.phantoms import drawing_of
 from sawmill_worker.contracts.geometry import ScannerConstants
 from sawmill_worker.contracts.plans import PlanOptions, PlanResult

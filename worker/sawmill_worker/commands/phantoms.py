@@ -1,6 +1,6 @@
 """The drawing of the phantom that the command line means."""
 
-from sawmill_worker.commands.options import PhantomSource
+from sawmill_worker.commands.phantom_options import PhantomSource
 from sawmill_worker.contracts.built_in import BUILT_IN_PHANTOMS
 from sawmill_worker.contracts.phantoms import PhantomDrawing
 from sawmill_worker.use_cases.phantom_file import read_drawing

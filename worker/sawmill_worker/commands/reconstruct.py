@@ -6,7 +6,8 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-from sawmill_worker.commands.options import CalibrationSource, Pictures, ThetaSource
+from sawmill_worker.commands.geometry_options import CalibrationSource, ThetaSource
+from sawmill_worker.commands.options import Pictures
 from sawmill_worker.contracts.calibrations import CalibrationResult
 from sawmill_worker.contracts.geometry import ScannerConstants
 from sawmill_worker.contracts.reconstructions import ReconstructionOptions, ReconstructionResult

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from sawmill_worker.commands.options import PhantomSource, Position
+from sawmill_worker.commands.geometry_options import Position
+from sawmill_worker.commands.phantom_options import PhantomSource
 from sawmill_worker.commands.phantoms import drawing_of
 from sawmill_worker.contracts.geometry import ScannerConstants
 from sawmill_worker.files.scan_writer import write_scan

@@ -1,26 +1,27 @@
 """What a command writes: answers on standard output, everything else on standard error."""
+# ruff: noqa: PLC0415 - rich, contracts and science are imported when they are needed
 
 import json
 import signal
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from datetime import timedelta
 from types import FrameType
+from typing import TYPE_CHECKING
 
 import typer
-from rich import progress as bars
-from rich.console import Console
-from rich.progress import BarColumn, Task, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-from rich.text import Text
 
-from sawmill_worker.contracts.jobs import Failure, FailureKind
-from sawmill_worker.use_cases.failures import JobFailure, input_errors_translated
 from sawmill_worker.vocabulary import Progress, ProgressCallback
+
+if TYPE_CHECKING:
+    from sawmill_worker.contracts.jobs import Failure
 
 
 def say(sentence: str, *, trouble: str | None = None) -> None:
     """Write one line for the person at the terminal; the name of a trouble stands out before it."""
+    from rich.console import Console
+    from rich.text import Text
+
     text = Text(sentence) if trouble is None else Text.assemble((f"{trouble}: ", "bold red"), sentence)
     Console(stderr=True).print(text, soft_wrap=True)
 
@@ -37,6 +38,9 @@ def answering(*, as_json: bool = False) -> Iterator[None]:
     A defect names its kind in the object and keeps its traceback. SIGTERM ends the work as Ctrl-C does, half-written
     files taken away, with exit code 143.
     """
+    from sawmill_worker.contracts.jobs import Failure, FailureKind
+    from sawmill_worker.use_cases.failures import JobFailure, input_errors_translated
+
     try:
         with ending_when_terminated(), input_errors_translated():
             yield
@@ -82,41 +86,24 @@ def _end_if_asked() -> None:
         raise SystemExit(128 + _ended_by[0])
 
 
-def _report_failure(failure: Failure, *, as_json: bool) -> None:
+def _report_failure(failure: "Failure", *, as_json: bool) -> None:
     if as_json:
         print_json({"state": "failed", "failure": failure.model_dump(mode="json")})
     say(failure.detail, trouble=failure.code)
 
 
-class _TimeLeft(TimeRemainingColumn):
-    """The time left as the work itself reports it; where it reports none, by the bar's pace."""
-
-    def render(self, task: Task) -> Text:
-        left = task.fields["seconds_left"]
-        if left is None:
-            return super().render(task)
-        return Text(str(timedelta(seconds=round(left))), style="progress.remaining")
-
-
 @contextmanager
 def showing_progress(what: str) -> Iterator[ProgressCallback]:
     """A progress bar on standard error, where a person looks at it."""
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TextColumn("{task.percentage:3.0f} %"),
-        TimeElapsedColumn(),
-        _TimeLeft(),
-    )
-    console = Console(stderr=True)
-    with bars.Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task(what, total=1.0, seconds_left=None)
+    if not sys.stderr.isatty():
+        yield lambda _progress: _end_if_asked()
+        return
+    from sawmill_worker.commands.progress_bar import progress_bar
+
+    with progress_bar(what) as show:
 
         def report(progress: Progress) -> None:
             _end_if_asked()
-            best = "" if progress.best_value is None else f", best {progress.best_value:.5g}"
-            generation = "" if progress.generation is None else f" generation {progress.generation}{best}"
-            description = f"{what}: {progress.stage}{generation}"
-            bar.update(task, completed=progress.fraction, description=description, seconds_left=progress.seconds_left)
+            show(progress)
 
         yield report

@@ -1,0 +1,18 @@
+"""`sawmill compile`."""
+# ruff: noqa: PLC0415 - imports inside the command: its help waits for none
+
+import typer
+
+from sawmill_worker.commands.command_line import Command
+from sawmill_worker.commands.terminal import answering, showing_progress
+
+app = typer.Typer()
+
+
+@app.command(name="compile", cls=Command)
+def compile_() -> None:
+    """Compile the numerical kernels now: once on a machine, else the first job waits for it."""
+    with answering(), showing_progress("compiling kernels, once on this machine") as on_progress:
+        from sawmill_worker.commands.compile import compile_kernels
+
+        compile_kernels(on_progress)

@@ -1,0 +1,44 @@
+"""`sawmill export`: its flags."""
+# ruff: noqa: PLC0415 - imports inside the command: its help waits for none
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from sawmill_worker.commands import options as shared
+from sawmill_worker.commands.command_line import Command, OneOf
+from sawmill_worker.commands.geometry_options import CalibrationFlag
+from sawmill_worker.commands.terminal import answering, say
+
+app = typer.Typer()
+
+
+class WithAngles(Command):
+    """Needs the angles of the views."""
+
+    one_of = OneOf(("angles_deg", "angles_file"), "the views' angles")
+
+
+@app.command(cls=WithAngles)
+def export(
+    calibration: Annotated[Path, CalibrationFlag],
+    to: Annotated[
+        shared.ExportTarget,
+        typer.Option(
+            help="astra: rows srcX srcY dX dY uX uY of fanflat_vec, mm; odl, cil: JSON of every argument; rtk: XML.",
+        ),
+    ],
+    output: shared.Result,
+    views: Annotated[int, typer.Option(min=1, help="Number of views.")],
+    angles_deg: shared.AnglesDeg = None,
+    angles_file: shared.AnglesFile = None,
+) -> None:
+    """Write a calibrated geometry for another toolkit."""
+    angles = shared.given_angles(angles_deg, angles_file)
+    assert angles is not None  # noqa: S101 - WithAngles saw to it
+    with answering():
+        from sawmill_worker.commands.export import export_geometry
+
+        export_geometry(to, calibration, output, angles, views)
+    say(f"{views} views: {output}")
