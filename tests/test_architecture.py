@@ -7,9 +7,14 @@ import tomllib
 from functools import cache
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from sawmill_worker.execution.importing import PROGRAM, UNUSED
+from sawmill_worker.tomography import analytic
+from sawmill_worker.tomography.analytic import DetectorCells
+from sawmill_worker.tomography.built_in import L_SHAPE
+from sawmill_worker.tomography.geometry import Scanner, Theta
 
 pytestmark = pytest.mark.slow
 
@@ -81,11 +86,15 @@ def test_the_service_wakes_no_science():
 
 NUMERICAL = ("numpy", "scipy", "numba", "h5py", "PIL", "skimage", "matplotlib", "tifffile")
 SERVER = ("sqlalchemy", "celery", "fastapi", "uvicorn")
+# Numba imports SciPy's linear algebra when it loads its first kernel.
+SCIPY_OF_NUMBA = {
+    f"scipy.{name}" for name in ("linalg", "version", "_lib", "__config__", "_cyutility", "_distributor_init")
+}
 
 
 def started_by(*line: str) -> frozenset[str]:
     """Every module that a fresh interpreter holds after a line of `sawmill`."""
-    run = f"import contextlib\nsys.argv = {['sawmill', *line]}\nwith contextlib.suppress(SystemExit): main()"
+    run = f"sys.argv = {['sawmill', *line]}\ntry: main()\nexcept SystemExit as end: assert not end.code"
     return imported_by(f"from sawmill_service.entry import main\n{run}")
 
 
@@ -102,15 +111,33 @@ def test_the_help_of_a_command_waits_for_nothing_that_only_its_work_needs(comman
     assert not of((*NUMERICAL, *SERVER, "sawmill_worker.tomography", "sawmill_worker.readers"), modules)
 
 
-def test_a_calibration_waits_for_no_server_no_tracing_and_no_drawing():
-    modules = imported_by("import sawmill_service.cli, sawmill_worker.commands.calibrate")
-    assert not of(("skimage", "matplotlib", "sqlalchemy", "celery", "fastapi"), modules)
+def test_a_calibration_waits_for_nothing_that_only_other_work_needs(tmp_path):
+    frame = Theta(2.55, 714.7, 319.9, 43.7, 0.281).source_frame(859.46)
+    angles = np.radians(np.arange(0.5, 360.0, 3.0))
+    sinogram = analytic.project(L_SHAPE, DetectorCells.of(Scanner(859.46, 256, 4.5)), frame, angles)
+    path = tmp_path / "scan.npy"
+    np.save(path, sinogram + np.random.default_rng(1).normal(0.0, 0.01 * sinogram.std(), sinogram.shape))
+    flags = "--data line-integrals --angles-deg 0.5:3 --source-to-cor-mm 859.46 --detector-pitch-mm 4.5 --json"
+    modules = started_by("calibrate", str(path), *flags.split(), "--phantom", "l-shape")
+    assert "sawmill_worker.tomography.calibration.judgement" in modules
+    assert not of((*SERVER, "rich", "PIL", "skimage", "matplotlib", "tifffile"), modules)
+    assert {name for name in modules if name.startswith("scipy.") and name.count(".") == 1} <= SCIPY_OF_NUMBA
+    other_work = (
+        "pictures",
+        "storage",
+        "jobs",
+        "contracts.drifts",
+        "contracts.reconstructions",
+        "contracts.inspections",
+    )
+    assert not of(tuple(f"sawmill_worker.{part}" for part in other_work), modules)
 
 
 def test_a_process_that_is_kept_ready_has_all_jobs_imported():
     modules = imported_by("import sawmill_worker.execution.attempt")
     jobs = ("ingest", "calibrate", "reconstruct", "trace_phantom", "plan", "drift")
     assert {f"sawmill_worker.jobs.{job}" for job in jobs} <= modules
+    assert {"scipy.fft", "scipy.ndimage", "scipy.special", "tifffile"} <= modules
 
 
 def test_what_runs_idle_holds_no_library_that_only_work_needs():

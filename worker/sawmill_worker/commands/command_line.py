@@ -60,6 +60,15 @@ class Command(TyperCommand):
             ctx.fail(f"Missing {_listed(sentences)}.")
         return rest
 
+    def format_help(self, ctx: Any, formatter: Any) -> None:  # noqa: ANN401
+        """Write the help. Brackets in a parameter's description are no markup of Rich's."""
+        from rich.markup import escape  # noqa: PLC0415 - only help needs it
+
+        parameters: Sequence[Any] = self.params
+        for parameter in parameters:
+            parameter.help = escape(parameter.help or "")
+        super().format_help(ctx, formatter)
+
     def _missing(self, given: Mapping[str, Any]) -> list[Any]:
         """The parameters that must be given and are not."""
         needed = [self._parameter(other) for name, other in self.needs.items() if name in given]

@@ -12,7 +12,6 @@ import typer
 from pydantic import BaseModel, TypeAdapter, ValidationError
 from pydantic.dataclasses import is_pydantic_dataclass
 from pydantic_core import ErrorDetails
-from rich.markup import escape
 from typer.models import OptionInfo
 from typing_extensions import TypeAliasType
 
@@ -52,7 +51,12 @@ def option(model: ContractType, name: str, *, flag: str | None = None, **changes
     """The flag of one field of a contract: its description, and its bounds, which the contract itself checks."""
     field = model.__pydantic_fields__[name]
     low, high = _shown_bounds(model, name)
-    settings = {"help": escape(field.description or ""), "min": low, "max": high, "callback": _checked(model, name)}
+    settings: dict[str, Any] = {
+        "help": field.description or "",
+        "min": low,
+        "max": high,
+        "callback": _checked(model, name),
+    }
     names = () if flag is None else (flag,)
     found: OptionInfo = typer.Option(*names, **(settings | changes))
     return found

@@ -9,6 +9,12 @@ from importlib import import_module
 from types import MappingProxyType
 from typing import Any, Protocol, cast
 
+# Here too, so that a process that is kept ready has loaded what the science and the readers import when they use it.
+import scipy.fft
+import scipy.ndimage
+import scipy.special  # noqa: F401
+import tifffile  # noqa: F401
+
 from sawmill_worker.contracts.jobs import JobKind
 from sawmill_worker.files import hdf5_chunks
 from sawmill_worker.jobs import reconstruct

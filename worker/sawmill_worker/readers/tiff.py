@@ -6,10 +6,9 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
-import tifffile
 from numpy.typing import NDArray
 
 from sawmill_worker.files.errors import UnreadableScan, quoted
@@ -25,6 +24,9 @@ from sawmill_worker.readers.contents import FileContents, Projections, held
 from sawmill_worker.readers.tiff_chain import check_chain
 from sawmill_worker.readers.unpacking import DEFLATE, PACKBITS, PACKBITS_MEMORY, check_packed, check_unpacks
 from sawmill_worker.readers.wanted import Wanted
+
+if TYPE_CHECKING:
+    import tifffile
 
 UNCOMPRESSED = 1
 PACKINGS = {8: DEFLATE, 32946: DEFLATE, 32773: PACKBITS}
@@ -45,7 +47,7 @@ class TiffPages:
     """
 
     shape: tuple[int, int, int]
-    tiff: tifffile.TiffFile
+    tiff: "tifffile.TiffFile"
 
     def read(self, pages: slice, rows: slice) -> NDArray[np.float32]:
         """(pages, rows, detector) float32 of some pages and some of their rows."""
@@ -80,7 +82,7 @@ def read_tiff(path: Path, wanted: Wanted, bounds: Bounds, files: ExitStack) -> F
 
 
 @contextmanager
-def opened_tiff(source: Path | BinaryIO, name: str, size_bytes: int) -> Iterator[tifffile.TiffFile]:
+def opened_tiff(source: Path | BinaryIO, name: str, size_bytes: int) -> Iterator["tifffile.TiffFile"]:
     """Open one TIFF of at least one page, the chain of its pages checked and nothing else of them.
 
     Raises
@@ -88,6 +90,8 @@ def opened_tiff(source: Path | BinaryIO, name: str, size_bytes: int) -> Iterator
     UnreadableScan
         `wrong-shape`, `truncated-file` or `too-large`.
     """
+    import tifffile  # noqa: PLC0415 - no other format waits for it
+
     try:
         opened = tifffile.TiffFile(source)
     except tifffile.TiffFileError as error:
@@ -140,7 +144,7 @@ def open_pages(source: Path | BinaryIO, name: str, size_bytes: int, bounds: Boun
         yield TiffPages((count, rows, cells), tiff)
 
 
-def _check_nothing_follows(page: tifffile.TiffPage, name: str, size_bytes: int) -> None:
+def _check_nothing_follows(page: "tifffile.TiffPage", name: str, size_bytes: int) -> None:
     """Refuse a file of one page behind which more images stand without pages of their own.
 
     ImageJ writes stacks of more than 4 GiB so, and tifffile with `truncate`.
@@ -156,14 +160,14 @@ def _check_nothing_follows(page: tifffile.TiffPage, name: str, size_bytes: int) 
         )
 
 
-def page_type(page: tifffile.TiffPage | tifffile.TiffFrame) -> tuple[str, str | None]:
+def page_type(page: "tifffile.TiffPage | tifffile.TiffFrame") -> tuple[str, str | None]:
     """The type of a page's numbers and how they are compressed, in words."""
     method = getattr(page.compression, "name", str(page.compression))
     number_type = "unknown" if page.dtype is None else str(page.dtype.name)
     return number_type, None if page.compression == UNCOMPRESSED else method.lower()
 
 
-def _number_type(page: tifffile.TiffPage | tifffile.TiffFrame, where: str) -> np.dtype[Any]:
+def _number_type(page: "tifffile.TiffPage | tifffile.TiffFrame", where: str) -> np.dtype[Any]:
     if page.dtype is None:
         raise UnreadableScan(
             "wrong-type", f"{where} is of no known type; a scan holds integers or floating-point numbers"
@@ -174,7 +178,7 @@ def _number_type(page: tifffile.TiffPage | tifffile.TiffFrame, where: str) -> np
 
 
 def _check_page(
-    page: tifffile.TiffPage | tifffile.TiffFrame, where: str, shape: tuple[int, ...], size_bytes: int, most_bytes: int
+    page: "tifffile.TiffPage | tifffile.TiffFrame", where: str, shape: tuple[int, ...], size_bytes: int, most_bytes: int
 ) -> None:
     itemsize = _number_type(page, where).itemsize
     if len(page.shape) != 2 or page.shape != shape:
@@ -212,7 +216,7 @@ def _check_page(
 
 
 def _check_strips(
-    page: tifffile.TiffPage | tifffile.TiffFrame, what: str, itemsize: int, size_bytes: int, most_bytes: int
+    page: "tifffile.TiffPage | tifffile.TiffFrame", what: str, itemsize: int, size_bytes: int, most_bytes: int
 ) -> None:
     check_size(what, page.chunks, itemsize, stored_bytes=size_bytes, max_bytes=most_bytes)
     declared = math.prod(page.chunks) * itemsize
@@ -225,7 +229,7 @@ def _check_strips(
     check_packed(what, max(page.databytecounts, default=0), declared)
 
 
-def _check_unpacked(page: tifffile.TiffPage | tifffile.TiffFrame, what: str) -> None:
+def _check_unpacked(page: "tifffile.TiffPage | tifffile.TiffFrame", what: str) -> None:
     """Refuse a page of which a strip or tile unpacks to more than it declares; the library keeps all of it."""
     packing = PACKINGS.get(int(page.compression))
     if packing is None or page.dtype is None:

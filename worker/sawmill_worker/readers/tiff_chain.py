@@ -4,19 +4,22 @@ Layout: Adobe, "TIFF Revision 6.0", section 2; that of BigTIFF differs in the wi
 """
 
 import struct
+from typing import TYPE_CHECKING
 
 import numpy as np
-import tifffile
 from numpy.typing import NDArray
 
 from sawmill_worker.files.errors import UnreadableScan
+
+if TYPE_CHECKING:
+    import tifffile
 
 MOST_PAGES = 100_000
 # Of one value, by the number of its type.
 VALUE_BYTES = np.array([0, 1, 1, 2, 4, 8, 1, 1, 2, 4, 8, 4, 8, 4, 0, 0, 8, 8, 8], np.float64)
 
 
-def check_chain(tiff: tifffile.TiffFile, name: str, size_bytes: int) -> None:
+def check_chain(tiff: "tifffile.TiffFile", name: str, size_bytes: int) -> None:
     """Refuse pages that are too many, that the file does not hold as a whole, or that share their tags or values.
 
     Raises
@@ -52,7 +55,7 @@ def _values_bytes(tags: NDArray[np.void], inside_bytes: int) -> float:
     return float(sizes[sizes > inside_bytes].sum())
 
 
-def _whole(stream: tifffile.FileHandle, length: int, name: str) -> bytes:
+def _whole(stream: "tifffile.FileHandle", length: int, name: str) -> bytes:
     data: bytes = stream.read(length)
     if len(data) < length:
         raise UnreadableScan("truncated-file", f"{name} ends before its last page; export it again")

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter1d
 
 from sawmill_worker.tomography.faulty_cells import median_of_views
 from sawmill_worker.tomography.robust import noise_of_differences
@@ -105,7 +105,7 @@ def _run(end: Sinogram, span: float) -> tuple[int, float]:
     departure -= unequal
     noise = _noise(departure[:, : 4 * OUTERMOST])
     threshold = max(DEVIATIONS * noise * math.sqrt(1.0 / SMOOTHED + 1.57 / OUTERMOST), EDGE_SHARE * span)
-    moved = np.abs(uniform_filter1d(departure, SMOOTHED, axis=1, mode="nearest")).max(axis=0)
+    moved = np.abs(scipy.ndimage.uniform_filter1d(departure, SMOOTHED, axis=1, mode="nearest")).max(axis=0)
     object_here = (moved > threshold) | (np.abs(unequal) > UNEQUAL_SHARE * span + 3.0 * noise)
     first = int(np.argmax(object_here)) if object_here.any() else object_here.size + MARGIN
     return max(first - MARGIN, 0) if first - MARGIN >= OUTERMOST else 0, noise

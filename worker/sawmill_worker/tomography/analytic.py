@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import ive
+import scipy
 
 from sawmill_worker.tomography import _analytic_numba as kernels
 from sawmill_worker.tomography.geometry import FloatArray, GeometryError, Scanner, SourceFrame, to_vector
@@ -136,7 +136,7 @@ def blur_taps(width_cells: float) -> FloatArray:
     Unlike samples of a Gaussian it has the variance asked for, however narrow, and its cosine transform is
     exp(t (cos w - 1)).
     """
-    taps = np.asarray(ive(np.arange(math.ceil(4.5 * width_cells) + 2), width_cells**2), np.float64)
+    taps = np.asarray(scipy.special.ive(np.arange(math.ceil(4.5 * width_cells) + 2), width_cells**2), np.float64)
     normalised: FloatArray = taps / (2.0 * taps.sum() - taps[0])
     return normalised
 

@@ -10,8 +10,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import map_coordinates
 
 from sawmill_worker.tomography.drift import Disturbance
 from sawmill_worker.tomography.geometry import FloatArray, Scanner
@@ -205,4 +205,4 @@ def _shifted(scanner: Scanner, vector: FloatArray, sinogram: FloatArray, swing: 
     fan, covered = fan_angles(scanner, vector)
     cells = np.arange(fan.size) - swing[:, None] / covered
     views = np.broadcast_to(np.arange(len(sinogram))[:, None], cells.shape)
-    return np.asarray(map_coordinates(sinogram, [views, cells], order=3, mode="nearest"), np.float64)
+    return np.asarray(scipy.ndimage.map_coordinates(sinogram, [views, cells], order=3, mode="nearest"), np.float64)

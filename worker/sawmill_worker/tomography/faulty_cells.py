@@ -1,6 +1,7 @@
 """Dead and hot detector cells: found in one row's sinogram."""
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from sawmill_worker.tomography.robust import robust_deviation
@@ -48,22 +49,29 @@ def faulty_cells(
     -------
     (cells,) bool
     """
-    # Imported here: every command imports this module, and none but those that look for cells waits for SciPy.
-    from scipy.ndimage import median_filter  # noqa: PLC0415
-
     changing = np.ptp(sinogram, axis=0) > 0.0
     if not changing.any():
         return np.zeros(changing.size, bool)
     middle = median + sinogram.mean(axis=0)
-    departure = np.abs(middle - median_filter(middle, NEIGHBOURS, mode="nearest"))
+    departure = np.abs(middle - _median_filter(middle))
     low, high = np.quantile(middle, [0.02, 0.98])
     threshold = max(DEVIATIONS * robust_deviation(departure), SHARE_OF_RANGE * float(high - low))
     faulty: Cells = departure > threshold
     if recheck and faulty.any() and not faulty.all():
         at = np.arange(faulty.size)
         smooth = np.interp(at, at[~faulty], middle[~faulty])
-        faulty &= np.abs(middle - median_filter(smooth, NEIGHBOURS, mode="nearest")) > threshold
+        faulty &= np.abs(middle - _median_filter(smooth)) > threshold
     # Air may be free of noise: a cell without changes has no signal only where it lies between cells that change.
     first, last = np.flatnonzero(changing)[[0, -1]]
     faulty[first : last + 1] |= ~changing[first : last + 1]
     return faulty if faulty.mean() <= most_faulty else np.zeros_like(faulty)
+
+
+def _median_filter(values: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Take the median of `NEIGHBOURS` cells around each, the end cells repeated beyond the ends.
+
+    It is `scipy.ndimage`'s, which each start of a calibration would wait for.
+    """
+    windows = sliding_window_view(np.pad(values, NEIGHBOURS // 2, mode="edge"), NEIGHBOURS)
+    middle: NDArray[np.floating] = np.sort(windows, axis=1)[:, NEIGHBOURS // 2]
+    return middle

@@ -7,6 +7,7 @@ small errors of a drawing, as the powers of p are.
 """
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from sawmill_worker.tomography.geometry import FloatArray
@@ -30,8 +31,6 @@ def fit_hardening(lengths_mm: FloatArray, integrals: FloatArray, *, from_counts:
         Paths through the phantom, and what is measured of them without blur and other effects.
     """
     # Imported here: a worker that waits for jobs does without it.
-    from scipy.optimize import least_squares  # noqa: PLC0415
-
     longest_mm = float(lengths_mm.max())
     places = np.minimum((lengths_mm * (LENGTHS / longest_mm)).astype(np.intp), LENGTHS - 1).ravel()
     number = np.bincount(places, minlength=LENGTHS)
@@ -48,7 +47,7 @@ def fit_hardening(lengths_mm: FloatArray, integrals: FloatArray, *, from_counts:
     start = np.array([mean[0], (mean[-1] - mean[0]) / longest_mm, 0.3 / longest_mm])
     least = LEAST_CHANGE / longest_mm
     bounds = ([-np.inf, -np.inf, least], [np.inf, np.inf, 100.0 / longest_mm])
-    _, attenuation, bend = least_squares(residual, start, x_scale=np.abs(start) + 1e-12, bounds=bounds).x
+    _, attenuation, bend = scipy.optimize.least_squares(residual, start, x_scale=np.abs(start) + 1e-12, bounds=bounds).x
     if attenuation <= 0.0 or bend <= 2.0 * least:
         return None
     longest = attenuation * np.log1p(bend * longest_mm) / bend

@@ -9,8 +9,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import binary_dilation, label, maximum_filter
 
 from sawmill_worker.tomography.bridging import bridged_samples
 from sawmill_worker.tomography.fbp import fbp
@@ -112,18 +112,18 @@ class MetalSearch:
                 break
             metal |= pieces
             shadow = self.fine.forward(metal) > 0.0
-            trace = binary_dilation(shadow, np.ones((1, 2 * MARGIN + 1), bool))
+            trace = scipy.ndimage.binary_dilation(shadow, np.ones((1, 2 * MARGIN + 1), bool))
             filled = np.asarray(bridged_samples(sinogram, trace), np.float32)
         if not metal.any():
             return None
         return Metal(trace, filled, self.fine.grid, self._excess(metal, sinogram - filled))
 
     def _pieces(self, image: Image) -> NDArray[np.bool_]:
-        near = maximum_filter(image, 2 * round(PEAK_REACH_MM / self.fine.grid.pixel_mm) + 1)
+        near = scipy.ndimage.maximum_filter(image, 2 * round(PEAK_REACH_MM / self.fine.grid.pixel_mm) + 1)
         beyond_wood = TIMES_WOOD * _wood(image)
         least = max(beyond_wood, SHARE_OF_LARGEST * float(image.max()))
         strong = image > np.maximum(SHARE_OF_PEAK * near, beyond_wood)
-        pieces, count = label(strong)
+        pieces, count = scipy.ndimage.label(strong)
         keep = np.zeros(count + 1, bool)
         keep[pieces[image > least]] = True
         keep[0] = False

@@ -3,8 +3,8 @@
 import math
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.ndimage import uniform_filter1d
 
 from sawmill_worker.tomography.air import find_air
 from sawmill_worker.tomography.geometry import FloatArray, GeometryError
@@ -56,7 +56,8 @@ def photon_noise(sinogram: ArrayLike, air_counts: ArrayLike) -> FloatArray:
 
 
 def _smooth(sinogram: ArrayLike) -> FloatArray:
-    return np.asarray(uniform_filter1d(np.asarray(sinogram, np.float64), SMOOTHED, axis=-1, mode="nearest"))
+    values = np.asarray(sinogram, np.float64)
+    return np.asarray(scipy.ndimage.uniform_filter1d(values, SMOOTHED, axis=-1, mode="nearest"))
 
 
 def noise_of_rays(

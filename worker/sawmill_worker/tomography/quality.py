@@ -1,8 +1,8 @@
 """How far an image is from the truth."""
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.ndimage import gaussian_filter, map_coordinates
 from skimage.metrics import structural_similarity
 
 from sawmill_worker.tomography.geometry import FloatArray
@@ -56,7 +56,7 @@ def _displacements(
     """Where along each normal the step from low to high fits the image best, in pixels."""
     along = np.linspace(-REACH_PIXELS, REACH_PIXELS, 16 * REACH_PIXELS + 1)
     sampled = points[:, :, None] + normals[:, :, None] * along
-    profile = map_coordinates(image, np.moveaxis(sampled, 1, 0), order=1, mode="nearest")
+    profile = scipy.ndimage.map_coordinates(image, np.moveaxis(sampled, 1, 0), order=1, mode="nearest")
     # What it costs to call a sample low rather than high, summed up to each place where the step may be.
     cost = np.cumsum((profile - low[:, None]) ** 2 - (profile - high[:, None]) ** 2, axis=1)
     displaced: FloatArray = along[np.argmin(cost, axis=1)]
@@ -65,7 +65,7 @@ def _displacements(
 
 def _edges(truth: NDArray[np.float64], contrast: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """The truth's strong edges: points (edges, 2) in pixels, normals uphill (edges, 2), levels beside it."""
-    smooth = gaussian_filter(truth, 1.0)
+    smooth = scipy.ndimage.gaussian_filter(truth, 1.0)
     gradient = np.stack(list(np.gradient(smooth)), axis=-1)
     steepness = np.linalg.norm(gradient, axis=-1)
     inside = np.zeros(truth.shape, bool)
@@ -75,7 +75,7 @@ def _edges(truth: NDArray[np.float64], contrast: float) -> tuple[FloatArray, Flo
 
     def read(values: NDArray[np.float64], offset: float) -> FloatArray:
         where = candidates + offset * normals
-        return np.asarray(map_coordinates(values, where.T, order=1, mode="nearest"), np.float64)
+        return np.asarray(scipy.ndimage.map_coordinates(values, where.T, order=1, mode="nearest"), np.float64)
 
     # Edges are where the slope is steepest along its own direction, between levels two pixels to either side.
     crest = (read(steepness, 0.0) >= read(steepness, -1.0)) & (read(steepness, 0.0) >= read(steepness, 1.0))
@@ -85,6 +85,6 @@ def _edges(truth: NDArray[np.float64], contrast: float) -> tuple[FloatArray, Flo
     points, turned, low, high = candidates[strong].astype(np.float64), normals[strong], low[strong], high[strong]
     # The crest is known to a pixel; the edge itself is where the truth crosses the middle level.
     where = points[:, :, None] + turned[:, :, None] * along
-    profile = map_coordinates(truth, np.moveaxis(where, 1, 0), order=1, mode="nearest")
+    profile = scipy.ndimage.map_coordinates(truth, np.moveaxis(where, 1, 0), order=1, mode="nearest")
     nearest = np.abs(profile - 0.5 * (low + high)[:, None]).argmin(axis=1)
     return points + along[nearest][:, None] * turned, turned, low, high

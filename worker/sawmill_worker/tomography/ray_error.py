@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sawmill_worker.tomography.chi_square import exceeded_chi_square
 from sawmill_worker.tomography.geometry import (
     FloatArray,
     GeometryError,
@@ -215,15 +216,12 @@ def exceeded_ray_error(
     The sum of weighted chi-squares is taken as a shifted chi-square with the same first three cumulants, which is right
     far out in the upper tail, where draws would be too few (Imhof, Biometrika 48, 1961, 419-426, section 4).
     """
-    # Imported here: commands import this module at their start, before they need SciPy.
-    from scipy.special import chdtri  # noqa: PLC0415
-
     weights = _weights(_linear(scanner, frame, radius_mm).distances, covariance)
     if not weights.any():
         return 0.0
     first, second, third = (float(np.sum(weights**power)) for power in (1, 2, 3))
     freedom = second**3 / third**2
-    return math.sqrt(first + math.sqrt(second / freedom) * (float(chdtri(freedom, share)) - freedom))
+    return math.sqrt(first + math.sqrt(second / freedom) * (exceeded_chi_square(share, freedom) - freedom))
 
 
 def _weights(derivative: FloatArray, covariance: FloatArray) -> FloatArray:

@@ -5,8 +5,8 @@ I = P + S with S = around H[1 - P] + wide mean(1 - P), the halo H a running mean
 """
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter1d
 
 from sawmill_worker.tomography.geometry import FloatArray
 from sawmill_worker.tomography.hardening import LEAST_CHANGE, STEEPEST
@@ -28,7 +28,7 @@ REPETITIONS = 2
 def halo(values: FloatArray, width_cells: int = HALO) -> FloatArray:
     """Spread values along the row."""
     for _ in range(2):
-        values = uniform_filter1d(values, width_cells, axis=-1, mode="nearest")
+        values = scipy.ndimage.uniform_filter1d(values, width_cells, axis=-1, mode="nearest")
     return values
 
 
@@ -75,8 +75,6 @@ def fit_scatter_and_hardening(
         Samples without weight do not count.
     """
     # Imported here: a worker that waits for jobs does without it.
-    from scipy.optimize import least_squares  # noqa: PLC0415
-
     some = slice(None, None, max(1, len(lengths_mm) // VIEWS))
     lengths, measured = lengths_mm[some], integrals[some]
     counted = np.isfinite(measured) if weights is None else weights[some] > 0.0
@@ -94,7 +92,7 @@ def fit_scatter_and_hardening(
     start = np.array([0.0, steep, 0.3 / longest_mm, 0.02, 0.02])
     bounds = ([-1.0, 0.0, least, 0.0, 0.0], [1.0, np.inf, 100.0 / longest_mm, MOST, MOST])
     scale = np.array([0.01, steep, 0.3 / longest_mm, 0.05, 0.05])
-    found = least_squares(left, start, x_scale=scale, bounds=bounds)
+    found = scipy.optimize.least_squares(left, start, x_scale=scale, bounds=bounds)
     if 2.0 * found.cost > MOST_LEFT * np.sum(residual[some][counted] ** 2):
         return None
     _, attenuation, bend, around, wide = found.x.tolist()

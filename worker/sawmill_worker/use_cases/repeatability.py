@@ -9,7 +9,7 @@ import math
 from itertools import combinations
 
 import numpy as np
-from scipy.special import ndtri
+import scipy
 
 from sawmill_worker.contracts.calibrations import CalibrationResult
 from sawmill_worker.contracts.repeatability import PairDifference, RepeatabilityResult
@@ -65,7 +65,7 @@ def _difference(
     expected = predicted_ray_error(one.scanner, one.source_frame, covariance, radius_mm=radius_mm)
     scale = scale_deviation(one.scanner, one.source_frame, covariance, radius_mm=radius_mm)
     allowed = exceeded_ray_error(one.scanner, one.source_frame, covariance, share, radius_mm=radius_mm)
-    allowed_scale = -float(ndtri(0.5 * share)) * scale
+    allowed_scale = -float(scipy.special.ndtri(0.5 * share)) * scale
     return PairDifference(
         first=first,
         second=second,

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import Bounds, differential_evolution
 
 from sawmill_worker import vocabulary
 from sawmill_worker.tomography import analytic
@@ -184,9 +184,9 @@ def calibrate_as_published(
             progress(getattr(intermediate_result, "nit", 0), chosen.max_generations, best)
 
     tight = chosen.stop == "tight"
-    outcome = differential_evolution(
+    outcome = scipy.optimize.differential_evolution(
         asked,
-        Bounds(bounds[:, 0], bounds[:, 1]),
+        scipy.optimize.Bounds(bounds[:, 0], bounds[:, 1]),
         strategy="best1bin",
         recombination=0.7,
         mutation=(0.5, 1.0),

@@ -12,7 +12,7 @@ from enum import IntEnum
 from functools import cached_property
 
 import numpy as np
-from scipy.ndimage import correlate1d
+import scipy
 
 from sawmill_worker.tomography import analytic
 from sawmill_worker.tomography.calibration.rounded_corners import with_rounded_corners
@@ -218,11 +218,9 @@ class ScanModel:
         return self._blur(self.exposed) if self.taps.size else self.exposed
 
     def _blur(self, integrals: FloatArray) -> FloatArray:
-        if not self.from_counts:
-            soft: FloatArray = correlate1d(integrals, self.taps, axis=1, mode="reflect")
-            return soft
-        of_intensity: FloatArray = -np.log(correlate1d(np.exp(-integrals), self.taps, axis=1, mode="reflect"))
-        return of_intensity
+        soft: FloatArray = np.exp(-integrals) if self.from_counts else integrals
+        soft = scipy.ndimage.correlate1d(soft, self.taps, axis=1, mode="reflect")
+        return -np.log(soft) if self.from_counts else soft
 
     @cached_property
     def halos(self) -> tuple[FloatArray, FloatArray]:

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 from functools import cache, cached_property
 
 import numpy as np
-from scipy.special import chdtri
 
 from sawmill_worker.tomography.calibration._derivatives_numba import largest_power, whiten
 from sawmill_worker.tomography.calibration.normal_equations import System
+from sawmill_worker.tomography.chi_square import exceeded_chi_square
 from sawmill_worker.tomography.geometry import FloatArray
 
 # Probability with which chance alone shows an effect: below the first it is fitted, below the second its bias is in
@@ -27,10 +27,7 @@ UNTRUSTED = 0.1
 RIDGE = 1e-6
 
 
-@cache
-def chance_limit(probability: float, degrees: int) -> float:
-    """The chi-square that chance exceeds with this probability."""
-    return float(chdtri(degrees, probability))
+chance_limit = cache(exceeded_chi_square)
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,8 +4,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.fft import rfft, rfftfreq
 
 from sawmill_worker.tomography.iterative.descent import Floats, Images
 from sawmill_worker.tomography.iterative.penalised import CONTINUATION_ITERATIONS, Objective, continuation, descend
@@ -149,5 +149,5 @@ def _folds(projector: Projector) -> Iterator[_Fold]:
 def power_along_detector(residual: Floats, exponent: float) -> Floats:
     """Sum over the views of (candidates, views, detector) of the power, weighted by |w|^exponent; (candidates,)."""
     cells = residual.shape[-1]
-    power = np.square(np.abs(rfft(residual, 2 * cells, axis=-1))).sum(axis=1)
-    return np.asarray(power @ rfftfreq(2 * cells) ** exponent / cells)
+    power = np.square(np.abs(scipy.fft.rfft(residual, 2 * cells, axis=-1))).sum(axis=1)
+    return np.asarray(power @ scipy.fft.rfftfreq(2 * cells) ** exponent / cells)

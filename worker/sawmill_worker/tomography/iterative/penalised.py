@@ -4,8 +4,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numba import get_num_threads
-from scipy.fft import fftfreq, irfft2, rfft2
 
 from sawmill_worker.tomography.iterative import _descent_numba as kernels
 from sawmill_worker.tomography.iterative import _haar_numba as haar
@@ -95,9 +95,9 @@ class InverseCurvature:
     def smoothed(self, images: Images, which: Indices) -> Images:
         """The inverse curvature of a flat image, applied to images (named, n, n)."""
         threads, shape = get_num_threads(), images.shape[1:]
-        spectrum = rfft2(images, workers=threads)
+        spectrum = scipy.fft.rfft2(images, workers=threads)
         spectrum *= self._inverse[which]
-        return np.asarray(irfft2(spectrum, s=shape, workers=threads, overwrite_x=True))
+        return np.asarray(scipy.fft.irfft2(spectrum, s=shape, workers=threads, overwrite_x=True))
 
 
 class HalvedInverseCurvature(InverseCurvature):
@@ -109,7 +109,7 @@ class HalvedInverseCurvature(InverseCurvature):
     """
 
     def _inverse_of(self, blur: Floats, rough: Floats) -> Images:
-        angle = np.pi * fftfreq(len(blur))
+        angle = np.pi * scipy.fft.fftfreq(len(blur))
         mean, difference = np.cos(angle) ** 2, np.sin(angle) ** 2
 
         def of_differences(share: Floats) -> Floats:
@@ -138,7 +138,7 @@ class HalvedInverseCurvature(InverseCurvature):
 
 def _flat_curvatures(n: int) -> tuple[Floats, Floats]:
     """Curvature of data and of a prior over a flat image, at the frequencies of (n, n); each with its own unit."""
-    angle = 2.0 * np.pi * fftfreq(n)
+    angle = 2.0 * np.pi * scipy.fft.fftfreq(n)
     frequency = np.hypot(angle[:, None], angle)
     frequency[0, 0] = np.pi / n
     blur = 1.0 / frequency

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.fft import next_fast_len
+import scipy
 
 from sawmill_worker.tomography.image_grid import ImageGrid
 from sawmill_worker.tomography.iterative.descent import Images, Minimum
@@ -64,10 +64,10 @@ class SupportRegion:
             for low in grid.low_mm
         ]
         ends = [(max(low, 0), min(high, grid.size)) for low, high in ends]
-        size = next_fast_len(max(1, *(high - low for low, high in ends)), real=True)
+        size = scipy.fft.next_fast_len(max(1, *(high - low for low, high in ends)), real=True)
         # Concentric with a field that is centred on the COR: there, views a quarter turn apart are faster.
         while size % multiple or (multiple == 1 and (grid.size - size) % 2):
-            size = next_fast_len(size + 1, real=True)
+            size = scipy.fft.next_fast_len(size + 1, real=True)
         size = min(size, grid.size)
         low_x, low_y = (min(max((low + high - size) // 2, 0), grid.size - size) for low, high in ends)
         field = size * grid.pixel_mm

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.ndimage import gaussian_filter1d
+import scipy
 
 from sawmill_worker.tomography.geometry import TAU, FloatArray
 from sawmill_worker.tomography.phantom import Disc, Phantom, PhantomError, Polygon, Shape, cornered
@@ -145,7 +145,7 @@ def _side(start: FloatArray, stop: FloatArray, roughness_mm: float, rng: np.rand
     count = max(round(float(np.hypot(*along)) / SAW_STEP_MM), 1)
     width = SAW_LENGTH_MM / SAW_STEP_MM
     spread = 1.0 / math.sqrt(2.0 * math.sqrt(math.pi) * width)  # what the smoothing leaves of white noise
-    noise = gaussian_filter1d(rng.standard_normal(count), width, mode="wrap") * roughness_mm / spread
+    noise = scipy.ndimage.gaussian_filter1d(rng.standard_normal(count), width, mode="wrap") * roughness_mm / spread
     noise[0] = 0.0
     normal = np.array([-along[1], along[0]]) / np.hypot(*along)
     return np.asarray(start + np.arange(count)[:, None] / count * along + noise[:, None] * normal)

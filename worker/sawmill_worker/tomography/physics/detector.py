@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter1d
 
 from sawmill_worker.tomography.geometry import FloatArray, GeometryError
 from sawmill_worker.vocabulary.physics import DetectorEffects, Physics
@@ -38,15 +38,13 @@ def signal(transmission: FloatArray, pitch_mm: float, effects: Physics, tube: Fl
         received = (1.0 - detector.glare_share) * received + detector.glare_share * spread
     if detector.lag_share:
         # Imported here: it brings SciPy's statistics, a second of every command that simulates without lag.
-        from scipy.signal import lfilter  # noqa: PLC0415
-
         kept = detector.lag_share
-        received = lfilter([1.0 - kept], [1.0, -kept], received, axis=0, zi=kept * received[:1])[0]
+        received = scipy.signal.lfilter([1.0 - kept], [1.0, -kept], received, axis=0, zi=kept * received[:1])[0]
     return np.asarray(received * _gain_change(detector, transmission.shape[1]))
 
 
 def _halo(values: FloatArray, width: float) -> FloatArray:
-    return np.asarray(gaussian_filter1d(values, width, axis=1, mode="nearest"))
+    return np.asarray(scipy.ndimage.gaussian_filter1d(values, width, axis=1, mode="nearest"))
 
 
 def _gain_change(detector: DetectorEffects, cells: int) -> FloatArray:

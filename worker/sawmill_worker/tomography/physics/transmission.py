@@ -3,7 +3,7 @@
 import math
 
 import numpy as np
-from scipy.special import ndtr, ndtri
+import scipy
 
 from sawmill_worker.tomography.geometry import TAU, FloatArray, GeometryError, Scanner, SourceFrame
 from sawmill_worker.tomography.phantom import Polygon, counter_clockwise
@@ -82,7 +82,7 @@ def ray_samples(pitch_mm: float, frame: SourceFrame, effects: Physics, step_rad:
         places = ((np.arange(RAYS) + 0.5) / RAYS - 0.5) * pitch_mm
         return np.stack([places, np.zeros(RAYS), np.zeros(RAYS)], -1)
     pairs = BLURRED_RAYS // 2
-    spots = ndtri(_recurrent(pairs, 1))
+    spots = scipy.special.ndtri(_recurrent(pairs, 1))
     times = exposed_rad * (_recurrent(pairs, 2) - 0.5)
     places = _cell_quantiles((np.arange(pairs) + 0.25) / pairs, pitch_mm, blur_mm)
     half = np.stack([places, spot_mm * spots / np.sqrt(np.mean(spots**2)), times], -1)
@@ -102,7 +102,7 @@ def _cell_quantiles(shares: FloatArray, pitch_mm: float, blur_mm: float) -> Floa
     places = np.linspace(-reach, reach, 4001)
     ends = (places[:, None] + 0.5 * pitch_mm * np.array([1.0, -1.0])) / blur_mm
     # The integral of the normal distribution's integral.
-    received = ends * ndtr(ends) + np.exp(-0.5 * ends**2) / math.sqrt(TAU)
+    received = ends * scipy.special.ndtr(ends) + np.exp(-0.5 * ends**2) / math.sqrt(TAU)
     return np.interp(shares, (received[:, 0] - received[:, 1]) * blur_mm / pitch_mm, places)
 
 

@@ -5,8 +5,8 @@ Optics Express 26 (2018) 28396, algorithm 3.
 """
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import median_filter
 
 from sawmill_worker.tomography.robust import robust_deviation
 
@@ -41,7 +41,7 @@ def remove_rings(sinogram: Sinogram, window: int = WINDOW) -> Sinogram:
 
 def stripes(median: NDArray[np.floating]) -> float:
     """The robust standard deviation of what single cells add to a row, from its median over the views (cells,)."""
-    departure = median - median_filter(median, WINDOW, mode="nearest")
+    departure = median - scipy.ndimage.median_filter(median, WINDOW, mode="nearest")
     return robust_deviation(departure)
 
 
@@ -49,5 +49,5 @@ def _median_along_cells(ranked: Sinogram, window: int) -> Sinogram:
     """Of each rank (rank, cells), as one long line: SciPy's filter of a line is eight times faster than of a plane."""
     margin = window // 2
     padded = np.pad(ranked, ((0, 0), (margin, margin)), mode="edge")
-    filtered: Sinogram = median_filter(padded.ravel(), window).reshape(padded.shape)[:, margin:-margin]
+    filtered: Sinogram = scipy.ndimage.median_filter(padded.ravel(), window).reshape(padded.shape)[:, margin:-margin]
     return filtered

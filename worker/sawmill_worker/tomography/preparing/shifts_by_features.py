@@ -12,8 +12,8 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter
 from skimage.feature import SIFT, match_descriptors
 
 from sawmill_worker.tomography.geometry import TAU, FloatArray
@@ -117,7 +117,7 @@ def _grey(image: Stack, ends: NDArray[np.intp]) -> Stack:
     """
     runs = [slice(first, last) for first, last in pairwise([0, *(ends + 1).tolist(), len(image)])]
     body = max(runs, key=lambda run: run.stop - run.start)
-    varying = gaussian_filter(image - np.median(image[body], axis=0), SMOOTHING)
+    varying = scipy.ndimage.gaussian_filter(image - np.median(image[body], axis=0), SMOOTHING)
     low, high = np.quantile(varying[body], [0.001, 0.999])
     return np.asarray(np.clip((varying - low) / max(high - low, 1e-30), 0.0, 1.0), np.float32)
 

@@ -8,9 +8,8 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.fft import irfft, next_fast_len, rfft, rfftfreq
-from scipy.ndimage import label, maximum_filter, maximum_filter1d, uniform_filter1d
 
 from sawmill_worker.tomography import analytic
 from sawmill_worker.tomography.calibration.fit import Fit, OnStep, refine, unheard
@@ -134,7 +133,7 @@ class _Search:
         samples = self._samples(residual, np.argwhere(body) - self._radius_mm)
         if samples.mean() > MOST_SAMPLES:
             return None
-        pieces, count = label(maximum_filter(body, 3))
+        pieces, count = scipy.ndimage.label(scipy.ndimage.maximum_filter(body, 3))
         middles = (np.argwhere(body & (pieces == one)).mean(axis=0) - self._radius_mm for one in range(1, count + 1))
         return Metal(samples, tuple((float(x), float(y)) for x, y in middles))
 
@@ -161,7 +160,7 @@ class _Search:
         frame, cells = self._fit.frame, self._data.cells
         residual = self._residual(views)
         width = round(SMOOTHED_MM * frame.magnification / cells.width_mm)
-        smooth = uniform_filter1d(residual, min(max(1, width), cells.count), axis=1)
+        smooth = _running_mean(residual, min(max(1, width), cells.count))
         clipped = CLIPPED * self._wood * 2.0 * self._phantom.radius_mm
         steps = math.ceil(self._radius_mm / COARSE_MM)
         axis = np.arange(-steps, steps + 1) * COARSE_MM
@@ -177,7 +176,7 @@ class _Search:
             return np.zeros((0, 2), np.intp)
         square = np.full(inside.shape, -np.inf)
         square[inside] = image
-        peaks = np.argwhere((square > least) & (square == maximum_filter(square, 3)))
+        peaks = np.argwhere((square > least) & (square == scipy.ndimage.maximum_filter(square, 3)))
         highest = np.argsort(square[tuple(peaks.T)])[::-1][:MOST_PLACES]
         suspects: NDArray[np.intp] = np.rint(axis[peaks[highest]]).astype(np.intp)
         return suspects
@@ -200,7 +199,7 @@ class _Search:
         square = np.zeros((reach.size, reach.size))
         place = tuple((points - suspect + AROUND_MM).T)
         square[place] = density
-        pieces = label(square > BODY * density[at])[0][place]
+        pieces = scipy.ndimage.label(square > BODY * density[at])[0][place]
         piece: NDArray[np.intp] = points[pieces == pieces[at]]
         return piece
 
@@ -210,12 +209,12 @@ class _Search:
         Kak and Slaney ch. 3, equation 61, with a Hann window, at the scale of the centre of rotation.
         """
         step_mm = self._data.cells.width_mm / self._fit.frame.magnification
-        size = next_fast_len(2 * residual.shape[1], real=True)
-        per_mm = rfftfreq(size, step_mm)
+        size = scipy.fft.next_fast_len(2 * residual.shape[1], real=True)
+        per_mm = scipy.fft.rfftfreq(size, step_mm)
         window = np.where(per_mm < 1.0 / FINEST_MM, 0.5 + 0.5 * np.cos(math.pi * FINEST_MM * per_mm), 0.0)
         depth = 2.0 * self._phantom.radius_mm * self._wood
-        spectrum = rfft(np.clip(residual, -depth, depth), size, axis=1) * (math.pi * per_mm * window)
-        filtered: FloatArray = irfft(spectrum, size, axis=1)[:, : residual.shape[1]]
+        spectrum = scipy.fft.rfft(np.clip(residual, -depth, depth), size, axis=1) * (math.pi * per_mm * window)
+        filtered: FloatArray = scipy.fft.irfft(spectrum, size, axis=1)[:, : residual.shape[1]]
         return filtered
 
     def _columns(self, points_mm: NDArray[np.number], views: slice = slice(None)) -> FloatArray:
@@ -245,9 +244,18 @@ class _Search:
         np.add.at(change, (view, np.clip(np.ceil(columns + half), 0, cells).astype(np.intp)), -1)
         samples: Samples = change[:, :-1].cumsum(axis=1) > 0
         for _ in range(MOST_BESIDE):
-            wider = maximum_filter1d(samples, 3, axis=1)
+            wider = scipy.ndimage.maximum_filter1d(samples, 3, axis=1)
             beside = residual[wider & ~samples]
             if beside.size == 0 or beside.mean() < LEFT_BESIDE * beside.std() / math.sqrt(beside.size):
                 break
             samples = wider
         return samples
+
+
+def _running_mean(values: NDArray[np.float32], width: int) -> NDArray[np.float32]:
+    """Average `width` cells around each, mirrored at the ends: `scipy.ndimage`'s, which each start would wait for."""
+    before = width // 2
+    padded = np.pad(values, ((0, 0), (before + 1, width - 1 - before)), mode="symmetric")
+    sums = padded.cumsum(axis=1, dtype=np.float64)
+    mean: NDArray[np.float32] = ((sums[:, width:] - sums[:, :-width]) / width).astype(np.float32)
+    return mean

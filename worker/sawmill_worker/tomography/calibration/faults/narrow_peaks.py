@@ -5,8 +5,8 @@ against the fitted model (`metal.py`).
 """
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d
 
 from sawmill_worker.tomography.geometry import FloatArray
 
@@ -44,7 +44,7 @@ def narrow_peaks(sinogram: FloatArray, views: NDArray[np.bool_], pitch_mm: float
         return None
     found = np.zeros(sinogram.shape, np.uint8)
     found[:, width + 1 : -width - 1] = _peaks(_excess(sinogram, width), deep)
-    wide: NDArray[np.bool_] = maximum_filter1d(found, width, axis=1, mode="constant") > 0
+    wide: NDArray[np.bool_] = scipy.ndimage.maximum_filter1d(found, width, axis=1, mode="constant") > 0
     return wide
 
 

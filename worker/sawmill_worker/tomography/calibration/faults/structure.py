@@ -6,7 +6,6 @@ from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d
 
 from sawmill_worker.tomography.geometry import FloatArray
 
@@ -92,7 +91,11 @@ def _place(residual: FloatArray, model: FloatArray, shared: float) -> Place:
     bent = -2.0 * model
     bent[:, 1:] += model[:, :-1]
     bent[:, :-1] += model[:, 1:]
-    at_edges = maximum_filter1d(np.abs(bent) > KINK * depth, 2 * BESIDE + 1, axis=1)
+    kinks = np.abs(bent) > KINK * depth
+    at_edges = kinks.copy()
+    for away in range(1, BESIDE + 1):
+        at_edges[:, away:] |= kinks[:, :-away]
+        at_edges[:, :-away] |= kinks[:, away:]
     in_shadow = (model > model.min() + SHADOW * depth) & ~at_edges
     return Place.EDGES if _mean(power, at_edges) > EDGES_STAND_OUT * _mean(power, in_shadow) else Place.SHADOW
 

@@ -1,0 +1,12 @@
+"""The chi-square of a small probability, against SciPy's."""
+
+import pytest
+from scipy.special import chdtri
+
+from sawmill_worker.tomography.chi_square import exceeded_chi_square
+
+
+@pytest.mark.parametrize("degrees", [1, 1.3, 2, 3, 4.9, 7, 33, 361, 5000])
+def test_a_chi_square_is_exceeded_with_its_probability(degrees):
+    for probability in (0.5, 0.3, 0.01, 1e-5, 1e-9, 1e-20):
+        assert exceeded_chi_square(probability, degrees) == pytest.approx(chdtri(degrees, probability), rel=1e-12)
