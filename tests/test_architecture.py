@@ -137,7 +137,7 @@ def test_a_process_that_is_kept_ready_has_all_jobs_imported():
     modules = imported_by("import sawmill_worker.execution.attempt")
     jobs = ("ingest", "calibrate", "reconstruct", "trace_phantom", "plan", "drift")
     assert {f"sawmill_worker.jobs.{job}" for job in jobs} <= modules
-    assert {"scipy.fft", "scipy.ndimage", "scipy.special", "tifffile"} <= modules
+    assert {"scipy.fft", "scipy.ndimage", "scipy.sparse", "scipy.special", "tifffile"} <= modules
 
 
 def test_what_runs_idle_holds_no_library_that_only_work_needs():

@@ -5,8 +5,8 @@ from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 
+from sawmill_worker.commands.calibrated_scan import open_with_calibration
 from sawmill_worker.commands.geometry_options import CalibrationSource, ThetaSource
-from sawmill_worker.commands.reconstruct import open_with_calibration
 from sawmill_worker.contracts.calibrations import CalibrationResult
 from sawmill_worker.contracts.drifts import DriftResult
 from sawmill_worker.use_cases.drift import DriftInput, mean_of_common_rows, run_drift

@@ -12,6 +12,7 @@ from typing import Any, Protocol, cast
 # Here too, so that a process that is kept ready has loaded what the science and the readers import when they use it.
 import scipy.fft
 import scipy.ndimage
+import scipy.sparse
 import scipy.special  # noqa: F401
 import tifffile  # noqa: F401
 

@@ -9,7 +9,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import ndtri, stdtrit
+import scipy
 
 from sawmill_worker.tomography.conjugate_minimum import reach
 from sawmill_worker.tomography.disturbances import Estimate, estimates_of, undetected_covariance
@@ -167,7 +167,7 @@ def _combined(pairs: PairFit, opposite: _OppositeRays, start: SourceFrame) -> Pa
     solution, estimates = opposite.solution, estimates_of(opposite.solution)
     of_disturbances = undetected_covariance(solution, estimates, start.source_distance_mm)
     # How well the views' scatter is known counts by Student's t, as for pairs.
-    wider = (stdtrit(opposite.angles_rad.size - 2, 0.975) / ndtri(0.975)) ** 2
+    wider = (scipy.special.stdtrit(opposite.angles_rad.size - 2, 0.975) / scipy.special.ndtri(0.975)) ** 2
     covariances = pairs.covariance[:2, :2], wider * (solution.covariance + of_disturbances)[:2, :2]
     # Pairs that did not come to rest say nothing.
     precisions = [np.linalg.inv(each) for each in covariances]

@@ -8,8 +8,8 @@ shows how large and how wide they are; behind the log they are taken for a Gauss
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.linalg import toeplitz
 
 from sawmill_worker.tomography.geometry import FloatArray
 
@@ -65,7 +65,7 @@ def flat_structure(
     # In halves of a cell, so that the middle of a group is an integer.
     middles, places = 2 * first + group - 1, 2 * log
     smooth = _smooth_covariance(means, grouped, middles, group, air.size)
-    of_log = toeplitz(smooth[: 2 * log.size : 2])
+    of_log = scipy.linalg.toeplitz(smooth[: 2 * log.size : 2])
     of_air, crossed = (smooth[np.abs(one[:, None] - middles)] for one in (middles, places))
     of_log[np.diag_indices_from(of_log)] += cell_variance
     of_air[np.diag_indices_from(of_air)] += cell_variance / group

@@ -7,9 +7,8 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.fft import rfft
-from scipy.linalg import solveh_banded
 
 from sawmill_worker.tomography.drift import DriftError
 from sawmill_worker.tomography.geometry import TAU, FloatArray
@@ -66,7 +65,7 @@ class Turn:
     ) -> "Turn":
         """Of `even_views`; views (views,), cells (cells,) and samples (views, cells) are at the scan's own angles."""
         views = len(even)
-        spectrum = rfft(even.T)[:, 1 : (views + 1) // 2]
+        spectrum = scipy.fft.rfft(even.T)[:, 1 : (views + 1) // 2]
         orders = np.arange(1, spectrum.shape[1] + 1)
         missing = np.zeros(even.shape, bool)
         missing[nearest_view(angles_rad, first_rad, views)] = left_out
@@ -154,7 +153,7 @@ def periodic_spline(knots_rad: FloatArray, values: FloatArray, angles_rad: Float
     ends[[0, -1]] = 1.0
     band = np.hstack([np.roll(steps, 1), 2.0 * (steps + np.roll(steps, 1)) - link * ends]).T
     bends = 6.0 * (slopes - np.roll(slopes, 1, axis=0))
-    unlinked = solveh_banded(band, np.hstack([bends, ends]))
+    unlinked = scipy.linalg.solveh_banded(band, np.hstack([bends, ends]))
     curvatures, of_ends = unlinked[:, :-1], unlinked[:, -1:]
     curvatures -= of_ends * link * (curvatures[0] + curvatures[-1]) / (1.0 + link * (of_ends[0] + of_ends[-1]))
     wrapped = knots_rad[0] + np.mod(angles_rad - knots_rad[0], TAU)

@@ -8,10 +8,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.fft import irfft
-from scipy.ndimage import binary_dilation
-from scipy.sparse import csr_array
 
 from sawmill_worker.tomography.drift import DriftError
 from sawmill_worker.tomography.full_turn import ComplexArray, Turn
@@ -92,7 +90,7 @@ class Pairs:
         if not self._turn.left_out.any():
             return np.zeros((self.gamma.size, self._turn.views), bool)
         reach = round(SAMPLE_REACH * self._width / float(np.median(np.diff(fan))))
-        near = binary_dilation(self._turn.left_out, np.ones((1, 2 * reach + 1), bool))
+        near = scipy.ndimage.binary_dilation(self._turn.left_out, np.ones((1, 2 * reach + 1), bool))
         rays = zip(self.views_of(), (self.gamma, -self.gamma), strict=True)
         here, there = (
             near[self._turn.nearest_view(angles), np.searchsorted(fan, gamma).clip(0, fan.size - 1)[:, None]]
@@ -157,7 +155,7 @@ class Pairs:
 
     def _over_chi(self, harmonics: ComplexArray) -> FloatArray:
         """Harmonics (..., orders) as (..., views) over chi."""
-        values: FloatArray = irfft(harmonics, self._turn.views, overwrite_x=True)
+        values: FloatArray = scipy.fft.irfft(harmonics, self._turn.views, overwrite_x=True)
         return values
 
     def _sides(self, turned: FloatArray, fan: FloatArray) -> FloatArray:
@@ -170,7 +168,8 @@ class Pairs:
         kernel = np.exp(-0.5 * z * z) / (math.sqrt(TAU) * self._width) * inside
         borders = np.arange(2 * gamma.size + 1) * self._taps.size
         values, cells = np.concatenate([kernel, -z / self._width * kernel]), np.concatenate([near, near])
-        smoothed = csr_array((values.ravel(), cells.ravel(), borders), shape=(2 * gamma.size, fan.size)) @ turned
+        weights = scipy.sparse.csr_array((values.ravel(), cells.ravel(), borders), shape=(2 * gamma.size, fan.size))
+        smoothed = weights @ turned
         return np.asarray(smoothed).reshape(2, 2, self.gamma.size, -1)
 
     def solve(

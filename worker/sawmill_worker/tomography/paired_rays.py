@@ -9,8 +9,8 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.linalg import eigh
 
 from sawmill_worker.tomography.geometry import FloatArray, Scanner, cell_centres_mm
 
@@ -159,4 +159,4 @@ def _products(weights: FloatArray, left: FloatArray, right: FloatArray) -> Float
 
 def _signal_share(gram: FloatArray, noisy: FloatArray) -> float:
     """The smallest share that is left of the noisy matrix in any direction; a mask makes them a little asymmetric."""
-    return float(eigh(gram + gram.T, noisy + noisy.T, eigvals_only=True)[0])
+    return float(scipy.linalg.eigh(gram + gram.T, noisy + noisy.T, eigvals_only=True)[0])

@@ -4,8 +4,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.fft import irfft, rfft
-from scipy.sparse import csr_array
+import scipy
 
 from sawmill_worker.tomography.geometry import FloatArray
 
@@ -59,7 +58,7 @@ def view_gain(sinogram: FloatArray, fan_rad: FloatArray, *, reversed_turn: bool)
     for done in range(ROUNDS):
         corrected = rays - found.offset
         corrected /= found.gain
-        opposite = irfft(rfft(corrected)[::-1] * phase, views)
+        opposite = scipy.fft.irfft(scipy.fft.rfft(corrected)[::-1] * phase, views)
         gain, offset = _line(opposite, corrected)
         if done == 0 and _evidence(opposite, corrected, gain, offset) < EVIDENCE:
             return None
@@ -69,7 +68,7 @@ def view_gain(sinogram: FloatArray, fan_rad: FloatArray, *, reversed_turn: bool)
     return found
 
 
-def _means(fan_rad: FloatArray) -> tuple[FloatArray, csr_array]:
+def _means(fan_rad: FloatArray) -> tuple[FloatArray, "scipy.sparse.csr_array"]:
     """Fan angles that lie symmetrically about zero, (samples,), and the weights of their means, (samples, cells)."""
     spacing = float(np.median(np.diff(fan_rad)))
     count = int(min(-fan_rad[0], fan_rad[-1]) / (SPACING_CELLS * spacing))
@@ -81,7 +80,7 @@ def _means(fan_rad: FloatArray) -> tuple[FloatArray, csr_array]:
     weights = inside * np.exp(-0.5 * ((fan_rad[near] - gamma[:, None]) / (WIDTH_CELLS * spacing)) ** 2)
     weights /= weights.sum(axis=1, keepdims=True)
     borders = np.arange(gamma.size + 1) * near.shape[1]
-    return gamma, csr_array((weights.ravel(), near.ravel(), borders), shape=(gamma.size, fan_rad.size))
+    return gamma, scipy.sparse.csr_array((weights.ravel(), near.ravel(), borders), shape=(gamma.size, fan_rad.size))
 
 
 def _line(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import ndtri, stdtrit
+import scipy
 
 from sawmill_worker.tomography.calibration.faults.screening import Screening
 from sawmill_worker.tomography.drift import DetectorFit, DriftError, better_sense, seen_vector
@@ -261,7 +261,7 @@ def _scaled(
     through = covariance @ slopes.T @ gains
     by_gains = through @ through.T
     widths = [
-        chi / number * (stdtrit(number, 0.975) / ndtri(0.975)) ** 2
+        chi / number * (scipy.special.stdtrit(number, 0.975) / scipy.special.ndtri(0.975)) ** 2
         for chi, number in ((noise, free), (chi_squared - noise, of_gains))
     ]
     return widths[0] * (covariance - by_gains) + widths[1] * by_gains, chi_squared, noise / free
