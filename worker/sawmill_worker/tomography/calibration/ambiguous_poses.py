@@ -14,6 +14,8 @@ from sawmill_worker.vocabulary import Handedness
 # Peaks of the correlation over the first angle that are fitted; a peak within 10 degrees of the fit is the fit itself.
 PEAKS = 4
 OWN_PEAK = math.radians(10.0)
+# This number of the coarse views shows where the peaks are.
+VIEWS = 20
 
 # The handedness, the geometry with the turned first angle, and the phantom's position (x, y) in mm.
 Pose = tuple[Handedness, SourceFrame, tuple[float, float]]
@@ -26,8 +28,9 @@ def ambiguous_poses(
 
     In each pose the centroid stays where the fit at `at` and `position_mm` sees it.
     """
-    angles, turns = found.rotation.apply(misfit.angles_rad), misfit.table_rad[::2]
-    data = misfit.sinogram.ravel() - misfit.sinogram.mean()
+    some = slice(None, None, max(1, len(misfit.angles_rad) // VIEWS))
+    angles, turns = found.rotation.apply(misfit.angles_rad)[some], misfit.table_rad[::2]
+    data = misfit.sinogram[some].ravel() - misfit.sinogram[some].mean()
     centroid = complex(*misfit.phantoms[found.handedness].centroid_mm) + complex(*position_mm)
     poses: list[Pose] = []
     for other, phantom in misfit.phantoms.items():

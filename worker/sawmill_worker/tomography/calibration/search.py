@@ -83,7 +83,7 @@ def search(
     for generation, count in enumerate((0, *RANDOM_GUESSES)):
         guesses = random_guesses(box, count, rng) if count else _from_the_shadow(misfit, task, box, rng)
         _improve(fits, misfit, guesses, history, on_step)
-        best = min((fit.relative_residual for fit in fits.values()), default=math.inf)
+        best = _least(fits.values())
         if on_round is not None:
             on_round(generation + 1, len(RANDOM_GUESSES) + 1, best)
         if best < EXPLAINED:
@@ -144,11 +144,18 @@ def _improve(
         for candidate in sorted(candidates, key=lambda c: c.misfit)[:GUESSES_FITTED]
     ]
     for hypothesis, candidate in sorted(chosen, key=lambda pair: pair[1].misfit):
+        # Once the scan is explained, one guess shows what another hypothesis makes of it.
+        if hypothesis in fits and _least(fits.values()) < EXPLAINED:
+            continue
         fit = _coarse_fit(misfit, hypothesis, candidate.frame, (0.0, 0.0), fits.values(), on_step)
         before = fits.get(hypothesis)
         if fit is not None and (before is None or fit.relative_residual < before.relative_residual):
             fits[hypothesis] = fit
             SearchReport.note(history, misfit.evaluations, fit.relative_residual)
+
+
+def _least(fits: Collection[Fit]) -> float:
+    return min((fit.relative_residual for fit in fits), default=math.inf)
 
 
 def _coarse_fit(
@@ -160,7 +167,7 @@ def _coarse_fit(
     on_step: OnStep,
 ) -> Fit | None:
     """Fit a guess to the coarse sinogram, as long as it may contend with a fit among others that explains the scan."""
-    least = min((fit.relative_residual for fit in others), default=math.inf)
+    least = _least(others)
     return refine(
         misfit.phantoms[hypothesis.handedness],
         SinogramData(misfit.sinogram, hypothesis.rotation.apply(misfit.angles_rad), misfit.cells),
