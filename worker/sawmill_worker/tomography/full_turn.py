@@ -28,8 +28,8 @@ class Turn:
 
     Attributes
     ----------
-    spectrum : (cells, harmonics) complex128
-        From the first harmonic up to below Nyquist's.
+    spectrum : (cells, views // 2 + 1) complex128
+        The constant harmonic and that of Nyquist's frequency are 0.
     mean : (cells,) float64
         The constant harmonic.
     views : int
@@ -65,12 +65,11 @@ class Turn:
     ) -> "Turn":
         """Of `even_views`; views (views,), cells (cells,) and samples (views, cells) are at the scan's own angles."""
         views = len(even)
-        spectrum = scipy.fft.rfft(even.T)[:, 1 : (views + 1) // 2]
-        orders = np.arange(1, spectrum.shape[1] + 1)
+        phases = np.exp(-1j * first_rad * np.arange(views // 2 + 1))
         missing = np.zeros(even.shape, bool)
         missing[nearest_view(angles_rad, first_rad, views)] = left_out
         return cls(
-            spectrum * np.exp(-1j * orders * first_rad),
+            _of_inner_orders(scipy.fft.rfft(even.T) * phases, views),
             even.mean(axis=0),
             views,
             angles_rad[~usable],
@@ -92,7 +91,7 @@ class Turn:
         kept = (np.arange(views) * self.views / views).round().astype(int)
         return replace(
             self,
-            spectrum=self.spectrum[:, : (views - 1) // 2] * (views / self.views),
+            spectrum=_of_inner_orders(self.spectrum[:, : views // 2 + 1] * (views / self.views), views),
             views=views,
             left_out=self.left_out[kept],
         )
@@ -100,6 +99,12 @@ class Turn:
     def nearest_view(self, angles_rad: FloatArray) -> NDArray[np.intp]:
         """The row of `left_out` for each angle as it is read."""
         return nearest_view(self.sense * angles_rad, self.first_rad, self.views)
+
+
+def _of_inner_orders(spectrum: ComplexArray, views: int) -> ComplexArray:
+    """Set the constant harmonic and that of Nyquist's frequency to 0, in place."""
+    spectrum[:, 0] = spectrum[:, (views + 1) // 2 :] = 0.0
+    return spectrum
 
 
 def nearest_view(angles_rad: FloatArray, first_rad: float, views: int) -> NDArray[np.intp]:

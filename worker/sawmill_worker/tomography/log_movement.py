@@ -101,7 +101,7 @@ class _Jumps:
         pairs, size = len(self._first), self._views + 1
         at = np.arange(pairs)[:, None] * size
         sums = self._counted(values, at + self._first, at + self._last, pairs * size)
-        # Every jump that has begun in a pair has ended in it, so the pairs before add nothing.
+        # What begins to count in a pair ends in it: the pairs before add nothing.
         return np.moveaxis(sums.reshape(pairs, size, -1)[:, tried], 0, -1)
 
     @staticmethod

@@ -47,8 +47,6 @@ class Pairs:
     def __init__(self, scanner: Scanner, turn: Turn, start: FloatArray, blur: tuple[float, float]) -> None:
         self._scanner, self._turn = scanner, turn
         self._orders = np.arange(turn.views // 2 + 1)
-        self._spectrum = np.zeros((scanner.num_detector_pixels, self._orders.size), np.complex128)
-        self._spectrum[:, 1 : turn.spectrum.shape[1] + 1] = turn.spectrum
         self._blur = np.exp(-0.5 * (blur[0] * self._orders * TAU / turn.views) ** 2)
         fan, _ = fan_angles(self._scanner, start)
         spacing = float(np.median(np.diff(fan)))
@@ -135,7 +133,7 @@ class Pairs:
         fan, covered = fan_angles(self._scanner, vector)
         turned = _powers(np.exp(1j * fan), self._orders.size)
         turned *= covered[:, None]
-        turned *= self._spectrum
+        turned *= self._turn.spectrum
         rays, slopes = (each.view(np.complex128) for each in self._sides(turned.view(np.float64), fan))
         # The opposite ray lies at -gamma and half a turn on.
         half_turn = np.where(self._orders % 2, -1.0, 1.0)
