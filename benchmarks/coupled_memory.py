@@ -16,6 +16,7 @@ import os
 import tempfile
 from pathlib import Path
 
+from measurement import Measurement
 from memory import make_npy
 from numba import get_num_threads
 from scanners import SCANNER
@@ -39,6 +40,7 @@ THETA = GivenTheta(
 COUPLING = "0.4"
 # Between two logs at a mill.
 LOG_EVERY_S, MANY_CORES = 29.0, 16
+ROWS = 2500
 
 
 def largest_gb() -> float:
@@ -46,27 +48,21 @@ def largest_gb() -> float:
     return 1e-9 * peak_memory_bytes()
 
 
-def estimate(done: Done) -> str:
-    """What the job would take on more cores, from its processor seconds with the threads of this run."""
+def shared_s(done: Done) -> tuple[float, float]:
+    """Processor seconds that more cores do not shorten, and those that they share; of a run of two threads or more."""
     threads = get_num_threads()
-    if threads == 1:
-        return "no estimate for more cores: it needs a run with two threads or more"
     parallel_s = (done.processor_s - done.own_thread_s) * threads / (threads - 1)
-    serial_s = done.processor_s - parallel_s
-    return (
-        f"serial {serial_s:.1f} s of {done.processor_s:.1f} s of processors; estimate for {MANY_CORES} cores: "
-        f"{serial_s + parallel_s / MANY_CORES:.1f} s, where a log comes every {LOG_EVERY_S:.0f} s "
-        f"(for {threads} cores: {serial_s + parallel_s / threads:.1f} s)"
-    )
+    return done.processor_s - parallel_s, parallel_s
 
 
 def main() -> None:
     """Print the lines."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--rows", type=int, default=2500, help="of the detector")
+    parser.add_argument("--rows", type=int, default=ROWS, help="of the detector")
     parser.add_argument("--views", type=int, default=20)
     parser.add_argument("--folder", type=Path, help="where the temporary folder is made")
     options = parser.parse_args()
+    measurement = Measurement.begin()
     with tempfile.TemporaryDirectory(dir=options.folder) as name:
         folder = Path(name)
         store = Store.open(StorageSettings(data_folder=folder / "data", database_url=None))
@@ -91,12 +87,21 @@ def main() -> None:
         )
         store.reconstructions.accept(ask)
         done = do_waiting_job(store, JobKind.RECONSTRUCT)
+        largest = largest_gb()
         print(
-            f"reconstructed {done.result['shape']}: {largest_gb():.2f} GB at most, {done.clock_s:.0f} s by "
+            f"reconstructed {done.result['shape']}: {largest:.2f} GB at most, {done.clock_s:.0f} s by "
             f"the clock, {done.processor_s:.0f} s of processors, {os.cpu_count()} cores; {done.result['method']}"
         )
-        print(estimate(done))
         store.close()
+    serial_s, parallel_s = shared_s(done)
+    many_s = serial_s + parallel_s / MANY_CORES
+    print(
+        f"serial {serial_s:.1f} s of {done.processor_s:.1f} s of processors; estimate for {MANY_CORES} cores: "
+        f"{many_s:.1f} s, where a log comes every {LOG_EVERY_S:.0f} s"
+    )
+    if options.rows == ROWS:
+        found = {"clock_s": done.clock_s, "processor_s": done.processor_s, "serial_s": serial_s}
+        measurement.write({"coupled-log": {**found, "estimate_16_cores_s": many_s, "memory_gb": largest}})
 
 
 if __name__ == "__main__":

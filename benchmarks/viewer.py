@@ -7,7 +7,7 @@ moves to a slice that nothing has fetched; "the next" moves on to a slice whose 
 in which somebody looks. The time runs from the slider's event to the second frame after the slice's picture, or its
 values, were painted, by the page's own clock: by then the first one is on the screen. The time to the values includes
 that in which the slider must rest. A line of 3 Mbit/s with 20 ms to and fro is Chromium's emulation. Prints
-milliseconds: median, 95th percentile, largest.
+milliseconds: median, 95th percentile, largest; the percentiles go to `benchmarks/results/viewer.json`.
 """
 
 import argparse
@@ -25,6 +25,7 @@ import httpx
 import numpy as np
 import structlog
 import uvicorn
+from measurement import Measurement
 from numpy.typing import NDArray
 from playwright.sync_api import Browser, Page, sync_playwright
 
@@ -165,10 +166,11 @@ def serving(store: Store) -> Iterator[str]:
             thread.join()
 
 
-def report(name: str, milliseconds: Sequence[float]) -> None:
-    """One line."""
+def report(name: str, milliseconds: Sequence[float]) -> float:
+    """Print one line; the 95th percentile."""
     median, most = np.percentile(milliseconds, [50, 95])
     print(f"  {name:<46} median {median:6.1f}   95 % {most:6.1f}   largest {max(milliseconds):6.1f} ms", flush=True)
+    return float(most)
 
 
 def timed(ask: Callable[[], httpx.Response], repeats: int) -> list[float]:
@@ -224,8 +226,8 @@ def looking(browser: Browser, address: str, line: Line | None = None) -> Iterato
         yield page
 
 
-def measure_browser(address: str, slices: int, size: int, moves: int) -> None:
-    """From the slider's event to the screen."""
+def measure_browser(address: str, slices: int, size: int, moves: int) -> dict[str, float]:
+    """Milliseconds from the slider's event to the screen, the 95th percentile of each way to a slice."""
     program = shutil.which("chromium")
     assert program, "this needs Debian's Chromium: apt-get install chromium"
     # Five apart: no slice's picture is fetched ahead for another.
@@ -237,15 +239,22 @@ def measure_browser(address: str, slices: int, size: int, moves: int) -> None:
     ):
         print(f"Chromium, 1280 x 800, {slices} slices of {size} x {size}")
         with looking(it, address) as page:
-            report("a random slice", moved(page, random, PAUSE_MS))
+            picture = report("a random slice", moved(page, random, PAUSE_MS))
         with looking(it, address) as page:
-            report("its values", moved(page, random, PAUSE_MS, "values"))
+            values = report("its values", moved(page, random, PAUSE_MS, "values"))
         with looking(it, address) as page:
             report("the next slice", moved(page, following, PAUSE_MS))
-            report("a slice that is kept", moved(page, following, 0))
+            kept = report("a slice that is kept", moved(page, following, 0))
         with looking(it, address, LINE) as page:
-            report("a random slice, 3 Mbit/s", moved(page, random, PAUSE_MS))
-            report("its values, 3 Mbit/s", moved(page, random[:: len(random) // 5], PAUSE_MS, "values"))
+            far = report("a random slice, 3 Mbit/s", moved(page, random, PAUSE_MS))
+            far_values = report("its values, 3 Mbit/s", moved(page, random[:: len(random) // 5], PAUSE_MS, "values"))
+    return {
+        "picture_ms": picture,
+        "values_ms": values,
+        "kept_ms": kept,
+        "picture_3_mbit_ms": far,
+        "values_3_mbit_ms": far_values,
+    }
 
 
 def main() -> None:
@@ -256,6 +265,7 @@ def main() -> None:
     parser.add_argument("--moves", type=int, default=60)
     parser.add_argument("--serve", action="store_true", help="only serve, to look at the pages")
     chosen = parser.parse_args()
+    measurement = Measurement.begin()
     structlog.configure(wrapper_class=structlog.make_filtering_bound_logger(logging.ERROR))  # no line a request
     with tempfile.TemporaryDirectory(prefix="sawmill-viewer-") as name:
         store = Store.open(StorageSettings(data_folder=Path(name), database_url=None))
@@ -266,7 +276,8 @@ def main() -> None:
                 threading.Event().wait()
             with httpx.Client(base_url=address, timeout=60) as client:
                 measure_server(client, chosen.slices, chosen.moves)
-            measure_browser(address, chosen.slices, chosen.size, chosen.moves)
+            found = measure_browser(address, chosen.slices, chosen.size, chosen.moves)
+    measurement.write({"viewer": found})
 
 
 if __name__ == "__main__":
