@@ -3,11 +3,16 @@
 import os
 import subprocess
 import sys
+from importlib.util import cache_from_source
+from pathlib import Path
 
+import numpy as np
 import pytest
 
+import sawmill_service
+import sawmill_worker
 from sawmill_worker.commands import compile as compiling
-from sawmill_worker.commands.compile import compile_kernels
+from sawmill_worker.commands.compile import code_folders, compile_bytecode, compile_kernels
 from sawmill_worker.tomography.warm_up import PARTS
 
 pytestmark = pytest.mark.slow
@@ -63,3 +68,17 @@ def test_every_part_is_reported_and_a_failure_is_no_silence(monkeypatch):
     monkeypatch.setattr(compiling, "PARTS", {"no such part": None})
     with pytest.raises(subprocess.CalledProcessError):
         compile_kernels(progress.append)
+
+
+def test_byte_code_that_is_missing_is_compiled(tmp_path):
+    for name, text in (("whole.py", "ANSWER = 1"), ("template.py", "{{ no Python }}")):
+        (tmp_path / name).write_text(text)
+    compile_bytecode([str(tmp_path)])
+    assert Path(cache_from_source(str(tmp_path / "whole.py"))).is_file()
+    assert not Path(cache_from_source(str(tmp_path / "template.py"))).exists()
+
+
+def test_byte_code_is_that_of_our_code_and_of_the_libraries():
+    for package in (sawmill_service, sawmill_worker, np):
+        folders = Path(package.__file__).parents
+        assert {str(folder) for folder in folders} & code_folders()

@@ -11,8 +11,9 @@ app = typer.Typer()
 
 @app.command(name="compile", cls=Command)
 def compile_() -> None:
-    """Compile the numerical kernels now: once on a machine, else the first job waits for it."""
+    """Compile the numerical kernels and the byte code now: once on a machine, else the first job waits for it."""
     with answering(), showing_progress("compiling kernels, once on this machine") as on_progress:
-        from sawmill_worker.commands.compile import compile_kernels
+        from sawmill_worker.commands.compile import code_folders, compile_bytecode, compile_kernels
 
+        compile_bytecode(code_folders())
         compile_kernels(on_progress)

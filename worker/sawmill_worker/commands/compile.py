@@ -1,9 +1,13 @@
-"""Compile the numerical kernels, several parts at a time."""
+"""Compile the numerical kernels, several parts at a time, and the byte code."""
 
+import compileall
 import os
 import subprocess
 import sys
+import sysconfig
+from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor, as_completed
+from importlib.util import find_spec
 
 from sawmill_worker.files import hdf5_chunks
 from sawmill_worker.tomography.warm_up import PARTS
@@ -28,6 +32,22 @@ def compile_kernels(on_progress: ProgressCallback) -> None:
             future.result()
             left.remove(compiled[future])
             on_progress(Progress(fraction=1.0 - len(left) / len(PARTS), stage=", ".join(left) or "done"))
+
+
+def compile_bytecode(folders: Iterable[str]) -> None:
+    """Compile the byte code of all modules in these folders, where it is missing and may be written.
+
+    An editable installation brings none of ours, and where PYTHONDONTWRITEBYTECODE is set no start keeps any.
+    """
+    for folder in folders:
+        compileall.compile_dir(folder, quiet=2)
+
+
+def code_folders() -> set[str]:
+    """Find the folders of our own code and of the libraries."""
+    ours = [find_spec(name) for name in ("sawmill_service", "sawmill_worker", "sawmill_calibration")]
+    own_folders = [folder for spec in ours if spec for folder in spec.submodule_search_locations or ()]
+    return {sysconfig.get_path("purelib"), sysconfig.get_path("platlib"), *own_folders}
 
 
 def _compile(part: str) -> None:
