@@ -142,7 +142,7 @@ def test_a_process_that_is_kept_ready_has_all_jobs_imported():
 
 def test_what_runs_idle_holds_no_library_that_only_work_needs():
     """The memory of a service at rest (`make bench-job-price`)."""
-    for resting in ("sawmill_service.serving", "sawmill_worker.execution.poller"):
+    for resting in ("sawmill_service.cli, sawmill_service.serving", "sawmill_worker.execution.poller"):
         loaded = imported_by(f"import {resting}")
         assert not loaded & {"numpy", "scipy", "numba", "h5py", "PIL", "matplotlib", "alembic", "celery"}, resting
     ready = imported_by("import sawmill_worker.execution.attempt")
