@@ -16,7 +16,7 @@ from sawmill_worker.tomography.calibration.faults.metal import Metal, find_metal
 from sawmill_worker.tomography.calibration.fit import Fit, OnStep, unheard
 from sawmill_worker.tomography.calibration.joint_fit import JointFit, as_fit
 from sawmill_worker.tomography.calibration.judgement import Evidence, Limits, judge
-from sawmill_worker.tomography.calibration.refusals import refuse_unfound
+from sawmill_worker.tomography.calibration.refusals import NOT_FOUND, refuse_unfound
 from sawmill_worker.tomography.calibration.residual_analysis import analyse_residual
 from sawmill_worker.tomography.calibration.scale import scale_uncertainty
 from sawmill_worker.tomography.calibration.scan_model import ScanModel, Term
@@ -130,15 +130,18 @@ def _beam(model: ScanModel) -> BeamCorrection:
     share of what is left of the beam, which does not go over from the phantom to a log: the fit here takes it as a
     share of what the object takes out of the beam.
     """
-    lengths, integrals, weights = model.lengths, model.sharp + model.residual, model.data.weights
     around, wide = model.size(Term.SCATTER), model.size(Term.SCATTER_WIDE)
+    hardens = model.size(Term.HARDENING) != 0.0 or model.size(Term.HARDENING_CUBIC) != 0.0
+    if not (around or wide or hardens):
+        return NOTHING_FOUND
+    lengths, integrals, weights = model.lengths, model.sharp + model.residual, model.data.weights
     if around or wide:
         beside = around * model.halos[0] + wide * model.halos[1]
         measured = integrals - np.log1p(np.maximum(beside, -0.95))
         fitted = fit_scatter_and_hardening(lengths, measured, model.residual, weights)
         if fitted is not None:
             return fitted
-    if not (model.size(Term.HARDENING) or model.size(Term.HARDENING_CUBIC)):
+    if not hardens:
         return NOTHING_FOUND
     if weights is not None:
         lengths, integrals = lengths[weights > 0.0], integrals[weights > 0.0]
@@ -171,7 +174,9 @@ def _found(task: CalibrationTask, ranked: list[RankedFit], on_step: OnStep) -> A
 
 
 def _unexplained(best: AdjustedFit) -> float:
-    """The share of the sinogram that the best fit leaves, white noise not counted."""
+    """The share of the sinogram that the best fit leaves; white noise is not counted where it would be too much."""
+    if best.fit.relative_residual <= NOT_FOUND:  # without its noise it is less
+        return best.fit.relative_residual
     fit, residual = best.fit, best.data.sinogram - best.model
     # Neighbouring cells share what the model lacks; what they do not share is noise.
     noise = noise_of_differences(np.diff(residual, axis=1), 1)

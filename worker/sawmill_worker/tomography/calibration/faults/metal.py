@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from sawmill_worker.tomography import analytic
 from sawmill_worker.tomography.calibration.fit import Fit, OnStep, refine, unheard
 from sawmill_worker.tomography.calibration.sinogram_data import SinogramData
-from sawmill_worker.tomography.geometry import FloatArray, rotate
+from sawmill_worker.tomography.geometry import FloatArray
 from sawmill_worker.tomography.phantom import Phantom
 from sawmill_worker.tomography.robust import robust_deviation
 from sawmill_worker.vocabulary import Handedness
@@ -168,8 +168,10 @@ class _Search:
         inside = np.hypot(x, y) <= self._radius_mm
         # A ray beside the detector counts as zero.
         seen = np.pad(np.clip(smooth, -clipped, clipped), ((0, 0), (1, 1)))
-        at = np.floor(self._columns(np.stack([x[inside], y[inside]], -1), views)).astype(np.intp) + 1
-        image = np.take_along_axis(seen, np.clip(at, 0, cells.count + 1), axis=1).mean(axis=0, dtype=np.float64)
+        columns = self._columns(np.stack([x[inside], y[inside]], -1), views)
+        at = np.clip(columns + 1.0, 0.0, cells.count + 1.0).astype(np.intp)
+        at += np.arange(len(seen))[:, None] * seen.shape[1]
+        image = seen.take(at).mean(axis=0, dtype=np.float64)
         image -= np.median(image)
         least = max(STANDS_OUT * robust_deviation(image), 0.25 * LEAST_WOOD_MM * self._wood)
         if image.max() <= least:
@@ -221,7 +223,9 @@ class _Search:
         """Where on the detector, in cells from its border, each view sees these points: (views, points)."""
         frame, cells = self._fit.frame, self._data.cells
         turns = self._data.angles_rad[views] + frame.psi_rad
-        x, y = rotate(-turns[:, None], *points_mm.T)
+        cosine, sine = np.cos(turns), np.sin(turns)
+        x = np.stack([cosine, sine], -1) @ points_mm.T
+        y = np.stack([-sine, cosine], -1) @ points_mm.T
         depth = (y + frame.source_distance_mm) * math.cos(frame.tilt_rad) - x * math.sin(frame.tilt_rad)
         u = frame.cor_column_mm + frame.source_to_detector_mm * x / depth
         columns: FloatArray = (u - cells.first_border_mm) / cells.width_mm

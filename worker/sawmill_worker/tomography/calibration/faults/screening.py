@@ -77,13 +77,13 @@ def _corrupt_views(sinogram: FloatArray) -> NDArray[np.bool_]:
     # Hot cells stand in every view: the highest hundredth is theirs.
     low, high = np.median(np.quantile(sinogram, [0.02, 0.99], axis=1), axis=1).tolist()
     span = high - low
-    outside = (sinogram < low - 0.3 * span) | (sinogram > high + span)
-    common = np.median(outside.mean(axis=1))
+    outside = ((sinogram < low - 0.3 * span) | (sinogram > high + span)).mean(axis=1)
     flat = np.ptp(sinogram, axis=1) < 0.02 * span
-    corrupt: NDArray[np.bool_] = (outside.mean(axis=1) > common + VIEW_SHARE) | flat
+    corrupt: NDArray[np.bool_] = (outside > np.median(outside) + VIEW_SHARE) | flat
     return corrupt
 
 
 def _faulty_cells(sinogram: FloatArray) -> NDArray[np.bool_]:
     # A phantom has no structure of single cells, and loses little with a sound cell beside a hot one.
-    return faulty_cells(sinogram, np.median(sinogram, axis=0), recheck=False, most_faulty=1.0)
+    median = np.median(np.ascontiguousarray(sinogram.T), axis=1)
+    return faulty_cells(sinogram, median, recheck=False, most_faulty=1.0)

@@ -66,7 +66,8 @@ def shared_power(residual: FloatArray) -> float:
 
 def mean_beyond_chance(products: FloatArray) -> float:
     """Their mean, or nothing where independent noise, as uneven as it may be, has one as large."""
-    return beyond_chance(float(products.mean()), float(products.std()), products.size)
+    mean, square = float(products.mean()), float(np.einsum("km,km->", products, products)) / products.size
+    return beyond_chance(mean, math.sqrt(max(square - mean * mean, 0.0)), products.size)
 
 
 def beyond_chance(mean: float, deviation: float, count: int) -> float:
