@@ -114,7 +114,7 @@ bench-pages: install-dev
 study-load: install-dev
 	@$(BIN)/python benchmarks/load.py $(OPTIONS)
 
-# OPTIONS: --jobs N, --against CHECKOUT, --json FILE.
+# OPTIONS: --jobs N, --against CHECKOUT.
 bench-job-price: install-dev
 	@$(BIN)/python benchmarks/job_price.py $(OPTIONS)
 

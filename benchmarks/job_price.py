@@ -1,17 +1,16 @@
 """What a short job costs: processor seconds a calibration, and the memory of a service at rest.
 
-    python benchmarks/job_price.py [--jobs 10] [--against TREE] [--json FILE]
+    python benchmarks/job_price.py [--jobs 10] [--against TREE]
 
 `sawmill serve` runs as users start it, with its own workers and an empty data folder. Short jobs are calibrations of a
 small scan of 20 views, asked for one after another over HTTP. The system's own books are read (/proc): the
 proportional set size of all processes of the service, and their processor seconds, those of ended children included.
 What the service at rest spends in the same time is subtracted. Memory is measured after a job, and once a worker that
 had none for long (`SAWMILL_SPARE_IDLE_S`) has ended what it keeps ready. `--against` measures another checkout of this
-repository too, after this one.
+repository too, after this one. The figures of this one go to `benchmarks/results/job-price.json`.
 """
 
 import argparse
-import json
 import math
 import os
 import statistics
@@ -19,10 +18,12 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections import defaultdict
 from pathlib import Path
 
 import httpx
 from http_latency import by_events, scan_of
+from measurement import Measurement
 
 from sawmill_worker import demo_client
 from sawmill_worker.demo_client import Json
@@ -108,7 +109,7 @@ def measured(tree: Path, jobs: int) -> Json:
             at_rest = settled()
             time.sleep(REST_S)
             rate = (processor_s() - at_rest) / REST_S
-            memory = memory_by_process()
+            memory = memory_by_part()
             price, passed = [], []
             for _ in range(jobs):
                 started = time.monotonic()
@@ -116,31 +117,36 @@ def measured(tree: Path, jobs: int) -> Json:
                 price.append(spent_s - rate * (time.monotonic() - started))
                 passed.append(core_s)
         figures: Json = {
-            "job_processor_s": {"median": statistics.median(price), "least": min(price), "most": max(price)},
+            "job_processor_s": statistics.median(price),
+            "least_processor_s": min(price),
+            "most_processor_s": max(price),
             "calibration_s": statistics.median(passed),
             "rest_processor_share": rate,
-            "rest_pss_mib": sum(each["pss_mib"] for each in memory),
-            "processes": memory,
+            "rest_pss_mib": sum(memory.values()),
+            "parts_pss_mib": memory,
         }
         if tree == HERE:  # an older checkout has no such setting
             with demo_client.running_service(folder, {"SAWMILL_SPARE_IDLE_S": "1"}) as client:
                 calibrated(client, scan_id)
                 time.sleep(REST_S)
-                figures["long_rest_pss_mib"] = sum(each["pss_mib"] for each in memory_by_process())
+                figures["long_rest_pss_mib"] = sum(memory_by_part().values())
     return figures
 
 
-def memory_by_process() -> list[Json]:
-    """The proportional set size of each process of the service."""
-    return [{"process": name_of(each), "pss_mib": round(pss_mib(each), 1)} for each in processes()]
+def memory_by_part() -> dict[str, float]:
+    """The proportional set size of the service's parts; a template and its spare child are attempts both."""
+    parts: dict[str, float] = defaultdict(float)
+    for each in processes():
+        parts[name_of(each)] += pss_mib(each)
+    return parts
 
 
 def print_row(name: str, figures: Json) -> None:
     """One checkout's figures as a line of the table."""
-    price = figures["job_processor_s"]
-    parts = ", ".join(f"{each['process']} {each['pss_mib']:.0f}" for each in figures["processes"])
+    parts = ", ".join(f"{part} {mib:.0f}" for part, mib in figures["parts_pss_mib"].items())
     print(
-        f"{name:6} {price['median']:5.2f} s ({price['least']:.2f} to {price['most']:.2f})   "
+        f"{name:6} {figures['job_processor_s']:5.2f} s ({figures['least_processor_s']:.2f} to "
+        f"{figures['most_processor_s']:.2f})   "
         f"{figures['calibration_s']:.2f} s   {figures['rest_pss_mib']:4.0f} MiB ({parts})   "
         f"{figures.get('long_rest_pss_mib', math.nan):4.0f} MiB   "
         f"{100 * figures['rest_processor_share']:.1f} %",
@@ -149,22 +155,18 @@ def print_row(name: str, figures: Json) -> None:
 
 
 def main() -> None:
-    """Print the table, and the figures as JSON."""
+    """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--jobs", type=int, default=10)
     parser.add_argument("--against", type=Path, help="another checkout, in the same environment")
-    parser.add_argument("--json", type=Path, help="where the figures go too")
     chosen = parser.parse_args()
-    trees = {"here": HERE, **({"before": chosen.against.resolve()} if chosen.against else {})}
+    measurement = Measurement.begin()
     print("       processor a job           calibrated in   memory after a job (PSS)   long after   processor at rest")
-    figures = {}
-    for name, tree in trees.items():
-        figures[name] = measured(tree, chosen.jobs)
-        print_row(name, figures[name])
-    text = json.dumps(figures, indent=2)
-    print(text)
-    if chosen.json:
-        chosen.json.write_text(text + "\n")
+    here = measured(HERE, chosen.jobs)
+    print_row("here", here)
+    if chosen.against:
+        print_row("before", measured(chosen.against.resolve(), chosen.jobs))
+    measurement.write({"job-price": here})
 
 
 if __name__ == "__main__":
