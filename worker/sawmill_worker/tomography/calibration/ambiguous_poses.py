@@ -45,7 +45,9 @@ def ambiguous_poses(
         spread = np.linalg.norm(model, axis=1) * np.linalg.norm(data)
         correlation = np.full(turns.size, -1.0)
         # A pose that no view shows correlates with nothing.
-        correlation[clear] = np.divide(model @ data, spread, out=np.full(spread.size, -1.0), where=spread > 0.0)
+        correlation[clear] = np.divide(
+            np.einsum("tm,m->t", model, data), spread, out=np.full(spread.size, -1.0), where=spread > 0.0
+        )
         peak = (correlation > np.roll(correlation, 1)) & (correlation >= np.roll(correlation, -1))
         if other is found.handedness:
             peak &= np.abs(np.angle(np.exp(1j * turns))) > OWN_PEAK
