@@ -119,6 +119,18 @@ def test_the_gram_matrices_are_the_inner_products_of_the_derivatives(cells, fram
     assert (np.abs(grams - expected) <= 1e-12 * size).all()
 
 
+def test_whole_cells_are_summed_over_the_edges_as_single_rays_are_edge_by_edge(cells, frame, full_turn):
+    angles, position = full_turn(12) + 0.3, (3.0, -2.0)
+    means, single = (
+        analytic.project_with_deformations(L_SHAPE, cells, frame, angles, position_mm=position, rays_per_cell=rays)
+        for rays in (None, 1)
+    )
+    size = np.abs(single).max(axis=(1, 2), keepdims=True)
+    alike = (np.abs(means - single) <= 1e-12 * size).all(axis=0)
+    # A cell's mean is the ray in its middle, but where an edge ends in it or lies almost along the rays.
+    assert alike[single[7] > 0.0].mean() > 0.9
+
+
 @pytest.mark.parametrize(("row", "aspect", "shear"), [(10, 1e-5, 0.0), (11, 0.0, 1e-5)])
 def test_the_derivatives_by_aspect_and_shear_are_those_of_a_deformed_body(cells, frame, full_turn, row, aspect, shear):
     angles, position = full_turn(7), np.linspace((0.0, 3.0), (5.0, -2.0), 7)
