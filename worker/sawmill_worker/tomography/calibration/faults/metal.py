@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from sawmill_worker.tomography import analytic
 from sawmill_worker.tomography.calibration.fit import Fit, OnStep, refine, unheard
 from sawmill_worker.tomography.calibration.sinogram_data import SinogramData
-from sawmill_worker.tomography.geometry import FloatArray
+from sawmill_worker.tomography.geometry import FloatArray, rotate
 from sawmill_worker.tomography.phantom import Phantom
 from sawmill_worker.tomography.robust import robust_deviation
 from sawmill_worker.vocabulary import Handedness
@@ -223,10 +223,7 @@ class _Search:
         """Where on the detector, in cells from its border, each view sees these points: (views, points)."""
         frame, cells = self._fit.frame, self._data.cells
         turns = self._data.angles_rad[views] + frame.psi_rad
-        cosine, sine = np.cos(turns), np.sin(turns)
-        # Not by BLAS, whose threads cost more than the sums of two products.
-        x = np.einsum("iv,pi->vp", [cosine, sine], points_mm)
-        y = np.einsum("iv,pi->vp", [-sine, cosine], points_mm)
+        x, y = rotate(-turns[:, None], *points_mm.T)
         depth = (y + frame.source_distance_mm) * math.cos(frame.tilt_rad) - x * math.sin(frame.tilt_rad)
         u = frame.cor_column_mm + frame.source_to_detector_mm * x / depth
         columns: FloatArray = (u - cells.first_border_mm) / cells.width_mm
