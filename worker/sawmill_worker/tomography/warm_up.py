@@ -10,7 +10,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from sawmill_worker.tomography import analytic
+from sawmill_worker.tomography import analytic, cost
 from sawmill_worker.tomography.analytic import DetectorCells
 from sawmill_worker.tomography.built_in import L_SHAPE
 from sawmill_worker.tomography.calibration.calibrate import calibrate
@@ -34,6 +34,8 @@ def _scan(views: int) -> tuple[FanBeamGeometry, FloatArray]:
 def _calibration() -> None:
     geometry, sinogram = _scan(64)
     calibrate(CalibrationTask(SCANNER, L_SHAPE, sinogram, geometry.angles_rad))
+    # Of wood that is not as it was drawn.
+    analytic.project_with_deformations(L_SHAPE, DetectorCells.of(SCANNER), geometry.frame, geometry.angles_rad)
 
 
 def _slices() -> None:
@@ -41,7 +43,7 @@ def _slices() -> None:
     sinogram = np.ones((64, SCANNER.num_detector_pixels))
     projector = Projector(geometry, ImageGrid(16, 400.0))
     fbp(projector, sinogram)
-    fbp(projector, sinogram[None])
+    fbp(projector, np.repeat(sinogram[None], cost.FEW_LANES + 1, axis=0))
     # A view less, and none is a quarter turn from another.
     fbp(Projector(geometry.with_angles(geometry.angles_rad[1:]), projector.grid), sinogram[1:])
 

@@ -7,7 +7,7 @@ from sawmill_worker.vocabulary import Adjustment
 
 
 def _sentence(model: ScanModel, sizes: FloatArray) -> str:
-    longest = float(model.deformations[7].max())
+    longest = float(model.lengths.max())
     change = sizes[0] * longest + sizes[1] * longest**2
     return f"beam hardening of {change:+.1%} on the longest path"
 
