@@ -77,3 +77,9 @@ def test_a_long_sentence_stays_one_line_and_brackets_stay_brackets(capsys):
     sentence = "[bold]" + "a path of some length/" * 20
     say(sentence)
     assert capsys.readouterr().err == sentence + "\n"
+
+
+def test_a_command_whose_standard_error_is_closed_shows_no_progress(monkeypatch):
+    monkeypatch.setattr("sys.stderr", None)
+    with showing_progress("counting") as report:
+        report(Progress(fraction=0.5, stage="half"))

@@ -95,7 +95,7 @@ def _report_failure(failure: "Failure", *, as_json: bool) -> None:
 @contextmanager
 def showing_progress(what: str) -> Iterator[ProgressCallback]:
     """A progress bar on standard error, where a person looks at it."""
-    if not sys.stderr.isatty():
+    if sys.stderr is None or not sys.stderr.isatty():
         yield lambda _progress: _end_if_asked()
         return
     from sawmill_worker.commands.progress_bar import progress_bar
