@@ -13,13 +13,13 @@ def exceeded_chi_square(probability: float, degrees: float) -> float:
     """
     a = x = 0.5 * degrees
     wanted = math.log(probability) + math.lgamma(a)
-    while True:
+    step = math.inf
+    # The step after the last would be about its square.
+    while abs(step) >= 1e-8 * x:
         ratio = _tail_ratio(a, x)
         step = (a * math.log(x) - x + math.log(ratio) - wanted) * x * ratio
         x += step
-        # The next step is about the square of this one.
-        if abs(step) < 1e-8 * x:
-            return 2.0 * x
+    return 2.0 * x
 
 
 def _tail_ratio(a: float, x: float) -> float:
@@ -27,13 +27,13 @@ def _tail_ratio(a: float, x: float) -> float:
     partial = x + 1.0 - a
     before, reciprocal = math.inf, 1.0 / partial
     value = reciprocal
-    term = 0
-    while True:
+    change, term = math.inf, 0
+    while abs(change - 1.0) >= CONVERGED:
         term += 1
         numerator = term * (a - term)
         partial += 2.0
         reciprocal = 1.0 / (numerator * reciprocal + partial)
         before = partial + numerator / before
-        value *= before * reciprocal
-        if abs(before * reciprocal - 1.0) < CONVERGED:
-            return value
+        change = before * reciprocal
+        value *= change
+    return value

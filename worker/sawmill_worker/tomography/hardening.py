@@ -30,7 +30,6 @@ def fit_hardening(lengths_mm: FloatArray, integrals: FloatArray, *, from_counts:
     lengths_mm, integrals : float64, of one shape
         Paths through the phantom, and what is measured of them without blur and other effects.
     """
-    # Imported here: a worker that waits for jobs does without it.
     longest_mm = float(lengths_mm.max())
     places = np.minimum((lengths_mm * (LENGTHS / longest_mm)).astype(np.intp), LENGTHS - 1).ravel()
     number = np.bincount(places, minlength=LENGTHS)

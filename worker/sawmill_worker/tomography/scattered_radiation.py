@@ -74,7 +74,6 @@ def fit_scatter_and_hardening(
     weights : (views, cells) float64 or None
         Samples without weight do not count.
     """
-    # Imported here: a worker that waits for jobs does without it.
     some = slice(None, None, max(1, len(lengths_mm) // VIEWS))
     lengths, measured = lengths_mm[some], integrals[some]
     counted = np.isfinite(measured) if weights is None else weights[some] > 0.0

@@ -37,7 +37,6 @@ def signal(transmission: FloatArray, pitch_mm: float, effects: Physics, tube: Fl
         spread = _halo(received, detector.glare_width_mm / pitch_mm)
         received = (1.0 - detector.glare_share) * received + detector.glare_share * spread
     if detector.lag_share:
-        # Imported here: it brings SciPy's statistics, a second of every command that simulates without lag.
         kept = detector.lag_share
         received = scipy.signal.lfilter([1.0 - kept], [1.0, -kept], received, axis=0, zi=kept * received[:1])[0]
     return np.asarray(received * _gain_change(detector, transmission.shape[1]))
