@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 import astra
 import numpy as np
 
-from sawmill_worker.tomography.projector import Image, Projector
-from sawmill_worker.tomography.quality import relative_error
+from sawmill_tomography.projection.projector import Image, Projector
+from sawmill_tomography.reconstruction.quality import relative_error
 
 # The iterations after which the error is looked at. SIRT changes slowly, CGLS has passed its best after some.
 STOPS = {

@@ -18,7 +18,7 @@ from pathlib import Path
 
 import httpx
 
-from sawmill_worker import demo_client, examples
+from sawmill_command import demo_client, examples
 
 PAUSE_S = 0.02
 QUIET_S = 20.0

@@ -27,21 +27,21 @@ from typing import TypeVar
 
 import numpy as np
 
-from sawmill_worker.tomography.cauchy_map import STRENGTH, cauchy_map
-from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, Scanner, Theta, to_vector
-from sawmill_worker.tomography.image_grid import ImageGrid
-from sawmill_worker.tomography.iterative.descent import Floats, Images
-from sawmill_worker.tomography.iterative.first_image import mean_along_rays, typical_attenuation
-from sawmill_worker.tomography.iterative.penalised import Objective, continuation, descend
-from sawmill_worker.tomography.iterative.priors import CauchyPrior, Prior, TotalVariationPrior
-from sawmill_worker.tomography.iterative.support_region import SupportRegion
-from sawmill_worker.tomography.log_model import LogModel
-from sawmill_worker.tomography.phantom import Disc, Phantom, Polygon, Shape
-from sawmill_worker.tomography.projector import Image, Projector
-from sawmill_worker.tomography.quality import edge_error_mm, relative_error, structural_similarity_index
-from sawmill_worker.tomography.simulate import simulate_sinogram
-from sawmill_worker.tomography.total_variation import total_variation
-from sawmill_worker.tomography.total_variation_weights import SMOOTHING_SHARE
+from sawmill_tomography.geometry.geometry import TAU, FanBeamGeometry, Scanner, Theta, to_vector
+from sawmill_tomography.geometry.image_grid import ImageGrid
+from sawmill_tomography.phantoms.log_model import LogModel
+from sawmill_tomography.phantoms.phantom import Disc, Phantom, Polygon, Shape
+from sawmill_tomography.projection.projector import Image, Projector
+from sawmill_tomography.projection.simulate import simulate_sinogram
+from sawmill_tomography.reconstruction.cauchy_map import STRENGTH, cauchy_map
+from sawmill_tomography.reconstruction.iterative.descent import Floats, Images
+from sawmill_tomography.reconstruction.iterative.first_image import mean_along_rays, typical_attenuation
+from sawmill_tomography.reconstruction.iterative.penalised import Objective, continuation, descend
+from sawmill_tomography.reconstruction.iterative.priors import CauchyPrior, Prior, TotalVariationPrior
+from sawmill_tomography.reconstruction.iterative.support_region import SupportRegion
+from sawmill_tomography.reconstruction.quality import edge_error_mm, relative_error, structural_similarity_index
+from sawmill_tomography.reconstruction.total_variation import total_variation
+from sawmill_tomography.reconstruction.total_variation_weights import SMOOTHING_SHARE
 
 VIEWS = (17, 20, 24, 30, 45, 60, 90)
 # Multiples of the noise; shares of the wood's attenuation, from large to small; and times the latter's inverse.

@@ -10,7 +10,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from sawmill_worker.contracts.handed_over import HandedOver
+from sawmill_contracts.handed_over import HandedOver
 from sawmill_worker.execution import landlock
 from sawmill_worker.execution.confinement import confine_to, installation, move_into
 

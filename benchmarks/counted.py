@@ -13,20 +13,20 @@ from misspecified import point_inside, rounded
 from scanners import PHANTOMS, SCANNER, draw_scanner, leaves_air
 from scipy.ndimage import gaussian_filter1d
 
-from sawmill_worker.tomography import analytic
-from sawmill_worker.tomography.analytic import DetectorCells
-from sawmill_worker.tomography.calibration.task import CalibrationTask
-from sawmill_worker.tomography.geometry import (
+from sawmill_tomography.calibration.task import CalibrationTask
+from sawmill_tomography.geometry.geometry import (
     TAU,
     FloatArray,
     GeometryError,
     SourceFrame,
 )
-from sawmill_worker.tomography.log_model import SAPWOOD_PER_MM
-from sawmill_worker.tomography.phantom import Disc, Phantom
-from sawmill_worker.tomography.preparing.line_integrals import line_integrals
-from sawmill_worker.tomography.preparing.row_corrections import Corrections, RowCorrector
-from sawmill_worker.vocabulary import AirCorrection, Handedness, Rotation
+from sawmill_tomography.phantoms.log_model import SAPWOOD_PER_MM
+from sawmill_tomography.phantoms.phantom import Disc, Phantom
+from sawmill_tomography.preparing.line_integrals import line_integrals
+from sawmill_tomography.preparing.row_corrections import Corrections, RowCorrector
+from sawmill_tomography.projection import analytic
+from sawmill_tomography.projection.analytic import DetectorCells
+from sawmill_vocabulary import AirCorrection, Handedness, Rotation
 
 RAYS, FRAMES, DARK_LEVEL, DARK_NOISE, GAIN_SPREAD = 8, 10, 200.0, 5.0, 0.03
 VIEWS = (20, 45, 60, 90, 120, 180, 360)

@@ -22,15 +22,15 @@ from numba import get_num_threads
 from scanners import SCANNER
 from waiting_job import Done, do_waiting_job
 
-from sawmill_worker.contracts.geometry import GivenTheta, ScannerConstants
-from sawmill_worker.contracts.jobs import JobKind
-from sawmill_worker.contracts.reconstructions import ReconstructionAsk
-from sawmill_worker.contracts.scanners import ScannerSpec, Tolerances
-from sawmill_worker.contracts.scans import ScanSpec
+from sawmill_contracts.geometry import GivenTheta, ScannerConstants
+from sawmill_contracts.jobs import JobKind
+from sawmill_contracts.reconstructions import ReconstructionAsk
+from sawmill_contracts.scanners import ScannerSpec, Tolerances
+from sawmill_contracts.scans import ScanSpec
+from sawmill_store.settings import StorageSettings
+from sawmill_store.store import Store
+from sawmill_vocabulary import DataKind, ReconstructionMethod
 from sawmill_worker.execution.limits import peak_memory_bytes
-from sawmill_worker.storage.settings import StorageSettings
-from sawmill_worker.storage.store import Store
-from sawmill_worker.vocabulary import DataKind, ReconstructionMethod
 
 # The log of `memory.py` is in the middle of the detector.
 THETA = GivenTheta(

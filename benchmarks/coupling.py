@@ -16,9 +16,9 @@ from log_scans import whole_scan
 from scans import GRID
 from whole_logs import TUNING_SEED, WholeLog
 
-from sawmill_worker.tomography.image_grid import ImageGrid
-from sawmill_worker.tomography.total_variation import total_variation
-from sawmill_worker.tomography.total_variation_weights import choose_coupling, choose_weight
+from sawmill_tomography.geometry.image_grid import ImageGrid
+from sawmill_tomography.reconstruction.total_variation import total_variation
+from sawmill_tomography.reconstruction.total_variation_weights import choose_coupling, choose_weight
 from sawmill_worker.use_cases.reconstruct import SLICES_AROUND
 
 VIEWS = 20

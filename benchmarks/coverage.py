@@ -12,13 +12,13 @@ import numpy as np
 from rich.progress import track
 from scanners import SCANNER, random_scan
 
-from sawmill_worker.tomography import analytic
-from sawmill_worker.tomography.analytic import DetectorCells
-from sawmill_worker.tomography.calibration.calibrate import calibrate
-from sawmill_worker.tomography.calibration.task import CalibrationTask
-from sawmill_worker.tomography.geometry import angle_difference, to_vector
-from sawmill_worker.tomography.ray_error import ray_error
-from sawmill_worker.vocabulary import Handedness
+from sawmill_tomography.calibration.calibrate import calibrate
+from sawmill_tomography.calibration.task import CalibrationTask
+from sawmill_tomography.geometry.geometry import angle_difference, to_vector
+from sawmill_tomography.geometry.ray_error import ray_error
+from sawmill_tomography.projection import analytic
+from sawmill_tomography.projection.analytic import DetectorCells
+from sawmill_vocabulary import Handedness
 
 NAMES = ("psi", "R", "SDD", "u_c", "tau")
 NOISE = 0.02

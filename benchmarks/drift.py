@@ -18,14 +18,14 @@ from mill_logs import DISTANCE_ERROR_MM
 from rich.progress import track
 from scanners import SCANNER
 
-from sawmill_worker.tomography.analytic import DetectorCells, project
-from sawmill_worker.tomography.conjugate_rays import conjugate_fit
-from sawmill_worker.tomography.drift import ConjugateFit, DriftError, drift_change, seen_vector
-from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, FloatArray, SourceFrame, Theta
-from sawmill_worker.tomography.log_model import LogModel
-from sawmill_worker.tomography.phantom import Disc, Phantom
-from sawmill_worker.tomography.preparing.line_integrals import line_integrals
-from sawmill_worker.tomography.simulate import simulate_sinogram, simulate_stack
+from sawmill_tomography.drift.change import ConjugateFit, DriftError, drift_change, seen_vector
+from sawmill_tomography.drift.opposite_rays.conjugate_rays import conjugate_fit
+from sawmill_tomography.geometry.geometry import TAU, FanBeamGeometry, FloatArray, SourceFrame, Theta
+from sawmill_tomography.phantoms.log_model import LogModel
+from sawmill_tomography.phantoms.phantom import Disc, Phantom
+from sawmill_tomography.preparing.line_integrals import line_integrals
+from sawmill_tomography.projection.analytic import DetectorCells, project
+from sawmill_tomography.projection.simulate import simulate_sinogram, simulate_stack
 
 KINDS = (
     "off centre",

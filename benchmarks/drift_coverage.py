@@ -22,11 +22,11 @@ from mill_logs import DISTANCE_ERROR_MM, Drift, Mill, Nails
 from rich.progress import track
 from scanners import SCANNER
 
-from sawmill_worker.tomography.detector_fit import detector_fit
-from sawmill_worker.tomography.drift import SIGNIFICANT, DetectorFit, DriftError
-from sawmill_worker.tomography.drift_chart.looks import FEWEST_BASELINE_LOOKS, Baseline, Look
-from sawmill_worker.tomography.geometry import FloatArray
-from sawmill_worker.vocabulary import Rotation
+from sawmill_tomography.drift.change import SIGNIFICANT, DetectorFit, DriftError
+from sawmill_tomography.drift.chart.looks import FEWEST_BASELINE_LOOKS, Baseline, Look
+from sawmill_tomography.drift.detector_fit import detector_fit
+from sawmill_tomography.geometry.geometry import FloatArray
+from sawmill_vocabulary import Rotation
 
 VIEWS = (8, 10, 12, 16, 20, 30, 45, 60, 90, 120, 180, 360)
 ROWS = (1, 4, 16, 60, 250, 1000, 2500)

@@ -18,10 +18,10 @@ import httpx
 import numpy as np
 from http_latency import print_seconds
 
-from sawmill_worker import demo_client, examples
-from sawmill_worker.demo_client import Json
-from sawmill_worker.files.scan_writer import write_raw_scan
-from sawmill_worker.tomography.simulate import SimulatedStack
+from sawmill_command import demo_client, examples
+from sawmill_command.demo_client import Json
+from sawmill_formats.output.scan_writer import write_raw_scan
+from sawmill_tomography.projection.simulate import SimulatedStack
 
 SLICES = 8
 

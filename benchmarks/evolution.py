@@ -8,14 +8,14 @@ import time
 import numpy as np
 from scipy.optimize import Bounds, differential_evolution
 
-from sawmill_worker.tomography.calibration.calibrate import conclude
-from sawmill_worker.tomography.calibration.calibration import Calibration
-from sawmill_worker.tomography.calibration.fit import Fit, refine
-from sawmill_worker.tomography.calibration.misfit import Candidate, CoarseMisfit, coarse_data, search_box
-from sawmill_worker.tomography.calibration.search import SearchReport, SearchResult
-from sawmill_worker.tomography.calibration.sinogram_data import SinogramData
-from sawmill_worker.tomography.calibration.task import CalibrationTask, Hypothesis
-from sawmill_worker.tomography.geometry import FloatArray
+from sawmill_tomography.calibration.calibrate import conclude
+from sawmill_tomography.calibration.calibration import Calibration
+from sawmill_tomography.calibration.fit import Fit, refine
+from sawmill_tomography.calibration.misfit import Candidate, CoarseMisfit, coarse_data, search_box
+from sawmill_tomography.calibration.search import SearchReport, SearchResult
+from sawmill_tomography.calibration.sinogram_data import SinogramData
+from sawmill_tomography.calibration.task import CalibrationTask, Hypothesis
+from sawmill_tomography.geometry.geometry import FloatArray
 
 
 def calibrate_by_evolution(task: CalibrationTask, *, seed: int) -> Calibration:

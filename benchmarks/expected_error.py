@@ -4,8 +4,8 @@ Simulated logs of three kinds (thin bright rings, broad zones, smooth rings; cho
 the detector's cells, three cells a pixel, the published scanner's theta, equal steps all round. Each method chooses
 its own parameters. The figure is the relative error, its geometric mean over the logs. Prints a row for each method,
 number of views and noise, and at the end the table as `EXPECTED_ERRORS` of
-worker/sawmill_worker/tomography/choosing.py has it. With --published the same methods reconstruct the published log
-(256 x 256, 2 % noise; see SAWMILL_PUBLISHED_DATA) beside what the table expects.
+worker/sawmill_tomography/reconstruction/choosing.py has it. With --published the same methods reconstruct the
+published log (256 x 256, 2 % noise; see SAWMILL_PUBLISHED_DATA) beside what the table expects.
 
     python benchmarks/expected_error.py [--logs 4] [--size 128] [--methods fbp,...] [--views 20 45] [--published]
 """
@@ -19,20 +19,20 @@ from choosing import smooth_log, zoned_log
 from scanners import SCANNER
 from scans import ANGLES, GRID, TRUE_THETA, log_sinogram, log_truth
 
-from sawmill_worker.tomography.cauchy_map import cauchy_map
-from sawmill_worker.tomography.choosing import NOISES, VIEWS, comparable_noise, expected_error, noise_share
-from sawmill_worker.tomography.estimate import Estimate
-from sawmill_worker.tomography.fbp import fbp
-from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, Scanner
-from sawmill_worker.tomography.image_grid import ImageGrid
-from sawmill_worker.tomography.log_model import LogModel
-from sawmill_worker.tomography.phantom import Phantom
-from sawmill_worker.tomography.projector import Projector
-from sawmill_worker.tomography.quality import relative_error, structural_similarity_index
-from sawmill_worker.tomography.simulate import simulate_sinogram
-from sawmill_worker.tomography.tikhonov import tikhonov
-from sawmill_worker.tomography.total_variation import total_variation
-from sawmill_worker.vocabulary import ReconstructionMethod
+from sawmill_tomography.geometry.geometry import TAU, FanBeamGeometry, Scanner
+from sawmill_tomography.geometry.image_grid import ImageGrid
+from sawmill_tomography.phantoms.log_model import LogModel
+from sawmill_tomography.phantoms.phantom import Phantom
+from sawmill_tomography.projection.projector import Projector
+from sawmill_tomography.projection.simulate import simulate_sinogram
+from sawmill_tomography.reconstruction.cauchy_map import cauchy_map
+from sawmill_tomography.reconstruction.choosing import NOISES, VIEWS, comparable_noise, expected_error, noise_share
+from sawmill_tomography.reconstruction.estimate import Estimate
+from sawmill_tomography.reconstruction.fbp import fbp
+from sawmill_tomography.reconstruction.quality import relative_error, structural_similarity_index
+from sawmill_tomography.reconstruction.tikhonov import tikhonov
+from sawmill_tomography.reconstruction.total_variation import total_variation
+from sawmill_vocabulary import ReconstructionMethod
 
 FIELD_MM, DETECTOR_MM = GRID.field_mm, SCANNER.num_detector_pixels * SCANNER.detector_pitch_mm
 CELLS_A_PIXEL = 3

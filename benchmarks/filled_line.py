@@ -13,11 +13,11 @@ from scanners import SCANNER
 from scans import TRUE_THETA
 from sqlalchemy import func, insert, select
 
-from sawmill_worker import demo_client
-from sawmill_worker.contracts.events import EventKind
-from sawmill_worker.contracts.jobs import JobKind, JobState
-from sawmill_worker.storage.store import Store
-from sawmill_worker.storage.tables import EventRow, JobRow, PlanRow
+from sawmill_command import demo_client
+from sawmill_contracts.events import EventKind
+from sawmill_contracts.jobs import JobKind, JobState
+from sawmill_store.store import Store
+from sawmill_store.tables import EventRow, JobRow, PlanRow
 
 CLIENTS, PAGE_JOBS = 4, 50
 WINDOW_S, NOBODY_WORKS_S = 6.0, 60.0

@@ -20,9 +20,9 @@ import numba
 import numpy as np
 from mill_scans import StudyScan
 
-from sawmill_worker.tomography.calibration.calibrate import calibrate
-from sawmill_worker.tomography.calibration.errors import CalibrationError
-from sawmill_worker.tomography.geometry import to_vector
+from sawmill_tomography.calibration.calibrate import calibrate
+from sawmill_tomography.calibration.errors import CalibrationError
+from sawmill_tomography.geometry.geometry import to_vector
 
 ANSWERS = Path(__file__).with_suffix(".json")
 SEED = 1

@@ -18,7 +18,7 @@ import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from sawmill_worker.tomography.geometry import (
+from sawmill_tomography.geometry.geometry import (
     FanBeamGeometry,
     FloatArray,
     Scanner,

@@ -18,8 +18,8 @@ from pathlib import Path
 
 import httpx
 
-from sawmill_worker import demo_client, examples
-from sawmill_worker.demo_client import Json
+from sawmill_command import demo_client, examples
+from sawmill_command.demo_client import Json
 
 PAUSE_S = 2.0
 Wait = Callable[[httpx.Client, str], None]

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from choosing import ellipse
 
-from sawmill_worker.tomography.geometry import TAU
-from sawmill_worker.tomography.log_model import KNOT_PER_MM, SAPWOOD_PER_MM
-from sawmill_worker.tomography.phantom import Polygon, Shape
+from sawmill_tomography.geometry.geometry import TAU
+from sawmill_tomography.phantoms.log_model import KNOT_PER_MM, SAPWOOD_PER_MM
+from sawmill_tomography.phantoms.phantom import Polygon, Shape
 
 NAIL_MM, NAIL_PER_MM = 8.0, 0.08
 SMALL_KNOT_MM = 12.0

@@ -24,22 +24,22 @@ from majorising import Counted, Tracked, memory_gradient, reweighted
 from scanners import SCANNER
 from scipy.optimize import minimize
 
-from sawmill_worker.tomography.cauchy_map import STRENGTH, cauchy_map
-from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, FloatArray, Theta
-from sawmill_worker.tomography.image_grid import ImageGrid
-from sawmill_worker.tomography.iterative.descent import Floats, Images, Indices, minimise
-from sawmill_worker.tomography.iterative.first_image import mean_along_rays
-from sawmill_worker.tomography.iterative.penalised import (
+from sawmill_tomography.geometry.geometry import TAU, FanBeamGeometry, FloatArray, Theta
+from sawmill_tomography.geometry.image_grid import ImageGrid
+from sawmill_tomography.phantoms.log_model import LogModel
+from sawmill_tomography.projection.projector import Projector
+from sawmill_tomography.projection.simulate import simulate_sinogram
+from sawmill_tomography.reconstruction.cauchy_map import STRENGTH, cauchy_map
+from sawmill_tomography.reconstruction.iterative.descent import Floats, Images, Indices, minimise
+from sawmill_tomography.reconstruction.iterative.first_image import mean_along_rays
+from sawmill_tomography.reconstruction.iterative.penalised import (
     CONTINUATION_FACTOR,
     CONTINUATION_ITERATIONS,
     InverseCurvature,
     Objective,
     continuation,
 )
-from sawmill_worker.tomography.iterative.priors import CauchyPrior
-from sawmill_worker.tomography.log_model import LogModel
-from sawmill_worker.tomography.projector import Projector
-from sawmill_worker.tomography.simulate import simulate_sinogram
+from sawmill_tomography.reconstruction.iterative.priors import CauchyPrior
 
 THETA = Theta(2.55023549, 714.683839, 319.943788, 43.6514375, 0.280799451)
 VIEWS, SIZE, FIELD_MM, BLOCK = 20, 256, 400.0, 16

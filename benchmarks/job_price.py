@@ -25,8 +25,8 @@ import httpx
 from http_latency import by_events, scan_of
 from measurement import Measurement
 
-from sawmill_worker import demo_client
-from sawmill_worker.demo_client import Json
+from sawmill_command import demo_client
+from sawmill_command.demo_client import Json
 
 HERE = Path(__file__).resolve().parents[1]
 TICKS_PER_S = os.sysconf("SC_CLK_TCK")
@@ -100,7 +100,7 @@ def measured(tree: Path, jobs: int) -> Json:
     """The figures of the service of one checkout."""
     os.environ["PYTHONPATH"] = f"{tree / 'service'}:{tree / 'worker'}"
     # What an installation compiles once is no part of the price, nor of the memory.
-    subprocess.run([sys.executable, "-m", "sawmill_service.cli", "compile"], check=True, capture_output=True)
+    subprocess.run([sys.executable, "-m", "sawmill_command.commands", "compile"], check=True, capture_output=True)
     with tempfile.TemporaryDirectory(prefix="sawmill-price-") as name:
         folder = Path(name)
         with demo_client.running_service(folder) as client:

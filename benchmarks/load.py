@@ -29,10 +29,10 @@ from line_day import ROWS, derived
 from log_price import FEW, FEW_ROWS, price_of_a_log
 from measurement import RESULTS, Measurement, reference_s
 
-from sawmill_worker import demo_client
-from sawmill_worker.storage.settings import StorageSettings
-from sawmill_worker.storage.store import Store
-from sawmill_worker.vocabulary import ReconstructionMethod
+from sawmill_command import demo_client
+from sawmill_store.settings import StorageSettings
+from sawmill_store.store import Store
+from sawmill_vocabulary import ReconstructionMethod
 
 # Beyond what this program asks for.
 NO_LIMITS = {

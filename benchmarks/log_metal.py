@@ -17,19 +17,19 @@ from scanners import SCANNER
 from scans import TRUE_THETA
 from scipy.ndimage import binary_dilation, label
 
-from sawmill_worker.contracts.geometry import ScannerConstants
-from sawmill_worker.contracts.reconstructions import ReconstructionOptions
-from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry
-from sawmill_worker.tomography.log_model import LogModel
-from sawmill_worker.tomography.metal import MetalSearch
-from sawmill_worker.tomography.object_extent import object_radius_mm
-from sawmill_worker.tomography.phantom import Disc, Phantom
-from sawmill_worker.tomography.preparing.line_integrals import line_integrals
-from sawmill_worker.tomography.projector import Image
-from sawmill_worker.tomography.quality import relative_error, structural_similarity_index
-from sawmill_worker.tomography.simulate import simulate_stack
+from sawmill_contracts.geometry import ScannerConstants
+from sawmill_contracts.reconstructions import ReconstructionOptions
+from sawmill_tomography.geometry.geometry import TAU, FanBeamGeometry
+from sawmill_tomography.phantoms.log_model import LogModel
+from sawmill_tomography.phantoms.phantom import Disc, Phantom
+from sawmill_tomography.preparing.line_integrals import line_integrals
+from sawmill_tomography.projection.projector import Image
+from sawmill_tomography.projection.simulate import simulate_stack
+from sawmill_tomography.reconstruction.metal import MetalSearch
+from sawmill_tomography.reconstruction.object_extent import object_radius_mm
+from sawmill_tomography.reconstruction.quality import relative_error, structural_similarity_index
+from sawmill_vocabulary import Handedness, MetalHandling, ReconstructionMethod, Rotation
 from sawmill_worker.use_cases.reconstruct import ReconstructionInput, reconstruct_in_memory
-from sawmill_worker.vocabulary import Handedness, MetalHandling, ReconstructionMethod, Rotation
 
 FIELD_MM = 320.0
 

@@ -15,15 +15,15 @@ from scanners import SCANNER
 from scans import TRUE_THETA
 from waiting_job import do_waiting_job
 
-from sawmill_worker.contracts.geometry import ScannerConstants
-from sawmill_worker.contracts.jobs import JobKind
-from sawmill_worker.contracts.reconstructions import ReconstructionAsk
-from sawmill_worker.contracts.scanners import ScannerSpec
-from sawmill_worker.contracts.scans import ScanSpec
+from sawmill_contracts.geometry import ScannerConstants
+from sawmill_contracts.jobs import JobKind
+from sawmill_contracts.reconstructions import ReconstructionAsk
+from sawmill_contracts.scanners import ScannerSpec
+from sawmill_contracts.scans import ScanSpec
+from sawmill_store.settings import StorageSettings
+from sawmill_store.store import Store
+from sawmill_vocabulary import DataKind, ReconstructionMethod
 from sawmill_worker.jobs.running import warm_up
-from sawmill_worker.storage.settings import StorageSettings
-from sawmill_worker.storage.store import Store
-from sawmill_worker.vocabulary import DataKind, ReconstructionMethod
 
 FEW = ReconstructionMethod.TOTAL_VARIATION
 FEW_ROWS = (32, 96)

@@ -9,10 +9,10 @@ from scans import ANGLES, GRID, LOG_NOISE, TRUE_THETA, log_sinogram, log_truth
 from scipy.ndimage import binary_dilation
 from whole_logs import TABLE_SEED, Rows, WholeLog
 
-from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry
-from sawmill_worker.tomography.image_grid import ImageGrid
-from sawmill_worker.tomography.projector import Projector
-from sawmill_worker.tomography.quality import relative_error
+from sawmill_tomography.geometry.geometry import TAU, FanBeamGeometry
+from sawmill_tomography.geometry.image_grid import ImageGrid
+from sawmill_tomography.projection.projector import Projector
+from sawmill_tomography.reconstruction.quality import relative_error
 
 PUBLISHED = "published"
 # Every method's error is that of these rows: some rivals take seconds for each.

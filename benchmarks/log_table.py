@@ -37,9 +37,9 @@ from rich.progress import Progress
 from scans import GRID
 from whole_logs import TABLE_SEED, Rows, WholeLog
 
-from sawmill_worker.tomography.image_grid import ImageGrid
-from sawmill_worker.tomography.warm_up import PARTS, load_iterative_methods
-from sawmill_worker.whole_files import whole_file
+from sawmill_platform.whole_files import whole_file
+from sawmill_tomography.geometry.image_grid import ImageGrid
+from sawmill_tomography.warm_up import PARTS, load_iterative_methods
 
 LOGS, ROWS = "0-10", 16
 # Views all round, and noise relative to the RMS of a row.

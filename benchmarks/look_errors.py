@@ -16,9 +16,9 @@ from mill_logs import Mill, Nails
 from numpy.typing import NDArray
 from scanners import SCANNER
 
-from sawmill_worker.tomography.detector_fit import detector_fit
-from sawmill_worker.tomography.drift import DriftError
-from sawmill_worker.vocabulary import Rotation
+from sawmill_tomography.drift.change import DriftError
+from sawmill_tomography.drift.detector_fit import detector_fit
+from sawmill_vocabulary import Rotation
 
 # What a mill scans logs with.
 VIEWS = (12, 16, 20, 30, 45)

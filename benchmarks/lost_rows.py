@@ -14,19 +14,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_calibration.phantoms import drawing_of
-from sawmill_worker.tomography import analytic
-from sawmill_worker.tomography.analytic import DetectorCells
-from sawmill_worker.tomography.fbp import fbp
-from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, FloatArray, GeometryError, Scanner, Theta
-from sawmill_worker.tomography.image_grid import ImageGrid
-from sawmill_worker.tomography.log_model import SAPWOOD_PER_MM, LogModel
-from sawmill_worker.tomography.preparing.line_integrals import Exposure
-from sawmill_worker.tomography.preparing.row_shifts import RowsError, RowShifts, jumps_between
-from sawmill_worker.tomography.preparing.shifts_by_features import shifts_by_features
-from sawmill_worker.tomography.preparing.shifts_by_mass import RowMoments, shifts_by_mass
-from sawmill_worker.tomography.present_rows import filled
-from sawmill_worker.tomography.projector import Projector
-from sawmill_worker.tomography.quality import relative_error
+from sawmill_tomography.geometry.geometry import TAU, FanBeamGeometry, FloatArray, GeometryError, Scanner, Theta
+from sawmill_tomography.geometry.image_grid import ImageGrid
+from sawmill_tomography.phantoms.log_model import SAPWOOD_PER_MM, LogModel
+from sawmill_tomography.preparing.line_integrals import Exposure
+from sawmill_tomography.preparing.row_shifts import RowsError, RowShifts, jumps_between
+from sawmill_tomography.preparing.shifts_by_features import shifts_by_features
+from sawmill_tomography.preparing.shifts_by_mass import RowMoments, shifts_by_mass
+from sawmill_tomography.projection import analytic
+from sawmill_tomography.projection.analytic import DetectorCells
+from sawmill_tomography.projection.projector import Projector
+from sawmill_tomography.reconstruction.fbp import fbp
+from sawmill_tomography.reconstruction.quality import relative_error
+from sawmill_tomography.sinograms.present_rows import filled
 from sawmill_worker.use_cases.conversion import to_phantom
 
 Stack = NDArray[np.float32]

@@ -12,9 +12,17 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sawmill_worker.tomography.iterative.descent import ARMIJO, ROUNDING, SHORTEST, SHRINK, Floats, Images, Indices
-from sawmill_worker.tomography.iterative.penalised import InverseCurvature, Objective
-from sawmill_worker.tomography.projector import Projector
+from sawmill_tomography.projection.projector import Projector
+from sawmill_tomography.reconstruction.iterative.descent import (
+    ARMIJO,
+    ROUNDING,
+    SHORTEST,
+    SHRINK,
+    Floats,
+    Images,
+    Indices,
+)
+from sawmill_tomography.reconstruction.iterative.penalised import InverseCurvature, Objective
 
 ONE = np.zeros(1, np.int64)
 # The conjugate gradients end when their preconditioned residual has fallen to this share.

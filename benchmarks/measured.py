@@ -30,7 +30,7 @@ from scipy.ndimage import binary_erosion
 from skimage.filters import threshold_otsu
 
 import sawmill_calibration as sawmill
-from sawmill_worker.tomography.ray_error import ray_error
+from sawmill_tomography.geometry.ray_error import ray_error
 
 Answer = TypeVar("Answer")
 Values = Mapping[str, str | float | Mapping[str, float]]

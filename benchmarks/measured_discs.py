@@ -26,7 +26,7 @@ from rich.progress import track
 from scipy.io import loadmat
 
 import sawmill_calibration as sawmill
-from sawmill_worker.vocabulary import SourceFrame
+from sawmill_vocabulary import SourceFrame
 
 DOI = "10.5281/zenodo.7418878"
 CITATION = "A. Meaney, F. Silva de Moura, S. Siltanen, Helsinki Tomography Challenge 2022, CC BY 4.0"

@@ -23,15 +23,15 @@ import tifffile
 from numpy.typing import NDArray
 from scanners import SCANNER
 
-from sawmill_worker.contracts.geometry import ScannerConstants
-from sawmill_worker.contracts.jobs import JobKind
-from sawmill_worker.contracts.scanners import ScannerSpec, Tolerances
-from sawmill_worker.contracts.scans import ScanSpec
+from sawmill_contracts.geometry import ScannerConstants
+from sawmill_contracts.jobs import JobKind
+from sawmill_contracts.scanners import ScannerSpec, Tolerances
+from sawmill_contracts.scans import ScanSpec
+from sawmill_store.settings import StorageSettings
+from sawmill_store.store import Store
+from sawmill_vocabulary import DataKind
 from sawmill_worker.jobs.attempt import Attempt
 from sawmill_worker.jobs.running import run
-from sawmill_worker.storage.settings import StorageSettings
-from sawmill_worker.storage.store import Store
-from sawmill_worker.vocabulary import DataKind
 
 VIEWS, CELLS = 360, SCANNER.num_detector_pixels
 FIELDS, PHOTONS, DARK = 10, 40_000.0, 200.0
@@ -132,7 +132,17 @@ def reconstruct(path: Path, kind: DataKind) -> tuple[str, ...]:
     """The command line."""
     reported = () if kind is DataKind.COUNTS else ANGLES_AND_PITCH
     volume = str(path.with_name("volume.h5"))
-    return "-m", "sawmill_service.cli", "reconstruct", str(path), f"--data={kind}", *reported, *GEOMETRY, "-o", volume
+    return (
+        "-m",
+        "sawmill_command.commands",
+        "reconstruct",
+        str(path),
+        f"--data={kind}",
+        *reported,
+        *GEOMETRY,
+        "-o",
+        volume,
+    )
 
 
 def watched(*command: str) -> str:

@@ -20,10 +20,10 @@ from misspecified import point_inside
 from rich.progress import track
 from scanners import SCANNER
 
-from sawmill_worker.tomography.calibration.calibrate import calibrate
-from sawmill_worker.tomography.calibration.errors import CalibrationError
-from sawmill_worker.tomography.phantom import Disc, Phantom, Polygon
-from sawmill_worker.tomography.ray_error import ray_error
+from sawmill_tomography.calibration.calibrate import calibrate
+from sawmill_tomography.calibration.errors import CalibrationError
+from sawmill_tomography.geometry.ray_error import ray_error
+from sawmill_tomography.phantoms.phantom import Disc, Phantom, Polygon
 
 PHOTONS = (2_000.0, 50_000.0)
 STEEL = (12.0, 100.0)

@@ -32,13 +32,13 @@ from mill_table import read, table
 from rich.progress import track
 from scanners import SCANNER
 
-from sawmill_worker.tomography.calibration.calibrate import calibrate
-from sawmill_worker.tomography.calibration.calibration import Calibration
-from sawmill_worker.tomography.calibration.errors import CalibrationError
-from sawmill_worker.tomography.calibration.task import CalibrationTask
-from sawmill_worker.tomography.ray_error import ray_error
-from sawmill_worker.vocabulary import Adjustment
-from sawmill_worker.vocabulary.physics import Physics
+from sawmill_tomography.calibration.calibrate import calibrate
+from sawmill_tomography.calibration.calibration import Calibration
+from sawmill_tomography.calibration.errors import CalibrationError
+from sawmill_tomography.calibration.task import CalibrationTask
+from sawmill_tomography.geometry.ray_error import ray_error
+from sawmill_vocabulary import Adjustment
+from sawmill_vocabulary.physics import Physics
 
 SCANS = 5400
 LOG_LEAST = 1e-6

@@ -15,24 +15,24 @@ from pathlib import Path
 
 from waiting_job import do_waiting_job
 
-from sawmill_worker import examples
-from sawmill_worker.contracts.calibrations import CalibrationAsk
-from sawmill_worker.contracts.drifts import DriftAsk
-from sawmill_worker.contracts.geometry import ScannerConstants
-from sawmill_worker.contracts.jobs import JobKind
-from sawmill_worker.contracts.reconstructions import ReconstructionAsk
-from sawmill_worker.contracts.scanners import ScannerSpec
-from sawmill_worker.contracts.scans import ScanSpec
-from sawmill_worker.contracts.schedules import ScheduleSpec
-from sawmill_worker.storage.store import Store
-from sawmill_worker.tomography.built_in import L_SHAPE
-from sawmill_worker.tomography.geometry import FanBeamGeometry, Scanner, Theta
-from sawmill_worker.tomography.log_model import LogModel
-from sawmill_worker.tomography.phantom import Phantom
-from sawmill_worker.tomography.simulate import simulate_stack
+from sawmill_command import examples
+from sawmill_contracts.calibrations import CalibrationAsk
+from sawmill_contracts.drifts import DriftAsk
+from sawmill_contracts.geometry import ScannerConstants
+from sawmill_contracts.jobs import JobKind
+from sawmill_contracts.reconstructions import ReconstructionAsk
+from sawmill_contracts.scanners import ScannerSpec
+from sawmill_contracts.scans import ScanSpec
+from sawmill_contracts.schedules import ScheduleSpec
+from sawmill_store.store import Store
+from sawmill_tomography.geometry.geometry import FanBeamGeometry, Scanner, Theta
+from sawmill_tomography.phantoms.built_in import L_SHAPE
+from sawmill_tomography.phantoms.log_model import LogModel
+from sawmill_tomography.phantoms.phantom import Phantom
+from sawmill_tomography.projection.simulate import simulate_stack
+from sawmill_vocabulary import DataKind
+from sawmill_vocabulary.physics import DetectorEffects, Physics
 from sawmill_worker.use_cases.simulated_scan import write_simulated_scan
-from sawmill_worker.vocabulary import DataKind
-from sawmill_worker.vocabulary.physics import DetectorEffects, Physics
 
 # Coarser cells than the example's scanner, and 120 views, the fewest that a drift check takes: a day costs a second.
 SCANNER = Scanner(source_to_cor_mm=859.46, num_detector_pixels=384, detector_pitch_mm=3.0)

@@ -13,10 +13,10 @@ from typing import Literal
 import numpy as np
 from scanners import SCANNER, leaves_air
 
-from sawmill_worker.tomography.analytic import DetectorCells, project
-from sawmill_worker.tomography.geometry import TAU, FloatArray, SourceFrame, Theta
-from sawmill_worker.tomography.log_model import SAPWOOD_PER_MM, LogModel
-from sawmill_worker.tomography.phantom import Disc, Phantom, Polygon, Shape
+from sawmill_tomography.geometry.geometry import TAU, FloatArray, SourceFrame, Theta
+from sawmill_tomography.phantoms.log_model import SAPWOOD_PER_MM, LogModel
+from sawmill_tomography.phantoms.phantom import Disc, Phantom, Polygon, Shape
+from sawmill_tomography.projection.analytic import DetectorCells, project
 
 Nails = Literal["none", "masked", "left"]
 # Cross-sections of a log that are averaged.

@@ -15,21 +15,21 @@ from typing import Any, Literal
 import numpy as np
 from scanners import CUSTOM, SCANNER, DrawnScanner, draw_scanner, leaves_air
 
-from sawmill_worker.tomography import analytic
-from sawmill_worker.tomography.analytic import DetectorCells
-from sawmill_worker.tomography.built_in import L_SHAPE, RECTANGLE_WITH_HOLE
-from sawmill_worker.tomography.calibration.task import CalibrationTask
-from sawmill_worker.tomography.geometry import (
+from sawmill_tomography.calibration.task import CalibrationTask
+from sawmill_tomography.geometry.geometry import (
     FloatArray,
     GeometryError,
     SourceFrame,
 )
-from sawmill_worker.tomography.phantom import Disc, Phantom, Polygon
-from sawmill_worker.tomography.physics.simulate import MillScan, simulate_physics
-from sawmill_worker.tomography.preparing.line_integrals import SATURATION, LineIntegrals, line_integrals
-from sawmill_worker.tomography.preparing.row_corrections import Corrections, RowCorrector
-from sawmill_worker.vocabulary import AirCorrection
-from sawmill_worker.vocabulary.physics import BeamEffects, DetectorEffects, MotionEffects, Physics, WoodEffects
+from sawmill_tomography.phantoms.built_in import L_SHAPE, RECTANGLE_WITH_HOLE
+from sawmill_tomography.phantoms.phantom import Disc, Phantom, Polygon
+from sawmill_tomography.physics.simulate import MillScan, simulate_physics
+from sawmill_tomography.preparing.line_integrals import SATURATION, LineIntegrals, line_integrals
+from sawmill_tomography.preparing.row_corrections import Corrections, RowCorrector
+from sawmill_tomography.projection import analytic
+from sawmill_tomography.projection.analytic import DetectorCells
+from sawmill_vocabulary import AirCorrection
+from sawmill_vocabulary.physics import BeamEffects, DetectorEffects, MotionEffects, Physics, WoodEffects
 
 STEP = Phantom(
     "step with two holes",

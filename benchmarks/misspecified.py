@@ -21,18 +21,18 @@ from rich.progress import track
 from scanners import SCANNER, RandomScan, random_scan
 from scipy.ndimage import gaussian_filter1d
 
-from sawmill_worker.tomography import analytic
-from sawmill_worker.tomography.analytic import DetectorCells
-from sawmill_worker.tomography.calibration.calibrate import calibrate
-from sawmill_worker.tomography.calibration.calibration import Calibration
-from sawmill_worker.tomography.calibration.errors import CalibrationError
-from sawmill_worker.tomography.calibration.task import CalibrationTask
-from sawmill_worker.tomography.geometry import TAU, FloatArray
-from sawmill_worker.tomography.log_model import SAPWOOD_PER_MM
-from sawmill_worker.tomography.phantom import Disc, Phantom, Polygon
-from sawmill_worker.tomography.ray_error import ray_error
-from sawmill_worker.tomography.tracing import trace
-from sawmill_worker.vocabulary import Handedness
+from sawmill_tomography.calibration.calibrate import calibrate
+from sawmill_tomography.calibration.calibration import Calibration
+from sawmill_tomography.calibration.errors import CalibrationError
+from sawmill_tomography.calibration.task import CalibrationTask
+from sawmill_tomography.geometry.geometry import TAU, FloatArray
+from sawmill_tomography.geometry.ray_error import ray_error
+from sawmill_tomography.phantoms.log_model import SAPWOOD_PER_MM
+from sawmill_tomography.phantoms.phantom import Disc, Phantom, Polygon
+from sawmill_tomography.phantoms.tracing import trace
+from sawmill_tomography.projection import analytic
+from sawmill_tomography.projection.analytic import DetectorCells
+from sawmill_vocabulary import Handedness
 
 RAYS = 8
 FIELD_MM = 400.0

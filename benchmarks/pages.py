@@ -31,21 +31,21 @@ ROOT = Path(__file__).parents[1]
 sys.path.append(str(ROOT / "tests/support"))
 import results  # noqa: E402
 
+from sawmill_contracts.events import EventKind  # noqa: E402
+from sawmill_contracts.geometry import ScannerConstants  # noqa: E402
+from sawmill_contracts.jobs import JobKind, JobState, Priority  # noqa: E402
+from sawmill_contracts.kinds import declaration_of  # noqa: E402
+from sawmill_contracts.scanners import ScannerSpec  # noqa: E402
+from sawmill_contracts.scans import ScanState  # noqa: E402
 from sawmill_service.app import create_app  # noqa: E402
 from sawmill_service.pages.all_pages import PAGES  # noqa: E402
 from sawmill_service.settings import ServiceSettings  # noqa: E402
-from sawmill_worker.contracts.events import EventKind  # noqa: E402
-from sawmill_worker.contracts.geometry import ScannerConstants  # noqa: E402
-from sawmill_worker.contracts.jobs import JobKind, JobState, Priority  # noqa: E402
-from sawmill_worker.contracts.kinds import declaration_of  # noqa: E402
-from sawmill_worker.contracts.scanners import ScannerSpec  # noqa: E402
-from sawmill_worker.contracts.scans import ScanState  # noqa: E402
-from sawmill_worker.storage.database import Database  # noqa: E402
-from sawmill_worker.storage.engines import make_engine  # noqa: E402
-from sawmill_worker.storage.measurements import record_measurement  # noqa: E402
-from sawmill_worker.storage.settings import StorageSettings  # noqa: E402
-from sawmill_worker.storage.store import Store  # noqa: E402
-from sawmill_worker.storage.tables import (  # noqa: E402
+from sawmill_store.database import Database  # noqa: E402
+from sawmill_store.engines import make_engine  # noqa: E402
+from sawmill_store.measurements import record_measurement  # noqa: E402
+from sawmill_store.settings import StorageSettings  # noqa: E402
+from sawmill_store.store import Store  # noqa: E402
+from sawmill_store.tables import (  # noqa: E402
     ActivationRow,
     CalibrationRow,
     DriftRow,

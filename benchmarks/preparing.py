@@ -12,18 +12,18 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from sawmill_worker.tomography import analytic
-from sawmill_worker.tomography.analytic import DetectorCells
-from sawmill_worker.tomography.fbp import fbp
-from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, FloatArray, Scanner, Theta
-from sawmill_worker.tomography.image_grid import ImageGrid
-from sawmill_worker.tomography.log_model import LogModel
-from sawmill_worker.tomography.preparing.ring_removal import remove_rings
-from sawmill_worker.tomography.preparing.row_shifts import RowsError, RowShifts
-from sawmill_worker.tomography.preparing.shifts_by_features import shifts_by_features
-from sawmill_worker.tomography.preparing.shifts_by_mass import RowMoments, shifts_by_mass
-from sawmill_worker.tomography.projector import Projector
-from sawmill_worker.tomography.quality import relative_error
+from sawmill_tomography.geometry.geometry import TAU, FanBeamGeometry, FloatArray, Scanner, Theta
+from sawmill_tomography.geometry.image_grid import ImageGrid
+from sawmill_tomography.phantoms.log_model import LogModel
+from sawmill_tomography.preparing.ring_removal import remove_rings
+from sawmill_tomography.preparing.row_shifts import RowsError, RowShifts
+from sawmill_tomography.preparing.shifts_by_features import shifts_by_features
+from sawmill_tomography.preparing.shifts_by_mass import RowMoments, shifts_by_mass
+from sawmill_tomography.projection import analytic
+from sawmill_tomography.projection.analytic import DetectorCells
+from sawmill_tomography.projection.projector import Projector
+from sawmill_tomography.reconstruction.fbp import fbp
+from sawmill_tomography.reconstruction.quality import relative_error
 
 Stack = NDArray[np.float32]
 THETA = Theta(0.9, 710.0, 240.0, 35.0, 0.2)

@@ -9,9 +9,9 @@ import odl
 from odl.applications import tomo
 from scipy.optimize import OptimizeResult, differential_evolution
 
-from sawmill_worker.tomography.calibration.paper import remove_background
-from sawmill_worker.tomography.geometry import TAU, FloatArray, Scanner, Theta, ThetaBounds, bounds_array
-from sawmill_worker.tomography.phantom import Phantom
+from sawmill_tomography.calibration.paper import remove_background
+from sawmill_tomography.geometry.geometry import TAU, FloatArray, Scanner, Theta, ThetaBounds, bounds_array
+from sawmill_tomography.phantoms.phantom import Phantom
 
 SIZE, FIELD_MM = 256, 400.0
 

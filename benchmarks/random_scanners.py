@@ -15,9 +15,9 @@ from evolution import calibrate_by_evolution
 from rich.progress import track
 from scanners import SCANNER, random_scan
 
-from sawmill_worker.tomography.calibration.calibrate import calibrate
-from sawmill_worker.tomography.calibration.errors import CalibrationError
-from sawmill_worker.tomography.ray_error import ray_error
+from sawmill_tomography.calibration.calibrate import calibrate
+from sawmill_tomography.calibration.errors import CalibrationError
+from sawmill_tomography.geometry.ray_error import ray_error
 
 LIMIT_MM = 0.1
 

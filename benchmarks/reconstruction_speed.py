@@ -26,22 +26,23 @@ from published_pipeline import PublishedObjective
 from scanners import SCANNER
 from scipy.optimize import nnls
 
-from sawmill_worker.contracts.geometry import ScannerConstants
-from sawmill_worker.contracts.reconstructions import ReconstructionOptions
-from sawmill_worker.files.scan_reader import open_scan
-from sawmill_worker.files.scan_writer import write_scan
-from sawmill_worker.files.volume_writer import new_reconstruction
-from sawmill_worker.tomography import analytic, cost
-from sawmill_worker.tomography._fbp_numba import back_project_16
-from sawmill_worker.tomography.analytic import DetectorCells
-from sawmill_worker.tomography.built_in import L_SHAPE
-from sawmill_worker.tomography.fbp import Preparation, fbp
-from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, FloatArray, Scanner, Theta
-from sawmill_worker.tomography.image_grid import ImageGrid
-from sawmill_worker.tomography.projector import Projector
-from sawmill_worker.tomography.stack import most_concurrent, reconstruct_stack
+from sawmill_contracts.geometry import ScannerConstants
+from sawmill_contracts.reconstructions import ReconstructionOptions
+from sawmill_formats.output.scan_reader import open_scan
+from sawmill_formats.output.scan_writer import write_scan
+from sawmill_formats.output.volume_writer import new_reconstruction
+from sawmill_tomography.geometry.geometry import TAU, FanBeamGeometry, FloatArray, Scanner, Theta
+from sawmill_tomography.geometry.image_grid import ImageGrid
+from sawmill_tomography.phantoms.built_in import L_SHAPE
+from sawmill_tomography.projection import analytic
+from sawmill_tomography.projection.analytic import DetectorCells
+from sawmill_tomography.projection.projector import Projector
+from sawmill_tomography.reconstruction import cost
+from sawmill_tomography.reconstruction._fbp_numba import back_project_16
+from sawmill_tomography.reconstruction.fbp import Preparation, fbp
+from sawmill_tomography.reconstruction.stack import most_concurrent, reconstruct_stack
+from sawmill_vocabulary import FilterName, Handedness, Progress, Rotation
 from sawmill_worker.use_cases.reconstruct import ReconstructionInput, run_reconstruction
-from sawmill_worker.vocabulary import FilterName, Handedness, Progress, Rotation
 
 THETA = Theta(2.55023549, 714.683839, 319.943788, 43.6514375, 0.280799451)
 VIEWS, CELLS, SIZE, SLICES = 360, 768, 256, 2500

@@ -19,12 +19,12 @@ from log_scans import LogScan, whole_scan
 from numba import set_num_threads
 from whole_logs import TABLE_SEED, Rows, WholeLog
 
-from sawmill_worker.tomography import _fbp_numba as kernels
-from sawmill_worker.tomography.fbp import Preparation
-from sawmill_worker.tomography.image_grid import ImageGrid
-from sawmill_worker.tomography.projector import Projector
-from sawmill_worker.tomography.quality import relative_error
-from sawmill_worker.vocabulary import FilterName
+from sawmill_tomography.geometry.image_grid import ImageGrid
+from sawmill_tomography.projection.projector import Projector
+from sawmill_tomography.reconstruction import _fbp_numba as kernels
+from sawmill_tomography.reconstruction.fbp import Preparation
+from sawmill_tomography.reconstruction.quality import relative_error
+from sawmill_vocabulary import FilterName
 
 FIELD_MM, ROWS = 400.0, 4
 

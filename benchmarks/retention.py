@@ -17,17 +17,17 @@ from typing import Any
 
 from sqlalchemy import insert
 
-from sawmill_worker.contracts.events import EventKind
-from sawmill_worker.contracts.geometry import ScannerConstants
-from sawmill_worker.contracts.jobs import JobKind, JobState
-from sawmill_worker.contracts.retention import RetentionAsk, RetentionRules
-from sawmill_worker.contracts.scanners import ScannerSpec
-from sawmill_worker.contracts.scans import ScanState
-from sawmill_worker.storage.database import Database
-from sawmill_worker.storage.engines import make_engine
-from sawmill_worker.storage.settings import StorageSettings
-from sawmill_worker.storage.store import Store
-from sawmill_worker.storage.tables import EventRow, JobRow, ReconstructionRow, ScanRow
+from sawmill_contracts.events import EventKind
+from sawmill_contracts.geometry import ScannerConstants
+from sawmill_contracts.jobs import JobKind, JobState
+from sawmill_contracts.retention import RetentionAsk, RetentionRules
+from sawmill_contracts.scanners import ScannerSpec
+from sawmill_contracts.scans import ScanState
+from sawmill_store.database import Database
+from sawmill_store.engines import make_engine
+from sawmill_store.settings import StorageSettings
+from sawmill_store.store import Store
+from sawmill_store.tables import EventRow, JobRow, ReconstructionRow, ScanRow
 
 LOGS_A_DAY = 2000
 LOG_BYTES = 230_400_000

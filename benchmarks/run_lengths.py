@@ -22,13 +22,13 @@ from numpy.typing import NDArray
 from rich.progress import track
 from scipy.special import gammaincinv
 
-from sawmill_worker.tomography.drift_chart.chart import GROUP_LOOKS, LIMIT, QUIET, DriftChart, DriftKind, Finding
-from sawmill_worker.tomography.drift_chart.history import Group, History
-from sawmill_worker.tomography.drift_chart.looks import BASELINE_LOOKS, Look, pooled_means
-from sawmill_worker.tomography.drift_chart.matrices import inverse, scaled
-from sawmill_worker.tomography.drift_chart.scatter import Scatter
-from sawmill_worker.tomography.drift_chart.segments import Segment
-from sawmill_worker.tomography.geometry import FloatArray
+from sawmill_tomography.drift.chart.chart import GROUP_LOOKS, LIMIT, QUIET, DriftChart, DriftKind, Finding
+from sawmill_tomography.drift.chart.history import Group, History
+from sawmill_tomography.drift.chart.looks import BASELINE_LOOKS, Look, pooled_means
+from sawmill_tomography.drift.chart.matrices import inverse, scaled
+from sawmill_tomography.drift.chart.scatter import Scatter
+from sawmill_tomography.drift.chart.segments import Segment
+from sawmill_tomography.geometry.geometry import FloatArray
 
 LOOKS_A_DAY, DAYS_A_YEAR = 2000, 365.0
 BASELINE_DAYS = BASELINE_LOOKS / LOOKS_A_DAY

@@ -14,10 +14,10 @@ import numpy as np
 from geometry_drawing import BLUE, ORIGIN, RED, arc, dimension, line, plt, same_every_time, write
 from matplotlib.axes import Axes
 
-from sawmill_worker.tomography.built_in import L_SHAPE
-from sawmill_worker.tomography.geometry import FanBeamGeometry, FloatArray, Scanner, Theta, cell_borders_mm
-from sawmill_worker.tomography.phantom import Phantom
-from sawmill_worker.vocabulary import Rotation
+from sawmill_tomography.geometry.geometry import FanBeamGeometry, FloatArray, Scanner, Theta, cell_borders_mm
+from sawmill_tomography.phantoms.built_in import L_SHAPE
+from sawmill_tomography.phantoms.phantom import Phantom
+from sawmill_vocabulary import Rotation
 
 FOLDER = Path(__file__).parents[1] / "docs"
 # The published scanner's size, with shifts and a tilt that can be seen.

@@ -25,22 +25,22 @@ import structlog
 from sqlalchemy import Engine, event, insert
 from sqlalchemy.orm import Session
 
+from sawmill_contracts.alarms import AlarmKind
+from sawmill_contracts.calibrations import CalibrationOptions
+from sawmill_contracts.events import EventKind
+from sawmill_contracts.geometry import ScannerConstants
+from sawmill_contracts.history import HistoryKind
+from sawmill_contracts.jobs import JobKind, JobState
+from sawmill_contracts.measurements import MeasurementKind
+from sawmill_contracts.scanners import ScannerSpec
 from sawmill_service.app import create_app
 from sawmill_service.history_file import history_csv
 from sawmill_service.settings import ServiceSettings
-from sawmill_worker.contracts.alarms import AlarmKind
-from sawmill_worker.contracts.calibrations import CalibrationOptions
-from sawmill_worker.contracts.events import EventKind
-from sawmill_worker.contracts.geometry import ScannerConstants
-from sawmill_worker.contracts.history import HistoryKind
-from sawmill_worker.contracts.jobs import JobKind, JobState
-from sawmill_worker.contracts.measurements import MeasurementKind
-from sawmill_worker.contracts.scanners import ScannerSpec
-from sawmill_worker.storage.database import Database
-from sawmill_worker.storage.engines import make_engine
-from sawmill_worker.storage.settings import StorageSettings
-from sawmill_worker.storage.store import Store
-from sawmill_worker.storage.tables import CalibrationRow, HistoryRow, JobRow, MeasurementRow
+from sawmill_store.database import Database
+from sawmill_store.engines import make_engine
+from sawmill_store.settings import StorageSettings
+from sawmill_store.store import Store
+from sawmill_store.tables import CalibrationRow, HistoryRow, JobRow, MeasurementRow
 
 SEED, REPEATS, DAYS = 17, 5, 365
 SCANNER_ID = "line-2"

@@ -5,11 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sawmill_worker.tomography import analytic
-from sawmill_worker.tomography.analytic import DetectorCells
-from sawmill_worker.tomography.built_in import L_SHAPE, RECTANGLE_WITH_HOLE
-from sawmill_worker.tomography.calibration.task import CalibrationTask
-from sawmill_worker.tomography.geometry import (
+from sawmill_tomography.calibration.task import CalibrationTask
+from sawmill_tomography.geometry.geometry import (
     TAU,
     FloatArray,
     GeometryError,
@@ -19,8 +16,11 @@ from sawmill_worker.tomography.geometry import (
     ThetaBounds,
     bounds_array,
 )
-from sawmill_worker.tomography.phantom import Disc, Phantom, Polygon
-from sawmill_worker.vocabulary import Handedness, Rotation
+from sawmill_tomography.phantoms.built_in import L_SHAPE, RECTANGLE_WITH_HOLE
+from sawmill_tomography.phantoms.phantom import Disc, Phantom, Polygon
+from sawmill_tomography.projection import analytic
+from sawmill_tomography.projection.analytic import DetectorCells
+from sawmill_vocabulary import Handedness, Rotation
 
 SCANNER = Scanner(source_to_cor_mm=859.46, num_detector_pixels=768, detector_pitch_mm=1.502864583)
 CUSTOM = Phantom(

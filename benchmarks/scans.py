@@ -10,15 +10,15 @@ import numpy as np
 from scanners import SCANNER
 from scipy.io import loadmat
 
-from sawmill_worker.tomography.fbp import fbp
-from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, FloatArray, Theta
-from sawmill_worker.tomography.image_grid import ImageGrid
-from sawmill_worker.tomography.log_model import LogModel
-from sawmill_worker.tomography.phantom import Phantom
-from sawmill_worker.tomography.projector import Image, Projector
-from sawmill_worker.tomography.quality import relative_error, structural_similarity_index
-from sawmill_worker.tomography.simulate import simulate_sinogram
-from sawmill_worker.vocabulary import Rotation
+from sawmill_tomography.geometry.geometry import TAU, FanBeamGeometry, FloatArray, Theta
+from sawmill_tomography.geometry.image_grid import ImageGrid
+from sawmill_tomography.phantoms.log_model import LogModel
+from sawmill_tomography.phantoms.phantom import Phantom
+from sawmill_tomography.projection.projector import Image, Projector
+from sawmill_tomography.projection.simulate import simulate_sinogram
+from sawmill_tomography.reconstruction.fbp import fbp
+from sawmill_tomography.reconstruction.quality import relative_error, structural_similarity_index
+from sawmill_vocabulary import Rotation
 
 Source = Literal["published", "simulated"]
 

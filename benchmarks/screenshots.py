@@ -29,14 +29,14 @@ mpl.use("agg")
 import matplotlib.pyplot as plt
 
 import sawmill_calibration as sawmill
-from sawmill_worker import demo, examples
-from sawmill_worker.demo_client import running_service
-from sawmill_worker.storage.settings import StorageSettings
-from sawmill_worker.storage.store import Store
-from sawmill_worker.tomography.fbp import fbp
-from sawmill_worker.tomography.geometry import FanBeamGeometry, Theta, to_vector
-from sawmill_worker.tomography.image_grid import ImageGrid
-from sawmill_worker.tomography.projector import Projector
+from sawmill_command import demo, examples
+from sawmill_command.demo_client import running_service
+from sawmill_store.settings import StorageSettings
+from sawmill_store.store import Store
+from sawmill_tomography.geometry.geometry import FanBeamGeometry, Theta, to_vector
+from sawmill_tomography.geometry.image_grid import ImageGrid
+from sawmill_tomography.projection.projector import Projector
+from sawmill_tomography.reconstruction.fbp import fbp
 
 PICTURES = Path(__file__).parents[1] / "docs/pictures"
 LARGEST_BYTES = 150_000

@@ -16,15 +16,15 @@ from mill_logs import Mill, holds_any_log
 from rich.progress import track
 from scanners import PHANTOMS, SCANNER, draw_scanner, leaves_air
 
-from sawmill_worker.tomography.analytic import DetectorCells, project
-from sawmill_worker.tomography.calibration.calibrate import calibrate
-from sawmill_worker.tomography.calibration.errors import CalibrationError
-from sawmill_worker.tomography.calibration.task import CalibrationTask
-from sawmill_worker.tomography.calibration.with_log import with_log
-from sawmill_worker.tomography.drift import DriftError
-from sawmill_worker.tomography.geometry import GeometryError
-from sawmill_worker.tomography.log_model import SAPWOOD_PER_MM
-from sawmill_worker.tomography.ray_error import ray_error
+from sawmill_tomography.calibration.calibrate import calibrate
+from sawmill_tomography.calibration.errors import CalibrationError
+from sawmill_tomography.calibration.task import CalibrationTask
+from sawmill_tomography.calibration.with_log import with_log
+from sawmill_tomography.drift.change import DriftError
+from sawmill_tomography.geometry.geometry import GeometryError
+from sawmill_tomography.geometry.ray_error import ray_error
+from sawmill_tomography.phantoms.log_model import SAPWOOD_PER_MM
+from sawmill_tomography.projection.analytic import DetectorCells, project
 
 ROWS, RIGHT_MM, AIR = 16, 0.1, 14
 CELLS = DetectorCells.of(SCANNER)

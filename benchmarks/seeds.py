@@ -21,12 +21,12 @@ from rich.progress import track
 from scanners import SCANNER
 from scans import ANGLES, TRUE_FRAME, TRUE_THETA, log_quality, published_l_phantom, simulated, sources
 
-from sawmill_worker.tomography.built_in import L_SHAPE
-from sawmill_worker.tomography.calibration.calibrate import calibrate
-from sawmill_worker.tomography.calibration.calibration import Calibration
-from sawmill_worker.tomography.calibration.task import CalibrationTask
-from sawmill_worker.tomography.geometry import FloatArray, angle_difference, to_vector
-from sawmill_worker.tomography.ray_error import ray_error
+from sawmill_tomography.calibration.calibrate import calibrate
+from sawmill_tomography.calibration.calibration import Calibration
+from sawmill_tomography.calibration.task import CalibrationTask
+from sawmill_tomography.geometry.geometry import FloatArray, angle_difference, to_vector
+from sawmill_tomography.geometry.ray_error import ray_error
+from sawmill_tomography.phantoms.built_in import L_SHAPE
 
 NOISE = 0.02
 RESULTS = Path("build/paper")

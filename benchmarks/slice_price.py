@@ -16,13 +16,13 @@ from numba import get_num_threads, set_num_threads
 from scanners import SCANNER
 from scans import GRID, TRUE_THETA
 
-from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry
-from sawmill_worker.tomography.log_model import SAPWOOD_PER_MM, LogModel
-from sawmill_worker.tomography.phantom import Phantom
-from sawmill_worker.tomography.projector import Projector
-from sawmill_worker.tomography.quality import relative_error
-from sawmill_worker.tomography.simulate import simulate_sinogram
-from sawmill_worker.tomography.total_variation import total_variation
+from sawmill_tomography.geometry.geometry import TAU, FanBeamGeometry
+from sawmill_tomography.phantoms.log_model import SAPWOOD_PER_MM, LogModel
+from sawmill_tomography.phantoms.phantom import Phantom
+from sawmill_tomography.projection.projector import Projector
+from sawmill_tomography.projection.simulate import simulate_sinogram
+from sawmill_tomography.reconstruction.quality import relative_error
+from sawmill_tomography.reconstruction.total_variation import total_variation
 
 BLOCK = 16
 AT_REST = {"tolerance": 1e-6, "iterations": 150}

@@ -36,23 +36,23 @@ from scans import GRID, TRUE_THETA
 from scipy.io import loadmat
 from slice_price import BLOCK, logs
 
-from sawmill_worker.tomography import analytic
-from sawmill_worker.tomography.analytic import DetectorCells
-from sawmill_worker.tomography.built_in import L_SHAPE
-from sawmill_worker.tomography.calibration.calibrate import calibrate
-from sawmill_worker.tomography.calibration.scan_model import Term
-from sawmill_worker.tomography.calibration.task import CalibrationTask
-from sawmill_worker.tomography.detector_fit import detector_fit
-from sawmill_worker.tomography.fbp import fbp
-from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, FloatArray, Theta, to_vector
-from sawmill_worker.tomography.image_grid import ImageGrid
-from sawmill_worker.tomography.log_model import SAPWOOD_PER_MM
-from sawmill_worker.tomography.projector import Projector
-from sawmill_worker.tomography.quality import relative_error
-from sawmill_worker.tomography.ray_error import ray_error
-from sawmill_worker.tomography.simulate import simulate_sinogram
-from sawmill_worker.tomography.total_variation import USUAL_PAIRS, total_variation
-from sawmill_worker.vocabulary import Rotation
+from sawmill_tomography.calibration.calibrate import calibrate
+from sawmill_tomography.calibration.scan_model import Term
+from sawmill_tomography.calibration.task import CalibrationTask
+from sawmill_tomography.drift.detector_fit import detector_fit
+from sawmill_tomography.geometry.geometry import TAU, FanBeamGeometry, FloatArray, Theta, to_vector
+from sawmill_tomography.geometry.image_grid import ImageGrid
+from sawmill_tomography.geometry.ray_error import ray_error
+from sawmill_tomography.phantoms.built_in import L_SHAPE
+from sawmill_tomography.phantoms.log_model import SAPWOOD_PER_MM
+from sawmill_tomography.projection import analytic
+from sawmill_tomography.projection.analytic import DetectorCells
+from sawmill_tomography.projection.projector import Projector
+from sawmill_tomography.projection.simulate import simulate_sinogram
+from sawmill_tomography.reconstruction.fbp import fbp
+from sawmill_tomography.reconstruction.quality import relative_error
+from sawmill_tomography.reconstruction.total_variation import USUAL_PAIRS, total_variation
+from sawmill_vocabulary import Rotation
 
 THETA = Theta(2.55023549, 714.683839, 319.943788, 43.6514375, 0.280799451)
 MEASURED_EVALUATIONS = {360: 4389, 20: 3498}

@@ -10,11 +10,11 @@ from functools import cached_property
 
 import numpy as np
 
-from sawmill_worker.tomography.iterative.descent import Floats, Indices, minimise
-from sawmill_worker.tomography.iterative.penalised import InverseCurvature, Objective
-from sawmill_worker.tomography.noise import noise_of_each_ray
-from sawmill_worker.tomography.projector import Image, Projector
-from sawmill_worker.tomography.total_variation_weights import SMOOTHING_SHARE, smoothed_prior
+from sawmill_tomography.projection.projector import Image, Projector
+from sawmill_tomography.reconstruction.iterative.descent import Floats, Indices, minimise
+from sawmill_tomography.reconstruction.iterative.penalised import InverseCurvature, Objective
+from sawmill_tomography.reconstruction.total_variation_weights import SMOOTHING_SHARE, smoothed_prior
+from sawmill_tomography.sinograms.noise import noise_of_each_ray
 
 ITERATIONS, AT_REST = 300, 1e-4
 

@@ -24,17 +24,17 @@ from scans import GRID, TRUE_THETA
 from scipy.ndimage import gaussian_filter
 from scipy.stats import rankdata, spearmanr
 
-from sawmill_worker.tomography.cauchy_map import STRENGTH, cauchy_map
-from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry
-from sawmill_worker.tomography.iterative.descent import Floats, Images
-from sawmill_worker.tomography.iterative.penalised import Objective, descend
-from sawmill_worker.tomography.iterative.priors import CauchyPrior
-from sawmill_worker.tomography.log_model import LogModel
-from sawmill_worker.tomography.noise import estimated_noise
-from sawmill_worker.tomography.phantom import Phantom
-from sawmill_worker.tomography.projector import Image, Projector
-from sawmill_worker.tomography.simulate import simulate_sinogram
-from sawmill_worker.tomography.total_variation import total_variation
+from sawmill_tomography.geometry.geometry import TAU, FanBeamGeometry
+from sawmill_tomography.phantoms.log_model import LogModel
+from sawmill_tomography.phantoms.phantom import Phantom
+from sawmill_tomography.projection.projector import Image, Projector
+from sawmill_tomography.projection.simulate import simulate_sinogram
+from sawmill_tomography.reconstruction.cauchy_map import STRENGTH, cauchy_map
+from sawmill_tomography.reconstruction.iterative.descent import Floats, Images
+from sawmill_tomography.reconstruction.iterative.penalised import Objective, descend
+from sawmill_tomography.reconstruction.iterative.priors import CauchyPrior
+from sawmill_tomography.reconstruction.total_variation import total_variation
+from sawmill_tomography.sinograms.noise import estimated_noise
 
 VIEWS, FOLDS, SCANS, PATCH, SMOOTHED = 20, 5, 4, 3, 1.5
 KINDS = ("thin rings", "zones", "smooth rings")

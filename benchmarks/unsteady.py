@@ -17,9 +17,9 @@ from counted import FAULTS, VIEWS, CountedScan, Fault, Slip, counted_scan
 from rich.progress import track
 from scanners import SCANNER
 
-from sawmill_worker.tomography.calibration.calibrate import calibrate
-from sawmill_worker.tomography.calibration.calibration import Calibration
-from sawmill_worker.tomography.ray_error import ray_error
+from sawmill_tomography.calibration.calibrate import calibrate
+from sawmill_tomography.calibration.calibration import Calibration
+from sawmill_tomography.geometry.ray_error import ray_error
 
 TOLERANCE_MM = 0.1
 UNSTEADY = ("the phantom moved at view", "the angles jump", "the turntable turns", "the angles are ahead")

@@ -29,17 +29,17 @@ from measurement import Measurement
 from numpy.typing import NDArray
 from playwright.sync_api import Browser, Page, sync_playwright
 
+from sawmill_contracts.geometry import ScannerConstants
+from sawmill_contracts.jobs import JobKind, JobState
+from sawmill_contracts.scanners import ScannerSpec
+from sawmill_contracts.scans import ScanState
+from sawmill_formats.output.volume_writer import new_reconstruction
 from sawmill_service.app import create_app
-from sawmill_service.listening import listen
+from sawmill_service.http.listening import listen
 from sawmill_service.settings import ServiceSettings
-from sawmill_worker.contracts.geometry import ScannerConstants
-from sawmill_worker.contracts.jobs import JobKind, JobState
-from sawmill_worker.contracts.scanners import ScannerSpec
-from sawmill_worker.contracts.scans import ScanState
-from sawmill_worker.files.volume_writer import new_reconstruction
-from sawmill_worker.storage.settings import StorageSettings
-from sawmill_worker.storage.store import Store
-from sawmill_worker.storage.tables import JobRow, ReconstructionRow, ScanRow
+from sawmill_store.settings import StorageSettings
+from sawmill_store.store import Store
+from sawmill_store.tables import JobRow, ReconstructionRow, ScanRow
 
 SCANNERS, SCANS, MINUTES_APART = 50, 10_000, 7
 PIXEL_FIELD_MM, SPACING_MM = 400.0, 10.0

@@ -3,10 +3,10 @@
 import time
 from typing import Any, NamedTuple
 
-from sawmill_worker.contracts.jobs import JobKind
+from sawmill_contracts.jobs import JobKind
+from sawmill_store.store import Store
 from sawmill_worker.jobs.attempt import Attempt
 from sawmill_worker.jobs.running import run
-from sawmill_worker.storage.store import Store
 
 
 class Done(NamedTuple):

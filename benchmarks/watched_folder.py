@@ -165,7 +165,7 @@ class Processes:
         return self._start("serve", "--data", str(self._data), "--port", str(self.port), "--no-examples")
 
     def _start(self, *words: str) -> "subprocess.Popen[bytes]":
-        command = [sys.executable, "-m", "sawmill_service.cli", *words]
+        command = [sys.executable, "-m", "sawmill_command.commands", *words]
         return subprocess.Popen(command, env=self._environment, stdout=self._log, stderr=self._log)  # noqa: S603
 
 

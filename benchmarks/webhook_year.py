@@ -19,15 +19,15 @@ from pathlib import Path
 import h11
 from sqlalchemy import func, insert, select
 
+from sawmill_contracts.events import EventKind
+from sawmill_contracts.webhooks import WebhookAsk
 from sawmill_service.webhooks.couriers import Couriers
 from sawmill_service.webhooks.destinations import AllowedDestinations
 from sawmill_service.webhooks.sending import Sending
-from sawmill_worker.contracts.events import EventKind
-from sawmill_worker.contracts.webhooks import WebhookAsk
-from sawmill_worker.storage.outbox import LEASE, message_id
-from sawmill_worker.storage.settings import StorageSettings
-from sawmill_worker.storage.store import Store
-from sawmill_worker.storage.tables import DeliveryRow, EventRow
+from sawmill_store.outbox import LEASE, message_id
+from sawmill_store.settings import StorageSettings
+from sawmill_store.store import Store
+from sawmill_store.tables import DeliveryRow, EventRow
 
 DAYS = 365
 AWAY = range(180, 187)

@@ -30,7 +30,7 @@ def main() -> int:
         run([python, "-m", "pip", "--disable-pip-version-check", "install", "--quiet", *constraints, str(wheel)], base)
         for name in STRAY_MODULES:
             (beside / f"{name}.py").write_text(f'raise ImportError("a stray {name}.py was imported")\n')
-        run([python, "-c", "import sawmill_calibration, sawmill_service.cli, sawmill_worker.cli"], beside)
+        run([python, "-c", "import sawmill_calibration, sawmill_command.commands, sawmill_command.cli"], beside)
         run([str(environment / "bin" / "sawmill"), "demo", "--output", "demo-output"], beside)
         # As a notebook sees it: the folder itself is the first entry of sys.path.
         run([python, "-c", "import sawmill_calibration; print(sorted(sawmill_calibration.__all__))"], beside)

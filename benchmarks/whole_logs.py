@@ -27,11 +27,11 @@ from numpy.typing import NDArray
 from scans import GRID
 from skimage.io import imsave
 
-from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, FloatArray
-from sawmill_worker.tomography.image_grid import ImageGrid
-from sawmill_worker.tomography.log_model import SAPWOOD_PER_MM, LogModel
-from sawmill_worker.tomography.phantom import Disc, Phantom, Shape
-from sawmill_worker.tomography.simulate import simulate_rows
+from sawmill_tomography.geometry.geometry import TAU, FanBeamGeometry, FloatArray
+from sawmill_tomography.geometry.image_grid import ImageGrid
+from sawmill_tomography.phantoms.log_model import SAPWOOD_PER_MM, LogModel
+from sawmill_tomography.phantoms.phantom import Disc, Phantom, Shape
+from sawmill_tomography.projection.simulate import simulate_rows
 
 TUNING_SEED, TABLE_SEED = 4000, 4100
 ROWS, ROW_PITCHES_MM = 24, (2.0, 2.5, 3.0, 4.0)

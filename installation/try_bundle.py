@@ -17,7 +17,7 @@ from pathlib import Path
 
 from bundle import ROOT, build, digest
 
-VERSION_FILE = "worker/sawmill_worker/vocabulary/version.py"
+VERSION_FILE = "worker/sawmill_vocabulary/version.py"
 LATER = "99.0.0"
 HEART = "## The heart of it, with curl"
 # Without a network not even loopback is up: the flags of <net/if.h>, by ioctl(SIOCSIFFLAGS).

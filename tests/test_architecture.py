@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sawmill_tomography.geometry.geometry import Scanner, Theta
+from sawmill_tomography.phantoms.built_in import L_SHAPE
+from sawmill_tomography.projection import analytic
+from sawmill_tomography.projection.analytic import DetectorCells
 from sawmill_worker.execution.importing import PROGRAM, UNUSED
-from sawmill_worker.tomography import analytic
-from sawmill_worker.tomography.analytic import DetectorCells
-from sawmill_worker.tomography.built_in import L_SHAPE
-from sawmill_worker.tomography.geometry import Scanner, Theta
 
 pytestmark = pytest.mark.slow
 
@@ -55,7 +55,7 @@ def test_the_import_contracts_are_kept():
 
 def test_the_science_stands_alone():
     modules = imported_by(f"import {modules_of('tomography')}")
-    allowed = ("sawmill_worker.tomography", "sawmill_worker.vocabulary")
+    allowed = ("sawmill_tomography", "sawmill_vocabulary")
     assert of(OURS, modules) <= {"sawmill_worker", *of(allowed, modules)}
     assert not of(("pydantic", "sqlalchemy", "fastapi", "h5py"), modules)
 
@@ -72,7 +72,7 @@ def test_the_science_stands_alone():
 def test_a_leaf_imports_no_more_of_ours_than_its_contract_allows(rooms):
     """Readers know the layout of our own files; pictures draw contracts. By day the linter reads the same imports."""
     modules = imported_by(f"import {modules_of(rooms[0])}")
-    allowed = ("sawmill_worker.vocabulary", *(f"sawmill_worker.{room}" for room in rooms))
+    allowed = ("sawmill_vocabulary", *(f"sawmill_worker.{room}" for room in rooms))
     assert of(OURS, modules) <= {"sawmill_worker", *of(allowed, modules)}
 
 
@@ -95,20 +95,20 @@ SCIPY_OF_NUMBA = {
 def started_by(*line: str) -> frozenset[str]:
     """Every module that a fresh interpreter holds after a line of `sawmill`."""
     run = f"sys.argv = {['sawmill', *line]}\ntry: main()\nexcept SystemExit as end: assert not end.code"
-    return imported_by(f"from sawmill_service.entry import main\n{run}")
+    return imported_by(f"from sawmill_command.entry import main\n{run}")
 
 
 @pytest.mark.parametrize("question", ["--version", "--help"])
 def test_the_version_and_the_list_of_commands_wait_for_no_library(question):
     modules = started_by(question)
-    assert not of((*NUMERICAL, *SERVER, "pydantic", "sawmill_worker.contracts"), modules)
+    assert not of((*NUMERICAL, *SERVER, "pydantic", "sawmill_contracts"), modules)
     assert ("rich" in modules) == (question == "--help")
 
 
 @pytest.mark.parametrize("command", ["calibrate", "drift", "reconstruct", "serve"])
 def test_the_help_of_a_command_waits_for_nothing_that_only_its_work_needs(command):
     modules = started_by(command, "--help")
-    assert not of((*NUMERICAL, *SERVER, "sawmill_worker.tomography", "sawmill_worker.readers"), modules)
+    assert not of((*NUMERICAL, *SERVER, "sawmill_tomography", "sawmill_formats.input"), modules)
 
 
 def test_a_calibration_waits_for_nothing_that_only_other_work_needs(tmp_path):
@@ -119,7 +119,7 @@ def test_a_calibration_waits_for_nothing_that_only_other_work_needs(tmp_path):
     np.save(path, sinogram + np.random.default_rng(1).normal(0.0, 0.01 * sinogram.std(), sinogram.shape))
     flags = "--data line-integrals --angles-deg 0.5:3 --source-to-cor-mm 859.46 --detector-pitch-mm 4.5 --json"
     modules = started_by("calibrate", str(path), *flags.split(), "--phantom", "l-shape")
-    assert "sawmill_worker.tomography.calibration.judgement" in modules
+    assert "sawmill_tomography.calibration.judgement" in modules
     assert not of((*SERVER, "rich", "PIL", "skimage", "matplotlib", "tifffile"), modules)
     assert {name for name in modules if name.startswith("scipy.") and name.count(".") == 1} <= SCIPY_OF_NUMBA
     other_work = (
@@ -142,7 +142,7 @@ def test_a_process_that_is_kept_ready_has_all_jobs_imported():
 
 def test_what_runs_idle_holds_no_library_that_only_work_needs():
     """The memory of a service at rest (`make bench-job-price`)."""
-    for resting in ("sawmill_service.cli, sawmill_service.serving", "sawmill_worker.execution.poller"):
+    for resting in ("sawmill_command.commands, sawmill_service.serving", "sawmill_worker.execution.poller"):
         loaded = imported_by(f"import {resting}")
         assert not loaded & {"numpy", "scipy", "numba", "h5py", "PIL", "matplotlib", "alembic", "celery"}, resting
     ready = imported_by("import sawmill_worker.execution.attempt")

@@ -27,10 +27,10 @@ from compose_file import (
 )
 from pydantic_settings import BaseSettings
 
-from sawmill_service.cli import main
+from sawmill_command.commands import main
 from sawmill_service.settings import ServiceSettings
+from sawmill_store.settings import StorageSettings
 from sawmill_worker.execution.settings import ExecutionSettings
-from sawmill_worker.storage.settings import StorageSettings
 
 PAGE, OPERATIONS = ROOT / "docs/compose.md", ROOT / "docs/operations.md"
 SETTINGS: tuple[type[BaseSettings], ...] = (StorageSettings, ServiceSettings, ExecutionSettings)

@@ -25,19 +25,19 @@ from pydantic_core import PydanticUndefined
 from pydantic_settings import BaseSettings
 from typer.testing import CliRunner
 
-from sawmill_service.cli import main
+from sawmill_command.commands import main
+from sawmill_contracts.phantoms import PhantomDrawing
+from sawmill_contracts.scanners import ScannerSpec
+from sawmill_contracts.schedules import ScheduleSpec
+from sawmill_formats.input.reading import reading_scan
+from sawmill_formats.output.volume_writer import new_reconstruction
 from sawmill_service.settings import ServiceSettings
+from sawmill_store.settings import StorageSettings
+from sawmill_tomography.geometry.geometry import Scanner, SourceFrame
+from sawmill_tomography.geometry.ray_error import ray_error
+from sawmill_vocabulary.physics import Physics
 from sawmill_worker.commands.geometry_options import theta_of
-from sawmill_worker.contracts.phantoms import PhantomDrawing
-from sawmill_worker.contracts.scanners import ScannerSpec
-from sawmill_worker.contracts.schedules import ScheduleSpec
 from sawmill_worker.execution.settings import ExecutionSettings
-from sawmill_worker.files.volume_writer import new_reconstruction
-from sawmill_worker.readers.reading import reading_scan
-from sawmill_worker.storage.settings import StorageSettings
-from sawmill_worker.tomography.geometry import Scanner, SourceFrame
-from sawmill_worker.tomography.ray_error import ray_error
-from sawmill_worker.vocabulary.physics import Physics
 
 ROOT = Path(__file__).parents[1]
 README, TOUR, HTTP = ROOT / "README.md", ROOT / "docs/tour.md", ROOT / "docs/http.md"

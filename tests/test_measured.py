@@ -16,9 +16,9 @@ from scipy.ndimage import binary_erosion
 from typer.testing import CliRunner
 
 import sawmill_calibration as sawmill
-from sawmill_service.cli import main
-from sawmill_worker.tomography.geometry import SourceFrame
-from sawmill_worker.tomography.ray_error import ray_error
+from sawmill_command.commands import main
+from sawmill_tomography.geometry.geometry import SourceFrame
+from sawmill_tomography.geometry.ray_error import ray_error
 
 pytestmark = pytest.mark.slow
 

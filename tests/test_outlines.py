@@ -6,8 +6,8 @@ import time
 
 import pytest
 
-from sawmill_worker.contracts.built_in import BUILT_IN_PHANTOMS
-from sawmill_worker.vocabulary import Polygon, fault_of_outline
+from sawmill_contracts.built_in import BUILT_IN_PHANTOMS
+from sawmill_vocabulary import Polygon, fault_of_outline
 
 
 def turn(a, b, c):

@@ -9,12 +9,12 @@ from typing import NamedTuple, get_args
 
 import jinja2
 
+from sawmill_contracts.events import JOB_ENDS, EventKind
+from sawmill_contracts.jobs import JobKind
+from sawmill_contracts.kinds import declaration_of
 from sawmill_service.pages.scanner_history import EVENT_WORDS
-from sawmill_worker.contracts.events import JOB_ENDS, EventKind
-from sawmill_worker.contracts.jobs import JobKind
-from sawmill_worker.contracts.kinds import declaration_of
-from sawmill_worker.storage.entering import kind_of
-from sawmill_worker.storage.history import SUBJECTS
+from sawmill_store.entering import kind_of
+from sawmill_store.history import SUBJECTS
 
 ROOT = Path(__file__).parents[1]
 # Tables that lack members, each with what becomes of a member that it lacks.
@@ -24,17 +24,17 @@ PARTIAL = {
     "service/sawmill_service/pages/job_words.py: FATES": "the other events are not of an attempt at a job",
     "service/sawmill_service/pages/scanner_history.py: EVENT_WORDS": "the other events are in no history",
     "worker/sawmill_worker/pictures/calibration_report.py: BY_METHOD": "the other methods need no remark",
-    "worker/sawmill_worker/storage/entering.py: _BY_EVENT": "the subject decides for the other events",
-    "worker/sawmill_worker/storage/references.py: _WITHOUT_RESULT": "the other states have a result or will have one",
-    "worker/sawmill_worker/storage/tables.py: OWN_TABLES": "the rows of other kinds are in the table `asked`",
-    "worker/sawmill_worker/tomography/calibration/scan_model.py: LARGEST": "the other terms may have any size",
-    "worker/sawmill_worker/tomography/calibration/steps.py: arms": "the other terms do not move the phantom's rim",
-    "worker/sawmill_worker/tomography/choosing.py: EXPECTED_ERRORS": "`auto` takes only methods that were measured",
+    "worker/sawmill_store/entering.py: _BY_EVENT": "the subject decides for the other events",
+    "worker/sawmill_store/references.py: _WITHOUT_RESULT": "the other states have a result or will have one",
+    "worker/sawmill_store/tables.py: OWN_TABLES": "the rows of other kinds are in the table `asked`",
+    "worker/sawmill_tomography/calibration/scan_model.py: LARGEST": "the other terms may have any size",
+    "worker/sawmill_tomography/calibration/steps.py: arms": "the other terms do not move the phantom's rim",
+    "worker/sawmill_tomography/reconstruction/choosing.py: EXPECTED_ERRORS": "`auto` takes measured methods only",
     "worker/sawmill_worker/use_cases/inspect.py: GIVEN_ELSEWHERE": "the other files are given nowhere else",
     "worker/sawmill_worker/use_cases/inspect.py: NO_SCAN": "a scan is one",
 }
 # Members that belong to no table of their enum but to those of other code.
-LEFT_OUT = {"worker/sawmill_worker/tomography/methods.py: METHODS": {"ReconstructionMethod.AUTO"}}
+LEFT_OUT = {"worker/sawmill_tomography/reconstruction/methods.py: METHODS": {"ReconstructionMethod.AUTO"}}
 
 
 class Table(NamedTuple):
@@ -45,7 +45,7 @@ class Table(NamedTuple):
 
 
 def sources() -> Iterator[tuple[Path, ast.Module]]:
-    for folder in ("service/sawmill_service", "worker/sawmill_worker", "worker/sawmill_calibration"):
+    for folder in ("service", "worker"):
         for path in sorted((ROOT / folder).rglob("*.py")):
             if "migrations" not in path.parts:
                 yield path, ast.parse(path.read_text())
@@ -145,4 +145,4 @@ def test_every_event_of_a_scanner_s_history_has_its_word():
     without = {event for event, _ in shown} - EVENT_WORDS.keys() - {EventKind.SUCCEEDED}  # which shows a verdict
     assert not without, "add them to EVENT_WORDS in service/sawmill_service/pages/scanner_history.py"
     unknown = {noun for event, noun in shown if not event.startswith("alarm-")} - SUBJECTS.keys()
-    assert not unknown, "add them to SUBJECTS in worker/sawmill_worker/storage/history.py"
+    assert not unknown, "add them to SUBJECTS in worker/sawmill_store/history.py"

@@ -58,7 +58,7 @@ class Product:
         data = {"SAWMILL_DATA_FOLDER": str(self.data)}
         self._environment = {**kept, **SETTINGS, **data, **variables, MARK: self.world}
         ports = [free_port() for _ in range(services)]
-        serve = [sys.executable, "-m", "sawmill_service.cli", "serve", "--no-examples", "--port"]
+        serve = [sys.executable, "-m", "sawmill_command.commands", "serve", "--no-examples", "--port"]
         self._commands = [[*serve, str(port)] for port in ports]
         if broker:
             self._commands.append(

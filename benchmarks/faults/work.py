@@ -14,10 +14,10 @@ import h5py
 import httpx
 import numpy as np
 
-from sawmill_worker.tomography.built_in import L_SHAPE
-from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, Scanner, Theta
-from sawmill_worker.tomography.log_model import SAPWOOD_PER_MM, LogModel
-from sawmill_worker.tomography.simulate import simulate_sinogram
+from sawmill_tomography.geometry.geometry import TAU, FanBeamGeometry, Scanner, Theta
+from sawmill_tomography.phantoms.built_in import L_SHAPE
+from sawmill_tomography.phantoms.log_model import SAPWOOD_PER_MM, LogModel
+from sawmill_tomography.projection.simulate import simulate_sinogram
 
 Json = dict[str, Any]
 SCANNER = Scanner(source_to_cor_mm=859.46, num_detector_pixels=384, detector_pitch_mm=3.0)

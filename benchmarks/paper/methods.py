@@ -16,18 +16,18 @@ from scans import ANGLES, GRID, TRUE_THETA, Source, log_sinogram, log_truth, sou
 from paper import pictures
 from paper.experiment import Experiment, Plan, Result, Results, Unit, Values
 from paper.searches import every_so_many
-from sawmill_worker.tomography.cauchy_map import cauchy_map
-from sawmill_worker.tomography.estimate import Estimate
-from sawmill_worker.tomography.fbp import fbp
-from sawmill_worker.tomography.geometry import FanBeamGeometry, FloatArray
-from sawmill_worker.tomography.image_grid import ImageGrid
-from sawmill_worker.tomography.log_model import SAPWOOD_PER_MM
-from sawmill_worker.tomography.noise import data_misfit, noise_of_each_ray
-from sawmill_worker.tomography.projector import Projector
-from sawmill_worker.tomography.quality import edge_error_mm, relative_error, structural_similarity_index
-from sawmill_worker.tomography.tikhonov import tikhonov
-from sawmill_worker.tomography.total_variation import total_variation
-from sawmill_worker.vocabulary import AlphaRule
+from sawmill_tomography.geometry.geometry import FanBeamGeometry, FloatArray
+from sawmill_tomography.geometry.image_grid import ImageGrid
+from sawmill_tomography.phantoms.log_model import SAPWOOD_PER_MM
+from sawmill_tomography.projection.projector import Projector
+from sawmill_tomography.reconstruction.cauchy_map import cauchy_map
+from sawmill_tomography.reconstruction.estimate import Estimate
+from sawmill_tomography.reconstruction.fbp import fbp
+from sawmill_tomography.reconstruction.quality import edge_error_mm, relative_error, structural_similarity_index
+from sawmill_tomography.reconstruction.tikhonov import tikhonov
+from sawmill_tomography.reconstruction.total_variation import total_variation
+from sawmill_tomography.sinograms.noise import data_misfit, noise_of_each_ray
+from sawmill_vocabulary import AlphaRule
 
 # The published settings of `cauchy_map` are in the unit of the published log, whose wood is about this.
 PUBLISHED_WOOD = 0.4

@@ -9,8 +9,8 @@ from scans import GRID, TRUE_FRAME, TRUE_THETA, log_image, log_quality, sources
 
 from paper import pictures
 from paper.experiment import Experiment, Plan, Result, Results, Unit, Values
-from sawmill_worker.tomography.geometry import Theta, angle_difference, to_vector
-from sawmill_worker.tomography.ray_error import ray_error
+from sawmill_tomography.geometry.geometry import Theta, angle_difference, to_vector
+from sawmill_tomography.geometry.ray_error import ray_error
 
 Five = tuple[float, float, float, float, float]
 # The paper says that its epsilon is small and prints no number: this one is ours.

@@ -12,11 +12,11 @@ from paper import pictures
 from paper.experiment import Experiment, Plan, Result, Results, Unit, Values
 from paper.pairs import FRAME_LABELS, TO_DEGREES
 from paper.searches import MadeOf, binned, default_source, every_so_many, phantom_scan, scores
-from sawmill_worker.tomography.built_in import L_SHAPE
-from sawmill_worker.tomography.calibration.paper import PaperObjective, PaperOptions, calibrate_as_published
-from sawmill_worker.tomography.calibration.task import CalibrationTask
-from sawmill_worker.tomography.geometry import FloatArray, SourceFrame, to_vector
-from sawmill_worker.vocabulary import Rotation
+from sawmill_tomography.calibration.paper import PaperObjective, PaperOptions, calibrate_as_published
+from sawmill_tomography.calibration.task import CalibrationTask
+from sawmill_tomography.geometry.geometry import FloatArray, SourceFrame, to_vector
+from sawmill_tomography.phantoms.built_in import L_SHAPE
+from sawmill_vocabulary import Rotation
 
 # Farthest from the truth that each profile goes: psi, R, SDD, u_c, tau.
 REACH = np.array([np.radians(1.0), 40.0, 60.0, 4.0, np.radians(3.0)])

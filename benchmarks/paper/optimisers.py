@@ -11,12 +11,12 @@ from scipy.optimize import Bounds, differential_evolution, dual_annealing, minim
 from paper import pictures
 from paper.experiment import Experiment, Plan, Result, Results, Unit, Values
 from paper.searches import MadeOf, default_source, default_unit, every_so_many, phantom_scan
-from sawmill_worker.tomography.built_in import L_SHAPE
-from sawmill_worker.tomography.calibration.paper import PaperObjective, PaperOptions
-from sawmill_worker.tomography.calibration.task import CalibrationTask
-from sawmill_worker.tomography.geometry import FloatArray, Theta, ThetaBounds, bounds_array
-from sawmill_worker.tomography.ray_error import ray_error
-from sawmill_worker.vocabulary import Rotation
+from sawmill_tomography.calibration.paper import PaperObjective, PaperOptions
+from sawmill_tomography.calibration.task import CalibrationTask
+from sawmill_tomography.geometry.geometry import FloatArray, Theta, ThetaBounds, bounds_array
+from sawmill_tomography.geometry.ray_error import ray_error
+from sawmill_tomography.phantoms.built_in import L_SHAPE
+from sawmill_vocabulary import Rotation
 
 CHECKPOINTS = 60
 # The share of the best J known within which a run counts as a success: SciPy's own default stop.

@@ -13,7 +13,7 @@ from paper import pictures
 from paper.experiment import Experiment, Plan, Results, Unit, Values
 from paper.printed import shift_range
 from paper.searches import default_source, default_unit, paper_unit
-from sawmill_worker.tomography.geometry import FloatArray, Theta, to_vector
+from sawmill_tomography.geometry.geometry import FloatArray, Theta, to_vector
 
 PHANTOM = "l-shape"
 LABELS = ("initial angle, rad", "detector to COR, mm", "source shift, mm", "detector shift, mm", "detector tilt, slope")

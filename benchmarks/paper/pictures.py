@@ -8,8 +8,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from PIL import Image as Picture
 
-from sawmill_worker.tomography.geometry import FloatArray
-from sawmill_worker.tomography.projector import Image
+from sawmill_tomography.geometry.geometry import FloatArray
+from sawmill_tomography.projection.projector import Image
 
 BLUE, ORANGE, GREEN, PURPLE, SKY, BLACK = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#222222"
 DPI = 100

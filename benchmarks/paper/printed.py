@@ -8,8 +8,8 @@ from scanners import SCANNER
 from scans import TRUE_FRAME, log_quality, sources
 
 from paper.experiment import Result
-from sawmill_worker.tomography.geometry import FloatArray, Theta, angle_difference
-from sawmill_worker.tomography.ray_error import ray_error
+from sawmill_tomography.geometry.geometry import FloatArray, Theta, angle_difference
+from sawmill_tomography.geometry.ray_error import ray_error
 
 # Half of the last digit of alpha0, r_D, h_S, h_D and alpha_D.
 HALF_DIGIT = np.array([0.005, 0.5, 0.5, 0.5, 0.005])

@@ -9,14 +9,14 @@ from scanners import SCANNER
 from scans import ANGLES, TRUE_FRAME, Source, log_quality, published_l_phantom, simulated, sources
 
 from paper.experiment import Plan, Result, Unit
-from sawmill_worker.tomography.built_in import BUILT_IN
-from sawmill_worker.tomography.calibration.calibrate import calibrate
-from sawmill_worker.tomography.calibration.calibration import Calibration
-from sawmill_worker.tomography.calibration.paper import PaperOptions, calibrate_as_published
-from sawmill_worker.tomography.calibration.task import CalibrationTask
-from sawmill_worker.tomography.geometry import FloatArray, Scanner, SourceFrame, Theta, angle_difference, to_vector
-from sawmill_worker.tomography.ray_error import ray_error
-from sawmill_worker.vocabulary import Handedness, Rotation
+from sawmill_tomography.calibration.calibrate import calibrate
+from sawmill_tomography.calibration.calibration import Calibration
+from sawmill_tomography.calibration.paper import PaperOptions, calibrate_as_published
+from sawmill_tomography.calibration.task import CalibrationTask
+from sawmill_tomography.geometry.geometry import FloatArray, Scanner, SourceFrame, Theta, angle_difference, to_vector
+from sawmill_tomography.geometry.ray_error import ray_error
+from sawmill_tomography.phantoms.built_in import BUILT_IN
+from sawmill_vocabulary import Handedness, Rotation
 
 NOISE = 0.02
 MadeOf = Literal["published", "simulated", "exact"]

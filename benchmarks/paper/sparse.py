@@ -9,11 +9,11 @@ from scans import ANGLES, GRID, TRUE_FRAME, log_image, log_quality, reference_im
 from paper import pictures
 from paper.experiment import Experiment, Plan, Result, Results, Unit, Values
 from paper.searches import MadeOf, default_source, every_so_many, phantom_scan
-from sawmill_worker.tomography.built_in import L_SHAPE
-from sawmill_worker.tomography.calibration.calibrate import calibrate
-from sawmill_worker.tomography.calibration.task import CalibrationTask
-from sawmill_worker.tomography.geometry import TAU, FloatArray, angle_difference
-from sawmill_worker.tomography.ray_error import ray_error
+from sawmill_tomography.calibration.calibrate import calibrate
+from sawmill_tomography.calibration.task import CalibrationTask
+from sawmill_tomography.geometry.geometry import TAU, FloatArray, angle_difference
+from sawmill_tomography.geometry.ray_error import ray_error
+from sawmill_tomography.phantoms.built_in import L_SHAPE
 
 OWN, COUNTED = "own", "counted"
 

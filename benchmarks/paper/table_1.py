@@ -9,7 +9,7 @@ from paper import pictures
 from paper.experiment import Experiment, Plan, Result, Results, Unit, Values
 from paper.printed import TABLE_1, PrintedRun, judge
 from paper.searches import MadeOf, default_unit, odl_unit, paper_unit
-from sawmill_worker.tomography.geometry import to_vector
+from sawmill_tomography.geometry.geometry import to_vector
 
 # Rays that are off by more are of no run whose log came out with a relative error of a tenth.
 MOST_CREDIBLE_MM = 5.0

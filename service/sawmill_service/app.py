@@ -10,24 +10,29 @@ from starlette.routing import BaseRoute
 from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
 
 from sawmill_service.access import Access, check_scope
-from sawmill_service.admission import Admission
-from sawmill_service.allowed_methods import check_method
 from sawmill_service.dependencies import Wake
-from sawmill_service.digests import Digests
 from sawmill_service.event_feed import EventFeed
-from sawmill_service.forms import check_csrf
-from sawmill_service.gate import Gate, ProtectiveHeaders
-from sawmill_service.heads import Heads
+from sawmill_service.http.admission import Admission
+from sawmill_service.http.allowed_methods import check_method
+from sawmill_service.http.digests import Digests
+from sawmill_service.http.forms import check_csrf
+from sawmill_service.http.gate import Gate, ProtectiveHeaders
+from sawmill_service.http.heads import Heads
+from sawmill_service.http.observer import Observer
+from sawmill_service.http.openapi_document import Application
+from sawmill_service.http.problems import install
+from sawmill_service.http.queries import check_query
+from sawmill_service.http.rates import FailedLogins, Rates
+from sawmill_service.http.repeats import install as install_repeats
+from sawmill_service.http.request_ids import RequestIds
+from sawmill_service.http.sent_json import check_body
+from sawmill_service.http.session_cookie import SessionCookie
+from sawmill_service.http.slow_bodies import SlowBodies
+from sawmill_service.http.transfers import Transfers
+from sawmill_service.http.waiting import JobEnds
 from sawmill_service.measures import Measures
-from sawmill_service.observer import Observer
-from sawmill_service.openapi_document import Application
 from sawmill_service.pages.all_pages import PAGES
 from sawmill_service.pages.problem_pages import ProblemPages
-from sawmill_service.problems import install
-from sawmill_service.queries import check_query
-from sawmill_service.rates import FailedLogins, Rates
-from sawmill_service.repeats import install as install_repeats
-from sawmill_service.request_ids import RequestIds
 from sawmill_service.routes import (
     alarms,
     asked,
@@ -51,16 +56,11 @@ from sawmill_service.routes import (
     volumes,
     webhooks,
 )
-from sawmill_service.sent_json import check_body
-from sawmill_service.session_cookie import SessionCookie
 from sawmill_service.settings import ServiceSettings
-from sawmill_service.slow_bodies import SlowBodies
 from sawmill_service.stopping import Stopping
-from sawmill_service.transfers import Transfers
-from sawmill_service.waiting import JobEnds
 from sawmill_service.webhooks import described_messages
-from sawmill_worker.storage.store import Store
-from sawmill_worker.vocabulary.version import VERSION
+from sawmill_store.store import Store
+from sawmill_vocabulary.version import VERSION
 
 DESCRIPTION = """\
 Finds the geometry of a sawmill's X-ray log scanner from one scan of a wooden phantom, watches it for drift, and

@@ -11,12 +11,12 @@ from fastapi import Depends, Request
 
 from sawmill_service.access import Access, Caller, caller_of
 from sawmill_service.event_feed import EventFeed
-from sawmill_service.session_cookie import SessionCookie
+from sawmill_service.http.session_cookie import SessionCookie
+from sawmill_service.http.transfers import Transfers
 from sawmill_service.settings import ServiceSettings
 from sawmill_service.stopping import Stopping
-from sawmill_service.transfers import Transfers
-from sawmill_worker.storage.database import after_commit
-from sawmill_worker.storage.store import Store
+from sawmill_store.database import after_commit
+from sawmill_store.store import Store
 
 Wake = Callable[[str], None]
 

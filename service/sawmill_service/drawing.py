@@ -11,14 +11,14 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from sawmill_contracts.calibrations import CalibrationResult
+from sawmill_contracts.jobs import JobKind
+from sawmill_contracts.reconstructions import ReconstructionResult
+from sawmill_contracts.scans import Scan, ScanShape
+from sawmill_formats.errors import damage_reported
 from sawmill_service.finished import middle_row
-from sawmill_service.problems import Refused
-from sawmill_worker.contracts.calibrations import CalibrationResult
-from sawmill_worker.contracts.jobs import JobKind
-from sawmill_worker.contracts.reconstructions import ReconstructionResult
-from sawmill_worker.contracts.scans import Scan, ScanShape
-from sawmill_worker.files.errors import damage_reported
-from sawmill_worker.storage.store import Store
+from sawmill_service.http.problems import Refused
+from sawmill_store.store import Store
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -78,8 +78,8 @@ class ShownLog:
 
 def shown_log(store: Store, calibration_id: str) -> ShownLog | None:
     """What a calibration's pictures of a log show; None where its scan shows no log, or its files are gone."""
-    from sawmill_worker.contracts.calibration_arrays import log_before_with
-    from sawmill_worker.files.calibration_file import read_arrays
+    from sawmill_contracts.calibration_arrays import log_before_with
+    from sawmill_formats.output.calibration_file import read_arrays
 
     path = store.files.results(JobKind.CALIBRATE, calibration_id) / "result.h5"
     arrays = read_arrays(path, "log_row", "log_before", "log_before_with") if path.is_file() else {}
@@ -90,8 +90,8 @@ def shown_log(store: Store, calibration_id: str) -> ShownLog | None:
 
 
 def _page_png(path: Path, picture: CalibrationPicture) -> bytes:
-    from sawmill_worker.contracts.calibration_arrays import CalibrationArrays
-    from sawmill_worker.files import calibration_file
+    from sawmill_contracts.calibration_arrays import CalibrationArrays
+    from sawmill_formats.output import calibration_file
     from sawmill_worker.pictures.calibration_report import overlay_png, report_png
 
     record = calibration_file.read_calibration(path)
@@ -102,7 +102,7 @@ def _page_png(path: Path, picture: CalibrationPicture) -> bytes:
 
 
 def _log_png(path: Path, calibration_id: str, name: str) -> bytes:
-    from sawmill_worker.files.calibration_file import read_arrays
+    from sawmill_formats.output.calibration_file import read_arrays
     from sawmill_worker.pictures.images import bare_png
     from sawmill_worker.pictures.windows import LOG_WINDOW, window_of
 
@@ -133,7 +133,7 @@ def scan_thumbnail(store: Store, scan: Scan, shape: ScanShape) -> Path:
     """
 
     def draw() -> bytes:
-        from sawmill_worker.files import scan_reader
+        from sawmill_formats.output import scan_reader
         from sawmill_worker.pictures.arrays import thumbnail_png
 
         path, row = store.files.scan(scan.id), middle_row(scan, shape)
@@ -146,7 +146,7 @@ def volume_thumbnail(store: Store, reconstruction_id: str, result: Reconstructio
     """Where the thumbnail of a volume lies, its middle slice; the rest as for a scan."""
 
     def draw() -> bytes:
-        from sawmill_worker.files import volume_reader
+        from sawmill_formats.output import volume_reader
         from sawmill_worker.pictures.arrays import thumbnail_png
 
         path = store.files.volume(reconstruction_id)

@@ -1,10 +1,10 @@
 """What a job has left behind: a scan's shape, a reconstruction's result; where there is none yet, why."""
 
-from sawmill_service.problems import Refused
-from sawmill_worker.contracts.reconstructions import ReconstructionResult
-from sawmill_worker.contracts.scans import Scan, ScanShape
-from sawmill_worker.storage.errors import NotFound
-from sawmill_worker.storage.store import Store
+from sawmill_contracts.reconstructions import ReconstructionResult
+from sawmill_contracts.scans import Scan, ScanShape
+from sawmill_service.http.problems import Refused
+from sawmill_store.errors import NotFound
+from sawmill_store.store import Store
 
 
 def result_of(store: Store, reconstruction_id: str) -> ReconstructionResult:

@@ -4,7 +4,7 @@ import csv
 import io
 from collections.abc import Iterable, Iterator
 
-from sawmill_worker.contracts.history import HistoryEntry
+from sawmill_contracts.history import HistoryEntry
 
 # In this order; what a later version adds comes at the end. A header has its unit: `gain` of the contract is older.
 COLUMNS = (

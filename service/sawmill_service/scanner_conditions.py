@@ -5,15 +5,15 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import datetime
 
+from sawmill_contracts.alarms import Alarm, AlarmKind
+from sawmill_contracts.calibrations import CalibrationSucceeded, CalibrationUnfinished, Comparison
+from sawmill_contracts.drifts import Drift, DriftResult
+from sawmill_contracts.jobs import Failure
+from sawmill_contracts.scanners import StoredScanner
 from sawmill_service.pages.languages import marked
-from sawmill_worker.contracts.alarms import Alarm, AlarmKind
-from sawmill_worker.contracts.calibrations import CalibrationSucceeded, CalibrationUnfinished, Comparison
-from sawmill_worker.contracts.drifts import Drift, DriftResult
-from sawmill_worker.contracts.jobs import Failure
-from sawmill_worker.contracts.scanners import StoredScanner
-from sawmill_worker.storage.errors import NotFound
-from sawmill_worker.storage.overviews import Overview
-from sawmill_worker.storage.store import Store
+from sawmill_store.errors import NotFound
+from sawmill_store.overviews import Overview
+from sawmill_store.store import Store
 
 SHOWN_SCANNERS = 200  # more than any mill has
 # From here on a scanner is watched, though it is allowed to move by more: the next check may find it beyond.

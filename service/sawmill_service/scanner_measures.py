@@ -5,9 +5,9 @@ from datetime import datetime
 
 from prometheus_client.core import GaugeMetricFamily, Metric
 
+from sawmill_contracts.alarms import Alarm, AlarmKind
+from sawmill_contracts.calibrations import CalibrationSucceeded
 from sawmill_service.scanner_conditions import ScannerCondition
-from sawmill_worker.contracts.alarms import Alarm, AlarmKind
-from sawmill_worker.contracts.calibrations import CalibrationSucceeded
 
 _TEXTS = {
     "ray_error_millimeters": "Predicted RMS ray error of the active and of the newest calibration.",

@@ -11,23 +11,23 @@ import uvicorn
 
 from sawmill_service.app import create_app
 from sawmill_service.dependencies import Wake
-from sawmill_service.listening import ListenError, is_loopback, listen
-from sawmill_service.open_files import connections_of, log_refused_accepts_rarely
+from sawmill_service.http.listening import ListenError, is_loopback, listen
+from sawmill_service.http.open_files import connections_of, log_refused_accepts_rarely
+from sawmill_service.http.unread_bodies import UnreadBodies
 from sawmill_service.service_manager import ServiceManager
 from sawmill_service.settings import ServiceSettings
 from sawmill_service.stopping import Server
-from sawmill_service.unread_bodies import UnreadBodies
 from sawmill_service.webhooks.destinations import AllowedDestinations
 from sawmill_service.webhooks.sender import WebhookSender
+from sawmill_store.errors import StorageError
+from sawmill_store.settings import StorageSettings
+from sawmill_store.store import Store
 from sawmill_worker.execution.clock_keeper import ClockKeeper
 from sawmill_worker.execution.logs import configure_logs
 from sawmill_worker.execution.opening import open_store
 from sawmill_worker.execution.settings import ExecutionSettings
 from sawmill_worker.execution.sole_service import refuse_second, sole_service
 from sawmill_worker.execution.supervise import WorkerSupervisor
-from sawmill_worker.storage.errors import StorageError
-from sawmill_worker.storage.settings import StorageSettings
-from sawmill_worker.storage.store import Store
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 # A connection ends when its next request does not come within this time. Nothing ends one that never had a request.

@@ -9,13 +9,13 @@ from fastapi import Request
 from fastapi.concurrency import run_in_threadpool
 from pydantic import Field
 
-from sawmill_service.body_sums import BodySums
-from sawmill_service.problems import Refused
-from sawmill_service.sent_content import FirstBytes, SentContent, empty_body
-from sawmill_worker.contracts.base import Identifier
-from sawmill_worker.storage.arriving import Content, Received, in_parts, in_thread
-from sawmill_worker.storage.errors import UploadTooLarge
-from sawmill_worker.storage.store import Store
+from sawmill_platform.contracts.base import Identifier
+from sawmill_service.http.body_sums import BodySums
+from sawmill_service.http.problems import Refused
+from sawmill_service.http.sent_content import FirstBytes, SentContent, empty_body
+from sawmill_store.arriving import Content, Received, in_parts, in_thread
+from sawmill_store.errors import UploadTooLarge
+from sawmill_store.store import Store
 
 # Forms are parsed in Python, and whoever repeats a file need not be served soon: neither takes the threads of others.
 _APART = ThreadPoolExecutor(2, "forms-and-repeats")

@@ -16,10 +16,10 @@ from faults.servers import NotHere
 from faults.work import Accepted, Asker, Work
 from sqlalchemy import text
 
-from sawmill_worker.contracts.plans import PlanAsk
-from sawmill_worker.contracts.scanners import ScannerSpec
-from sawmill_worker.storage.settings import StorageSettings
-from sawmill_worker.storage.store import Store
+from sawmill_contracts.plans import PlanAsk
+from sawmill_contracts.scanners import ScannerSpec
+from sawmill_store.settings import StorageSettings
+from sawmill_store.store import Store
 
 # Another one than the study's.
 SEED = 12

@@ -5,10 +5,10 @@ import asyncio
 import pages
 import pytest
 
-from sawmill_worker.storage.database import Database
-from sawmill_worker.storage.engines import make_engine
-from sawmill_worker.storage.settings import StorageSettings
-from sawmill_worker.storage.store import Store
+from sawmill_store.database import Database
+from sawmill_store.engines import make_engine
+from sawmill_store.settings import StorageSettings
+from sawmill_store.store import Store
 
 
 @pytest.mark.nightly

@@ -12,8 +12,8 @@ from stack_total_variation import StackObjective
 from tiers import first_by_day
 from whole_logs import WholeLog
 
-from sawmill_worker.tomography.image_grid import ImageGrid
-from sawmill_worker.tomography.projector import Projector
+from sawmill_tomography.geometry.image_grid import ImageGrid
+from sawmill_tomography.projection.projector import Projector
 from sawmill_worker.use_cases.reconstruct import reconstruct_in_memory
 
 GRID = ImageGrid(32, 400.0)

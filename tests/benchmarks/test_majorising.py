@@ -2,11 +2,11 @@ import numpy as np
 import pytest
 from majorising import Counted, memory_gradient, reweighted
 
-from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, Scanner, Theta
-from sawmill_worker.tomography.image_grid import ImageGrid
-from sawmill_worker.tomography.iterative.descent import minimise
-from sawmill_worker.tomography.iterative.penalised import InverseCurvature, Objective
-from sawmill_worker.tomography.iterative.priors import CauchyPrior
+from sawmill_tomography.geometry.geometry import TAU, FanBeamGeometry, Scanner, Theta
+from sawmill_tomography.geometry.image_grid import ImageGrid
+from sawmill_tomography.reconstruction.iterative.descent import minimise
+from sawmill_tomography.reconstruction.iterative.penalised import InverseCurvature, Objective
+from sawmill_tomography.reconstruction.iterative.priors import CauchyPrior
 
 
 @pytest.fixture

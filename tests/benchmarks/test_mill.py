@@ -12,7 +12,7 @@ from mill_names import causes, names_it
 from mill_scans import EFFECTS, StudyScan
 from mill_table import Outcome, largest_share, row, table
 
-from sawmill_worker.vocabulary.physics import Physics
+from sawmill_vocabulary.physics import Physics
 
 # No seed that the calibration was tuned with.
 SEED = 2026

@@ -7,8 +7,8 @@ from datetime import timedelta
 import pytest
 from mill_history import Line, PastClock, write_history
 
-from sawmill_worker.storage.settings import StorageSettings
-from sawmill_worker.storage.store import Store
+from sawmill_store.settings import StorageSettings
+from sawmill_store.store import Store
 
 pytestmark = pytest.mark.nightly
 

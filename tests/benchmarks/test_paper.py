@@ -19,7 +19,7 @@ from paper.store import load, save
 from PIL import Image
 from scans import TRUE_THETA
 
-from sawmill_worker.tomography.geometry import to_vector
+from sawmill_tomography.geometry.geometry import to_vector
 
 MOST_BYTES = 150_000
 PAGE = Path(__file__).parents[2] / "docs/paper.md"

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from run_lengths import LIMITS, Change, Errors, false_alarms, found
 
-from sawmill_worker.tomography.drift_chart.chart import DriftKind
+from sawmill_tomography.drift.chart.chart import DriftKind
 
 COVARIANCE = np.array([[4e-4, -1.4e-5], [-1.4e-5, 5e-7]])
 

@@ -9,7 +9,7 @@ from counted import Slip, counted_scan
 from tiers import first_by_day
 from unsteady import Outcomes, slipped, slipped_with_a_fault, steady
 
-from sawmill_worker.tomography.calibration.calibrate import calibrate
+from sawmill_tomography.calibration.calibrate import calibrate
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 

@@ -6,11 +6,11 @@ from inclusions import NAIL_MM, Inclusion
 from scanners import SCANNER
 from whole_logs import WholeLog
 
-from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, Theta
-from sawmill_worker.tomography.image_grid import ImageGrid
-from sawmill_worker.tomography.phantom import Phantom
-from sawmill_worker.tomography.projector import Projector
-from sawmill_worker.tomography.simulate import simulate_sinogram
+from sawmill_tomography.geometry.geometry import TAU, FanBeamGeometry, Theta
+from sawmill_tomography.geometry.image_grid import ImageGrid
+from sawmill_tomography.phantoms.phantom import Phantom
+from sawmill_tomography.projection.projector import Projector
+from sawmill_tomography.projection.simulate import simulate_sinogram
 
 # The ray to the middle of the detector, between its two middle cells, runs through the centre of rotation.
 STRAIGHT = Theta(0.0, 700.0, 0.0, 0.0, 0.0)

@@ -11,11 +11,11 @@ from pydantic import TypeAdapter, ValidationError
 import sawmill_calibration
 from sawmill_calibration import Disc, InputError, Phantom, Polygon, Scanner, Theta
 from sawmill_calibration.input_errors import options_of
-from sawmill_worker.contracts.calibrations import CalibrationOptions
-from sawmill_worker.contracts.geometry import GivenTheta, ScannerConstants
-from sawmill_worker.contracts.phantoms import PhantomAsk
-from sawmill_worker.contracts.plans import PlanOptions
-from sawmill_worker.contracts.reconstructions import ReconstructionOptions
+from sawmill_contracts.calibrations import CalibrationOptions
+from sawmill_contracts.geometry import GivenTheta, ScannerConstants
+from sawmill_contracts.phantoms import PhantomAsk
+from sawmill_contracts.plans import PlanOptions
+from sawmill_contracts.reconstructions import ReconstructionOptions
 from sawmill_worker.use_cases.calibrate import CalibrationInput, run_calibration
 from sawmill_worker.use_cases.failures import JobFailure, input_errors_translated
 from sawmill_worker.use_cases.json_file import read_json

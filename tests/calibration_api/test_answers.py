@@ -10,10 +10,10 @@ from PIL import Image, ImageDraw
 from typer.testing import CliRunner
 
 import sawmill_calibration as sawmill
-from sawmill_service.cli import main
-from sawmill_worker.contracts.built_in import BUILT_IN_PHANTOMS
-from sawmill_worker.files.volume_reader import volume_slices
-from sawmill_worker.tomography.geometry import to_vector
+from sawmill_command.commands import main
+from sawmill_contracts.built_in import BUILT_IN_PHANTOMS
+from sawmill_formats.output.volume_reader import volume_slices
+from sawmill_tomography.geometry.geometry import to_vector
 
 SCANNER = sawmill.Scanner(859.46, 256, 4.508593749)
 THETA = sawmill.Theta(2.55, 714.7, 319.9, 43.7, 0.281)

@@ -10,8 +10,8 @@ import pytest
 from calibration_answers import write_answer
 from typer.testing import CliRunner, Result
 
-from sawmill_service.cli import main
-from sawmill_worker.contracts.calibrations import CalibrationFile
+from sawmill_command.commands import main
+from sawmill_contracts.calibrations import CalibrationFile
 
 THETA = "2.55,714.7,319.9,43.7,0.281"
 SCANNER = ("--source-to-cor-mm", "859.46", "--detector-pitch-mm", "4.508593749")

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from sawmill_worker.contracts.calibrations import CalibrationFile
-from sawmill_worker.tomography.built_in import L_SHAPE
-from sawmill_worker.tomography.geometry import Scanner, Theta
-from sawmill_worker.tomography.ray_error import ray_error
+from sawmill_contracts.calibrations import CalibrationFile
+from sawmill_tomography.geometry.geometry import Scanner, Theta
+from sawmill_tomography.geometry.ray_error import ray_error
+from sawmill_tomography.phantoms.built_in import L_SHAPE
 from sawmill_worker.use_cases import scan_rows
 
 pytestmark = pytest.mark.slow

@@ -11,12 +11,12 @@ import typer
 from tiers import first_by_day
 from typer.testing import CliRunner
 
-from sawmill_service.cli import main
+from sawmill_command.commands import main
+from sawmill_contracts.calibrations import CalibrationOptions, PaperOptions
+from sawmill_contracts.plans import PlanOptions
+from sawmill_contracts.preparing import PrepareOptions
+from sawmill_contracts.reconstructions import ReconstructionOptions
 from sawmill_worker.commands.from_contract import Bounds
-from sawmill_worker.contracts.calibrations import CalibrationOptions, PaperOptions
-from sawmill_worker.contracts.plans import PlanOptions
-from sawmill_worker.contracts.preparing import PrepareOptions
-from sawmill_worker.contracts.reconstructions import ReconstructionOptions
 
 SAWMILL = Path(sys.executable).with_name("sawmill")
 

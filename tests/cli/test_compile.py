@@ -12,11 +12,11 @@ import pytest
 import sawmill_service
 import sawmill_worker
 from sawmill_worker.commands import compile as compiling
-from sawmill_worker.commands.compile import code_folders, compile_bytecode, compile_kernels
+from sawmill_worker.commands.compile import bytecode_folders, compile_bytecode, compile_kernels
 
 pytestmark = pytest.mark.slow
 
-COMMAND = [sys.executable, "-m", "sawmill_service.cli", "compile"]
+COMMAND = [sys.executable, "-m", "sawmill_command.commands", "compile"]
 
 
 @pytest.mark.nightly
@@ -25,12 +25,12 @@ def test_what_is_compiled_once_is_loaded_the_next_time(tmp_path):
     program = """
 import os
 from numba.core import event
-from sawmill_worker.tomography.warm_up import _scan
+from sawmill_tomography.warm_up import _scan
 
 class Count(event.Listener):
     times = 0
     def on_start(self, started):
-        Count.times += started.data["dispatcher"].py_func.__module__.startswith("sawmill_worker")
+        Count.times += started.data["dispatcher"].py_func.__module__.startswith("sawmill_")
     def on_end(self, ended): pass
 
 event.register("numba:compile", Count())
@@ -58,13 +58,13 @@ def test_the_parts_call_every_kernel_that_a_job_could_not_keep():
     program = """
 from importlib import import_module
 from pkgutil import walk_packages
-from sawmill_worker import tomography
-from sawmill_worker.tomography.kernel_cache import _is_cached
-from sawmill_worker.tomography.warm_up import PARTS
+import sawmill_tomography as tomography
+from sawmill_tomography.kernel_cache import _is_cached
+from sawmill_tomography.warm_up import PARTS
 
 for part in PARTS.values():
     part()
-for found in walk_packages(tomography.__path__, "sawmill_worker.tomography."):
+for found in walk_packages(tomography.__path__, "sawmill_tomography."):
     if found.name.endswith("_numba"):
         for name, kernel in vars(import_module(found.name)).items():
             if _is_cached(kernel) and not kernel.signatures:
@@ -95,4 +95,4 @@ def test_byte_code_that_is_missing_is_compiled(tmp_path):
 def test_byte_code_is_that_of_our_code_and_of_the_libraries():
     for package in (sawmill_service, sawmill_worker, np):
         folders = Path(package.__file__).parents
-        assert {str(folder) for folder in folders} & code_folders()
+        assert {str(folder) for folder in folders} & bytecode_folders()

@@ -13,21 +13,21 @@ from pathlib import Path
 import pytest
 from results import CONSTANTS
 
-from sawmill_service.doctor import machine
-from sawmill_service.doctor.findings import State
-from sawmill_service.doctor.science import kernels
+from sawmill_command.doctor import machine
+from sawmill_command.doctor.findings import State
+from sawmill_command.doctor.science import kernels
+from sawmill_contracts.geometry import ScannerConstants
+from sawmill_contracts.keys import KeyAsk, Scope
+from sawmill_contracts.scanners import ScannerSpec
+from sawmill_contracts.scans import ScanSpec
 from sawmill_service.settings import ServiceSettings
-from sawmill_worker.contracts.geometry import ScannerConstants
-from sawmill_worker.contracts.keys import KeyAsk, Scope
-from sawmill_worker.contracts.scanners import ScannerSpec
-from sawmill_worker.contracts.scans import ScanSpec
+from sawmill_store import clock
+from sawmill_store.errors import StorageMisconfigured
+from sawmill_store.settings import StorageSettings
+from sawmill_store.store import Store
+from sawmill_vocabulary import DataKind
+from sawmill_vocabulary.version import VERSION
 from sawmill_worker.execution.sole_service import refuse_second, serving_process, sole_service
-from sawmill_worker.storage import clock
-from sawmill_worker.storage.errors import StorageMisconfigured
-from sawmill_worker.storage.settings import StorageSettings
-from sawmill_worker.storage.store import Store
-from sawmill_worker.vocabulary import DataKind
-from sawmill_worker.vocabulary.version import VERSION
 
 
 @pytest.fixture(autouse=True)
@@ -133,7 +133,7 @@ def test_commands_stop_at_tables_of_a_later_version(run, data, tmp_path, command
 @pytest.mark.parametrize("command", ["serve", "worker"])
 def test_services_stop_at_tables_of_a_later_version(data, command):
     tables_of(data, "9999", "9.0.0")
-    program = [sys.executable, "-m", "sawmill_service.cli", command, "--data", str(data)]
+    program = [sys.executable, "-m", "sawmill_command.commands", command, "--data", str(data)]
     ended = subprocess.run(program, capture_output=True, text=True, check=False, timeout=120)
     assert ended.returncode == 1
     assert LATER in " ".join(ended.stderr.split())
@@ -249,7 +249,7 @@ def test_a_folder_of_another_user_is_found_by_one_who_may_not_read_it(data):
     data.chmod(0o700)
     os.chown(data, 12345, -1)
     rights = ["setpriv", "--bounding-set=-dac_override,-dac_read_search"]
-    command = [*rights, sys.executable, "-m", "sawmill_service.cli", "doctor", "--data", data, "--json"]
+    command = [*rights, sys.executable, "-m", "sawmill_command.commands", "doctor", "--data", data, "--json"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode == 1, done.stderr
     found = {each["subject"]: each for each in json.loads(done.stdout)["findings"] if each["state"] == "bad"}
@@ -356,7 +356,7 @@ def test_a_package_that_is_too_old(monkeypatch):
 
 
 def test_kernels_that_were_never_compiled(monkeypatch):
-    monkeypatch.setattr("sawmill_service.doctor.science.holds_all", lambda _: False)
+    monkeypatch.setattr("sawmill_command.doctor.science.holds_all", lambda _: False)
     assert "run sawmill compile" in kernels().cure
 
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from calibration_answers import write_answer
 
-from sawmill_worker.contracts.calibrations import CalibrationFile
-from sawmill_worker.contracts.drifts import DriftResult
-from sawmill_worker.contracts.geometry import ScannerConstants
-from sawmill_worker.vocabulary import Theta
+from sawmill_contracts.calibrations import CalibrationFile
+from sawmill_contracts.drifts import DriftResult
+from sawmill_contracts.geometry import ScannerConstants
+from sawmill_vocabulary import Theta
 
 pytestmark = pytest.mark.slow
 

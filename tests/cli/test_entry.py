@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 from live_service import wait_until
 
-from sawmill_worker.storage.settings import StorageSettings
-from sawmill_worker.storage.store import Store
-from sawmill_worker.vocabulary.version import VERSION
+from sawmill_store.settings import StorageSettings
+from sawmill_store.store import Store
+from sawmill_vocabulary.version import VERSION
 
 pytestmark = pytest.mark.slow
 
@@ -28,9 +28,9 @@ def test_an_early_interruption_is_no_traceback():
         "import sys\n"
         "class Interrupt:\n"
         "    def find_spec(self, name, *_):\n"
-        "        if name == 'sawmill_worker.cli': raise KeyboardInterrupt\n"
+        "        if name == 'sawmill_command.cli': raise KeyboardInterrupt\n"
         "sys.meta_path.insert(0, Interrupt())\n"
-        "from sawmill_service.entry import main; main()"
+        "from sawmill_command.entry import main; main()"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=120, check=False)
     assert (done.returncode, done.stderr) == (130, "")

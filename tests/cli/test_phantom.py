@@ -6,7 +6,7 @@ import xml.etree.ElementTree as ET
 
 import pytest
 
-from sawmill_worker.contracts.plans import PlanResult
+from sawmill_contracts.plans import PlanResult
 
 THETA = ("--theta", "2.55,714.7,319.9,43.7,0.281")
 

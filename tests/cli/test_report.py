@@ -8,8 +8,8 @@ import pytest
 from calibration_answers import write_answer
 from results import calibration_result
 
-from sawmill_worker.contracts.calibrations import CalibrationFile, CalibrationResult
-from sawmill_worker.files.calibration_file import NamedArray, write_calibration
+from sawmill_contracts.calibrations import CalibrationFile, CalibrationResult
+from sawmill_formats.output.calibration_file import NamedArray, write_calibration
 
 VIEWS, CELLS = 8, 12
 ARRAYS = {

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from sawmill_worker.tomography.analytic import DetectorCells, project
-from sawmill_worker.tomography.built_in import L_SHAPE
-from sawmill_worker.tomography.export import cil_arguments, odl_arguments, rtk_geometry
-from sawmill_worker.tomography.geometry import FanBeamGeometry, Scanner, Theta
-from sawmill_worker.vocabulary import Rotation
+from sawmill_tomography.geometry.export import cil_arguments, odl_arguments, rtk_geometry
+from sawmill_tomography.geometry.geometry import FanBeamGeometry, Scanner, Theta
+from sawmill_tomography.phantoms.built_in import L_SHAPE
+from sawmill_tomography.projection.analytic import DetectorCells, project
+from sawmill_vocabulary import Rotation
 
 TRUTH = Theta(2.55, 714.7, 319.9, 43.7, 0.281)
 THETA = ("--theta", "2.55,714.7,319.9,43.7,0.281")

@@ -10,8 +10,8 @@ from pydantic import TypeAdapter
 
 import sawmill_calibration as sawmill
 from sawmill_calibration import InputError
-from sawmill_worker import examples
-from sawmill_worker.vocabulary.physics import Physics
+from sawmill_command import examples
+from sawmill_vocabulary.physics import Physics
 
 ROOT = Path(__file__).parents[2]
 THETA = ("--theta", "2.55,714.7,319.9,43.7,0.281")

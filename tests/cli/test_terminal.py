@@ -7,8 +7,8 @@ import signal
 import pytest
 import typer
 
+from sawmill_vocabulary import Progress
 from sawmill_worker.commands.terminal import answering, say, showing_progress
-from sawmill_worker.vocabulary import Progress
 
 
 @pytest.mark.parametrize(

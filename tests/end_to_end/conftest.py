@@ -13,10 +13,10 @@ import pytest
 from live_service import JOB_S, SCANNER, Offline, Service, process, serving
 from tiers import first_by_day
 
-from sawmill_worker.tomography.built_in import L_SHAPE
-from sawmill_worker.tomography.geometry import FanBeamGeometry, Scanner, Theta
-from sawmill_worker.tomography.log_model import SAPWOOD_PER_MM, LogModel
-from sawmill_worker.tomography.simulate import simulate_stack
+from sawmill_tomography.geometry.geometry import FanBeamGeometry, Scanner, Theta
+from sawmill_tomography.phantoms.built_in import L_SHAPE
+from sawmill_tomography.phantoms.log_model import SAPWOOD_PER_MM, LogModel
+from sawmill_tomography.projection.simulate import simulate_stack
 from sawmill_worker.use_cases.simulated_scan import write_simulated_scan
 
 THETA = Theta(0.7, 728.0, -254.0, -37.0, -0.21)

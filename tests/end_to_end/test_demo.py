@@ -13,14 +13,14 @@ import pytest
 from PIL import Image
 from typer.testing import CliRunner
 
-import sawmill_worker.demo
-from sawmill_service.cli import main
-from sawmill_worker import demo_client
-from sawmill_worker.demo import run_demo
+import sawmill_command.demo
+from sawmill_command import demo_client
+from sawmill_command.commands import main
+from sawmill_command.demo import run_demo
 
 pytestmark = pytest.mark.slow
 
-COMMAND = [sys.executable, "-m", "sawmill_service.cli", "demo"]
+COMMAND = [sys.executable, "-m", "sawmill_command.commands", "demo"]
 
 
 class Page(HTMLParser):
@@ -58,7 +58,7 @@ def test_a_small_demo_leaves_a_page_of_pictures_and_figures(tmp_path, embedded, 
     monkeypatch.setenv("SAWMILL_PUBLISHED_DATA", str(tmp_path))
     monkeypatch.setattr(demo_client, "running_service", lambda _: nullcontext(embedded.client))
     for name, value in {"VIEWS": 60, "SIZE": 64, "SHOWN_SIZE": 96}.items():
-        monkeypatch.setattr(sawmill_worker.demo, name, value)
+        monkeypatch.setattr(sawmill_command.demo, name, value)
     assert run_demo(tmp_path / "out") == 0
     check_demo(tmp_path / "out", capsys.readouterr().out, errors_mm=(0.1, 0.2), relative_error=0.15, size=64)
 

@@ -12,7 +12,7 @@ import httpx
 import pytest
 from live_service import SCANNER, Service, stop_outside_a_transaction, wait_until, workers
 
-from sawmill_worker.tomography.geometry import Theta
+from sawmill_tomography.geometry.geometry import Theta
 
 pytestmark = pytest.mark.slow
 

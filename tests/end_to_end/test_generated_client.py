@@ -13,8 +13,8 @@ from cutting_proxy import cutting
 from PIL import Image
 from typer.testing import CliRunner
 
-from sawmill_service.cli import main
-from sawmill_worker.vocabulary.version import VERSION
+from sawmill_command.commands import main
+from sawmill_vocabulary.version import VERSION
 
 pytestmark = pytest.mark.slow
 

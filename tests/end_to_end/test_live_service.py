@@ -19,13 +19,13 @@ import tifffile
 from live_service import Offline, serving, stop_outside_a_transaction, wait_until, workers
 from tiers import first_by_day
 
-from sawmill_worker.contracts.schedules import ScheduleSpec
-from sawmill_worker.storage.backups.checking import check_backup
-from sawmill_worker.storage.backups.restoring import restore
-from sawmill_worker.storage.backups.taking import take_backup
-from sawmill_worker.storage.settings import StorageSettings
-from sawmill_worker.storage.store import Store
-from sawmill_worker.tomography.geometry import Theta
+from sawmill_contracts.schedules import ScheduleSpec
+from sawmill_store.backups.checking import check_backup
+from sawmill_store.backups.restoring import restore
+from sawmill_store.backups.taking import take_backup
+from sawmill_store.settings import StorageSettings
+from sawmill_store.store import Store
+from sawmill_tomography.geometry.geometry import Theta
 
 pytestmark = pytest.mark.slow
 

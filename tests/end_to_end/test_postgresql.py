@@ -10,14 +10,14 @@ from live_service import wait_until
 from postgres_server import own_server
 from tiers import first_by_day
 
-from sawmill_worker.contracts.calibrations import CalibrationSucceeded
-from sawmill_worker.tomography.ray_error import ray_error
+from sawmill_contracts.calibrations import CalibrationSucceeded
+from sawmill_tomography.geometry.ray_error import ray_error
 
 pytestmark = pytest.mark.slow
 
 PATIENCE_S = 120.0
 PROCESSES = {
-    "serve": ["sawmill_service.cli", "serve", "--no-examples", "--port", "0"],
+    "serve": ["sawmill_command.commands", "serve", "--no-examples", "--port", "0"],
     "worker": ["sawmill_worker.execution.poller"],
     "celery": ["celery", "-A", "sawmill_worker.execution.celery_app", "worker"],
 }

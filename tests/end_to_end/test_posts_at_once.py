@@ -11,7 +11,7 @@ from uuid import uuid4
 import httpx
 import pytest
 
-from sawmill_worker.tomography.geometry import Theta
+from sawmill_tomography.geometry.geometry import Theta
 
 pytestmark = pytest.mark.nightly
 

@@ -8,13 +8,13 @@ from contextlib import contextmanager
 import pytest
 from live_service import process, wait_until
 
-from sawmill_worker.tomography.geometry import Theta
+from sawmill_tomography.geometry.geometry import Theta
 
 pytestmark = [pytest.mark.slow, pytest.mark.nightly]
 
 # In a mount namespace of its own: the service's folder stays as it is, and nothing stays mounted.
 ELSEWHERE = ["unshare", "--map-root-user", "--mount"]
-WORKER = [sys.executable, "-m", "sawmill_service.cli", "worker"]
+WORKER = [sys.executable, "-m", "sawmill_command.commands", "worker"]
 JOBS = 6
 
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from sawmill_worker.contracts.calibrations import CalibrationSucceeded
-from sawmill_worker.tomography.geometry import angle_difference
-from sawmill_worker.tomography.ray_error import ray_error
+from sawmill_contracts.calibrations import CalibrationSucceeded
+from sawmill_tomography.geometry.geometry import angle_difference
+from sawmill_tomography.geometry.ray_error import ray_error
 
 pytestmark = pytest.mark.slow
 

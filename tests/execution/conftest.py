@@ -11,17 +11,17 @@ from typing import Any
 
 import pytest
 
-from sawmill_worker.contracts.geometry import ScannerConstants
-from sawmill_worker.contracts.jobs import Job, Priority
-from sawmill_worker.contracts.scanners import ScannerSpec
-from sawmill_worker.contracts.scans import ScanSpec
+from sawmill_contracts.geometry import ScannerConstants
+from sawmill_contracts.jobs import Job, Priority
+from sawmill_contracts.scanners import ScannerSpec
+from sawmill_contracts.scans import ScanSpec
+from sawmill_store.settings import StorageSettings
+from sawmill_store.store import Store
+from sawmill_vocabulary import DataKind
 from sawmill_worker.execution import runner as runners
 from sawmill_worker.execution.runner import Runner
 from sawmill_worker.execution.settings import ExecutionSettings
 from sawmill_worker.execution.template import Template
-from sawmill_worker.storage.settings import StorageSettings
-from sawmill_worker.storage.store import Store
-from sawmill_worker.vocabulary import DataKind
 
 HERE = Path(__file__).parent
 WITHOUT_KERNELS = "from sawmill_worker.execution import attempt; attempt.warm_up = lambda: None; attempt.main()"

@@ -3,9 +3,9 @@
 import sys
 from pathlib import Path
 
+from sawmill_store.settings import StorageSettings
 from sawmill_worker.execution.celery_app import make_celery
 from sawmill_worker.execution.settings import ExecutionSettings
-from sawmill_worker.storage.settings import StorageSettings
 
 app = make_celery(
     ExecutionSettings(),

@@ -24,15 +24,15 @@ import h5py
 import numpy as np
 from reaching import endings
 
-from sawmill_worker.contracts.handed_over import HandedOver
-from sawmill_worker.contracts.jobs import FailureKind, Job, JobKind
-from sawmill_worker.contracts.reconstructions import Reconstruction
+from sawmill_contracts.handed_over import HandedOver
+from sawmill_contracts.jobs import FailureKind, Job, JobKind
+from sawmill_contracts.reconstructions import Reconstruction
+from sawmill_formats.output.scan_layout import DATA
+from sawmill_formats.output.scan_writer import write_scan
+from sawmill_formats.output.volume_writer import new_reconstruction
+from sawmill_store.files import checkpoints_of, work_of
+from sawmill_vocabulary import Progress
 from sawmill_worker.execution.protocol import Succeeded, to_line
-from sawmill_worker.files.scan_layout import DATA
-from sawmill_worker.files.scan_writer import write_scan
-from sawmill_worker.files.volume_writer import new_reconstruction
-from sawmill_worker.storage.files import checkpoints_of, work_of
-from sawmill_worker.vocabulary import Progress
 
 sys.path.append(str(Path(__file__).parents[1] / "support"))
 import results

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from hostile import checkers, deflated_twice
 
-from sawmill_worker.contracts.geometry import ScannerConstants
-from sawmill_worker.contracts.inspections import InspectionOptions
-from sawmill_worker.contracts.jobs import JobState
-from sawmill_worker.contracts.phantoms import PhantomPicture
-from sawmill_worker.contracts.scanners import ScannerSpec
-from sawmill_worker.contracts.scans import ScanSpec, ScanState
+from sawmill_contracts.geometry import ScannerConstants
+from sawmill_contracts.inspections import InspectionOptions
+from sawmill_contracts.jobs import JobState
+from sawmill_contracts.phantoms import PhantomPicture
+from sawmill_contracts.scanners import ScannerSpec
+from sawmill_contracts.scans import ScanSpec, ScanState
+from sawmill_vocabulary import DataKind
 from sawmill_worker.execution.limits import DATA_BYTES
-from sawmill_worker.vocabulary import DataKind
 
 pytestmark = pytest.mark.slow
 

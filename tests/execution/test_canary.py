@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 import tifffile
 
-from sawmill_worker.contracts.geometry import ScannerConstants
-from sawmill_worker.contracts.jobs import JobState
-from sawmill_worker.contracts.scanners import ScannerSpec
-from sawmill_worker.contracts.scans import ScanSpec, ScanState
-from sawmill_worker.vocabulary import DataKind
+from sawmill_contracts.geometry import ScannerConstants
+from sawmill_contracts.jobs import JobState
+from sawmill_contracts.scanners import ScannerSpec
+from sawmill_contracts.scans import ScanSpec, ScanState
+from sawmill_vocabulary import DataKind
 
 pytestmark = pytest.mark.slow
 

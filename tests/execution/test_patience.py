@@ -2,14 +2,14 @@
 
 import pytest
 
-from sawmill_worker.contracts.events import EventKind
-from sawmill_worker.contracts.jobs import FailureKind, JobKind, JobState
-from sawmill_worker.contracts.kinds import declaration_of
+from sawmill_contracts.events import EventKind
+from sawmill_contracts.jobs import FailureKind, JobKind, JobState
+from sawmill_contracts.kinds import declaration_of
+from sawmill_store.errors import StorageFull
+from sawmill_vocabulary import Progress
 from sawmill_worker.execution.failures import duration
 from sawmill_worker.execution.patience import LATE_S, Patience
 from sawmill_worker.execution.settings import ExecutionSettings
-from sawmill_worker.storage.errors import StorageFull
-from sawmill_worker.vocabulary import Progress
 
 
 class Waiting:

@@ -14,21 +14,21 @@ from structlog.contextvars import merge_contextvars
 from structlog.testing import capture_logs
 from write_lock import write_lock
 
-from sawmill_worker.contracts.jobs import FailureKind, JobState, Priority
-from sawmill_worker.contracts.reconstructions import ReconstructionAsk
-from sawmill_worker.contracts.scans import ScanState
+from sawmill_contracts.jobs import FailureKind, JobState, Priority
+from sawmill_contracts.reconstructions import ReconstructionAsk
+from sawmill_contracts.scans import ScanState
+from sawmill_store import noted_digests
+from sawmill_store.acting import Actor, acting_as
+from sawmill_store.errors import StorageFull, StorageUnavailable
+from sawmill_store.jobs import Jobs
+from sawmill_store.noted_digests import note_digests, read_note
+from sawmill_store.store import Store
 from sawmill_worker.execution import process
 from sawmill_worker.execution import runner as runners
 from sawmill_worker.execution.poller import run_worker
 from sawmill_worker.execution.process import AttemptNotStarted, AttemptProcess, FreshProcesses
 from sawmill_worker.execution.protocol import CHANNEL, Ready, to_line
 from sawmill_worker.execution.runner import Runner
-from sawmill_worker.storage import noted_digests
-from sawmill_worker.storage.acting import Actor, acting_as
-from sawmill_worker.storage.errors import StorageFull, StorageUnavailable
-from sawmill_worker.storage.jobs import Jobs
-from sawmill_worker.storage.noted_digests import note_digests, read_note
-from sawmill_worker.storage.store import Store
 
 pytestmark = pytest.mark.slow
 

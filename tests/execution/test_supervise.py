@@ -11,12 +11,12 @@ from types import SimpleNamespace
 import pytest
 from structlog.testing import capture_logs
 
-from sawmill_worker.contracts import kinds
-from sawmill_worker.contracts.jobs import JobState
+from sawmill_contracts import kinds
+from sawmill_contracts.jobs import JobState
+from sawmill_store.settings import StorageSettings
 from sawmill_worker.execution import supervise
 from sawmill_worker.execution.environment import environment_with
 from sawmill_worker.execution.supervise import WorkerSupervisor, _WatchedWorker
-from sawmill_worker.storage.settings import StorageSettings
 
 pytestmark = pytest.mark.slow
 
@@ -135,7 +135,7 @@ def test_nothing_is_left_when_the_service_is_killed(store, storage, settings, qu
     program = (
         "import sys, time; from sawmill_worker.execution.supervise import WorkerSupervisor;"
         "from sawmill_worker.execution.settings import ExecutionSettings;"
-        "from sawmill_worker.storage.settings import StorageSettings;"
+        "from sawmill_store.settings import StorageSettings;"
         f"WorkerSupervisor(StorageSettings(), ExecutionSettings(), command={WORKER!r}).__enter__(); time.sleep(600)"
     )
     service = subprocess.Popen([sys.executable, "-c", program], env=environment_with(storage, settings))

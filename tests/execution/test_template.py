@@ -12,18 +12,18 @@ import numpy as np
 import pytest
 from missing_parts import skip_without
 
-from sawmill_worker import examples
-from sawmill_worker.contracts.calibrations import CalibrationAsk
-from sawmill_worker.contracts.geometry import ScannerConstants
-from sawmill_worker.contracts.jobs import JobKind, JobState
-from sawmill_worker.contracts.scanners import ScannerSpec
-from sawmill_worker.contracts.scans import ScanSpec
+from sawmill_command import examples
+from sawmill_contracts.calibrations import CalibrationAsk
+from sawmill_contracts.geometry import ScannerConstants
+from sawmill_contracts.jobs import JobKind, JobState
+from sawmill_contracts.scanners import ScannerSpec
+from sawmill_contracts.scans import ScanSpec
+from sawmill_formats.output import calibration_file
+from sawmill_vocabulary import DataKind
 from sawmill_worker.execution import template
 from sawmill_worker.execution.poller import run_worker
 from sawmill_worker.execution.runner import ATTEMPT_COMMAND, Runner
 from sawmill_worker.execution.template import ForkedProcess, Template, template_library
-from sawmill_worker.files import calibration_file
-from sawmill_worker.vocabulary import DataKind
 
 pytestmark = [
     pytest.mark.slow,
@@ -117,8 +117,8 @@ def test_nothing_outlives_the_supervisor(store, settings, command, queue, wait_f
         "import sys, threading\n"
         "from sawmill_worker.execution.runner import Runner\n"
         "from sawmill_worker.execution.settings import ExecutionSettings\n"
-        "from sawmill_worker.storage.settings import StorageSettings\n"
-        "from sawmill_worker.storage.store import Store\n"
+        "from sawmill_store.settings import StorageSettings\n"
+        "from sawmill_store.store import Store\n"
         "store = Store(StorageSettings.model_validate_json(sys.argv[1]))\n"
         "settings = ExecutionSettings.model_validate_json(sys.argv[2])\n"
         "runner = Runner(store, settings, threading.Event(), command=sys.argv[3:])\n"

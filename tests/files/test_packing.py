@@ -6,8 +6,8 @@ import h5py
 import numpy as np
 import pytest
 
-from sawmill_worker.files.nexus import PACKED
-from sawmill_worker.files.packing import fletcher32, pack, write_chunk
+from sawmill_formats.nexus import PACKED
+from sawmill_formats.packing import fletcher32, pack, write_chunk
 
 
 @pytest.fixture

@@ -4,7 +4,7 @@ import h5py
 import numpy as np
 import pytest
 
-from sawmill_worker.files.volume_writer import new_reconstruction
+from sawmill_formats.output.volume_writer import new_reconstruction
 
 
 @pytest.fixture

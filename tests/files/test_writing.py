@@ -12,15 +12,15 @@ import h5py
 import numpy as np
 import pytest
 
-from sawmill_worker.files.calibration_file import NamedArray, write_calibration
-from sawmill_worker.files.errors import UnreadableScan
-from sawmill_worker.files.hdf5 import whole_hdf5
-from sawmill_worker.files.nexus import unit_of, write_mapping
-from sawmill_worker.files.scan_reader import read_stored_scan
-from sawmill_worker.files.scan_writer import write_raw_scan, write_scan
-from sawmill_worker.files.volume_writer import new_reconstruction
-from sawmill_worker.readers.own_scan import is_own_scan
-from sawmill_worker.readers.reading import reading_scan
+from sawmill_formats.errors import UnreadableScan
+from sawmill_formats.hdf5 import whole_hdf5
+from sawmill_formats.input.own.scan import is_own_scan
+from sawmill_formats.input.reading import reading_scan
+from sawmill_formats.nexus import unit_of, write_mapping
+from sawmill_formats.output.calibration_file import NamedArray, write_calibration
+from sawmill_formats.output.scan_reader import read_stored_scan
+from sawmill_formats.output.scan_writer import write_raw_scan, write_scan
+from sawmill_formats.output.volume_writer import new_reconstruction
 
 
 def read_scan(path, **given):
@@ -315,7 +315,7 @@ def test_full_disk_is_a_sentence_and_leaves_nothing(tmp_path, then):
     program = f"""
         import resource, numpy
         from pathlib import Path
-        from sawmill_worker.files.scan_writer import new_scan
+        from sawmill_formats.output.scan_writer import new_scan
         resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, {resource.RLIM_INFINITY}))
         stack = numpy.random.default_rng(5).random((50, 60, 4000), dtype="f4")
         new = new_scan(Path({str(tmp_path / "scan.h5")!r}), stack.shape, angles_rad=numpy.arange(50.0),

@@ -11,15 +11,15 @@ import pytest
 from numpy.typing import NDArray
 from small_scanner import calibration, constants, scanner, sinogram, spec, theta, turn  # noqa: F401 - fixtures
 
-from sawmill_worker.contracts.calibrations import CalibrationAsk
-from sawmill_worker.contracts.jobs import Job, JobKind
-from sawmill_worker.contracts.scanners import ScannerSpec
-from sawmill_worker.contracts.scans import Scan, ScanSpec
+from sawmill_contracts.calibrations import CalibrationAsk
+from sawmill_contracts.jobs import Job, JobKind
+from sawmill_contracts.scanners import ScannerSpec
+from sawmill_contracts.scans import Scan, ScanSpec
+from sawmill_store.settings import StorageSettings
+from sawmill_store.store import Store
+from sawmill_vocabulary import DataKind, Progress
 from sawmill_worker.jobs.attempt import Attempt
 from sawmill_worker.jobs.running import run
-from sawmill_worker.storage.settings import StorageSettings
-from sawmill_worker.storage.store import Store
-from sawmill_worker.vocabulary import DataKind, Progress
 
 
 @pytest.fixture

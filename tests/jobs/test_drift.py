@@ -8,21 +8,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sawmill_worker.contracts.calibrations import CalibrationAsk, CalibrationResult
-from sawmill_worker.contracts.drift_baselines import KnownBaseline
-from sawmill_worker.contracts.drifts import DriftAsk, DriftResult
-from sawmill_worker.contracts.geometry import ScannerConstants
-from sawmill_worker.contracts.jobs import FailureKind, JobKind
-from sawmill_worker.contracts.scanners import ScannerSpec, Tolerances
-from sawmill_worker.contracts.scans import ScanSpec
+from sawmill_contracts.calibrations import CalibrationAsk, CalibrationResult
+from sawmill_contracts.drift_baselines import KnownBaseline
+from sawmill_contracts.drifts import DriftAsk, DriftResult
+from sawmill_contracts.geometry import ScannerConstants
+from sawmill_contracts.jobs import FailureKind, JobKind
+from sawmill_contracts.scanners import ScannerSpec, Tolerances
+from sawmill_contracts.scans import ScanSpec
+from sawmill_tomography.geometry.geometry import FanBeamGeometry, Scanner, Theta
+from sawmill_tomography.phantoms.log_model import LogModel
+from sawmill_tomography.projection.simulate import simulate_sinogram
+from sawmill_vocabulary import DataKind
 from sawmill_worker.jobs.running import run
-from sawmill_worker.tomography.geometry import FanBeamGeometry, Scanner, Theta
-from sawmill_worker.tomography.log_model import LogModel
-from sawmill_worker.tomography.simulate import simulate_sinogram
 from sawmill_worker.use_cases.drift import CommonMean, DriftInput, run_drift
 from sawmill_worker.use_cases.drift_baseline import baselines_of, read_answers
 from sawmill_worker.use_cases.failures import JobFailure
-from sawmill_worker.vocabulary import DataKind
 
 MILL = Scanner(source_to_cor_mm=859.46, num_detector_pixels=384, detector_pitch_mm=3.0)
 CONSTANTS = ScannerConstants(**vars(MILL))

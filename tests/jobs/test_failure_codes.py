@@ -3,9 +3,9 @@
 import ast
 from pathlib import Path
 
-from sawmill_worker.contracts.failure_codes import CODES, OTHER, counted_as
-from sawmill_worker.contracts.kinds import Reference
-from sawmill_worker.storage.errors import NotFound, StorageFull, StorageUnavailable
+from sawmill_contracts.failure_codes import CODES, OTHER, counted_as
+from sawmill_contracts.kinds import Reference
+from sawmill_store.errors import NotFound, StorageFull, StorageUnavailable
 
 WORKER = Path(__file__).parents[2] / "worker" / "sawmill_worker"
 ROOMS = ("execution", "files", "jobs", "readers", "tomography", "use_cases")
@@ -30,11 +30,11 @@ def test_the_list_has_the_codes_of_the_sources():
     paths = [path for room in ROOMS for path in (WORKER / room).rglob("*.py")] + [WORKER / "storage" / "jobs.py"]
     found = {code for path in paths for code in codes_in(path)}
     assert len(found) > 50  # else the search finds nothing
-    # What a job works on may have been deleted before it is handed over (`storage/handing_over.py`).
+    # What a job works on may have been deleted before it is handed over (`sawmill_store/handing_over.py`).
     gone = {NotFound(kind, "").code for kind in Reference if kind is not Reference.THETA}
     raised = found | {StorageFull.code, StorageUnavailable.code} | gone
-    assert not raised - CODES, "add these to contracts/failure_codes.py"
-    assert not CODES - raised, "no job fails with these: take them out of contracts/failure_codes.py"
+    assert not raised - CODES, "add these to sawmill_contracts/failure_codes.py"
+    assert not CODES - raised, "no job fails with these: take them out of sawmill_contracts/failure_codes.py"
 
 
 def test_a_code_that_is_not_in_the_list_counts_as_another():

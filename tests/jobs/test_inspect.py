@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from sawmill_worker.contracts.inspections import InspectionOptions, InspectionResult
-from sawmill_worker.contracts.jobs import JobKind
+from sawmill_contracts.inspections import InspectionOptions, InspectionResult
+from sawmill_contracts.jobs import JobKind
+from sawmill_vocabulary import DataKind
 from sawmill_worker.jobs.running import run
 from sawmill_worker.use_cases.failures import JobFailure
-from sawmill_worker.vocabulary import DataKind
 
 COUNTS = np.random.default_rng(7).integers(1000, 30_000, (12, 1, 8)).astype(np.uint16)
 

@@ -9,21 +9,21 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from sawmill_worker.contracts.calibration_arrays import CalibrationArrays
-from sawmill_worker.contracts.calibrations import CalibrationResult
-from sawmill_worker.contracts.jobs import FailureKind, JobKind
-from sawmill_worker.contracts.phantoms import PhantomDrawing, PhantomPicture
-from sawmill_worker.contracts.reconstructions import ReconstructionAsk
-from sawmill_worker.files import calibration_file
+from sawmill_contracts.calibration_arrays import CalibrationArrays
+from sawmill_contracts.calibrations import CalibrationResult
+from sawmill_contracts.jobs import FailureKind, JobKind
+from sawmill_contracts.phantoms import PhantomDrawing, PhantomPicture
+from sawmill_contracts.reconstructions import ReconstructionAsk
+from sawmill_formats.output import calibration_file
+from sawmill_tomography.geometry.ray_error import ray_error
+from sawmill_tomography.phantoms.built_in import RECTANGLE_WITH_HOLE
+from sawmill_tomography.phantoms.phantom import Disc, Phantom
+from sawmill_tomography.projection.analytic import DetectorCells, project
+from sawmill_vocabulary import ReconstructionMethod
 from sawmill_worker.jobs.running import run
 from sawmill_worker.pictures.calibration_report import overlay_png
-from sawmill_worker.tomography.analytic import DetectorCells, project
-from sawmill_worker.tomography.built_in import RECTANGLE_WITH_HOLE
-from sawmill_worker.tomography.phantom import Disc, Phantom
-from sawmill_worker.tomography.ray_error import ray_error
 from sawmill_worker.use_cases.conversion import to_phantom
 from sawmill_worker.use_cases.failures import JobFailure
-from sawmill_worker.vocabulary import ReconstructionMethod
 
 pytestmark = pytest.mark.slow
 

@@ -10,15 +10,15 @@ import h5py
 import numpy as np
 import pytest
 
-from sawmill_worker.contracts.calibrations import CalibrationAsk, PaperOptions
-from sawmill_worker.contracts.jobs import JobKind
-from sawmill_worker.contracts.reconstructions import ReconstructionAsk
+from sawmill_contracts.calibrations import CalibrationAsk, PaperOptions
+from sawmill_contracts.jobs import JobKind
+from sawmill_contracts.reconstructions import ReconstructionAsk
+from sawmill_store.errors import StorageFull
+from sawmill_vocabulary import CalibrationMethod
 from sawmill_worker.jobs import keeping
 from sawmill_worker.jobs.attempt import Attempt
 from sawmill_worker.jobs.keeping import PAUSE_S, AttemptKeeper
 from sawmill_worker.jobs.running import run
-from sawmill_worker.storage.errors import StorageFull
-from sawmill_worker.vocabulary import CalibrationMethod
 
 pytestmark = pytest.mark.slow
 

@@ -2,16 +2,16 @@
 
 import pytest
 
-from sawmill_worker.contracts.built_in import BUILT_IN_PHANTOMS
-from sawmill_worker.contracts.geometry import GivenTheta
-from sawmill_worker.contracts.jobs import JobKind
-from sawmill_worker.contracts.phantoms import PhantomPicture
-from sawmill_worker.contracts.plans import PlanAsk
-from sawmill_worker.contracts.reconstructions import ReconstructionAsk
-from sawmill_worker.contracts.scans import ScanReading, ScanShape, ScanSpec
+from sawmill_contracts.built_in import BUILT_IN_PHANTOMS
+from sawmill_contracts.geometry import GivenTheta
+from sawmill_contracts.jobs import JobKind
+from sawmill_contracts.phantoms import PhantomPicture
+from sawmill_contracts.plans import PlanAsk
+from sawmill_contracts.reconstructions import ReconstructionAsk
+from sawmill_contracts.scans import ScanReading, ScanShape, ScanSpec
+from sawmill_vocabulary import DataKind
 from sawmill_worker.execution.limits import DATA_BYTES
 from sawmill_worker.jobs.running import needs_of
-from sawmill_worker.vocabulary import DataKind
 
 THETA = GivenTheta(
     initial_angle_rad=2.55,

@@ -1,15 +1,15 @@
 import pytest
 
-from sawmill_worker.contracts.jobs import FailureKind, JobKind
-from sawmill_worker.contracts.phantoms import PhantomDrawing
-from sawmill_worker.contracts.plans import PlanAsk, PlanResult
+from sawmill_contracts.jobs import FailureKind, JobKind
+from sawmill_contracts.phantoms import PhantomDrawing
+from sawmill_contracts.plans import PlanAsk, PlanResult
+from sawmill_store.errors import NotFound
+from sawmill_tomography.calibration.planning import plan
+from sawmill_tomography.geometry.geometry import FanBeamGeometry
+from sawmill_tomography.phantoms.built_in import L_SHAPE
+from sawmill_vocabulary import Disc
 from sawmill_worker.jobs.running import run
-from sawmill_worker.storage.errors import NotFound
-from sawmill_worker.tomography.built_in import L_SHAPE
-from sawmill_worker.tomography.geometry import FanBeamGeometry
-from sawmill_worker.tomography.planning import plan
 from sawmill_worker.use_cases.failures import JobFailure
-from sawmill_worker.vocabulary import Disc
 
 
 @pytest.fixture

@@ -13,23 +13,23 @@ import h5py
 import numpy as np
 import pytest
 
-from sawmill_worker.contracts.jobs import FailureKind, JobKind
-from sawmill_worker.contracts.preparing import PrepareOptions
-from sawmill_worker.contracts.scans import ScanSpec
-from sawmill_worker.files.errors import UnreadableScan
-from sawmill_worker.files.scan_reader import read_stored_scan
+from sawmill_contracts.jobs import FailureKind, JobKind
+from sawmill_contracts.preparing import PrepareOptions
+from sawmill_contracts.scans import ScanSpec
+from sawmill_formats.errors import UnreadableScan
+from sawmill_formats.input.canonical import CanonicalScan
+from sawmill_formats.input.contents import Projections, held
+from sawmill_formats.output.scan_reader import read_stored_scan
+from sawmill_tomography.geometry.geometry import FanBeamGeometry
+from sawmill_tomography.phantoms.log_model import LogModel
+from sawmill_tomography.preparing.row_shifts import RowsError
+from sawmill_tomography.projection.analytic import DetectorCells, project
+from sawmill_vocabulary import DataKind
 from sawmill_worker.jobs.running import run
-from sawmill_worker.readers.canonical import CanonicalScan
-from sawmill_worker.readers.contents import Projections, held
-from sawmill_worker.tomography.analytic import DetectorCells, project
-from sawmill_worker.tomography.geometry import FanBeamGeometry
-from sawmill_worker.tomography.log_model import LogModel
-from sawmill_worker.tomography.preparing.row_shifts import RowsError
 from sawmill_worker.use_cases import capacity
 from sawmill_worker.use_cases import prepare as preparing
 from sawmill_worker.use_cases.failures import JobFailure
 from sawmill_worker.use_cases.prepare import prepare_scan
-from sawmill_worker.vocabulary import DataKind
 
 VIEWS, ROWS = 36, 44
 LOST = 6
@@ -304,9 +304,9 @@ def test_memory_holds_the_window_and_not_the_scan(tmp_path):
     program = f"""
         import re, numpy
         from pathlib import Path
-        from sawmill_worker.contracts.preparing import PrepareOptions
-        from sawmill_worker.readers.canonical import CanonicalScan
-        from sawmill_worker.readers.contents import Projections
+        from sawmill_contracts.preparing import PrepareOptions
+        from sawmill_formats.input.canonical import CanonicalScan
+        from sawmill_formats.input.contents import Projections
         from sawmill_worker.use_cases.prepare import prepare_scan
 
         def largest():

@@ -7,11 +7,11 @@ import pytest
 from matplotlib import colormaps
 from PIL import Image
 
+from sawmill_vocabulary import ColorMap
 from sawmill_worker.pictures.color_maps import painted
 from sawmill_worker.pictures.images import image_png, image_png16, sinogram_png
 from sawmill_worker.pictures.round_numbers import round_length, ticks
 from sawmill_worker.pictures.windows import window_of
-from sawmill_worker.vocabulary import ColorMap
 
 PLACE = {"pixel_mm": 0.5, "first_pixel_mm": (60.25, -40.0)}
 

@@ -3,8 +3,8 @@ import os
 import numpy as np
 import pytest
 
-from sawmill_worker.files.errors import UnreadableScan
-from sawmill_worker.readers.angles import AngleList, AngleSteps, parse_angles, read_angles_file
+from sawmill_formats.errors import UnreadableScan
+from sawmill_formats.input.angles import AngleList, AngleSteps, parse_angles, read_angles_file
 
 
 def test_start_and_step():

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 import scipy.io
 
-from sawmill_worker.files.errors import UnreadableScan
-from sawmill_worker.readers.angles import AngleSteps
-from sawmill_worker.readers.averaged import AveragedRows
-from sawmill_worker.readers.reading import reading_scan
+from sawmill_formats.errors import UnreadableScan
+from sawmill_formats.input.angles import AngleSteps
+from sawmill_formats.input.averaged import AveragedRows
+from sawmill_formats.input.reading import reading_scan
 from sawmill_worker.use_cases.averaged import AveragedRays
 
 VIEWS, CELLS = 9, 64

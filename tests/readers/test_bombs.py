@@ -20,10 +20,10 @@ from hostile import (
 )
 from PIL import Image
 
-from sawmill_worker.files.errors import UnreadableScan
-from sawmill_worker.readers.angles import AngleSteps
-from sawmill_worker.readers.picture import BYTES_A_PIXEL, read_picture
-from sawmill_worker.readers.reading import reading_scan
+from sawmill_formats.errors import UnreadableScan
+from sawmill_formats.input.angles import AngleSteps
+from sawmill_formats.input.picture import BYTES_A_PIXEL, read_picture
+from sawmill_formats.input.reading import reading_scan
 
 # What the refusals may take beyond the idle process. Most take a thousandth; a 64-million-pixel picture is the largest.
 # `hostile` limits their processor seconds.

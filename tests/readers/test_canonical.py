@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from sawmill_worker.files.errors import UnreadableScan
-from sawmill_worker.readers.canonical import CanonicalScan
-from sawmill_worker.readers.contents import Projections, held
+from sawmill_formats.errors import UnreadableScan
+from sawmill_formats.input.canonical import CanonicalScan
+from sawmill_formats.input.contents import Projections, held
 
 
 @pytest.fixture

@@ -8,9 +8,9 @@ import h5py
 import numpy as np
 import pytest
 
-from sawmill_worker.files.errors import UnreadableScan
-from sawmill_worker.readers.angles import AngleSteps
-from sawmill_worker.readers.reading import reading_scan
+from sawmill_formats.errors import UnreadableScan
+from sawmill_formats.input.angles import AngleSteps
+from sawmill_formats.input.reading import reading_scan
 
 SHAPE = (6, 2, 16)
 STACK = np.random.default_rng(5).integers(0, 9, SHAPE).astype(np.uint8)

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from sawmill_worker.files.errors import UnreadableScan
-from sawmill_worker.readers.picture import read_picture
+from sawmill_formats.errors import UnreadableScan
+from sawmill_formats.input.picture import read_picture
 
 GREY = np.random.default_rng(6).integers(0, 256, (9, 14), np.uint8)
 

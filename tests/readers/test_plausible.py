@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from sawmill_worker.files.errors import UnreadableScan
-from sawmill_worker.readers.angles import AngleList, AngleSteps, parse_angles
-from sawmill_worker.readers.reading import reading_scan
+from sawmill_formats.errors import UnreadableScan
+from sawmill_formats.input.angles import AngleList, AngleSteps, parse_angles
+from sawmill_formats.input.reading import reading_scan
 
 STEPS = AngleSteps(0.0, 18.0)
 VIEWS, ROWS, CELLS = 20, 3, 40

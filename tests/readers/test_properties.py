@@ -12,10 +12,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
-from sawmill_worker.files.errors import UnreadableScan
-from sawmill_worker.readers.angles import AngleSteps
-from sawmill_worker.readers.picture import read_picture
-from sawmill_worker.readers.reading import reading_scan
+from sawmill_formats.errors import UnreadableScan
+from sawmill_formats.input.angles import AngleSteps
+from sawmill_formats.input.picture import read_picture
+from sawmill_formats.input.reading import reading_scan
 
 STACK = np.random.default_rng(20261122).integers(100, 60_000, (6, 3, 8)).astype(np.uint16)
 QUICK = settings(

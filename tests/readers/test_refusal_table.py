@@ -15,9 +15,9 @@ import scipy.io
 import tifffile
 from PIL import Image
 
-from sawmill_worker.files.errors import UnreadableScan, library_errors_translated
-from sawmill_worker.readers.angles import AngleSteps
-from sawmill_worker.readers.reading import reading_scan
+from sawmill_formats.errors import UnreadableScan, library_errors_translated
+from sawmill_formats.input.angles import AngleSteps
+from sawmill_formats.input.reading import reading_scan
 
 STACK = np.random.default_rng(20261122).integers(100, 60_000, (6, 3, 8)).astype(np.uint16)
 VALUES = STACK.astype(np.float64)

@@ -14,9 +14,9 @@ import pytest
 import scipy.io
 import tifffile
 
-from sawmill_worker.files.errors import UnreadableScan
-from sawmill_worker.readers.angles import AngleList, AngleSteps
-from sawmill_worker.readers.reading import reading_scan
+from sawmill_formats.errors import UnreadableScan
+from sawmill_formats.input.angles import AngleList, AngleSteps
+from sawmill_formats.input.reading import reading_scan
 
 STEPS = AngleSteps(0.0, 60.0)
 BOMB = zlib.compress(bytes(24 * 2**20), 1)

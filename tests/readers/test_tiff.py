@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import tifffile
 
-from sawmill_worker.files.errors import UnreadableScan
-from sawmill_worker.readers.arrays import Bounds
-from sawmill_worker.readers.tiff import open_pages
+from sawmill_formats.errors import UnreadableScan
+from sawmill_formats.input.arrays import Bounds
+from sawmill_formats.input.tiff.pages import open_pages
 
 STACK = np.arange(12 * 4 * 16, dtype=np.uint16).reshape(12, 4, 16)
 BOUNDS = Bounds(array=2**20, piece=2**20)

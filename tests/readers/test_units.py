@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from sawmill_worker.readers import units
+from sawmill_formats.input import units
 
 IN_MM = {
     1e-6: ["nm"],

@@ -3,7 +3,7 @@
 import numpy as np
 from tifffile import _imagecodecs
 
-from sawmill_worker.readers.unpacking import PACKBITS
+from sawmill_formats.input.unpacking import PACKBITS
 
 
 def test_packbits_of_any_bytes():

@@ -18,34 +18,34 @@ import results
 from plain_logs import log_plainly
 from postgres_server import PostgresDatabases
 
+from sawmill_contracts.calibrations import CalibrationAsk
+from sawmill_contracts.drifts import DriftAsk
+from sawmill_contracts.geometry import ScannerConstants
+from sawmill_contracts.inspections import InspectionOptions
+from sawmill_contracts.jobs import JobKind, JobState
+from sawmill_contracts.phantoms import PhantomDrawing
+from sawmill_contracts.plans import PlanAsk
+from sawmill_contracts.reconstructions import ReconstructionAsk
+from sawmill_contracts.scanners import ScannerSpec
+from sawmill_contracts.scans import ScanSpec
+from sawmill_contracts.schedules import ScheduleSpec
+from sawmill_contracts.uploads import UploadAsk
+from sawmill_contracts.webhooks import WebhookAsk
+from sawmill_formats.nexus import PACKED
+from sawmill_formats.output.calibration_file import NamedArray
+from sawmill_formats.output.calibration_file import write_calibration as write_calibration_file
+from sawmill_formats.output.scan_writer import write_scan as write_scan_file
+from sawmill_formats.output.volume_writer import NewVolume, new_reconstruction
 from sawmill_service.app import create_app
-from sawmill_service.openapi_document import Application
+from sawmill_service.http.openapi_document import Application
 from sawmill_service.settings import ServiceSettings
-from sawmill_worker.contracts.calibrations import CalibrationAsk
-from sawmill_worker.contracts.drifts import DriftAsk
-from sawmill_worker.contracts.geometry import ScannerConstants
-from sawmill_worker.contracts.inspections import InspectionOptions
-from sawmill_worker.contracts.jobs import JobKind, JobState
-from sawmill_worker.contracts.phantoms import PhantomDrawing
-from sawmill_worker.contracts.plans import PlanAsk
-from sawmill_worker.contracts.reconstructions import ReconstructionAsk
-from sawmill_worker.contracts.scanners import ScannerSpec
-from sawmill_worker.contracts.scans import ScanSpec
-from sawmill_worker.contracts.schedules import ScheduleSpec
-from sawmill_worker.contracts.uploads import UploadAsk
-from sawmill_worker.contracts.webhooks import WebhookAsk
+from sawmill_store.jobs import Claim
+from sawmill_store.settings import StorageSettings
+from sawmill_store.store import Store
+from sawmill_store.tables import JobRow
+from sawmill_store.uploads import UploadQuota
+from sawmill_vocabulary import DataKind, Disc, ReconstructionMethod
 from sawmill_worker.execution.logs import configure_logs
-from sawmill_worker.files.calibration_file import NamedArray
-from sawmill_worker.files.calibration_file import write_calibration as write_calibration_file
-from sawmill_worker.files.nexus import PACKED
-from sawmill_worker.files.scan_writer import write_scan as write_scan_file
-from sawmill_worker.files.volume_writer import NewVolume, new_reconstruction
-from sawmill_worker.storage.jobs import Claim
-from sawmill_worker.storage.settings import StorageSettings
-from sawmill_worker.storage.store import Store
-from sawmill_worker.storage.tables import JobRow
-from sawmill_worker.storage.uploads import UploadQuota
-from sawmill_worker.vocabulary import DataKind, Disc, ReconstructionMethod
 
 ORIGIN = "http://127.0.0.1:8000"
 VIEWS, ROWS, CELLS = 12, 4, 16

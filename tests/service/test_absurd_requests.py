@@ -2,8 +2,8 @@
 
 import pytest
 
-from sawmill_worker.contracts.reconstructions import DECLARATION as RECONSTRUCTION
-from sawmill_worker.contracts.reconstructions import ReconstructionAsked
+from sawmill_contracts.reconstructions import DECLARATION as RECONSTRUCTION
+from sawmill_contracts.reconstructions import ReconstructionAsked
 
 ROWS, VIEWS = 4, 12  # of the example scan
 CONSTANTS = {"source_to_cor_mm": 859.46, "num_detector_pixels": 768, "detector_pitch_mm": 1.5}

@@ -4,8 +4,8 @@ from datetime import UTC, datetime, timedelta
 
 import pytest
 
-from sawmill_worker.contracts.scanners import AlarmLimits
-from sawmill_worker.storage.store import Store
+from sawmill_contracts.scanners import AlarmLimits
+from sawmill_store.store import Store
 
 
 @pytest.fixture

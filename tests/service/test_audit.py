@@ -5,11 +5,11 @@ import json
 import pytest
 from typer.testing import CliRunner
 
+from sawmill_command.commands import main
+from sawmill_contracts.audit import AuditAction
+from sawmill_contracts.keys import KeyAsk, Scope
 from sawmill_service.app import create_app
-from sawmill_service.cli import main
 from sawmill_service.settings import ServiceSettings
-from sawmill_worker.contracts.audit import AuditAction
-from sawmill_worker.contracts.keys import KeyAsk, Scope
 
 SPEC = {
     "name": "Line 2",

@@ -5,14 +5,14 @@ from html import unescape
 
 import pytest
 
+from sawmill_contracts.calibrations import CalibrationAsk
+from sawmill_contracts.inspections import InspectionOptions
+from sawmill_contracts.jobs import Failure, FailureKind, JobKind
+from sawmill_contracts.keys import KeyAsk, Scope
+from sawmill_contracts.phantoms import PhantomPicture
 from sawmill_service.app import create_app
-from sawmill_worker.contracts.calibrations import CalibrationAsk
-from sawmill_worker.contracts.inspections import InspectionOptions
-from sawmill_worker.contracts.jobs import Failure, FailureKind, JobKind
-from sawmill_worker.contracts.keys import KeyAsk, Scope
-from sawmill_worker.contracts.phantoms import PhantomPicture
-from sawmill_worker.storage.retries import Retries
-from sawmill_worker.storage.store import Store
+from sawmill_store.retries import Retries
+from sawmill_store.store import Store
 
 ANSWERS = {"scanner_id": "example", "phantom_id": "l-shape", "data": "counts", "angles_deg": "0:30"}
 ANGLES = {"what": "angles", "flag": "--angles-deg", "field": "angles_deg", "why": "the file carries none"}

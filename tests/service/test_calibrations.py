@@ -6,10 +6,10 @@ import httpx
 import pytest
 from PIL import Image
 
+from sawmill_contracts.jobs import JobKind
 from sawmill_service.drawing import CalibrationPicture, calibration_picture
-from sawmill_worker.contracts.jobs import JobKind
+from sawmill_store.errors import NotFound
 from sawmill_worker.pictures import calibration_report
-from sawmill_worker.storage.errors import NotFound
 
 
 @pytest.mark.slow

@@ -7,11 +7,11 @@ from pathlib import Path
 import pytest
 from example_requests import with_file
 
+from sawmill_contracts.calibrations import CalibrationAsk
+from sawmill_contracts.keys import KeyAsk, Scope
+from sawmill_contracts.uploads import UploadAsk
 from sawmill_service.app import create_app
-from sawmill_worker.contracts.calibrations import CalibrationAsk
-from sawmill_worker.contracts.keys import KeyAsk, Scope
-from sawmill_worker.contracts.uploads import UploadAsk
-from sawmill_worker.storage.uploads import UploadQuota
+from sawmill_store.uploads import UploadQuota
 
 REQUESTS = Path(__file__).parents[2] / "openapi" / "requests"
 QUOTA = UploadQuota(10, 2**30, 2**30)

@@ -12,7 +12,7 @@ import yaml
 from contract_changes import compare, fault_of_version, needed_version
 from contract_parts import Kind, without_words
 
-from sawmill_worker.vocabulary.version import VERSION
+from sawmill_vocabulary.version import VERSION
 
 ROOT = Path(__file__).parents[2]
 HEADINGS = re.compile(r"^## \[(.+)\] - (.+)$", re.MULTILINE)

@@ -5,7 +5,7 @@ import re
 
 import pytest
 
-from sawmill_service.problems import Problem
+from sawmill_service.http.problems import Problem
 
 SPEC = {
     "name": "Line 2",

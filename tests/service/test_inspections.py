@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from sawmill_worker.contracts.jobs import JobKind
-from sawmill_worker.storage.store import Store
+from sawmill_contracts.jobs import JobKind
+from sawmill_store.store import Store
 
 CONTENT = np.random.default_rng(5).bytes(5000)
 AS_SCAN = "/v1/scans?scanner_id=example&data=counts"

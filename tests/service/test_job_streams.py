@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 
+from sawmill_contracts.jobs import JobState
 from sawmill_service.app import create_app
-from sawmill_worker.contracts.jobs import JobState
-from sawmill_worker.storage.errors import StorageUnavailable
-from sawmill_worker.vocabulary import Progress
+from sawmill_store.errors import StorageUnavailable
+from sawmill_vocabulary import Progress
 
 
 @pytest.fixture

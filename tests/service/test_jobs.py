@@ -5,9 +5,9 @@ import time
 
 import pytest
 
-from sawmill_worker.contracts.jobs import Failure, FailureKind, Priority
-from sawmill_worker.storage.errors import StorageUnavailable
-from sawmill_worker.vocabulary import Progress
+from sawmill_contracts.jobs import Failure, FailureKind, Priority
+from sawmill_store.errors import StorageUnavailable
+from sawmill_vocabulary import Progress
 
 
 @pytest.fixture

@@ -5,11 +5,11 @@ import re
 from page_text import text_of
 from sqlalchemy import event, insert
 
-from sawmill_worker.contracts.jobs import Failure, FailureKind, JobKind, JobState
-from sawmill_worker.contracts.keys import KeyAsk, Scope
-from sawmill_worker.contracts.plans import PlanAsk
-from sawmill_worker.storage.tables import JobRow
-from sawmill_worker.vocabulary import Progress, Theta
+from sawmill_contracts.jobs import Failure, FailureKind, JobKind, JobState
+from sawmill_contracts.keys import KeyAsk, Scope
+from sawmill_contracts.plans import PlanAsk
+from sawmill_store.tables import JobRow
+from sawmill_vocabulary import Progress, Theta
 
 NOMINAL = Theta(
     initial_angle_rad=0.0, detector_to_cor_mm=740.0, source_shift_mm=200.0, detector_shift_mm=30.0, detector_tilt=0.2

@@ -6,14 +6,14 @@ from urllib.parse import parse_qs, urlsplit
 
 import pytest
 
+from sawmill_contracts.audit import AuditAction
+from sawmill_contracts.calibrations import CalibrationAsk
+from sawmill_contracts.keys import KeyAsk, Scope
 from sawmill_service.access import LOGIN_PATHS
 from sawmill_service.app import create_app
-from sawmill_service.session_cookie import NAME, SECURE_NAME, csrf_token
+from sawmill_service.http.session_cookie import NAME, SECURE_NAME, csrf_token
 from sawmill_service.settings import ServiceSettings
-from sawmill_worker.contracts.audit import AuditAction
-from sawmill_worker.contracts.calibrations import CalibrationAsk
-from sawmill_worker.contracts.keys import KeyAsk, Scope
-from sawmill_worker.storage.store import Store
+from sawmill_store.store import Store
 
 TOKEN = "Zm9yIHRlc3RzIGFsb25lLCBub3QgYSBzZWNyZXQ"  # noqa: S105 - for tests alone
 GUARDED = ServiceSettings(token=TOKEN)

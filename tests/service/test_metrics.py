@@ -11,11 +11,11 @@ import pytest
 import results
 from prometheus_client.parser import text_string_to_metric_families
 
+from sawmill_contracts.calibrations import CalibrationAsk
+from sawmill_contracts.drifts import DriftAsk
+from sawmill_contracts.jobs import Failure, FailureKind
 from sawmill_service.measures import Measures
-from sawmill_worker.contracts.calibrations import CalibrationAsk
-from sawmill_worker.contracts.drifts import DriftAsk
-from sawmill_worker.contracts.jobs import Failure, FailureKind
-from sawmill_worker.storage.errors import StorageUnavailable
+from sawmill_store.errors import StorageUnavailable
 
 ROOT = Path(__file__).parents[2]
 pytestmark = pytest.mark.usefixtures("seeded")

@@ -7,11 +7,11 @@ from datetime import UTC, datetime, timedelta
 import pytest
 from results import calibration_result
 
+from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_service.access import ANYBODY
 from sawmill_service.pages.formats import Formats
 from sawmill_service.pages.frame import templates
 from sawmill_service.pages.languages import locale_of, preferred_language
-from sawmill_worker.contracts.calibrations import CalibrationResult
 
 BROWSER = {"Accept": "text/html,application/xhtml+xml"}
 

@@ -7,9 +7,9 @@ import pytest
 from page_text import text_of
 
 import sawmill_service
-from sawmill_worker.contracts.keys import KeyAsk, Scope
-from sawmill_worker.contracts.phantoms import PhantomDrawing, SizeMeasurement
-from sawmill_worker.vocabulary import Disc
+from sawmill_contracts.keys import KeyAsk, Scope
+from sawmill_contracts.phantoms import PhantomDrawing, SizeMeasurement
+from sawmill_vocabulary import Disc
 
 PICTURE = (Path(sawmill_service.__file__).parent / "static/phantom.png").read_bytes()
 SQUARE = {"kind": "polygon", "vertices_mm": [[-50, -50], [50, -50], [50, 50], [-50, 50]]}

@@ -7,18 +7,18 @@ from pathlib import Path
 import pytest
 from pydantic import SecretStr
 
+from sawmill_contracts.failure_codes import CODES
+from sawmill_contracts.jobs import Failure, FailureKind, JobState
+from sawmill_contracts.scans import ScanState
+from sawmill_formats.errors import DamagedResult
 from sawmill_service.access import LOGIN
 from sawmill_service.app import create_app
-from sawmill_service.problem_types import markdown_table, problem_types
+from sawmill_service.http.problem_types import markdown_table, problem_types
 from sawmill_service.settings import ServiceSettings
-from sawmill_worker.contracts.failure_codes import CODES
-from sawmill_worker.contracts.jobs import Failure, FailureKind, JobState
-from sawmill_worker.contracts.scans import ScanState
-from sawmill_worker.files.errors import DamagedResult
-from sawmill_worker.storage import errors
+from sawmill_store import errors
 
 ROOT = Path(__file__).parents[2]
-SOURCES = [*(ROOT / "service").rglob("*.py"), *(ROOT / "worker" / "sawmill_worker").rglob("*.py")]
+SOURCES = [*(ROOT / "service").rglob("*.py"), *(ROOT / "worker").rglob("*.py")]
 # Where the code stands among the arguments, and how it is made of what stands there.
 CODES_AT = {
     "Refused": (1, "{}"),
@@ -49,7 +49,7 @@ OWN_CODES = ("UploadTooLarge", "QueueFull", "Damaged", "StorageFull", "StorageUn
 
 def assigned_codes() -> Iterator[str]:
     """As in `code, detail = "unknown-path", "..."`."""
-    for node in ast.walk(ast.parse((ROOT / "service/sawmill_service/problems.py").read_text())):
+    for node in ast.walk(ast.parse((ROOT / "service/sawmill_service/http/problems.py").read_text())):
         if (
             isinstance(node, ast.Assign)
             and isinstance(node.targets[0], ast.Tuple)
@@ -110,7 +110,7 @@ def test_every_failure_s_code_has_its_texts():
 
 def test_the_documents_have_the_codes_of_now():
     http = (ROOT / "docs" / "http.md").read_text()
-    assert markdown_table() in http, "put what `python -m sawmill_service.problem_types` prints into docs/http.md"
+    assert markdown_table() in http, "put what `python -m sawmill_service.http.problem_types` prints into docs/http.md"
 
 
 def test_a_problem_leads_to_its_page(client):

@@ -11,11 +11,11 @@ from documented import check_documented, committed
 from example_requests import with_file
 from page_text import text_of
 
+from sawmill_contracts.keys import KeyAsk, Scope
+from sawmill_contracts.plans import PlanAsk
 from sawmill_service.app import create_app
 from sawmill_service.settings import ServiceSettings
-from sawmill_worker.contracts.keys import KeyAsk, Scope
-from sawmill_worker.contracts.plans import PlanAsk
-from sawmill_worker.storage.store import Store
+from sawmill_store.store import Store
 
 REQUESTS = Path(__file__).parents[2] / "openapi" / "requests"
 ORIGIN = "http://127.0.0.1:8000"

@@ -8,16 +8,16 @@ import httpx
 import pytest
 from pydantic import SecretStr, ValidationError
 
+from sawmill_contracts.keys import KeyAsk, NewKey, Scope
+from sawmill_contracts.scanners import ScannerSpec
+from sawmill_contracts.scans import ScanSpec
 from sawmill_service.app import create_app
-from sawmill_service.callers import who
-from sawmill_service.problems import Refused
-from sawmill_service.rates import BoundedMemory, FailedLogins, Rates
+from sawmill_service.http.callers import who
+from sawmill_service.http.problems import Refused
+from sawmill_service.http.rates import BoundedMemory, FailedLogins, Rates
 from sawmill_service.settings import ServiceSettings
-from sawmill_worker.contracts.keys import KeyAsk, NewKey, Scope
-from sawmill_worker.contracts.scanners import ScannerSpec
-from sawmill_worker.contracts.scans import ScanSpec
-from sawmill_worker.storage.acting import Actor, acting_as
-from sawmill_worker.vocabulary import DataKind
+from sawmill_store.acting import Actor, acting_as
+from sawmill_vocabulary import DataKind
 
 SPEC = {
     "name": "Line 2",

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from sawmill_worker.contracts.reconstructions import ReconstructionAsked
+from sawmill_contracts.reconstructions import ReconstructionAsked
 
 VOLUME = "/v1/reconstructions/example/volume.h5"
 

@@ -6,11 +6,11 @@ from datetime import timedelta
 
 import pytest
 
+from sawmill_contracts.jobs import JobKind
+from sawmill_contracts.keys import KeyAsk, Scope
 from sawmill_service.app import create_app
-from sawmill_worker.contracts.jobs import JobKind
-from sawmill_worker.contracts.keys import KeyAsk, Scope
-from sawmill_worker.storage.repeats import KEPT
-from sawmill_worker.storage.tables import RepeatRow
+from sawmill_store.repeats import KEPT
+from sawmill_store.tables import RepeatRow
 
 ASK = {"scan_id": "example", "seed": 4}
 SCANNER = {

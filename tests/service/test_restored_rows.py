@@ -15,24 +15,24 @@ import pytest
 from make_data_0_1_0 import ARCHIVE
 from sqlalchemy import JSON, Boolean, Column, Date, Enum, Float, Integer, String, select
 
-from sawmill_worker.contracts.alarms import AlarmKind
-from sawmill_worker.contracts.events import EventKind
-from sawmill_worker.contracts.keys import KeyAsk, Scope
-from sawmill_worker.contracts.measurements import MeasurementKind
-from sawmill_worker.contracts.scanner_drift import DriftFinding
-from sawmill_worker.contracts.webhooks import DeliveryState
-from sawmill_worker.storage.backups.manifest import read_manifest
-from sawmill_worker.storage.backups.restoring import restore
-from sawmill_worker.storage.backups.row_contracts import READ, refuse_unfit_row
-from sawmill_worker.storage.backups.rows import LEFT_OUT, read_rows
-from sawmill_worker.storage.backups.taking import take_backup
-from sawmill_worker.storage.database import Database
-from sawmill_worker.storage.engines import make_engine
-from sawmill_worker.storage.errors import Damaged
-from sawmill_worker.storage.repeats import Answer
-from sawmill_worker.storage.settings import StorageSettings
-from sawmill_worker.storage.store import Store
-from sawmill_worker.storage.tables import (
+from sawmill_contracts.alarms import AlarmKind
+from sawmill_contracts.events import EventKind
+from sawmill_contracts.keys import KeyAsk, Scope
+from sawmill_contracts.measurements import MeasurementKind
+from sawmill_contracts.scanner_drift import DriftFinding
+from sawmill_contracts.webhooks import DeliveryState
+from sawmill_store.backups.manifest import read_manifest
+from sawmill_store.backups.restoring import restore
+from sawmill_store.backups.row_contracts import READ, refuse_unfit_row
+from sawmill_store.backups.rows import LEFT_OUT, read_rows
+from sawmill_store.backups.taking import take_backup
+from sawmill_store.database import Database
+from sawmill_store.engines import make_engine
+from sawmill_store.errors import Damaged
+from sawmill_store.repeats import Answer
+from sawmill_store.settings import StorageSettings
+from sawmill_store.store import Store
+from sawmill_store.tables import (
     ActivationRow,
     AlarmRow,
     Base,

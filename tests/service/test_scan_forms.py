@@ -12,13 +12,13 @@ import pytest
 from documented import check_documented
 from pydantic import SecretStr
 
+from sawmill_contracts.jobs import JobKind
 from sawmill_service.app import create_app
-from sawmill_service.sent_content import Gunzip
-from sawmill_service.sent_form import SentForm
-from sawmill_service.session_cookie import csrf_token
-from sawmill_worker.contracts.jobs import JobKind
-from sawmill_worker.storage.arriving import PART_BYTES
-from sawmill_worker.storage.store import Store
+from sawmill_service.http.sent_content import Gunzip
+from sawmill_service.http.sent_form import SentForm
+from sawmill_service.http.session_cookie import csrf_token
+from sawmill_store.arriving import PART_BYTES
+from sawmill_store.store import Store
 
 FORM = "/v1/scans/form"
 CONTENT = np.random.default_rng(15).bytes(3000) + b"\r\n--x\r\n--xx\r\r\n--x-\r\n-" + bytes(range(256))
@@ -186,7 +186,7 @@ def test_a_form_may_be_cut_anywhere(seeded, store):
 
 
 def test_a_form_in_pieces_of_a_byte_is_taken_bit_for_bit(seeded, store, monkeypatch):
-    monkeypatch.setattr("sawmill_worker.storage.arriving.PART_BYTES", 1)
+    monkeypatch.setattr("sawmill_store.arriving.PART_BYTES", 1)
     body = GIVEN + FILE + END
     assert kept(store, send(seeded, in_pieces(body, *range(1, len(body)))).json()) == CONTENT
 

@@ -8,15 +8,15 @@ from datetime import UTC, datetime, timedelta
 import pytest
 from sqlalchemy import delete, event, insert
 
+from sawmill_contracts.alarms import Alarm, AlarmKind
+from sawmill_contracts.events import EventKind
+from sawmill_contracts.history import HistoryEntry, HistoryKind, HistoryMark
+from sawmill_contracts.keys import KeyAsk, Scope
+from sawmill_contracts.measurements import Measurement, MeasurementKind, Movement
 from sawmill_service.history_file import COLUMNS, history_csv
 from sawmill_service.pages.charts import HEIGHT_PX, MOST_MARKS, span_of
 from sawmill_service.pages.trend_chart import trend_chart
-from sawmill_worker.contracts.alarms import Alarm, AlarmKind
-from sawmill_worker.contracts.events import EventKind
-from sawmill_worker.contracts.history import HistoryEntry, HistoryKind, HistoryMark
-from sawmill_worker.contracts.keys import KeyAsk, Scope
-from sawmill_worker.contracts.measurements import Measurement, MeasurementKind, Movement
-from sawmill_worker.storage.tables import (
+from sawmill_store.tables import (
     ActivationRow,
     CalibrationRow,
     DriftRow,

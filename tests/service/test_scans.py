@@ -6,7 +6,7 @@ import pytest
 from PIL import Image
 
 from sawmill_service.app import create_app
-from sawmill_worker.storage.store import Store
+from sawmill_store.store import Store
 
 UPLOAD = "/v1/scans?scanner_id=example&data=counts"
 

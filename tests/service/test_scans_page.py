@@ -6,13 +6,13 @@ from datetime import timedelta
 
 import pytest
 
-from sawmill_worker.contracts.calibrations import CalibrationAsk
-from sawmill_worker.contracts.keys import KeyAsk, Scope
-from sawmill_worker.contracts.reconstructions import ReconstructionAsk
-from sawmill_worker.contracts.scans import ScanSpec
-from sawmill_worker.storage.paging import new_id
-from sawmill_worker.storage.tables import ReconstructionRow, ScanRow
-from sawmill_worker.vocabulary import DataKind
+from sawmill_contracts.calibrations import CalibrationAsk
+from sawmill_contracts.keys import KeyAsk, Scope
+from sawmill_contracts.reconstructions import ReconstructionAsk
+from sawmill_contracts.scans import ScanSpec
+from sawmill_store.paging import new_id
+from sawmill_store.tables import ReconstructionRow, ScanRow
+from sawmill_vocabulary import DataKind
 
 HTML = {"Accept": "text/html"}
 

@@ -10,7 +10,7 @@ from sqlalchemy.orm import Session
 
 from sawmill_service.app import create_app
 from sawmill_service.settings import ServiceSettings
-from sawmill_worker.storage.tables import JobRow
+from sawmill_store.tables import JobRow
 
 TOKEN = "sesame-of-the-service-0123456789abcdef"  # noqa: S105 - it guards nothing
 # Each would be a secret where it stands; none may be in the log.

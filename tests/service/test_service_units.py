@@ -20,11 +20,11 @@ from ports import free_port
 from structlog.testing import capture_logs
 from typer.testing import CliRunner, Result
 
+from sawmill_command.commands import main
+from sawmill_command.service_units import Installation, program
 from sawmill_service import service_manager
-from sawmill_service.cli import main
-from sawmill_service.open_files import files_needed
+from sawmill_service.http.open_files import files_needed
 from sawmill_service.service_manager import ServiceManager
-from sawmill_service.service_units import Installation, program
 from sawmill_service.settings import MOST_CONNECTIONS, ServiceSettings
 from sawmill_service.stopping import SHUTDOWN_S
 from sawmill_worker.execution.settings import ExecutionSettings

@@ -5,13 +5,13 @@ from types import SimpleNamespace
 import pytest
 from page_text import text_of
 
+from sawmill_contracts.audit import AuditAction
+from sawmill_contracts.keys import KeyAsk, Scope
+from sawmill_contracts.plans import PlanAsk
 from sawmill_service.app import create_app
 from sawmill_service.pages.system import ACTIONS
-from sawmill_worker.contracts.audit import AuditAction
-from sawmill_worker.contracts.keys import KeyAsk, Scope
-from sawmill_worker.contracts.plans import PlanAsk
-from sawmill_worker.storage.files import FileStore, Room
-from sawmill_worker.vocabulary import Theta
+from sawmill_store.files import FileStore, Room
+from sawmill_vocabulary import Theta
 
 NOMINAL = Theta(
     initial_angle_rad=0.0, detector_to_cor_mm=740.0, source_shift_mm=200.0, detector_shift_mm=30.0, detector_tilt=0.2

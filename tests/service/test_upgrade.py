@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from make_data_0_1_0 import ARCHIVE
 
-from sawmill_worker.storage.settings import StorageSettings
-from sawmill_worker.storage.store import Store
+from sawmill_store.settings import StorageSettings
+from sawmill_store.store import Store
 
 pytestmark = pytest.mark.slow
 

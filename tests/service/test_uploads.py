@@ -12,7 +12,7 @@ from documented import check_documented
 from write_lock import write_lock
 
 from sawmill_service.app import create_app
-from sawmill_worker.storage.store import Store
+from sawmill_store.store import Store
 
 SCANS = "/v1/scans?scanner_id=example&data=counts"
 PICTURES = "/v1/phantoms/pictures?name=ell&width_mm=400"
@@ -105,7 +105,7 @@ def test_a_body_of_unknown_length_takes_no_room_that_an_upload_was_promised(seed
     free = shutil.disk_usage(store.files.folder)
     left = store.settings.disk_reserve_bytes + promised
     monkeypatch.setattr(shutil, "disk_usage", lambda _: free._replace(free=left + 10_000 if not sent else left - 1))
-    monkeypatch.setattr("sawmill_worker.storage.arriving.STEP_BYTES", 1000)
+    monkeypatch.setattr("sawmill_store.arriving.STEP_BYTES", 1000)
     sent = []
 
     async def body():

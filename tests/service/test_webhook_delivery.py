@@ -22,17 +22,17 @@ import receivers
 from missing_parts import skip_without
 from receivers import receiving, status
 
+from sawmill_contracts.events import EventKind
+from sawmill_contracts.webhooks import WebhookAsk
 from sawmill_service.webhooks.couriers import JITTER, WAITS_S, Couriers
 from sawmill_service.webhooks.destinations import AllowedDestinations
 from sawmill_service.webhooks.sender import WebhookSender
 from sawmill_service.webhooks.sending import Sending
-from sawmill_worker.contracts.events import EventKind
-from sawmill_worker.contracts.webhooks import WebhookAsk
-from sawmill_worker.storage.errors import StorageUnavailable
-from sawmill_worker.storage.events import announce
-from sawmill_worker.storage.outbox import LEASE
-from sawmill_worker.storage.settings import StorageSettings
-from sawmill_worker.storage.store import Store
+from sawmill_store.errors import StorageUnavailable
+from sawmill_store.events import announce
+from sawmill_store.outbox import LEASE
+from sawmill_store.settings import StorageSettings
+from sawmill_store.store import Store
 
 LOOPBACK = AllowedDestinations(["127.0.0.0/8"])
 LIMIT_S = 0.3
@@ -407,8 +407,8 @@ SENDING = """
 import sys, time
 from sawmill_service.webhooks.destinations import AllowedDestinations
 from sawmill_service.webhooks.sender import WebhookSender
-from sawmill_worker.storage.settings import StorageSettings
-from sawmill_worker.storage.store import Store
+from sawmill_store.settings import StorageSettings
+from sawmill_store.store import Store
 store = Store(StorageSettings(data_folder=sys.argv[1], database_url=None))
 with WebhookSender(store.outbox(), AllowedDestinations(["127.0.0.1"]), poll_s=0.01):
     time.sleep(600)

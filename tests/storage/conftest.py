@@ -13,18 +13,18 @@ from postgres_server import PostgresDatabases
 from results import CONSTANTS, RESULTS
 from sqlalchemy import insert
 
-from sawmill_worker.contracts.geometry import ScannerConstants
-from sawmill_worker.contracts.jobs import JobKind, JobState
-from sawmill_worker.contracts.scanners import ScannerSpec, StoredScanner
-from sawmill_worker.contracts.scans import Scan, ScanSpec
-from sawmill_worker.storage.arriving import Received
-from sawmill_worker.storage.database import Database
-from sawmill_worker.storage.engines import make_engine
-from sawmill_worker.storage.jobs import Claim
-from sawmill_worker.storage.settings import StorageSettings
-from sawmill_worker.storage.store import Store
-from sawmill_worker.storage.tables import JobRow
-from sawmill_worker.vocabulary import DataKind
+from sawmill_contracts.geometry import ScannerConstants
+from sawmill_contracts.jobs import JobKind, JobState
+from sawmill_contracts.scanners import ScannerSpec, StoredScanner
+from sawmill_contracts.scans import Scan, ScanSpec
+from sawmill_store.arriving import Received
+from sawmill_store.database import Database
+from sawmill_store.engines import make_engine
+from sawmill_store.jobs import Claim
+from sawmill_store.settings import StorageSettings
+from sawmill_store.store import Store
+from sawmill_store.tables import JobRow
+from sawmill_vocabulary import DataKind
 
 
 class TestClock:

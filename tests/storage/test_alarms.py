@@ -7,15 +7,15 @@ import pytest
 from sqlalchemy import update
 from structlog.testing import capture_logs
 
-from sawmill_worker.contracts.alarms import Alarm
-from sawmill_worker.contracts.calibrations import CalibrationAsk
-from sawmill_worker.contracts.jobs import Failure, FailureKind
-from sawmill_worker.contracts.phantoms import PhantomDrawing, SizeMeasurement
-from sawmill_worker.contracts.scanners import AlarmLimits
-from sawmill_worker.contracts.scans import ScanSpec
-from sawmill_worker.storage.store import Store
-from sawmill_worker.storage.tables import PhantomRow, ScannerRow
-from sawmill_worker.vocabulary import DataKind, Disc
+from sawmill_contracts.alarms import Alarm
+from sawmill_contracts.calibrations import CalibrationAsk
+from sawmill_contracts.jobs import Failure, FailureKind
+from sawmill_contracts.phantoms import PhantomDrawing, SizeMeasurement
+from sawmill_contracts.scanners import AlarmLimits
+from sawmill_contracts.scans import ScanSpec
+from sawmill_store.store import Store
+from sawmill_store.tables import PhantomRow, ScannerRow
+from sawmill_vocabulary import DataKind, Disc
 
 START = datetime(2026, 3, 2, 5, 0, tzinfo=UTC)
 

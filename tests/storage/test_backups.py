@@ -21,38 +21,38 @@ from make_data_0_1_0 import ARCHIVE
 from results import CONSTANTS, RESULTS
 from sqlalchemy import JSON, Boolean, Date, Float, Integer, String, text
 
-from sawmill_worker import whole_files
-from sawmill_worker.contracts.calibrations import CalibrationAsk
-from sawmill_worker.contracts.events import EventKind
-from sawmill_worker.contracts.geometry import ScannerConstants
-from sawmill_worker.contracts.jobs import JobKind, JobState
-from sawmill_worker.contracts.keys import KeyAsk, Scope
-from sawmill_worker.contracts.scanners import ScannerSpec
-from sawmill_worker.contracts.scans import ScanSpec
-from sawmill_worker.contracts.schedules import ScheduleSpec
-from sawmill_worker.contracts.uploads import UploadAsk
-from sawmill_worker.storage.arriving import AsSent
-from sawmill_worker.storage.backups import restoring, taking
-from sawmill_worker.storage.backups.checking import check_backup
-from sawmill_worker.storage.backups.errors import Refused
-from sawmill_worker.storage.backups.folders import backups_in, remove_older
-from sawmill_worker.storage.backups.laying import Laying
-from sawmill_worker.storage.backups.manifest import FILES, MANIFEST, MANIFEST_SUM, read_entries, read_manifest
-from sawmill_worker.storage.backups.restoring import check_empty, restore
-from sawmill_worker.storage.backups.rows import LEFT_OUT, read_rows
-from sawmill_worker.storage.backups.taking import take_backup
-from sawmill_worker.storage.database import Database, newest_revision
-from sawmill_worker.storage.engines import make_engine
-from sawmill_worker.storage.errors import Damaged, StorageFull, StorageMisconfigured
-from sawmill_worker.storage.events import NUMBERS_SKIPPED
-from sawmill_worker.storage.files import RESTORING, read_identity
-from sawmill_worker.storage.keys import hash_of
-from sawmill_worker.storage.settings import StorageSettings
-from sawmill_worker.storage.store import Store
-from sawmill_worker.storage.tables import Base, Ranked, UtcDateTime
-from sawmill_worker.storage.uploads import UploadQuota
-from sawmill_worker.vocabulary import DataKind
-from sawmill_worker.vocabulary.version import VERSION
+from sawmill_contracts.calibrations import CalibrationAsk
+from sawmill_contracts.events import EventKind
+from sawmill_contracts.geometry import ScannerConstants
+from sawmill_contracts.jobs import JobKind, JobState
+from sawmill_contracts.keys import KeyAsk, Scope
+from sawmill_contracts.scanners import ScannerSpec
+from sawmill_contracts.scans import ScanSpec
+from sawmill_contracts.schedules import ScheduleSpec
+from sawmill_contracts.uploads import UploadAsk
+from sawmill_platform import whole_files
+from sawmill_store.arriving import AsSent
+from sawmill_store.backups import restoring, taking
+from sawmill_store.backups.checking import check_backup
+from sawmill_store.backups.errors import Refused
+from sawmill_store.backups.folders import backups_in, remove_older
+from sawmill_store.backups.laying import Laying
+from sawmill_store.backups.manifest import FILES, MANIFEST, MANIFEST_SUM, read_entries, read_manifest
+from sawmill_store.backups.restoring import check_empty, restore
+from sawmill_store.backups.rows import LEFT_OUT, read_rows
+from sawmill_store.backups.taking import take_backup
+from sawmill_store.database import Database, newest_revision
+from sawmill_store.engines import make_engine
+from sawmill_store.errors import Damaged, StorageFull, StorageMisconfigured
+from sawmill_store.events import NUMBERS_SKIPPED
+from sawmill_store.files import RESTORING, read_identity
+from sawmill_store.keys import hash_of
+from sawmill_store.settings import StorageSettings
+from sawmill_store.store import Store
+from sawmill_store.tables import Base, Ranked, UtcDateTime
+from sawmill_store.uploads import UploadQuota
+from sawmill_vocabulary import DataKind
+from sawmill_vocabulary.version import VERSION
 
 pytestmark = pytest.mark.slow
 
@@ -528,7 +528,7 @@ def test_what_must_not_be_done_is_refused_in_a_sentence(store, settings, upload,
         with pytest.raises(Refused, match="the database of SAWMILL_DATABASE_URL is not empty"):
             restore(backup, elsewhere.model_copy(update={"database_url": settings.database_url}), silent)
     free = SimpleNamespace(free=3)
-    monkeypatch.setattr("sawmill_worker.storage.backups.copying.shutil.disk_usage", lambda _: free)
+    monkeypatch.setattr("sawmill_store.backups.copying.shutil.disk_usage", lambda _: free)
     with pytest.raises(StorageFull, match=r"needs 0.00 GB, and 0.00 GB are free for it where"):
         restore(backup, elsewhere, silent)
     assert list(elsewhere.data_folder.iterdir()) == []

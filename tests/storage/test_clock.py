@@ -6,11 +6,11 @@ from datetime import UTC, datetime, timedelta
 import pytest
 from databases import sqlite_alone
 
-from sawmill_worker.contracts.events import EventKind
+from sawmill_contracts.events import EventKind
+from sawmill_store import clock
+from sawmill_store.store import Store
+from sawmill_store.tables import ClockRow
 from sawmill_worker.execution.clock_keeper import LASTING_S, ClockKeeper, _Step
-from sawmill_worker.storage import clock
-from sawmill_worker.storage.store import Store
-from sawmill_worker.storage.tables import ClockRow
 
 HOURS = timedelta(hours=2)
 

@@ -9,16 +9,16 @@ import pytest
 from sqlalchemy import select, update
 from structlog.testing import capture_logs
 
-from sawmill_worker.contracts.calibrations import CalibrationAsk
-from sawmill_worker.contracts.drifts import DriftAsk
-from sawmill_worker.contracts.history import HistoryKind
-from sawmill_worker.contracts.measurements import MeasurementKind
-from sawmill_worker.contracts.scans import ScanSpec
-from sawmill_worker.storage import drift_charts
-from sawmill_worker.storage.drift_charts import _counted
-from sawmill_worker.storage.tables import ActivationRow, DriftChartRow, MeasurementRow
+from sawmill_contracts.calibrations import CalibrationAsk
+from sawmill_contracts.drifts import DriftAsk
+from sawmill_contracts.history import HistoryKind
+from sawmill_contracts.measurements import MeasurementKind
+from sawmill_contracts.scans import ScanSpec
+from sawmill_store import drift_charts
+from sawmill_store.drift_charts import _counted
+from sawmill_store.tables import ActivationRow, DriftChartRow, MeasurementRow
+from sawmill_vocabulary import DataKind
 from sawmill_worker.use_cases.drift_following import follow
-from sawmill_worker.vocabulary import DataKind
 
 COLUMN, TILT = -209.1, -0.083
 DEVIATIONS = np.array([0.05, 0.002])

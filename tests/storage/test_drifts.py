@@ -1,12 +1,12 @@
 import pytest
 
-from sawmill_worker.contracts.calibrations import CalibrationAsk
-from sawmill_worker.contracts.drifts import DriftAsk
-from sawmill_worker.contracts.jobs import JobState
-from sawmill_worker.contracts.scanners import ScannerSpec
-from sawmill_worker.contracts.scans import ScanSpec
-from sawmill_worker.storage.errors import Conflict, NotFound
-from sawmill_worker.vocabulary import DataKind
+from sawmill_contracts.calibrations import CalibrationAsk
+from sawmill_contracts.drifts import DriftAsk
+from sawmill_contracts.jobs import JobState
+from sawmill_contracts.scanners import ScannerSpec
+from sawmill_contracts.scans import ScanSpec
+from sawmill_store.errors import Conflict, NotFound
+from sawmill_vocabulary import DataKind
 
 
 @pytest.fixture

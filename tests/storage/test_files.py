@@ -8,9 +8,9 @@ from threading import Lock
 
 import pytest
 
-from sawmill_worker.contracts.jobs import JobKind
-from sawmill_worker.storage.errors import NotFound, StorageFull, UploadTooLarge, disk_outage_reported
-from sawmill_worker.storage.files import IDENTITY, FileStore
+from sawmill_contracts.jobs import JobKind
+from sawmill_store.errors import NotFound, StorageFull, UploadTooLarge, disk_outage_reported
+from sawmill_store.files import IDENTITY, FileStore
 
 LOCK = Lock()
 

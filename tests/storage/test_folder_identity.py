@@ -11,15 +11,15 @@ import pytest
 from make_data_0_1_0 import ARCHIVE
 from sqlalchemy import text
 
-from sawmill_worker.storage.backups.taking import take_backup
-from sawmill_worker.storage.errors import (
+from sawmill_store.backups.taking import take_backup
+from sawmill_store.errors import (
     FolderUnavailable,
     StorageMisconfigured,
     disk_outage_reported,
 )
-from sawmill_worker.storage.files import IDENTITY, FileStore, read_identity
-from sawmill_worker.storage.settings import StorageSettings
-from sawmill_worker.storage.store import Store
+from sawmill_store.files import IDENTITY, FileStore, read_identity
+from sawmill_store.settings import StorageSettings
+from sawmill_store.store import Store
 
 sqlite_alone = pytest.mark.parametrize("database_url", ["sqlite"], indirect=True)
 READ_ONLY = os.statvfs_result((0,) * 8 + (os.ST_RDONLY, 255))

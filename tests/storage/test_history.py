@@ -5,15 +5,15 @@ from datetime import timedelta
 import pytest
 from sqlalchemy import delete
 
-from sawmill_worker.contracts.calibrations import CalibrationAsk
-from sawmill_worker.contracts.drifts import DriftAsk
-from sawmill_worker.contracts.history import HistoryKind
-from sawmill_worker.contracts.jobs import Failure, FailureKind
-from sawmill_worker.contracts.scanners import ScannerSpec
-from sawmill_worker.contracts.schedules import ScheduleSpec
-from sawmill_worker.storage.acting import Actor, acting_as
-from sawmill_worker.storage.errors import Conflict, Invalid, NotFound
-from sawmill_worker.storage.tables import ActivationRow, CalibrationRow
+from sawmill_contracts.calibrations import CalibrationAsk
+from sawmill_contracts.drifts import DriftAsk
+from sawmill_contracts.history import HistoryKind
+from sawmill_contracts.jobs import Failure, FailureKind
+from sawmill_contracts.scanners import ScannerSpec
+from sawmill_contracts.schedules import ScheduleSpec
+from sawmill_store.acting import Actor, acting_as
+from sawmill_store.errors import Conflict, Invalid, NotFound
+from sawmill_store.tables import ActivationRow, CalibrationRow
 
 ANNA, BEN = Actor("anna", "0a"), Actor("ben", "0b")
 

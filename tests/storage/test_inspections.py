@@ -2,11 +2,11 @@
 
 import pytest
 
-from sawmill_worker.contracts.inspections import FILE_KEPT, InspectionOptions
-from sawmill_worker.contracts.jobs import JobKind
-from sawmill_worker.contracts.scans import ScanSpec
-from sawmill_worker.storage.leftovers import Leftovers
-from sawmill_worker.vocabulary import DataKind
+from sawmill_contracts.inspections import FILE_KEPT, InspectionOptions
+from sawmill_contracts.jobs import JobKind
+from sawmill_contracts.scans import ScanSpec
+from sawmill_store.leftovers import Leftovers
+from sawmill_vocabulary import DataKind
 
 GRACE_S = 3600.0
 

@@ -5,15 +5,15 @@ from pydantic import ValidationError
 from racing import race
 from results import reading
 
-from sawmill_worker.contracts.calibrations import CalibrationAsk
-from sawmill_worker.contracts.jobs import Failure, FailureKind, JobState, Priority
-from sawmill_worker.contracts.reconstructions import ReconstructionAsk
-from sawmill_worker.contracts.scans import ScanSpec, ScanState
-from sawmill_worker.storage.errors import Conflict, FolderUnavailable, LeaseLost, NotFound
-from sawmill_worker.storage.retries import Retries
-from sawmill_worker.storage.settings import StorageSettings
-from sawmill_worker.storage.store import Store
-from sawmill_worker.vocabulary import DataKind, Progress
+from sawmill_contracts.calibrations import CalibrationAsk
+from sawmill_contracts.jobs import Failure, FailureKind, JobState, Priority
+from sawmill_contracts.reconstructions import ReconstructionAsk
+from sawmill_contracts.scans import ScanSpec, ScanState
+from sawmill_store.errors import Conflict, FolderUnavailable, LeaseLost, NotFound
+from sawmill_store.retries import Retries
+from sawmill_store.settings import StorageSettings
+from sawmill_store.store import Store
+from sawmill_vocabulary import DataKind, Progress
 
 PASSING = Failure(kind=FailureKind.PASSING, code="attempt-died", detail="the job's process ended with signal 9")
 FULL = Failure(kind=FailureKind.PASSING, code="storage-full", detail="the disk is full")
@@ -56,9 +56,7 @@ def test_each_job_is_claimed_once_by_threads(store, upload):
 @pytest.mark.slow
 def test_each_job_is_claimed_once_by_processes(store, upload):
     jobs = {upload(store).job_id for _ in range(24)}
-    imports = (
-        "from sawmill_worker.storage.settings import StorageSettings\nfrom sawmill_worker.storage.store import Store"
-    )
+    imports = "from sawmill_store.settings import StorageSettings\nfrom sawmill_store.store import Store"
     program = (
         f"store = Store(StorageSettings.model_validate_json({store.settings.model_dump_json()!r}))\n"
         "while (claimed := store.jobs.claim('racer')) is not None: print(claimed.job_id)"

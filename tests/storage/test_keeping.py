@@ -5,10 +5,10 @@ from datetime import UTC, datetime
 import pytest
 from results import reading
 
-from sawmill_worker.contracts.jobs import Failure, FailureKind, JobState
-from sawmill_worker.storage.errors import LeaseLost, NotFound
-from sawmill_worker.storage.files import checkpoints_of
-from sawmill_worker.storage.retries import Retries
+from sawmill_contracts.jobs import Failure, FailureKind, JobState
+from sawmill_store.errors import LeaseLost, NotFound
+from sawmill_store.files import checkpoints_of
+from sawmill_store.retries import Retries
 
 KILLED = Failure(kind=FailureKind.PASSING, code="attempt-died", detail="the job's process ended with signal 9")
 FULL = Failure(kind=FailureKind.PASSING, code="storage-full", detail="the disk is full")

@@ -7,11 +7,11 @@ from pydantic import ValidationError
 from sqlalchemy import text
 from sqlalchemy.exc import DBAPIError
 
-from sawmill_worker.contracts.audit import AuditAction
-from sawmill_worker.contracts.keys import KeyAsk, Scope
-from sawmill_worker.storage.acting import Actor, acting_as
-from sawmill_worker.storage.errors import Conflict, Invalid, NotFound
-from sawmill_worker.storage.keys import PREFIX, USE_STEP, hash_of
+from sawmill_contracts.audit import AuditAction
+from sawmill_contracts.keys import KeyAsk, Scope
+from sawmill_store.acting import Actor, acting_as
+from sawmill_store.errors import Conflict, Invalid, NotFound
+from sawmill_store.keys import PREFIX, USE_STEP, hash_of
 
 ASK = KeyAsk(name="scanner software", scope=Scope.SUBMIT)
 

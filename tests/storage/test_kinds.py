@@ -2,14 +2,14 @@
 
 import pytest
 
-from sawmill_worker.contracts.calibrations import CalibrationAsk
-from sawmill_worker.contracts.drifts import DriftAsk
-from sawmill_worker.contracts.jobs import JobKind
-from sawmill_worker.contracts.kinds import AskedKind, asked_kinds, declaration_of
-from sawmill_worker.contracts.plans import PlanAsk
-from sawmill_worker.storage.errors import Conflict, NotFound
-from sawmill_worker.storage.tables import OWN_TABLES, AskedRow, table_of
-from sawmill_worker.vocabulary import Theta
+from sawmill_contracts.calibrations import CalibrationAsk
+from sawmill_contracts.drifts import DriftAsk
+from sawmill_contracts.jobs import JobKind
+from sawmill_contracts.kinds import AskedKind, asked_kinds, declaration_of
+from sawmill_contracts.plans import PlanAsk
+from sawmill_store.errors import Conflict, NotFound
+from sawmill_store.tables import OWN_TABLES, AskedRow, table_of
+from sawmill_vocabulary import Theta
 
 NOMINAL = Theta(
     initial_angle_rad=0.0, detector_to_cor_mm=740.0, source_shift_mm=200.0, detector_shift_mm=30.0, detector_tilt=0.2

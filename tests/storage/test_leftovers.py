@@ -12,12 +12,12 @@ from results import RESULTS
 from sqlalchemy import event
 from sqlalchemy.exc import OperationalError
 
-from sawmill_worker.contracts.jobs import Failure, FailureKind, JobKind, JobState
-from sawmill_worker.contracts.scans import ScanState
-from sawmill_worker.storage.errors import StorageFull, StorageUnavailable
-from sawmill_worker.storage.jobs import Claim
-from sawmill_worker.storage.leftovers import NAMES_A_ROUND, Leftovers
-from sawmill_worker.storage.store import Store
+from sawmill_contracts.jobs import Failure, FailureKind, JobKind, JobState
+from sawmill_contracts.scans import ScanState
+from sawmill_store.errors import StorageFull, StorageUnavailable
+from sawmill_store.jobs import Claim
+from sawmill_store.leftovers import NAMES_A_ROUND, Leftovers
+from sawmill_store.store import Store
 
 GRACE_S = 3600.0
 AWAY = sqlite3.OperationalError("server closed the connection unexpectedly")

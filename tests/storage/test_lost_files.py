@@ -2,10 +2,10 @@
 
 import pytest
 
-from sawmill_worker.contracts.calibrations import CalibrationAsk
-from sawmill_worker.contracts.jobs import JobKind
-from sawmill_worker.contracts.reconstructions import ReconstructionAsk
-from sawmill_worker.storage.backups import named_files
+from sawmill_contracts.calibrations import CalibrationAsk
+from sawmill_contracts.jobs import JobKind
+from sawmill_contracts.reconstructions import ReconstructionAsk
+from sawmill_store.backups import named_files
 
 pytestmark = pytest.mark.slow
 

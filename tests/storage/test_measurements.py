@@ -8,16 +8,16 @@ import pytest
 from results import calibration_result, drift_result
 from sqlalchemy import JSON, column, insert, table, text
 
-from sawmill_worker.contracts.calibrations import CalibrationAsk
-from sawmill_worker.contracts.drifts import DriftAsk
-from sawmill_worker.contracts.jobs import Failure, FailureKind
-from sawmill_worker.contracts.measurements import MeasurementKind
-from sawmill_worker.storage.database import Database
-from sawmill_worker.storage.engines import make_engine
-from sawmill_worker.storage.errors import Invalid, NotFound
-from sawmill_worker.storage.measurements import MOST_READ
-from sawmill_worker.storage.store import Store
-from sawmill_worker.storage.tables import MeasurementRow
+from sawmill_contracts.calibrations import CalibrationAsk
+from sawmill_contracts.drifts import DriftAsk
+from sawmill_contracts.jobs import Failure, FailureKind
+from sawmill_contracts.measurements import MeasurementKind
+from sawmill_store.database import Database
+from sawmill_store.engines import make_engine
+from sawmill_store.errors import Invalid, NotFound
+from sawmill_store.measurements import MOST_READ
+from sawmill_store.store import Store
+from sawmill_store.tables import MeasurementRow
 
 BEFORE = datetime(2026, 1, 1, tzinfo=UTC)
 FAILURE = '{"kind": "input", "code": "phantom-not-found", "detail": "no phantom"}'

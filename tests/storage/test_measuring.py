@@ -2,9 +2,9 @@
 
 import pytest
 
-from sawmill_worker.contracts.phantoms import MeasurementsAsk, PhantomDrawing, PhantomPicture, SizeMeasurement
-from sawmill_worker.storage.errors import Conflict, Invalid
-from sawmill_worker.vocabulary import STANDARD_SIZE_TOLERANCE, Disc, Polygon
+from sawmill_contracts.phantoms import MeasurementsAsk, PhantomDrawing, PhantomPicture, SizeMeasurement
+from sawmill_store.errors import Conflict, Invalid
+from sawmill_vocabulary import STANDARD_SIZE_TOLERANCE, Disc, Polygon
 
 BOARD = Polygon(((-100.0, -150.0), (100.0, -150.0), (100.0, 150.0), (-100.0, 150.0)))
 HOLE = Disc((-50.0, 0.0), 20.0, -1.0)

@@ -9,14 +9,14 @@ from pydantic import ValidationError
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
-from sawmill_worker.contracts.audit import AuditAction
-from sawmill_worker.contracts.events import EventKind
-from sawmill_worker.contracts.webhooks import WebhookAsk, WebhookTest, destination_of, kinds_of
-from sawmill_worker.storage import webhooks
-from sawmill_worker.storage.errors import Conflict, NotFound
-from sawmill_worker.storage.events import announce
-from sawmill_worker.storage.outbox import LEASE, Attempt, message_id
-from sawmill_worker.storage.tables import DeliveryRow
+from sawmill_contracts.audit import AuditAction
+from sawmill_contracts.events import EventKind
+from sawmill_contracts.webhooks import WebhookAsk, WebhookTest, destination_of, kinds_of
+from sawmill_store import webhooks
+from sawmill_store.errors import Conflict, NotFound
+from sawmill_store.events import announce
+from sawmill_store.outbox import LEASE, Attempt, message_id
+from sawmill_store.tables import DeliveryRow
 
 URL = "https://alarms.mill.example/sawmill"
 DELIVERED = Attempt(200)

@@ -2,10 +2,10 @@
 
 import pytest
 
-from sawmill_worker.contracts.calibrations import CalibrationAsk
-from sawmill_worker.contracts.drifts import DriftAsk
-from sawmill_worker.contracts.jobs import Failure, FailureKind
-from sawmill_worker.contracts.scanners import ScannerSpec
+from sawmill_contracts.calibrations import CalibrationAsk
+from sawmill_contracts.drifts import DriftAsk
+from sawmill_contracts.jobs import Failure, FailureKind
+from sawmill_contracts.scanners import ScannerSpec
 
 pytestmark = pytest.mark.slow
 

@@ -3,21 +3,21 @@
 import pytest
 from results import CONSTANTS, plan_result
 
-from sawmill_worker.contracts.calibrations import CalibrationAsk
-from sawmill_worker.contracts.events import EventKind
-from sawmill_worker.contracts.geometry import ScannerConstants
-from sawmill_worker.contracts.jobs import Failure, FailureKind, JobState
-from sawmill_worker.contracts.phantoms import PhantomPicture
-from sawmill_worker.contracts.plans import PlanAsk
-from sawmill_worker.contracts.scanners import ScannerSpec
-from sawmill_worker.contracts.schedules import ScheduleSpec
-from sawmill_worker.storage.acting import Actor, acting_as
-from sawmill_worker.storage.errors import QueueFull
-from sawmill_worker.storage.jobs import Retries
-from sawmill_worker.storage.places import LONGEST_RETRY_S, RETRY_IF_UNKNOWN_S, Waiting
-from sawmill_worker.storage.settings import StorageSettings
-from sawmill_worker.storage.tables import ScheduleRow
-from sawmill_worker.vocabulary import Theta
+from sawmill_contracts.calibrations import CalibrationAsk
+from sawmill_contracts.events import EventKind
+from sawmill_contracts.geometry import ScannerConstants
+from sawmill_contracts.jobs import Failure, FailureKind, JobState
+from sawmill_contracts.phantoms import PhantomPicture
+from sawmill_contracts.plans import PlanAsk
+from sawmill_contracts.scanners import ScannerSpec
+from sawmill_contracts.schedules import ScheduleSpec
+from sawmill_store.acting import Actor, acting_as
+from sawmill_store.errors import QueueFull
+from sawmill_store.jobs import Retries
+from sawmill_store.places import LONGEST_RETRY_S, RETRY_IF_UNKNOWN_S, Waiting
+from sawmill_store.settings import StorageSettings
+from sawmill_store.tables import ScheduleRow
+from sawmill_vocabulary import Theta
 
 NOMINAL = Theta(
     initial_angle_rad=0.0, detector_to_cor_mm=740.0, source_shift_mm=200.0, detector_shift_mm=30.0, detector_tilt=0.2

@@ -14,12 +14,12 @@ from postgres_server import own_server
 from sqlalchemy import text
 from structlog.testing import capture_logs
 
-from sawmill_worker.contracts.scanners import ScannerSpec
+from sawmill_contracts.scanners import ScannerSpec
+from sawmill_store import outages
+from sawmill_store.errors import StorageMisconfigured, StorageUnavailable
+from sawmill_store.outages import Door
+from sawmill_store.store import Store
 from sawmill_worker.execution.opening import open_store
-from sawmill_worker.storage import outages
-from sawmill_worker.storage.errors import StorageMisconfigured, StorageUnavailable
-from sawmill_worker.storage.outages import Door
-from sawmill_worker.storage.store import Store
 
 pytestmark = [pytest.mark.slow, pytest.mark.parametrize("database_url", ["postgresql"], indirect=True)]
 

@@ -7,15 +7,15 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 from results import CONSTANTS
 
-from sawmill_worker.contracts.geometry import ScannerConstants
-from sawmill_worker.contracts.keys import KeyAsk, Scope
-from sawmill_worker.contracts.scanners import ScannerSpec
-from sawmill_worker.contracts.scans import ScanSpec
-from sawmill_worker.storage.database import after_commit
-from sawmill_worker.storage.errors import Conflict, Invalid
-from sawmill_worker.storage.repeats import KEPT, Answer, KeyedRequest
-from sawmill_worker.storage.store import Store
-from sawmill_worker.vocabulary import DataKind
+from sawmill_contracts.geometry import ScannerConstants
+from sawmill_contracts.keys import KeyAsk, Scope
+from sawmill_contracts.scanners import ScannerSpec
+from sawmill_contracts.scans import ScanSpec
+from sawmill_store.database import after_commit
+from sawmill_store.errors import Conflict, Invalid
+from sawmill_store.repeats import KEPT, Answer, KeyedRequest
+from sawmill_store.store import Store
+from sawmill_vocabulary import DataKind
 
 pytestmark = pytest.mark.slow
 ASKED = KeyedRequest("somebody", "once", "0" * 64)

@@ -5,10 +5,10 @@ from datetime import timedelta
 
 import pytest
 
-from sawmill_worker.contracts.jobs import JobKind, JobState
-from sawmill_worker.storage.acting import Actor, acting_as
-from sawmill_worker.storage.database import newest_revision
-from sawmill_worker.storage.store import Store
+from sawmill_contracts.jobs import JobKind, JobState
+from sawmill_store.acting import Actor, acting_as
+from sawmill_store.database import newest_revision
+from sawmill_store.store import Store
 
 
 def test_the_line_begins_with_whose_turn_is_next_and_names_who_asked(store, upload):

@@ -1,15 +1,15 @@
 import pytest
 
-from sawmill_worker.contracts.calibrations import CalibrationAsk, CalibrationSucceeded
-from sawmill_worker.contracts.geometry import ScannerConstants
-from sawmill_worker.contracts.history import HistoryKind
-from sawmill_worker.contracts.jobs import Failure, FailureKind, JobKind, JobState
-from sawmill_worker.contracts.phantoms import PhantomDrawing, PhantomPicture, PhantomState
-from sawmill_worker.contracts.reconstructions import ReconstructionAsk
-from sawmill_worker.contracts.scanners import ScannerSpec
-from sawmill_worker.contracts.scans import ScanSpec, ScanState
-from sawmill_worker.storage.errors import Conflict, Invalid, NotFound
-from sawmill_worker.vocabulary import DataKind, Disc
+from sawmill_contracts.calibrations import CalibrationAsk, CalibrationSucceeded
+from sawmill_contracts.geometry import ScannerConstants
+from sawmill_contracts.history import HistoryKind
+from sawmill_contracts.jobs import Failure, FailureKind, JobKind, JobState
+from sawmill_contracts.phantoms import PhantomDrawing, PhantomPicture, PhantomState
+from sawmill_contracts.reconstructions import ReconstructionAsk
+from sawmill_contracts.scanners import ScannerSpec
+from sawmill_contracts.scans import ScanSpec, ScanState
+from sawmill_store.errors import Conflict, Invalid, NotFound
+from sawmill_vocabulary import DataKind, Disc
 
 REFUSAL = Failure(kind=FailureKind.INPUT, code="angles-missing", detail="the file carries no angles")
 

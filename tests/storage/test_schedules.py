@@ -5,16 +5,16 @@ from zoneinfo import ZoneInfo
 import pytest
 from racing import race
 
-from sawmill_worker.contracts.calibrations import CalibrationAsk
-from sawmill_worker.contracts.drifts import DriftAsk
-from sawmill_worker.contracts.jobs import Failure, FailureKind, Priority
-from sawmill_worker.contracts.scans import ScanSpec
-from sawmill_worker.contracts.schedules import ScheduleSpec
-from sawmill_worker.storage.errors import Conflict, Invalid, NotFound
-from sawmill_worker.storage.settings import StorageSettings
-from sawmill_worker.storage.store import Store
-from sawmill_worker.storage.tables import ScheduleRow
-from sawmill_worker.vocabulary import DataKind
+from sawmill_contracts.calibrations import CalibrationAsk
+from sawmill_contracts.drifts import DriftAsk
+from sawmill_contracts.jobs import Failure, FailureKind, Priority
+from sawmill_contracts.scans import ScanSpec
+from sawmill_contracts.schedules import ScheduleSpec
+from sawmill_store.errors import Conflict, Invalid, NotFound
+from sawmill_store.settings import StorageSettings
+from sawmill_store.store import Store
+from sawmill_store.tables import ScheduleRow
+from sawmill_vocabulary import DataKind
 
 START = datetime(2026, 3, 2, 5, 0, tzinfo=UTC)
 
@@ -360,8 +360,8 @@ def test_a_year_of_sundays_in_finland_runs_each_once_under_two_schedulers(store,
 def test_each_due_time_runs_once_however_many_processes_look(store, schedule):
     imports = (
         "from datetime import UTC, datetime\n"
-        "from sawmill_worker.storage.settings import StorageSettings\n"
-        "from sawmill_worker.storage.store import Store"
+        "from sawmill_store.settings import StorageSettings\n"
+        "from sawmill_store.store import Store"
     )
     program = (
         f"settings = StorageSettings.model_validate_json({store.settings.model_dump_json()!r})\n"

@@ -3,12 +3,12 @@
 import pytest
 from sqlalchemy import func, select, text
 
-from sawmill_worker.contracts.audit import AuditAction
-from sawmill_worker.contracts.keys import KeyAsk, Scope
-from sawmill_worker.storage.acting import Actor, acting_as
-from sawmill_worker.storage.keys import hash_of
-from sawmill_worker.storage.sessions import LASTS, RENEWAL_STEP
-from sawmill_worker.storage.tables import SessionRow
+from sawmill_contracts.audit import AuditAction
+from sawmill_contracts.keys import KeyAsk, Scope
+from sawmill_store.acting import Actor, acting_as
+from sawmill_store.keys import hash_of
+from sawmill_store.sessions import LASTS, RENEWAL_STEP
+from sawmill_store.tables import SessionRow
 
 OPENER = hash_of("the token")
 

@@ -5,9 +5,9 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from sawmill_worker.contracts.jobs import JobKind, Priority
-from sawmill_worker.storage.store import Store
-from sawmill_worker.storage.turns import Selection
+from sawmill_contracts.jobs import JobKind, Priority
+from sawmill_store.store import Store
+from sawmill_store.turns import Selection
 
 
 @pytest.fixture

@@ -5,16 +5,16 @@ from typing import Any
 
 import pytest
 
-from sawmill_worker.contracts.jobs import JobKind
-from sawmill_worker.contracts.scans import ScanSpec
-from sawmill_worker.contracts.uploads import Upload, UploadAsk, UploadState
-from sawmill_worker.storage.acting import Actor, acting_as
-from sawmill_worker.storage.arriving import AsSent
-from sawmill_worker.storage.errors import Conflict, Damaged, NotFound, StorageFull
-from sawmill_worker.storage.repeats import Answer, KeyedRequest
-from sawmill_worker.storage.store import Store
-from sawmill_worker.storage.uploads import UploadQuota, WrongOffset
-from sawmill_worker.vocabulary import DataKind
+from sawmill_contracts.jobs import JobKind
+from sawmill_contracts.scans import ScanSpec
+from sawmill_contracts.uploads import Upload, UploadAsk, UploadState
+from sawmill_store.acting import Actor, acting_as
+from sawmill_store.arriving import AsSent
+from sawmill_store.errors import Conflict, Damaged, NotFound, StorageFull
+from sawmill_store.repeats import Answer, KeyedRequest
+from sawmill_store.store import Store
+from sawmill_store.uploads import UploadQuota, WrongOffset
+from sawmill_vocabulary import DataKind
 
 CONTENT = b"0123456789"
 QUOTA = UploadQuota(3, 25, 40)
@@ -127,7 +127,7 @@ def test_an_upload_that_is_deleted_before_its_sum_is_gone(store):
 
 
 def test_a_part_that_counts_as_a_whole_does_not_take_the_reserve_either(store, monkeypatch):
-    monkeypatch.setattr("sawmill_worker.storage.upload_parts.STEP_BYTES", 4)
+    monkeypatch.setattr("sawmill_store.upload_parts.STEP_BYTES", 4)
     upload = create(store)
     for commits in (False, True):
         part = store.uploads.begin_part(upload.id, 0, reserve_bytes=2**62)

@@ -3,12 +3,12 @@
 import pytest
 from sqlalchemy import event
 
-from sawmill_worker.contracts.calibrations import CalibrationAsk
-from sawmill_worker.contracts.jobs import JobKind, JobState, Priority
-from sawmill_worker.contracts.reconstructions import ReconstructionAsk
-from sawmill_worker.storage.store import Store
-from sawmill_worker.storage.turns import Selection
-from sawmill_worker.vocabulary import CalibrationMethod, Progress
+from sawmill_contracts.calibrations import CalibrationAsk
+from sawmill_contracts.jobs import JobKind, JobState, Priority
+from sawmill_contracts.reconstructions import ReconstructionAsk
+from sawmill_store.store import Store
+from sawmill_store.turns import Selection
+from sawmill_vocabulary import CalibrationMethod, Progress
 
 
 @pytest.fixture

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from sawmill_worker.contracts.calibrations import CalibrationResult
-from sawmill_worker.files.calibration_file import write_calibration
+from sawmill_contracts.calibrations import CalibrationResult
+from sawmill_formats.output.calibration_file import write_calibration
 
 
 def write_answer(path: Path, result: CalibrationResult) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from sawmill_worker.files.nexus import PACKED
+from sawmill_formats.nexus import PACKED
 
 
 def in_place_of(change: Callable[[h5py.File, str, tuple[int, ...], Path], None]) -> Callable[[Path, str], None]:

@@ -7,8 +7,8 @@ from uuid import uuid4
 
 from postgres_server import PostgresDatabases
 
-from sawmill_worker.storage.settings import StorageSettings
-from sawmill_worker.storage.store import Store
+from sawmill_store.settings import StorageSettings
+from sawmill_store.store import Store
 
 END_OTHERS = """
 SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE datname = current_database() AND pid <> pg_backend_pid()

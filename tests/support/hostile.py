@@ -16,7 +16,7 @@ DATA_BYTES = 2 * 2**30
 PROCESSOR_SECONDS = 20
 HANGS_AFTER_S = 300.0
 CONTEXT = multiprocessing.get_context("forkserver")
-CONTEXT.set_forkserver_preload(["sawmill_worker.use_cases.inspect", "sawmill_worker.tomography.tracing"])
+CONTEXT.set_forkserver_preload(["sawmill_worker.use_cases.inspect", "sawmill_tomography.phantoms.tracing"])
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ def outcome(path: Path, *, counts: bool = False, dataset: str | None = None) -> 
 
 
 def _report(sender, path, counts, dataset):
-    from sawmill_worker.files.errors import FileError  # noqa: PLC0415 - preloaded where it is run
+    from sawmill_formats.errors import FileError  # noqa: PLC0415 - preloaded where it is run
 
     resource.setrlimit(resource.RLIMIT_DATA, (DATA_BYTES, DATA_BYTES))
     resource.setrlimit(resource.RLIMIT_CPU, (PROCESSOR_SECONDS, PROCESSOR_SECONDS))
@@ -63,8 +63,8 @@ def _report(sender, path, counts, dataset):
 
 
 def _read(path, counts, dataset):
-    from sawmill_worker.readers.angles import AngleSteps  # noqa: PLC0415
-    from sawmill_worker.readers.reading import reading_scan  # noqa: PLC0415
+    from sawmill_formats.input.angles import AngleSteps  # noqa: PLC0415
+    from sawmill_formats.input.reading import reading_scan  # noqa: PLC0415
 
     steps = AngleSteps(0.0, 18.0)
     with reading_scan(path, counts=counts, dataset=dataset, angles_deg=steps, free_bytes=DATA_BYTES) as scan:
@@ -73,16 +73,16 @@ def _read(path, counts, dataset):
 
 
 def _inspect(path, counts, dataset):
+    from sawmill_vocabulary import DataKind  # noqa: PLC0415
     from sawmill_worker.use_cases.inspect import GivenBeside, inspect_file  # noqa: PLC0415
-    from sawmill_worker.vocabulary import DataKind  # noqa: PLC0415
 
     data = DataKind.COUNTS if counts else DataKind.LINE_INTEGRALS
     return inspect_file(GivenBeside(path, data, dataset)).verdict.value
 
 
 def _trace(path, *_):
-    from sawmill_worker.readers.picture import read_picture  # noqa: PLC0415
-    from sawmill_worker.tomography.tracing import trace  # noqa: PLC0415
+    from sawmill_formats.input.picture import read_picture  # noqa: PLC0415
+    from sawmill_tomography.phantoms.tracing import trace  # noqa: PLC0415
 
     trace(read_picture(path), 400.0, name="hostile")
 

@@ -15,7 +15,7 @@ from typing import Any
 import httpx
 from ports import free_port
 
-from sawmill_worker.tomography.geometry import Scanner
+from sawmill_tomography.geometry.geometry import Scanner
 
 SCANNER = Scanner(source_to_cor_mm=859.46, num_detector_pixels=512, detector_pitch_mm=2.25)
 # Limits that only a hang reaches.
@@ -193,7 +193,17 @@ def wait_until(holds: Callable[[], object], limit_s: float = 120.0) -> None:
 def serving(folder: Path, environment: dict[str, str], *flags: str, prefix: Sequence[str] = ()) -> Iterator[Service]:
     """`sawmill serve` with a data folder of its own, once it is ready; `prefix` is a command that becomes it."""
     port, data, log = free_port(), folder / "data", folder / "service.log"
-    serve = [sys.executable, "-m", "sawmill_service.cli", "serve", "--data", str(data), "--port", str(port), *flags]
+    serve = [
+        sys.executable,
+        "-m",
+        "sawmill_command.commands",
+        "serve",
+        "--data",
+        str(data),
+        "--port",
+        str(port),
+        *flags,
+    ]
     command = [*prefix, *serve]
     address = f"http://127.0.0.1:{port}"
     with (

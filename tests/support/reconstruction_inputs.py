@@ -1,8 +1,8 @@
 """The input of a reconstruction, of line integrals in memory."""
 
-from sawmill_worker.contracts.geometry import ScannerConstants
+from sawmill_contracts.geometry import ScannerConstants
+from sawmill_vocabulary import Handedness, Rotation
 from sawmill_worker.use_cases.reconstruct import ReconstructionInput
-from sawmill_worker.vocabulary import Handedness, Rotation
 
 
 def reconstruction_input(stack, fan, *, first_row=0, counts=False):

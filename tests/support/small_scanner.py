@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 import results
 
-from sawmill_worker.contracts.calibrations import CalibrationOptions, CalibrationSucceeded
-from sawmill_worker.contracts.geometry import ScannerConstants
-from sawmill_worker.contracts.scanners import ScannerSpec, Tolerances
-from sawmill_worker.tomography.analytic import DetectorCells, project
-from sawmill_worker.tomography.built_in import L_SHAPE
-from sawmill_worker.tomography.geometry import FanBeamGeometry, FloatArray, Scanner, Theta
+from sawmill_contracts.calibrations import CalibrationOptions, CalibrationSucceeded
+from sawmill_contracts.geometry import ScannerConstants
+from sawmill_contracts.scanners import ScannerSpec, Tolerances
+from sawmill_tomography.geometry.geometry import FanBeamGeometry, FloatArray, Scanner, Theta
+from sawmill_tomography.phantoms.built_in import L_SHAPE
+from sawmill_tomography.projection.analytic import DetectorCells, project
 
 SCANNER = Scanner(source_to_cor_mm=859.46, num_detector_pixels=128, detector_pitch_mm=9.0)
 CONSTANTS = ScannerConstants(**vars(SCANNER))

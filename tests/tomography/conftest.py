@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import scipy.io
 
-from sawmill_worker.tomography.geometry import FloatArray, Scanner, Theta
+from sawmill_tomography.geometry.geometry import FloatArray, Scanner, Theta
 
 TAU = 2.0 * math.pi
 BESIDE_THE_PROJECT = Path(__file__).parents[3] / "shared" / "data"

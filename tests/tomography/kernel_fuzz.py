@@ -11,10 +11,10 @@ from contextlib import suppress
 
 import numpy as np
 
-from sawmill_worker.tomography import _analytic_numba as analytic
-from sawmill_worker.tomography import _fbp_numba as fbp
-from sawmill_worker.tomography import _projector_numba as projector
-from sawmill_worker.tomography.built_in import RECTANGLE_WITH_HOLE
+from sawmill_tomography.phantoms.built_in import RECTANGLE_WITH_HOLE
+from sawmill_tomography.projection import _analytic_numba as analytic
+from sawmill_tomography.projection import _projector_numba as projector
+from sawmill_tomography.reconstruction import _fbp_numba as fbp
 
 VIEWS, CELLS, SIZE = 8, 24, 16
 ODD = np.array([np.nan, np.inf, -np.inf, 0.0, -0.0, 1e-300, -1e-300, 1e300, -1e300, 2.0**31, -(2.0**31), 2.0**63])

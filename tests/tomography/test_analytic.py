@@ -3,10 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from sawmill_worker.tomography import analytic
-from sawmill_worker.tomography.analytic import DetectorCells
-from sawmill_worker.tomography.built_in import L_SHAPE, RECTANGLE_WITH_HOLE
-from sawmill_worker.tomography.geometry import (
+from sawmill_tomography.geometry.geometry import (
     FanBeamGeometry,
     GeometryError,
     Scanner,
@@ -15,7 +12,10 @@ from sawmill_worker.tomography.geometry import (
     cell_centres_mm,
     to_vector,
 )
-from sawmill_worker.tomography.phantom import Disc, Phantom, Polygon
+from sawmill_tomography.phantoms.built_in import L_SHAPE, RECTANGLE_WITH_HOLE
+from sawmill_tomography.phantoms.phantom import Disc, Phantom, Polygon
+from sawmill_tomography.projection import analytic
+from sawmill_tomography.projection.analytic import DetectorCells
 
 R_S = 859.46
 OVERLAPPING = Phantom(

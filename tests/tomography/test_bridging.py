@@ -1,6 +1,6 @@
 import numpy as np
 
-from sawmill_worker.tomography.bridging import bridge, bridged_samples
+from sawmill_tomography.sinograms.bridging import bridge, bridged_samples
 
 
 def test_bridges_are_straight_and_ends_take_their_neighbour():

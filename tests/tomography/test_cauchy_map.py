@@ -1,12 +1,12 @@
 import pytest
 
-from sawmill_worker.tomography.cauchy_map import cauchy_map
-from sawmill_worker.tomography.geometry import FanBeamGeometry, Scanner, Theta
-from sawmill_worker.tomography.image_grid import ImageGrid
-from sawmill_worker.tomography.phantom import Disc, Phantom, Polygon
-from sawmill_worker.tomography.projector import Projector
-from sawmill_worker.tomography.quality import relative_error
-from sawmill_worker.tomography.simulate import simulate_sinogram
+from sawmill_tomography.geometry.geometry import FanBeamGeometry, Scanner, Theta
+from sawmill_tomography.geometry.image_grid import ImageGrid
+from sawmill_tomography.phantoms.phantom import Disc, Phantom, Polygon
+from sawmill_tomography.projection.projector import Projector
+from sawmill_tomography.projection.simulate import simulate_sinogram
+from sawmill_tomography.reconstruction.cauchy_map import cauchy_map
+from sawmill_tomography.reconstruction.quality import relative_error
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("one_thread")]
 

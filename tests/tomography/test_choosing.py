@@ -3,7 +3,12 @@ import math
 import numpy as np
 import pytest
 
-from sawmill_worker.tomography.choosing import (
+from sawmill_tomography.geometry.geometry import TAU, FanBeamGeometry, Scanner, Theta
+from sawmill_tomography.geometry.image_grid import ImageGrid
+from sawmill_tomography.phantoms.phantom import Disc, Phantom
+from sawmill_tomography.projection.projector import Projector
+from sawmill_tomography.projection.simulate import simulate_sinogram
+from sawmill_tomography.reconstruction.choosing import (
     EXPECTED_ERRORS,
     PRICE_SECONDS,
     expected_error,
@@ -11,16 +16,11 @@ from sawmill_worker.tomography.choosing import (
     seconds_a_slice,
     views_of_step,
 )
-from sawmill_worker.tomography.fbp import fbp
-from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, Scanner, Theta
-from sawmill_worker.tomography.image_grid import ImageGrid
-from sawmill_worker.tomography.noise import estimated_noise, photon_noise
-from sawmill_worker.tomography.phantom import Disc, Phantom
-from sawmill_worker.tomography.projector import Projector
-from sawmill_worker.tomography.quality import relative_error
-from sawmill_worker.tomography.simulate import simulate_sinogram
-from sawmill_worker.tomography.total_variation import total_variation
-from sawmill_worker.vocabulary import Preference, ReconstructionMethod
+from sawmill_tomography.reconstruction.fbp import fbp
+from sawmill_tomography.reconstruction.quality import relative_error
+from sawmill_tomography.reconstruction.total_variation import total_variation
+from sawmill_tomography.sinograms.noise import estimated_noise, photon_noise
+from sawmill_vocabulary import Preference, ReconstructionMethod
 
 QUALITY, SPEED = Preference.QUALITY, Preference.SPEED
 GRID = ImageGrid(256, 400.0)

@@ -6,15 +6,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sawmill_worker.tomography.analytic import DetectorCells, project
-from sawmill_worker.tomography.conjugate_rays import conjugate_fit
-from sawmill_worker.tomography.drift import Disturbance, DriftError, disturbed_turn, drift_change, likely_cause
-from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, Scanner, Theta
-from sawmill_worker.tomography.log_model import LogModel
-from sawmill_worker.tomography.paired_rays import Derivatives, PairedRays
-from sawmill_worker.tomography.phantom import Disc, Phantom
-from sawmill_worker.tomography.simulate import simulate_sinogram
-from sawmill_worker.vocabulary import Rotation
+from sawmill_tomography.drift.change import Disturbance, DriftError, disturbed_turn, drift_change, likely_cause
+from sawmill_tomography.drift.opposite_rays.conjugate_rays import conjugate_fit
+from sawmill_tomography.drift.opposite_rays.paired_rays import Derivatives, PairedRays
+from sawmill_tomography.geometry.geometry import TAU, FanBeamGeometry, Scanner, Theta
+from sawmill_tomography.phantoms.log_model import LogModel
+from sawmill_tomography.phantoms.phantom import Disc, Phantom
+from sawmill_tomography.projection.analytic import DetectorCells, project
+from sawmill_tomography.projection.simulate import simulate_sinogram
+from sawmill_vocabulary import Rotation
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("one_thread")]
 

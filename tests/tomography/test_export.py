@@ -6,10 +6,10 @@ import warnings
 import numpy as np
 import pytest
 
-from sawmill_worker.tomography.analytic import DetectorCells, project
-from sawmill_worker.tomography.built_in import L_SHAPE
-from sawmill_worker.tomography.export import cil_arguments, odl_arguments, rtk_geometry
-from sawmill_worker.tomography.geometry import FanBeamGeometry, cell_centres_mm
+from sawmill_tomography.geometry.export import cil_arguments, odl_arguments, rtk_geometry
+from sawmill_tomography.geometry.geometry import FanBeamGeometry, cell_centres_mm
+from sawmill_tomography.phantoms.built_in import L_SHAPE
+from sawmill_tomography.projection.analytic import DetectorCells, project
 
 FIELD_MM = 400.0
 

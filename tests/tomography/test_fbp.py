@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from sawmill_worker.tomography import analytic
-from sawmill_worker.tomography.analytic import DetectorCells
-from sawmill_worker.tomography.fbp import fbp
-from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, GeometryError, Theta, cell_borders_mm, to_vector
-from sawmill_worker.tomography.image_grid import ImageGrid
-from sawmill_worker.tomography.phantom import Disc, Phantom, Polygon
-from sawmill_worker.tomography.projector import Projector
-from sawmill_worker.vocabulary import FilterName
+from sawmill_tomography.geometry.geometry import TAU, FanBeamGeometry, GeometryError, Theta, cell_borders_mm, to_vector
+from sawmill_tomography.geometry.image_grid import ImageGrid
+from sawmill_tomography.phantoms.phantom import Disc, Phantom, Polygon
+from sawmill_tomography.projection import analytic
+from sawmill_tomography.projection.analytic import DetectorCells
+from sawmill_tomography.projection.projector import Projector
+from sawmill_tomography.reconstruction.fbp import fbp
+from sawmill_vocabulary import FilterName
 
 FIELD = 400.0
 LOG = Phantom(

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from sawmill_worker.tomography.fbp import fbp
-from sawmill_worker.tomography.geometry import FanBeamGeometry, GeometryError
-from sawmill_worker.tomography.image_grid import ImageGrid
-from sawmill_worker.tomography.projector import Projector
-from sawmill_worker.vocabulary import FilterName
+from sawmill_tomography.geometry.geometry import FanBeamGeometry, GeometryError
+from sawmill_tomography.geometry.image_grid import ImageGrid
+from sawmill_tomography.projection.projector import Projector
+from sawmill_tomography.reconstruction.fbp import fbp
+from sawmill_vocabulary import FilterName
 
 # Positions on the detector are in single precision, 1e-4 of a cell, and views are summed in another order.
 ROUNDING = 1e-4

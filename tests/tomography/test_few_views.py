@@ -6,13 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sawmill_worker.tomography.analytic import DetectorCells, project
-from sawmill_worker.tomography.detector_fit import detector_fit
-from sawmill_worker.tomography.drift import DriftError
-from sawmill_worker.tomography.geometry import TAU, Scanner, SourceFrame
-from sawmill_worker.tomography.phantom import Disc, Phantom
-from sawmill_worker.tomography.view_pairs import view_pair_fit
-from sawmill_worker.vocabulary import Rotation
+from sawmill_tomography.drift.change import DriftError
+from sawmill_tomography.drift.detector_fit import detector_fit
+from sawmill_tomography.drift.view_pairs.view_pairs import view_pair_fit
+from sawmill_tomography.geometry.geometry import TAU, Scanner, SourceFrame
+from sawmill_tomography.phantoms.phantom import Disc, Phantom
+from sawmill_tomography.projection.analytic import DetectorCells, project
+from sawmill_vocabulary import Rotation
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("one_thread")]
 

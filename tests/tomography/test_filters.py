@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from sawmill_worker.tomography.filters import RowFilter, ramp_response
-from sawmill_worker.tomography.geometry import GeometryError
-from sawmill_worker.vocabulary import FilterName
+from sawmill_tomography.geometry.geometry import GeometryError
+from sawmill_tomography.reconstruction.filters import RowFilter, ramp_response
+from sawmill_vocabulary import FilterName
 
 PITCH = 1.5
 every_filter = pytest.mark.parametrize("name", list(FilterName))

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from sawmill_worker.tomography.full_turn import even_views, periodic_spline
-from sawmill_worker.tomography.geometry import TAU
+from sawmill_tomography.drift.opposite_rays.full_turn import even_views, periodic_spline
+from sawmill_tomography.geometry.geometry import TAU
 
 
 @pytest.mark.parametrize("knots", [2, 3, 20, 97])

@@ -3,10 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from sawmill_worker.tomography import analytic
-from sawmill_worker.tomography.analytic import DetectorCells
-from sawmill_worker.tomography.built_in import L_SHAPE
-from sawmill_worker.tomography.geometry import (
+from sawmill_tomography.geometry.geometry import (
     TAU,
     FanBeamGeometry,
     GeometryError,
@@ -23,7 +20,10 @@ from sawmill_worker.tomography.geometry import (
     view_weights,
     wrap_angle,
 )
-from sawmill_worker.vocabulary import Rotation
+from sawmill_tomography.phantoms.built_in import L_SHAPE
+from sawmill_tomography.projection import analytic
+from sawmill_tomography.projection.analytic import DetectorCells
+from sawmill_vocabulary import Rotation
 
 R_S = 859.46
 

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from sawmill_worker.tomography import analytic
-from sawmill_worker.tomography.analytic import DetectorCells
-from sawmill_worker.tomography.fbp import fbp
-from sawmill_worker.tomography.geometry import FanBeamGeometry, GeometryError
-from sawmill_worker.tomography.image_grid import ImageGrid
-from sawmill_worker.tomography.phantom import Disc, Phantom
-from sawmill_worker.tomography.projector import Projector
+from sawmill_tomography.geometry.geometry import FanBeamGeometry, GeometryError
+from sawmill_tomography.geometry.image_grid import ImageGrid
+from sawmill_tomography.phantoms.phantom import Disc, Phantom
+from sawmill_tomography.projection import analytic
+from sawmill_tomography.projection.analytic import DetectorCells
+from sawmill_tomography.projection.projector import Projector
+from sawmill_tomography.reconstruction.fbp import fbp
 
 WHOLE = ImageGrid(128, 320.0)
 # Pixels 70..101 along x and 20..51 along y of the whole.

@@ -4,7 +4,8 @@ import pytest
 from numba.core.caching import FunctionCache
 from structlog.testing import capture_logs
 
-from sawmill_worker.tomography import _fbp_numba, kernel_cache
+from sawmill_tomography import kernel_cache
+from sawmill_tomography.reconstruction import _fbp_numba
 
 
 @pytest.fixture

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from sawmill_worker.tomography.geometry import FanBeamGeometry, GeometryError, Scanner, Theta
-from sawmill_worker.tomography.image_grid import ImageGrid
-from sawmill_worker.tomography.projector import Projector
+from sawmill_tomography.geometry.geometry import FanBeamGeometry, GeometryError, Scanner, Theta
+from sawmill_tomography.geometry.image_grid import ImageGrid
+from sawmill_tomography.projection.projector import Projector
 
 pytestmark = pytest.mark.slow
 

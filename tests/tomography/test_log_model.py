@@ -3,8 +3,8 @@ import math
 import numpy as np
 import pytest
 
-from sawmill_worker.tomography.log_model import HEARTWOOD_PER_MM, METAL_PER_MM, SAPWOOD_PER_MM, LogModel
-from sawmill_worker.tomography.phantom import Polygon
+from sawmill_tomography.phantoms.log_model import HEARTWOOD_PER_MM, METAL_PER_MM, SAPWOOD_PER_MM, LogModel
+from sawmill_tomography.phantoms.phantom import Polygon
 
 FIELD = 300.0
 

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from sawmill_worker.tomography.conjugate_rays import conjugate_fit
-from sawmill_worker.tomography.geometry import FanBeamGeometry, Scanner, Theta
-from sawmill_worker.tomography.log_model import LogModel
-from sawmill_worker.tomography.simulate import simulate_sinogram
-from sawmill_worker.vocabulary import Rotation
+from sawmill_tomography.drift.opposite_rays.conjugate_rays import conjugate_fit
+from sawmill_tomography.geometry.geometry import FanBeamGeometry, Scanner, Theta
+from sawmill_tomography.phantoms.log_model import LogModel
+from sawmill_tomography.projection.simulate import simulate_sinogram
+from sawmill_vocabulary import Rotation
 
 SCANNER = Scanner(source_to_cor_mm=859.46, num_detector_pixels=256, detector_pitch_mm=4.5)
 THETA = Theta(0.7, 715.0, 180.0, 30.0, 0.15)

@@ -2,9 +2,9 @@
 
 import pytest
 
-from sawmill_worker.tomography.built_in import L_SHAPE, RECTANGLE_WITH_HOLE
-from sawmill_worker.tomography.log_radius import counted_radius_mm
-from sawmill_worker.tomography.phantom import Disc, Phantom
+from sawmill_tomography.geometry.log_radius import counted_radius_mm
+from sawmill_tomography.phantoms.built_in import L_SHAPE, RECTANGLE_WITH_HOLE
+from sawmill_tomography.phantoms.phantom import Disc, Phantom
 
 SMALL = Phantom("disc", (Disc((0.0, 0.0), 35.0), Disc((10.0, 0.0), 5.0, -1.0)))
 

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from scipy.ndimage import label
 
-from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, Scanner, Theta
-from sawmill_worker.tomography.image_grid import ImageGrid
-from sawmill_worker.tomography.log_model import LogModel
-from sawmill_worker.tomography.metal import MetalSearch
-from sawmill_worker.tomography.object_extent import object_radius_mm
-from sawmill_worker.tomography.phantom import Disc, Phantom
-from sawmill_worker.tomography.preparing.line_integrals import line_integrals
-from sawmill_worker.tomography.simulate import simulate_stack
+from sawmill_tomography.geometry.geometry import TAU, FanBeamGeometry, Scanner, Theta
+from sawmill_tomography.geometry.image_grid import ImageGrid
+from sawmill_tomography.phantoms.log_model import LogModel
+from sawmill_tomography.phantoms.phantom import Disc, Phantom
+from sawmill_tomography.preparing.line_integrals import line_integrals
+from sawmill_tomography.projection.simulate import simulate_stack
+from sawmill_tomography.reconstruction.metal import MetalSearch
+from sawmill_tomography.reconstruction.object_extent import object_radius_mm
 
 MILL = Scanner(source_to_cor_mm=859.46, num_detector_pixels=288, detector_pitch_mm=2.0)
 THETA = Theta(0.7, 715.0, 40.0, 10.0, 0.05)

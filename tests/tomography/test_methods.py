@@ -5,14 +5,14 @@ import sys
 import numpy as np
 import pytest
 
-from sawmill_worker.contracts.reconstructions import MethodReport
-from sawmill_worker.tomography.geometry import FanBeamGeometry, Scanner, Theta
-from sawmill_worker.tomography.image_grid import ImageGrid
-from sawmill_worker.tomography.method import DirectMethod
-from sawmill_worker.tomography.methods import METHODS
-from sawmill_worker.tomography.phantom import Disc, Phantom
-from sawmill_worker.tomography.projector import Projector
-from sawmill_worker.tomography.simulate import simulate_sinogram
+from sawmill_contracts.reconstructions import MethodReport
+from sawmill_tomography.geometry.geometry import FanBeamGeometry, Scanner, Theta
+from sawmill_tomography.geometry.image_grid import ImageGrid
+from sawmill_tomography.phantoms.phantom import Disc, Phantom
+from sawmill_tomography.projection.projector import Projector
+from sawmill_tomography.projection.simulate import simulate_sinogram
+from sawmill_tomography.reconstruction.method import DirectMethod
+from sawmill_tomography.reconstruction.methods import METHODS
 
 SIZE, SLICES = 24, 3
 # 2 % of the lines, about.
@@ -46,7 +46,7 @@ def check(found, slices, shape, parameters):
     assert found.converged.all()
     assert set(found.parameters) == parameters
     assert parameters <= MethodReport.model_fields.keys(), (
-        "add the fields to contracts/reconstructions.py: MethodReport"
+        "add the fields to sawmill_contracts/reconstructions.py: MethodReport"
     )
     assert all(values.shape in {(slices,), (1,)} for values in found.parameters.values())
 

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from sawmill_worker.tomography.analytic import DetectorCells, project
-from sawmill_worker.tomography.disturbances import DISTURBANCES, estimates_of
-from sawmill_worker.tomography.drift import seen_vector
-from sawmill_worker.tomography.full_turn import Turn
-from sawmill_worker.tomography.geometry import Scanner, Theta
-from sawmill_worker.tomography.opposite_rays import ALL_THREE, Pairs, Solution
-from sawmill_worker.tomography.phantom import Disc, Phantom
+from sawmill_tomography.drift.change import seen_vector
+from sawmill_tomography.drift.opposite_rays.disturbances import DISTURBANCES, estimates_of
+from sawmill_tomography.drift.opposite_rays.full_turn import Turn
+from sawmill_tomography.drift.opposite_rays.opposite_rays import ALL_THREE, Pairs, Solution
+from sawmill_tomography.geometry.geometry import Scanner, Theta
+from sawmill_tomography.phantoms.phantom import Disc, Phantom
+from sawmill_tomography.projection.analytic import DetectorCells, project
 
 MILL = Scanner(source_to_cor_mm=859.46, num_detector_pixels=96, detector_pitch_mm=12.0)
 FRAME = Theta(0.7, 715.0, 180.0, 30.0, 0.15).source_frame(MILL.source_to_cor_mm)

@@ -3,8 +3,8 @@ import math
 import numpy as np
 import pytest
 
-from sawmill_worker.tomography.built_in import BUILT_IN, L_SHAPE, RECTANGLE_WITH_HOLE
-from sawmill_worker.tomography.phantom import Disc, Phantom, PhantomError, Polygon
+from sawmill_tomography.phantoms.built_in import BUILT_IN, L_SHAPE, RECTANGLE_WITH_HOLE
+from sawmill_tomography.phantoms.phantom import Disc, Phantom, PhantomError, Polygon
 
 L_AREA = 200.14 * 300.92 - 99.93 * 201.56
 RECTANGLE_AREA = 200.14 * 300.36 - math.pi * 26.0**2

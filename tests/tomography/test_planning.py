@@ -3,16 +3,16 @@ import math
 import numpy as np
 import pytest
 
-from sawmill_worker.tomography.analytic import DetectorCells, project_with_derivative
-from sawmill_worker.tomography.built_in import L_SHAPE, RECTANGLE_WITH_HOLE
-from sawmill_worker.tomography.calibration.calibrate import calibrate
-from sawmill_worker.tomography.calibration.task import CalibrationTask
-from sawmill_worker.tomography.geometry import FanBeamGeometry, GeometryError, angle_difference, to_vector
-from sawmill_worker.tomography.phantom import Disc, Phantom, PhantomError
-from sawmill_worker.tomography.planning import plan
-from sawmill_worker.tomography.ray_error import ray_error
-from sawmill_worker.tomography.simulate import simulate_sinogram
-from sawmill_worker.vocabulary import Handedness, Rotation
+from sawmill_tomography.calibration.calibrate import calibrate
+from sawmill_tomography.calibration.planning import plan
+from sawmill_tomography.calibration.task import CalibrationTask
+from sawmill_tomography.geometry.geometry import FanBeamGeometry, GeometryError, angle_difference, to_vector
+from sawmill_tomography.geometry.ray_error import ray_error
+from sawmill_tomography.phantoms.built_in import L_SHAPE, RECTANGLE_WITH_HOLE
+from sawmill_tomography.phantoms.phantom import Disc, Phantom, PhantomError
+from sawmill_tomography.projection.analytic import DetectorCells, project_with_derivative
+from sawmill_tomography.projection.simulate import simulate_sinogram
+from sawmill_vocabulary import Handedness, Rotation
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("one_thread")]
 

@@ -4,12 +4,12 @@ import astra
 import numpy as np
 import pytest
 
-from sawmill_worker.tomography import analytic
-from sawmill_worker.tomography.analytic import DetectorCells
-from sawmill_worker.tomography.geometry import FanBeamGeometry, GeometryError, Scanner, Theta, cell_centres_mm
-from sawmill_worker.tomography.image_grid import ImageGrid
-from sawmill_worker.tomography.phantom import Disc, Phantom, Polygon
-from sawmill_worker.tomography.projector import Projector
+from sawmill_tomography.geometry.geometry import FanBeamGeometry, GeometryError, Scanner, Theta, cell_centres_mm
+from sawmill_tomography.geometry.image_grid import ImageGrid
+from sawmill_tomography.phantoms.phantom import Disc, Phantom, Polygon
+from sawmill_tomography.projection import analytic
+from sawmill_tomography.projection.analytic import DetectorCells
+from sawmill_tomography.projection.projector import Projector
 
 STRAIGHT = Theta(0.4, 700.0, 0.0, 0.0, 0.0)
 SHIFTED = Theta(5.9, 650.0, -280.0, 120.0, 0.0)

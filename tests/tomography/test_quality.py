@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from sawmill_worker.tomography.quality import edge_error_mm, relative_error, structural_similarity_index
+from sawmill_tomography.reconstruction.quality import edge_error_mm, relative_error, structural_similarity_index
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ import pytest
 from scipy.optimize import minimize
 from scipy.special import ndtri
 
-from sawmill_worker.tomography.geometry import (
+from sawmill_tomography.geometry.geometry import (
     FanBeamGeometry,
     GeometryError,
     Scanner,
@@ -16,7 +16,7 @@ from sawmill_worker.tomography.geometry import (
     rotate,
     to_vector,
 )
-from sawmill_worker.tomography.ray_error import (
+from sawmill_tomography.geometry.ray_error import (
     chord_points,
     exceeded_ray_error,
     predicted_ray_error,

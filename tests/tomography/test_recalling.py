@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import Bounds, differential_evolution
 
-from sawmill_worker.tomography.recalling import Evaluations, RecallingObjective
+from sawmill_tomography.calibration.recalling import Evaluations, RecallingObjective
 
 
 def bowl(vector):

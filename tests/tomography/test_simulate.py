@@ -3,14 +3,14 @@ import math
 import numpy as np
 import pytest
 
-from sawmill_worker.tomography import analytic
-from sawmill_worker.tomography.analytic import DetectorCells
-from sawmill_worker.tomography.built_in import L_SHAPE
-from sawmill_worker.tomography.geometry import FanBeamGeometry, GeometryError
-from sawmill_worker.tomography.log_model import LogModel
-from sawmill_worker.tomography.phantom import Disc, Phantom
-from sawmill_worker.tomography.preparing.line_integrals import line_integrals
-from sawmill_worker.tomography.simulate import simulate_sinogram, simulate_stack
+from sawmill_tomography.geometry.geometry import FanBeamGeometry, GeometryError
+from sawmill_tomography.phantoms.built_in import L_SHAPE
+from sawmill_tomography.phantoms.log_model import LogModel
+from sawmill_tomography.phantoms.phantom import Disc, Phantom
+from sawmill_tomography.preparing.line_integrals import line_integrals
+from sawmill_tomography.projection import analytic
+from sawmill_tomography.projection.analytic import DetectorCells
+from sawmill_tomography.projection.simulate import simulate_sinogram, simulate_stack
 
 
 @pytest.fixture

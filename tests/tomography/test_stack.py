@@ -5,8 +5,8 @@ import time
 
 import pytest
 
-from sawmill_worker.tomography import cost
-from sawmill_worker.tomography.stack import reconstruct_stack
+from sawmill_tomography.reconstruction import cost
+from sawmill_tomography.reconstruction.stack import reconstruct_stack
 
 SLICES = 40
 

@@ -1,15 +1,15 @@
 import numpy as np
 import pytest
 
-from sawmill_worker.tomography.fbp import fbp
-from sawmill_worker.tomography.geometry import FanBeamGeometry, GeometryError, Scanner, Theta
-from sawmill_worker.tomography.image_grid import ImageGrid
-from sawmill_worker.tomography.phantom import Disc, Phantom
-from sawmill_worker.tomography.projector import Projector
-from sawmill_worker.tomography.quality import relative_error
-from sawmill_worker.tomography.simulate import simulate_sinogram
-from sawmill_worker.tomography.tikhonov import tikhonov
-from sawmill_worker.vocabulary import AlphaRule
+from sawmill_tomography.geometry.geometry import FanBeamGeometry, GeometryError, Scanner, Theta
+from sawmill_tomography.geometry.image_grid import ImageGrid
+from sawmill_tomography.phantoms.phantom import Disc, Phantom
+from sawmill_tomography.projection.projector import Projector
+from sawmill_tomography.projection.simulate import simulate_sinogram
+from sawmill_tomography.reconstruction.fbp import fbp
+from sawmill_tomography.reconstruction.quality import relative_error
+from sawmill_tomography.reconstruction.tikhonov import tikhonov
+from sawmill_vocabulary import AlphaRule
 
 LOG = Phantom("log", (Disc((10.0, 0.0), 120.0, 0.018), Disc((30.0, 40.0), 25.0, 0.01)))
 

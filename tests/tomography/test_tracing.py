@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from sawmill_worker.tomography.built_in import L_SHAPE, RECTANGLE_WITH_HOLE
-from sawmill_worker.tomography.phantom import Disc, Phantom, PhantomError, Polygon
-from sawmill_worker.tomography.tracing import trace
-from sawmill_worker.vocabulary import STANDARD_SIZE_TOLERANCE, fault_of_outline
+from sawmill_tomography.phantoms.built_in import L_SHAPE, RECTANGLE_WITH_HOLE
+from sawmill_tomography.phantoms.phantom import Disc, Phantom, PhantomError, Polygon
+from sawmill_tomography.phantoms.tracing import trace
+from sawmill_vocabulary import STANDARD_SIZE_TOLERANCE, fault_of_outline
 
 FIELD = 400.0
 DISC = Phantom("disc", (Disc((13.0, -21.0), 70.0),))

@@ -6,16 +6,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sawmill_worker.tomography.analytic import DetectorCells, project
-from sawmill_worker.tomography.detector_fit import detector_fit
-from sawmill_worker.tomography.drift import ConjugateFit, DriftError, drift_change
-from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, GeometryError, Scanner, Theta
-from sawmill_worker.tomography.log_model import LogModel
-from sawmill_worker.tomography.masked_rays import bridge_masked
-from sawmill_worker.tomography.preparing.line_integrals import line_integrals
-from sawmill_worker.tomography.simulate import simulate_stack
-from sawmill_worker.tomography.view_pairs import view_pair_fit
-from sawmill_worker.vocabulary import Rotation
+from sawmill_tomography.drift.change import ConjugateFit, DriftError, drift_change
+from sawmill_tomography.drift.detector_fit import detector_fit
+from sawmill_tomography.drift.view_pairs.view_pairs import view_pair_fit
+from sawmill_tomography.geometry.geometry import TAU, FanBeamGeometry, GeometryError, Scanner, Theta
+from sawmill_tomography.phantoms.log_model import LogModel
+from sawmill_tomography.preparing.line_integrals import line_integrals
+from sawmill_tomography.projection.analytic import DetectorCells, project
+from sawmill_tomography.projection.simulate import simulate_stack
+from sawmill_tomography.sinograms.masked_rays import bridge_masked
+from sawmill_vocabulary import Rotation
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("one_thread")]
 

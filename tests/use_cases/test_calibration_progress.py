@@ -6,9 +6,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from sawmill_worker.contracts.built_in import BUILT_IN_PHANTOMS
-from sawmill_worker.contracts.calibrations import CalibrationOptions
-from sawmill_worker.tomography.geometry import TAU
+from sawmill_contracts.built_in import BUILT_IN_PHANTOMS
+from sawmill_contracts.calibrations import CalibrationOptions
+from sawmill_tomography.geometry.geometry import TAU
 from sawmill_worker.use_cases import calibrate
 from sawmill_worker.use_cases.calibrate import SEARCH_DONE, CalibrationInput, _Reporting, run_calibration
 

@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sawmill_worker.contracts.built_in import BUILT_IN_PHANTOMS
-from sawmill_worker.contracts.calibrations import CalibrationOptions, PredictedRayError
-from sawmill_worker.contracts.scanners import StoredScanner
-from sawmill_worker.tomography.ray_error import ray_error
+from sawmill_contracts.built_in import BUILT_IN_PHANTOMS
+from sawmill_contracts.calibrations import CalibrationOptions, PredictedRayError
+from sawmill_contracts.scanners import StoredScanner
+from sawmill_tomography.geometry.ray_error import ray_error
 from sawmill_worker.use_cases.calibrate import CalibrationInput, calibration_result, run_calibration
 from sawmill_worker.use_cases.compare import compared, geometry_of
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from pydantic import TypeAdapter, ValidationError
 
-from sawmill_worker.contracts.built_in import BUILT_IN_PHANTOMS
-from sawmill_worker.contracts.geometry import (
+from sawmill_contracts.built_in import BUILT_IN_PHANTOMS
+from sawmill_contracts.geometry import (
     GivenTheta,
     GivenThetaBounds,
     ReportedSourceFrame,
@@ -16,11 +16,11 @@ from sawmill_worker.contracts.geometry import (
     SourceFrameDeviation,
     ThetaDeviation,
 )
-from sawmill_worker.contracts.phantoms import PhantomDrawing
-from sawmill_worker.tomography import built_in
-from sawmill_worker.tomography.geometry import to_vector
+from sawmill_contracts.phantoms import PhantomDrawing
+from sawmill_tomography.geometry.geometry import to_vector
+from sawmill_tomography.phantoms import built_in
+from sawmill_vocabulary import Disc, Polygon, Scanner, SourceFrame, Theta, ThetaBounds
 from sawmill_worker.use_cases.conversion import from_phantom, to_phantom
-from sawmill_worker.vocabulary import Disc, Polygon, Scanner, SourceFrame, Theta, ThetaBounds
 
 
 def crossed(kind, value):

@@ -7,10 +7,10 @@ import pytest
 from pydantic import ValidationError
 from reconstruction_inputs import reconstruction_input
 
-from sawmill_worker.contracts.reconstructions import ReconstructionAsk, ReconstructionAsked, ReconstructionOptions
-from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, Scanner, Theta
-from sawmill_worker.tomography.phantom import Disc, Phantom
-from sawmill_worker.tomography.simulate import simulate_rows
+from sawmill_contracts.reconstructions import ReconstructionAsk, ReconstructionAsked, ReconstructionOptions
+from sawmill_tomography.geometry.geometry import TAU, FanBeamGeometry, Scanner, Theta
+from sawmill_tomography.phantoms.phantom import Disc, Phantom
+from sawmill_tomography.projection.simulate import simulate_rows
 from sawmill_worker.use_cases import block_solvers
 from sawmill_worker.use_cases.reconstruct import reconstruct_in_memory
 

@@ -8,7 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 import sawmill_calibration as sawmill
-from sawmill_service.cli import main
+from sawmill_command.commands import main
 
 pytestmark = pytest.mark.slow
 

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from sawmill_worker.tomography.analytic import DetectorCells, project
-from sawmill_worker.tomography.phantom import Disc, Phantom, Polygon
+from sawmill_tomography.phantoms.phantom import Disc, Phantom, Polygon
+from sawmill_tomography.projection.analytic import DetectorCells, project
 from sawmill_worker.use_cases.calibrate import CalibrationInput
 from sawmill_worker.use_cases.log_comparison import log_row_beside
 

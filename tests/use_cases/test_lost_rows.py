@@ -8,10 +8,10 @@ import pytest
 
 import sawmill_calibration as sawmill
 from sawmill_calibration.phantoms import drawing_of
-from sawmill_worker.tomography import analytic
-from sawmill_worker.tomography.analytic import DetectorCells
-from sawmill_worker.tomography.geometry import TAU, Scanner, Theta
-from sawmill_worker.tomography.log_model import SAPWOOD_PER_MM, LogModel
+from sawmill_tomography.geometry.geometry import TAU, Scanner, Theta
+from sawmill_tomography.phantoms.log_model import SAPWOOD_PER_MM, LogModel
+from sawmill_tomography.projection import analytic
+from sawmill_tomography.projection.analytic import DetectorCells
 from sawmill_worker.use_cases.conversion import to_phantom
 from sawmill_worker.use_cases.drift import mean_of_common_rows
 from sawmill_worker.use_cases.failures import JobFailure

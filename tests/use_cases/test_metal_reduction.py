@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from reconstruction_inputs import reconstruction_input
 
-from sawmill_worker.contracts.reconstructions import ReconstructionOptions
-from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, Scanner, Theta
-from sawmill_worker.tomography.phantom import Disc, Phantom
-from sawmill_worker.tomography.simulate import simulate_rows
+from sawmill_contracts.reconstructions import ReconstructionOptions
+from sawmill_tomography.geometry.geometry import TAU, FanBeamGeometry, Scanner, Theta
+from sawmill_tomography.phantoms.phantom import Disc, Phantom
+from sawmill_tomography.projection.simulate import simulate_rows
 from sawmill_worker.use_cases.reconstruct import reconstruct_in_memory
 
 MILL = Scanner(source_to_cor_mm=859.46, num_detector_pixels=160, detector_pitch_mm=3.0)

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from sawmill_worker.contracts.built_in import BUILT_IN_PHANTOMS
-from sawmill_worker.contracts.calibrations import CalibrationOptions
-from sawmill_worker.contracts.geometry import ScannerConstants
-from sawmill_worker.examples import PHANTOM_ROWS, SCANNER, THETA, full_turn, mill_slices, mill_stack
-from sawmill_worker.tomography.calibration.errors import CalibrationError
-from sawmill_worker.tomography.geometry import to_vector
-from sawmill_worker.tomography.preparing.line_integrals import line_integrals
-from sawmill_worker.tomography.ray_error import ray_error
+from sawmill_command.examples import PHANTOM_ROWS, SCANNER, THETA, full_turn, mill_slices, mill_stack
+from sawmill_contracts.built_in import BUILT_IN_PHANTOMS
+from sawmill_contracts.calibrations import CalibrationOptions
+from sawmill_contracts.geometry import ScannerConstants
+from sawmill_tomography.calibration.errors import CalibrationError
+from sawmill_tomography.geometry.geometry import to_vector
+from sawmill_tomography.geometry.ray_error import ray_error
+from sawmill_tomography.preparing.line_integrals import line_integrals
 from sawmill_worker.use_cases.calibrate import CalibrationInput, _in_phantom_rows, calibration_result, run_calibration
 from sawmill_worker.use_cases.second_witness import hear_log, witness_of
 

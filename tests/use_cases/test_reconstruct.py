@@ -7,12 +7,12 @@ import h5py
 import numpy as np
 import pytest
 
-from sawmill_worker.contracts.reconstructions import ReconstructionOptions
+from sawmill_contracts.reconstructions import ReconstructionOptions
+from sawmill_vocabulary import Handedness, Rotation
 from sawmill_worker.use_cases import capacity
 from sawmill_worker.use_cases.failures import JobFailure
 from sawmill_worker.use_cases.reconstruct import ReconstructionInput, run_reconstruction
 from sawmill_worker.use_cases.value_range import SAMPLED_VALUES, ValueRange
-from sawmill_worker.vocabulary import Handedness, Rotation
 
 pytestmark = pytest.mark.slow
 

@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 from reconstruction_inputs import reconstruction_input
 
-from sawmill_worker.contracts.reconstructions import ReconstructionOptions
-from sawmill_worker.tomography import _fbp_numba as kernels
-from sawmill_worker.tomography.fbp import Preparation
-from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, GeometryError, Scanner, Theta
-from sawmill_worker.tomography.image_grid import ImageGrid
-from sawmill_worker.tomography.iterative.coarse_outside import TwoGrids
-from sawmill_worker.tomography.phantom import Disc, Phantom
-from sawmill_worker.tomography.projector import Projector
-from sawmill_worker.tomography.quality import relative_error
-from sawmill_worker.tomography.simulate import simulate_rows
+from sawmill_contracts.reconstructions import ReconstructionOptions
+from sawmill_tomography.geometry.geometry import TAU, FanBeamGeometry, GeometryError, Scanner, Theta
+from sawmill_tomography.geometry.image_grid import ImageGrid
+from sawmill_tomography.phantoms.phantom import Disc, Phantom
+from sawmill_tomography.projection.projector import Projector
+from sawmill_tomography.projection.simulate import simulate_rows
+from sawmill_tomography.reconstruction import _fbp_numba as kernels
+from sawmill_tomography.reconstruction.fbp import Preparation
+from sawmill_tomography.reconstruction.iterative.coarse_outside import TwoGrids
+from sawmill_tomography.reconstruction.quality import relative_error
 from sawmill_worker.use_cases.keeping import NothingKept
 from sawmill_worker.use_cases.reconstruct import reconstruct_in_memory, run_reconstruction
 

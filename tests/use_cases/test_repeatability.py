@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sawmill_worker.contracts.calibrations import PredictedRayError
+from sawmill_contracts.calibrations import PredictedRayError
 from sawmill_worker.use_cases.failures import JobFailure
 from sawmill_worker.use_cases.repeatability import repeatability
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import sawmill_calibration as sawmill
-from sawmill_worker.tomography.scattered_radiation import with_scatter, without_scatter
-from sawmill_worker.vocabulary.scattered_radiation import ScatteredRadiation
+from sawmill_tomography.sinograms.scattered_radiation import with_scatter, without_scatter
+from sawmill_vocabulary.scattered_radiation import ScatteredRadiation
 
 SCANNER = sawmill.Scanner(859.46, 256, 4.508593749)
 THETA = sawmill.Theta(2.55, 714.7, 319.9, 43.7, 0.281)

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from sawmill_worker.contracts.jobs import FailureKind
-from sawmill_worker.files.errors import UnreadableScan
-from sawmill_worker.tomography.calibration.errors import CalibrationError
-from sawmill_worker.tomography.geometry import GeometryError
-from sawmill_worker.tomography.phantom import PhantomError
-from sawmill_worker.tomography.preparing.line_integrals import CountsError
+from sawmill_contracts.jobs import FailureKind
+from sawmill_formats.errors import UnreadableScan
+from sawmill_tomography.calibration.errors import CalibrationError
+from sawmill_tomography.geometry.geometry import GeometryError
+from sawmill_tomography.phantoms.phantom import PhantomError
+from sawmill_tomography.preparing.line_integrals import CountsError
 from sawmill_worker.use_cases.failures import JobFailure, input_errors_translated
 from sawmill_worker.use_cases.selection import chosen_rows, chosen_views
 

@@ -5,7 +5,7 @@ from datetime import date
 import pytest
 from pydantic import ValidationError
 
-from sawmill_worker.contracts.phantoms import PhantomAsk, PhantomDrawing
+from sawmill_contracts.phantoms import PhantomAsk, PhantomDrawing
 from sawmill_worker.use_cases.size_measurements import measurement_reasons
 
 BOARD = {

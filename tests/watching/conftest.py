@@ -16,14 +16,14 @@ import pytest
 import uvicorn
 from watching_process import no_progress
 
+from sawmill_contracts.geometry import ScannerConstants
+from sawmill_contracts.jobs import Failure, FailureKind
+from sawmill_contracts.scanners import ScannerSpec
+from sawmill_contracts.scans import Scan
 from sawmill_service.app import create_app
 from sawmill_service.settings import ServiceSettings
-from sawmill_worker.contracts.geometry import ScannerConstants
-from sawmill_worker.contracts.jobs import Failure, FailureKind
-from sawmill_worker.contracts.scanners import ScannerSpec
-from sawmill_worker.contracts.scans import Scan
-from sawmill_worker.storage.settings import StorageSettings
-from sawmill_worker.storage.store import Store
+from sawmill_store.settings import StorageSettings
+from sawmill_store.store import Store
 from sawmill_worker.watching.command import watch
 
 BAD = b"no scan"

@@ -16,9 +16,9 @@ from plain_logs import log_plainly
 from typer.testing import CliRunner
 from watching_process import kill, no_progress, watchers
 
-from sawmill_service.cli import main
-from sawmill_worker.contracts.keys import KeyAsk, Scope
-from sawmill_worker.contracts.scans import ScanState
+from sawmill_command.commands import main
+from sawmill_contracts.keys import KeyAsk, Scope
+from sawmill_contracts.scans import ScanState
 from sawmill_worker.watching.command import CannotWatch
 from sawmill_worker.watching.folder import Folder
 from sawmill_worker.watching.news import News

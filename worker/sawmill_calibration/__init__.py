@@ -19,9 +19,9 @@ if TYPE_CHECKING:
     from sawmill_calibration.input_errors import InputError
     from sawmill_calibration.scans import Scan, read_scan
     from sawmill_calibration.simulation import simulate_log_scan, simulate_phantom_scan
-    from sawmill_worker.tomography.geometry import FanBeamGeometry
-    from sawmill_worker.tomography.phantom import Phantom
-    from sawmill_worker.vocabulary import Disc, Polygon, Scanner, Theta
+    from sawmill_tomography.geometry.geometry import FanBeamGeometry
+    from sawmill_tomography.phantoms.phantom import Phantom
+    from sawmill_vocabulary import Disc, Polygon, Scanner, Theta
 
 __all__ = [
     "Calibration",
@@ -53,9 +53,9 @@ _MODULES = {
     "sawmill_calibration.input_errors": ("InputError",),
     "sawmill_calibration.scans": ("Scan", "read_scan"),
     "sawmill_calibration.simulation": ("simulate_log_scan", "simulate_phantom_scan"),
-    "sawmill_worker.tomography.geometry": ("FanBeamGeometry",),
-    "sawmill_worker.tomography.phantom": ("Phantom",),
-    "sawmill_worker.vocabulary": ("Disc", "Polygon", "Scanner", "Theta"),
+    "sawmill_tomography.geometry.geometry": ("FanBeamGeometry",),
+    "sawmill_tomography.phantoms.phantom": ("Phantom",),
+    "sawmill_vocabulary": ("Disc", "Polygon", "Scanner", "Theta"),
 }
 _MODULE_OF = {name: module for module, names in _MODULES.items() for name in names}
 

@@ -15,27 +15,21 @@ from sawmill_calibration.html import html_of
 from sawmill_calibration.input_errors import InputError, input_errors, options_of
 from sawmill_calibration.phantoms import drawing_of
 from sawmill_calibration.scans import Scan, bare_scanner, unreported
-from sawmill_worker.contracts.calibration_arrays import CalibrationArrays
-from sawmill_worker.contracts.calibrations import (
+from sawmill_contracts.calibration_arrays import CalibrationArrays
+from sawmill_contracts.calibrations import (
     CalibrationFile,
     CalibrationLimits,
     CalibrationOptions,
     CalibrationResult,
     PredictedRayError,
 )
-from sawmill_worker.contracts.drifts import DriftResult
-from sawmill_worker.contracts.geometry import GivenTheta
-from sawmill_worker.contracts.reconstructions import ReconstructionOptions, ReconstructionResult
-from sawmill_worker.tomography.geometry import FloatArray
-from sawmill_worker.tomography.phantom import Phantom
-from sawmill_worker.tomography.present_rows import mean_of_rows
-from sawmill_worker.use_cases.calibrate import CalibrationInput, calibration_result, run_calibration
-from sawmill_worker.use_cases.drift import DriftInput, mean_of_common_rows, run_drift
-from sawmill_worker.use_cases.drift_baseline import baselines_of, read_answers
-from sawmill_worker.use_cases.given_geometry import GivenGeometry
-from sawmill_worker.use_cases.reconstruct import ReconstructionInput, reconstruct_in_memory
-from sawmill_worker.use_cases.result_file import read_calibration as read_result
-from sawmill_worker.vocabulary import (
+from sawmill_contracts.drifts import DriftResult
+from sawmill_contracts.geometry import GivenTheta
+from sawmill_contracts.reconstructions import ReconstructionOptions, ReconstructionResult
+from sawmill_tomography.geometry.geometry import FloatArray
+from sawmill_tomography.phantoms.phantom import Phantom
+from sawmill_tomography.sinograms.present_rows import mean_of_rows
+from sawmill_vocabulary import (
     Handedness,
     ProgressCallback,
     Rotation,
@@ -44,7 +38,13 @@ from sawmill_worker.vocabulary import (
     Theta,
     Verdict,
 )
-from sawmill_worker.vocabulary.scattered_radiation import NOTHING_FOUND
+from sawmill_vocabulary.scattered_radiation import NOTHING_FOUND
+from sawmill_worker.use_cases.calibrate import CalibrationInput, calibration_result, run_calibration
+from sawmill_worker.use_cases.drift import DriftInput, mean_of_common_rows, run_drift
+from sawmill_worker.use_cases.drift_baseline import baselines_of, read_answers
+from sawmill_worker.use_cases.given_geometry import GivenGeometry
+from sawmill_worker.use_cases.reconstruct import ReconstructionInput, reconstruct_in_memory
+from sawmill_worker.use_cases.result_file import read_calibration as read_result
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -5,10 +5,10 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from sawmill_calibration.input_errors import InputError, input_errors, options_of
-from sawmill_worker.contracts.base import complaint
-from sawmill_worker.contracts.built_in import BUILT_IN_PHANTOMS
-from sawmill_worker.contracts.phantoms import PhantomDrawing, PhantomPicture
-from sawmill_worker.tomography.phantom import Phantom
+from sawmill_contracts.built_in import BUILT_IN_PHANTOMS
+from sawmill_contracts.phantoms import PhantomDrawing, PhantomPicture
+from sawmill_platform.contracts.base import complaint
+from sawmill_tomography.phantoms.phantom import Phantom
 from sawmill_worker.use_cases.conversion import from_phantom
 from sawmill_worker.use_cases.phantom_file import read_drawing
 from sawmill_worker.use_cases.phantom_picture import traced_drawing

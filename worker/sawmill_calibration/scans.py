@@ -11,15 +11,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from sawmill_calibration.html import html_of
 from sawmill_calibration.input_errors import InputError, input_errors, options_of
-from sawmill_worker.contracts.geometry import ScannerConstants
-from sawmill_worker.contracts.scans import UnregisteredScanOptions
-from sawmill_worker.readers.angles import AngleList, AnglesGiven, parse_angles
-from sawmill_worker.tomography.geometry import FloatArray
-from sawmill_worker.tomography.present_rows import mean_of_rows
-from sawmill_worker.use_cases.scan_rows import open_rows
-from sawmill_worker.use_cases.scan_source import ScanSource
-from sawmill_worker.use_cases.selection import chosen_rows, chosen_views
-from sawmill_worker.vocabulary import (
+from sawmill_contracts.geometry import ScannerConstants
+from sawmill_contracts.scans import UnregisteredScanOptions
+from sawmill_formats.input.angles import AngleList, AnglesGiven, parse_angles
+from sawmill_tomography.geometry.geometry import FloatArray
+from sawmill_tomography.sinograms.present_rows import mean_of_rows
+from sawmill_vocabulary import (
     AirCorrection,
     DataKind,
     FaultyCells,
@@ -29,6 +26,9 @@ from sawmill_worker.vocabulary import (
     RowAlignment,
     Scanner,
 )
+from sawmill_worker.use_cases.scan_rows import open_rows
+from sawmill_worker.use_cases.scan_source import ScanSource
+from sawmill_worker.use_cases.selection import chosen_rows, chosen_views
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

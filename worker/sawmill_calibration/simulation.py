@@ -10,17 +10,17 @@ from numpy.typing import ArrayLike
 from sawmill_calibration.input_errors import InputError, input_errors, options_of
 from sawmill_calibration.phantoms import drawing_of
 from sawmill_calibration.scans import Scan, read_scan
-from sawmill_worker.contracts.simulating import SimulationOptions
-from sawmill_worker.readers.angles import AngleSteps
-from sawmill_worker.tomography.geometry import FanBeamGeometry, FloatArray
-from sawmill_worker.tomography.log_model import SAPWOOD_PER_MM, log_slices
-from sawmill_worker.tomography.phantom import Phantom
-from sawmill_worker.tomography.simulate import simulate_rows, simulate_stack
+from sawmill_contracts.simulating import SimulationOptions
+from sawmill_formats.input.angles import AngleSteps
+from sawmill_tomography.geometry.geometry import FanBeamGeometry, FloatArray
+from sawmill_tomography.phantoms.log_model import SAPWOOD_PER_MM, log_slices
+from sawmill_tomography.phantoms.phantom import Phantom
+from sawmill_tomography.projection.simulate import simulate_rows, simulate_stack
+from sawmill_vocabulary import DataKind, Handedness, Rotation, Scanner, Theta
+from sawmill_vocabulary.physics import Physics
 from sawmill_worker.use_cases.conversion import to_phantom
 from sawmill_worker.use_cases.physics_file import read_physics
 from sawmill_worker.use_cases.simulated_scan import write_simulated_scan
-from sawmill_worker.vocabulary import DataKind, Handedness, Rotation, Scanner, Theta
-from sawmill_worker.vocabulary.physics import Physics
 
 
 def simulate_phantom_scan(

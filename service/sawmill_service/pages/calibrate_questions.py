@@ -3,11 +3,11 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from sawmill_worker.contracts.inspections import FilePart, InspectedReading, Inspection, InspectionResult
-from sawmill_worker.contracts.phantoms import PhantomState, StoredPhantom
-from sawmill_worker.contracts.scanners import StoredScanner
-from sawmill_worker.storage.store import Store
-from sawmill_worker.vocabulary import DataKind
+from sawmill_contracts.inspections import FilePart, InspectedReading, Inspection, InspectionResult
+from sawmill_contracts.phantoms import PhantomState, StoredPhantom
+from sawmill_contracts.scanners import StoredScanner
+from sawmill_store.store import Store
+from sawmill_vocabulary import DataKind
 
 # Of each list; a mill has a few scanners and phantoms.
 OFFERED = 200

@@ -4,11 +4,11 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from sawmill_contracts.calibrations import CalibrationSucceeded
+from sawmill_contracts.failure_codes import DEFECTS, LIMITS, LOSSES, OUTAGES
+from sawmill_contracts.jobs import Failure
 from sawmill_service.pages.frame import PageFrame
 from sawmill_service.pages.languages import marked
-from sawmill_worker.contracts.calibrations import CalibrationSucceeded
-from sawmill_worker.contracts.failure_codes import DEFECTS, LIMITS, LOSSES, OUTAGES
-from sawmill_worker.contracts.jobs import Failure
 
 # By the names that jobs report.
 STAGES = {

@@ -8,9 +8,9 @@ from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 
+from sawmill_contracts.measurements import MeasurementKind, Movement
+from sawmill_contracts.scanner_drift import PooledDrift
 from sawmill_service.pages.pooled_lines import Together, Value, points, pooled_lines
-from sawmill_worker.contracts.measurements import MeasurementKind, Movement
-from sawmill_worker.contracts.scanner_drift import PooledDrift
 from sawmill_worker.pictures.round_numbers import round_length, ticks
 
 HEIGHT_PX, PAD_PX = 150, 14

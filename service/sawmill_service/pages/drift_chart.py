@@ -3,6 +3,8 @@
 from collections.abc import Iterable, Sequence
 from datetime import datetime
 
+from sawmill_contracts.measurements import Movement
+from sawmill_contracts.scanner_drift import PooledDrift
 from sawmill_service.pages.charts import (
     Chart,
     Panel,
@@ -15,8 +17,6 @@ from sawmill_service.pages.charts import (
     zeros_of,
 )
 from sawmill_service.pages.pooled_lines import COLUMN, TILT, Value
-from sawmill_worker.contracts.measurements import Movement
-from sawmill_worker.contracts.scanner_drift import PooledDrift
 
 # Values far beyond the tolerance stand at the upper edge: they must not flatten all others.
 MOST_TOLERANCES = 4.0

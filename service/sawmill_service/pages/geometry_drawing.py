@@ -3,8 +3,8 @@
 import math
 from dataclasses import dataclass
 
-from sawmill_worker.contracts.geometry import ScannerConstants
-from sawmill_worker.vocabulary import Theta
+from sawmill_contracts.geometry import ScannerConstants
+from sawmill_vocabulary import Theta
 
 Point = tuple[float, float]
 MARGIN = 0.09

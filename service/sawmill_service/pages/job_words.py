@@ -5,11 +5,11 @@ from datetime import timedelta
 
 from babel.dates import format_timedelta
 
+from sawmill_contracts.events import EventKind
+from sawmill_contracts.jobs import Job, JobKind, JobState
+from sawmill_contracts.kinds import declaration_of
 from sawmill_service.pages.frame import PageFrame
 from sawmill_service.pages.languages import marked
-from sawmill_worker.contracts.events import EventKind
-from sawmill_worker.contracts.jobs import Job, JobKind, JobState
-from sawmill_worker.contracts.kinds import declaration_of
 
 STATES = {
     JobState.QUEUED: ("idle", marked("Waits")),

@@ -6,15 +6,15 @@ from typing import Annotated, Literal, NamedTuple
 from fastapi import APIRouter, Query
 from fastapi.responses import HTMLResponse, RedirectResponse
 
-from sawmill_service.answers import Paging
+from sawmill_contracts.jobs import Job, JobKind, JobState
+from sawmill_contracts.kinds import declaration_of
+from sawmill_platform.contracts.base import Identifier, Page
 from sawmill_service.dependencies import TheStore
+from sawmill_service.http.answers import Paging
 from sawmill_service.pages.frame import PageFrame, ThePage
 from sawmill_service.pages.job_words import FATES, STATES, JobView, job_view
-from sawmill_worker.contracts.base import Identifier, Page
-from sawmill_worker.contracts.jobs import Job, JobKind, JobState
-from sawmill_worker.contracts.kinds import declaration_of
-from sawmill_worker.storage.errors import Conflict
-from sawmill_worker.storage.store import Store
+from sawmill_store.errors import Conflict
+from sawmill_store.store import Store
 
 JOBS = "/jobs"
 # Of a list: what fits on a page that is looked at, and is read again every few seconds.

@@ -8,8 +8,8 @@ from zoneinfo import ZoneInfo
 
 from fastapi import Depends, Query
 
-from sawmill_service.problems import Refused
-from sawmill_worker.storage.store import Store
+from sawmill_service.http.problems import Refused
+from sawmill_store.store import Store
 
 PER_PAGE = 24
 # Days far from ours have no moment in every time zone.

@@ -5,17 +5,17 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Query, Response
 
+from sawmill_contracts.jobs import JobState
+from sawmill_contracts.reconstructions import Reconstruction
+from sawmill_contracts.scans import Scan
+from sawmill_platform.contracts.base import Identifier
 from sawmill_service.dependencies import TheStore
 from sawmill_service.pages.frame import ThePage
 from sawmill_service.pages.lists import TheFilter
 from sawmill_service.pages.words import COLOR_MAPS, LOG_STATES
-from sawmill_worker.contracts.base import Identifier
-from sawmill_worker.contracts.jobs import JobState
-from sawmill_worker.contracts.reconstructions import Reconstruction
-from sawmill_worker.contracts.scans import Scan
-from sawmill_worker.storage.errors import NotFound
-from sawmill_worker.storage.store import Store
-from sawmill_worker.vocabulary import ReconstructionMethod
+from sawmill_store.errors import NotFound
+from sawmill_store.store import Store
+from sawmill_vocabulary import ReconstructionMethod
 
 # Of the same scan, and of the same scanner: to look at beside a log.
 _OTHERS = 25
@@ -89,7 +89,7 @@ def _others(store: Store, log: Reconstruction) -> dict[str, Reconstruction]:
 
 def _volume(store: Store, log: Reconstruction) -> dict[str, Any] | None:
     """Where a volume's slices and pixels lie, as the viewer's script reads it; None where its file is gone."""
-    from sawmill_worker.files.volume_reader import volume_grid  # noqa: PLC0415 - a service that shows none has no h5py
+    from sawmill_formats.output.volume_reader import volume_grid  # noqa: PLC0415 - a service that shows none has no h5py
 
     assert log.result is not None  # noqa: S101 - the caller has looked
     try:

@@ -3,13 +3,13 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from sawmill_contracts.plans import Plan
+from sawmill_contracts.scanners import StoredScanner
+from sawmill_contracts.two_questions import TwoQuestions
 from sawmill_service.pages.frame import PageFrame
 from sawmill_service.pages.verdicts import ShownQuestion, shown_pair
-from sawmill_worker.contracts.plans import Plan
-from sawmill_worker.contracts.scanners import StoredScanner
-from sawmill_worker.contracts.two_questions import TwoQuestions
-from sawmill_worker.storage.errors import NotFound
-from sawmill_worker.storage.store import Store
+from sawmill_store.errors import NotFound
+from sawmill_store.store import Store
 
 SHOWN = 3
 

@@ -5,9 +5,9 @@ from datetime import date, timedelta
 
 from babel.dates import format_timedelta
 
+from sawmill_contracts.phantoms import PhantomDrawing, SizeMeasurement, StoredPhantom
 from sawmill_service.pages.formats import Formats
 from sawmill_service.pages.frame import PageFrame
-from sawmill_worker.contracts.phantoms import PhantomDrawing, SizeMeasurement, StoredPhantom
 
 # Of an expiry that comes: time enough to find the caliper.
 SOON = timedelta(days=30)

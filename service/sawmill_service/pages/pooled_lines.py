@@ -3,8 +3,8 @@
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
-from sawmill_worker.contracts.measurements import Movement
-from sawmill_worker.contracts.scanner_drift import PooledDrift
+from sawmill_contracts.measurements import Movement
+from sawmill_contracts.scanner_drift import PooledDrift
 
 # Of a normal distribution 95 % lie within.
 DEVIATIONS = 2.0

@@ -8,9 +8,9 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.requests import Request
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from sawmill_service.http.problems import MEDIA_TYPE, is_navigation
 from sawmill_service.pages.frame import PageFrame
 from sawmill_service.pages.languages import marked
-from sawmill_service.problems import MEDIA_TYPE, is_navigation
 
 # What happened, what to do, and whether the same again may help.
 _KNOWN = {

@@ -4,10 +4,10 @@ from typing import Annotated
 
 from fastapi import APIRouter, Path, Request, Response
 
+from sawmill_service.http.problem_types import CODE_PATTERN, PATH, ProblemType, ProblemTypes, problem_types
+from sawmill_service.http.problems import Refused, is_navigation
+from sawmill_service.http.refusals import refuses
 from sawmill_service.pages.frame import ThePage
-from sawmill_service.problem_types import CODE_PATTERN, PATH, ProblemType, ProblemTypes, problem_types
-from sawmill_service.problems import Refused, is_navigation
-from sawmill_service.refusals import refuses
 
 router = APIRouter(tags=["operation"])
 _VARY = {"Vary": "Accept, Cookie"}

@@ -10,19 +10,19 @@ from typing import TYPE_CHECKING
 from fastapi import APIRouter
 from fastapi.responses import HTMLResponse
 
+from sawmill_contracts.calibrations import CalibrationSucceeded
+from sawmill_contracts.history import HistoryEntry
+from sawmill_contracts.jobs import JobKind
+from sawmill_formats.errors import damage_reported
+from sawmill_platform.contracts.base import Identifier
 from sawmill_service.dependencies import TheStore
 from sawmill_service.finished import scan_if_kept
 from sawmill_service.routes.calibrations import succeeded
-from sawmill_worker.contracts.base import Identifier
-from sawmill_worker.contracts.calibrations import CalibrationSucceeded
-from sawmill_worker.contracts.history import HistoryEntry
-from sawmill_worker.contracts.jobs import JobKind
-from sawmill_worker.files.errors import damage_reported
-from sawmill_worker.storage.errors import NotFound
-from sawmill_worker.storage.store import Store
+from sawmill_store.errors import NotFound
+from sawmill_store.store import Store
 
 if TYPE_CHECKING:
-    from sawmill_worker.contracts.calibration_arrays import CalibrationArrays
+    from sawmill_contracts.calibration_arrays import CalibrationArrays
     from sawmill_worker.pictures.report_page import About
 
 router = APIRouter(include_in_schema=False)
@@ -73,8 +73,8 @@ def _asked_by(store: Store, calibration: CalibrationSucceeded) -> str | None:
 
 def _arrays(store: Store, calibration_id: str) -> "CalibrationArrays | None":
     """Those of result.h5; None where the file was removed."""
-    from sawmill_worker.contracts.calibration_arrays import CalibrationArrays
-    from sawmill_worker.files import calibration_file
+    from sawmill_contracts.calibration_arrays import CalibrationArrays
+    from sawmill_formats.output import calibration_file
 
     try:
         path = store.files.result(JobKind.CALIBRATE, calibration_id, "result.h5")

@@ -4,14 +4,14 @@ from fastapi import APIRouter
 from fastapi.responses import HTMLResponse, RedirectResponse
 from pydantic import ValidationError
 
+from sawmill_contracts.retention import RetentionAsk, RetentionPreview, RetentionRules
 from sawmill_service.dependencies import TheStore
-from sawmill_service.forms import TheForm
+from sawmill_service.http.forms import TheForm
 from sawmill_service.pages.frame import PageFrame, ThePage
 from sawmill_service.pages.languages import locale_of
 from sawmill_service.pages.retention_form import KINDS, REASONS, RetentionForm, form_of, read_form
-from sawmill_worker.contracts.retention import RetentionAsk, RetentionPreview, RetentionRules
-from sawmill_worker.storage.errors import Conflict
-from sawmill_worker.storage.store import Store
+from sawmill_store.errors import Conflict
+from sawmill_store.store import Store
 
 PATH = "/retention"
 

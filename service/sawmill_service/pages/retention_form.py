@@ -8,14 +8,14 @@ from dataclasses import dataclass, field
 from babel import Locale
 from babel.numbers import format_decimal, get_decimal_symbol
 
-from sawmill_service.pages.languages import marked
-from sawmill_worker.contracts.retention import (
+from sawmill_contracts.retention import (
     LARGEST_BYTES,
     LONGEST_DAYS,
     RetentionKind,
     RetentionRules,
     StaysBecause,
 )
+from sawmill_service.pages.languages import marked
 
 GB = 10**9
 KINDS = {

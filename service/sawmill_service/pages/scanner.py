@@ -7,9 +7,15 @@ from typing import Annotated
 from fastapi import APIRouter, Query
 from fastapi.responses import HTMLResponse, RedirectResponse
 
+from sawmill_contracts.calibrations import CalibrationSucceeded
+from sawmill_contracts.geometry import ScannerConstants
+from sawmill_contracts.history import HistoryKind
+from sawmill_contracts.scanners import StoredScanner
+from sawmill_contracts.schedules import Schedule, ScheduleRun
+from sawmill_platform.contracts.base import Identifier
 from sawmill_service.dependencies import TheStore
 from sawmill_service.drawing import ShownLog, shown_log
-from sawmill_service.forms import TheForm
+from sawmill_service.http.forms import TheForm
 from sawmill_service.pages.charts import is_calibration, span_of
 from sawmill_service.pages.drift_chart import drift_chart
 from sawmill_service.pages.frame import PageFrame, ThePage
@@ -19,15 +25,9 @@ from sawmill_service.pages.pooled_lines import DEVIATIONS
 from sawmill_service.pages.scanner_form import FIELDS, ScannerForm, ScannerForms
 from sawmill_service.pages.schedule_form import DAYS, KINDS, OUTCOMES, ScheduleForm, added, plain
 from sawmill_service.scanner_conditions import ALARMS, condition_of
-from sawmill_worker.contracts.base import Identifier
-from sawmill_worker.contracts.calibrations import CalibrationSucceeded
-from sawmill_worker.contracts.geometry import ScannerConstants
-from sawmill_worker.contracts.history import HistoryKind
-from sawmill_worker.contracts.scanners import StoredScanner
-from sawmill_worker.contracts.schedules import Schedule, ScheduleRun
-from sawmill_worker.storage.errors import NotFound
-from sawmill_worker.storage.store import Store
-from sawmill_worker.vocabulary import LARGEST_ASSUMED_LOG_RADIUS_MM
+from sawmill_store.errors import NotFound
+from sawmill_store.store import Store
+from sawmill_vocabulary import LARGEST_ASSUMED_LOG_RADIUS_MM
 
 # In days: twelve hours hold any shift.
 SPANS = {

@@ -11,8 +11,8 @@ from babel.numbers import get_decimal_symbol
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
+from sawmill_contracts.scanners import ScannerAsk, ScannerSpec, Tolerances
 from sawmill_service.pages.languages import marked
-from sawmill_worker.contracts.scanners import ScannerAsk, ScannerSpec, Tolerances
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,9 @@ from urllib.parse import urlencode
 from fastapi import APIRouter, Depends, Query
 from fastapi.responses import HTMLResponse
 
+from sawmill_contracts.events import EventKind
+from sawmill_contracts.history import HistoryEntry, HistoryKind
+from sawmill_platform.contracts.base import Identifier
 from sawmill_service.dependencies import TheStore
 from sawmill_service.pages.charts import is_calibration, span_of
 from sawmill_service.pages.frame import ThePage
@@ -18,9 +21,6 @@ from sawmill_service.pages.scanner import SPANS
 from sawmill_service.pages.trend_chart import MOST_LINES, trend_chart
 from sawmill_service.pages.words import Word
 from sawmill_service.scanner_conditions import ALARMS
-from sawmill_worker.contracts.base import Identifier
-from sawmill_worker.contracts.events import EventKind
-from sawmill_worker.contracts.history import HistoryEntry, HistoryKind
 
 PER_PAGE = 50
 KINDS = {

@@ -6,18 +6,18 @@ from fastapi import APIRouter, Response
 from fastapi.responses import RedirectResponse
 from pydantic import BeforeValidator, ValidationError
 
+from sawmill_contracts.reconstructions import ReconstructionAsk, ReconstructionOptions
+from sawmill_platform.contracts.base import Identifier, placed_complaint
+from sawmill_platform.contracts.given import Given
 from sawmill_service.dependencies import TheStore, TheWake
-from sawmill_service.forms import TheForm
+from sawmill_service.http.forms import TheForm
+from sawmill_service.http.problems import STATUS
 from sawmill_service.pages.frame import PageFrame, ThePage
 from sawmill_service.pages.lists import TheFilter, phantom_names
 from sawmill_service.pages.words import SCAN_STATES
-from sawmill_service.problems import STATUS
-from sawmill_worker.contracts.base import Identifier, placed_complaint
-from sawmill_worker.contracts.given import Given
-from sawmill_worker.contracts.reconstructions import ReconstructionAsk, ReconstructionOptions
-from sawmill_worker.storage.errors import Conflict, Invalid, QueueFull
-from sawmill_worker.storage.store import Store
-from sawmill_worker.vocabulary import CoordinateMm, ReconstructionMethod
+from sawmill_store.errors import Conflict, Invalid, QueueFull
+from sawmill_store.store import Store
+from sawmill_vocabulary import CoordinateMm, ReconstructionMethod
 
 SIZES_PX = (256, 512, 1024, 2048)
 

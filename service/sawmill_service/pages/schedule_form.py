@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from sawmill_contracts.scanners import StoredScanner
+from sawmill_contracts.schedules import ScheduleAsk
 from sawmill_service.pages.languages import marked
-from sawmill_worker.contracts.scanners import StoredScanner
-from sawmill_worker.contracts.schedules import ScheduleAsk
-from sawmill_worker.storage.errors import Invalid
-from sawmill_worker.storage.store import Store
+from sawmill_store.errors import Invalid
+from sawmill_store.store import Store
 
 # The weekdays of cron, by their choices.
 DAYS = {

@@ -4,8 +4,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import datetime
 
-from sawmill_worker.contracts.measurements import Movement
-from sawmill_worker.contracts.scanners import Tolerances
+from sawmill_contracts.measurements import Movement
+from sawmill_contracts.scanners import Tolerances
 
 WIDTH, HEIGHT = 150, 40  # as drawn; the page may stretch it
 _MARGIN = 4

@@ -5,6 +5,8 @@ from datetime import UTC, datetime
 from fastapi import APIRouter, Request
 from fastapi.responses import HTMLResponse
 
+from sawmill_contracts.audit import AuditAction
+from sawmill_contracts.keys import Scope
 from sawmill_service.dependencies import TheSettings, TheStore
 from sawmill_service.pages.frame import ThePage
 from sawmill_service.pages.languages import marked
@@ -18,8 +20,6 @@ from sawmill_service.pages.system_parts import (
     workers_of,
 )
 from sawmill_service.routes.health import Readiness, broker_of, health_of
-from sawmill_worker.contracts.audit import AuditAction
-from sawmill_worker.contracts.keys import Scope
 
 SYSTEM = "/system"
 AUDITED = 20

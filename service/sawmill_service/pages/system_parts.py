@@ -6,15 +6,15 @@ from functools import cache
 from importlib.metadata import version
 from typing import NamedTuple
 
+from sawmill_contracts.events import Event
+from sawmill_contracts.jobs import JobState
 from sawmill_service.pages.frame import PageFrame
 from sawmill_service.pages.job_words import JobView, job_view
 from sawmill_service.settings import ServiceSettings
-from sawmill_worker.contracts.events import Event
-from sawmill_worker.contracts.jobs import JobState
-from sawmill_worker.storage.places import Waiting
-from sawmill_worker.storage.settings import StorageSettings
-from sawmill_worker.storage.store import Store
-from sawmill_worker.vocabulary.version import VERSION
+from sawmill_store.places import Waiting
+from sawmill_store.settings import StorageSettings
+from sawmill_store.store import Store
+from sawmill_vocabulary.version import VERSION
 
 # A worker that has taken no job for so long is not known to be there.
 SEEN = timedelta(minutes=10)

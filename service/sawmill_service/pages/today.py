@@ -8,13 +8,13 @@ from datetime import datetime, timedelta
 from fastapi import APIRouter
 from fastapi.responses import HTMLResponse
 
+from sawmill_contracts.events import EventKind
+from sawmill_contracts.measurements import Movement
 from sawmill_service.dependencies import TheStore
 from sawmill_service.pages.frame import PageFrame, ThePage
 from sawmill_service.pages.sparkline import Sparkline, sparkline
 from sawmill_service.scanner_conditions import ALARMS, ScannerCondition, conditions_of
-from sawmill_worker.contracts.events import EventKind
-from sawmill_worker.contracts.measurements import Movement
-from sawmill_worker.storage.store import Store
+from sawmill_store.store import Store
 
 SPAN = timedelta(days=30)
 # A lost connection is mended within a second, and the stream speaks every five seconds where nothing happens.

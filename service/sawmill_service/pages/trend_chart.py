@@ -4,6 +4,11 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from statistics import median
 
+from sawmill_contracts.alarms import Alarm
+from sawmill_contracts.events import EventKind
+from sawmill_contracts.history import HistoryKind, HistoryMark
+from sawmill_contracts.measurements import Movement
+from sawmill_contracts.scanner_drift import PooledDrift
 from sawmill_service.pages.charts import (
     Chart,
     Panel,
@@ -17,11 +22,6 @@ from sawmill_service.pages.charts import (
     zeros_of,
 )
 from sawmill_service.pages.pooled_lines import COLUMN, DEVIATIONS, TILT, Together, Value
-from sawmill_worker.contracts.alarms import Alarm
-from sawmill_worker.contracts.events import EventKind
-from sawmill_worker.contracts.history import HistoryKind, HistoryMark
-from sawmill_worker.contracts.measurements import Movement
-from sawmill_worker.contracts.scanner_drift import PooledDrift
 
 # Two extremes of five values in each leave as many marks as the drift chart has.
 PARTS = 24

@@ -4,11 +4,11 @@ import gettext
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from sawmill_contracts.calibrations import CalibrationResult
+from sawmill_contracts.scanners import Tolerances
+from sawmill_contracts.two_questions import Answer, TwoQuestions
 from sawmill_service.pages.formats import Formats
 from sawmill_service.pages.languages import marked
-from sawmill_worker.contracts.calibrations import CalibrationResult
-from sawmill_worker.contracts.scanners import Tolerances
-from sawmill_worker.contracts.two_questions import Answer, TwoQuestions
 
 _WORDS = {
     Answer.YES: ("good", marked("Yes")),

@@ -2,10 +2,10 @@
 
 from typing import NamedTuple
 
+from sawmill_contracts.jobs import JobState
+from sawmill_contracts.scans import ScanState
 from sawmill_service.pages.languages import marked
-from sawmill_worker.contracts.jobs import JobState
-from sawmill_worker.contracts.scans import ScanState
-from sawmill_worker.vocabulary import ColorMap
+from sawmill_vocabulary import ColorMap
 
 
 class Word(NamedTuple):

@@ -4,9 +4,9 @@ from typing import Annotated
 
 from fastapi import APIRouter, Query
 
+from sawmill_contracts.alarms import AlarmList
+from sawmill_platform.contracts.base import Identifier
 from sawmill_service.dependencies import TheStore
-from sawmill_worker.contracts.alarms import AlarmList
-from sawmill_worker.contracts.base import Identifier
 
 router = APIRouter(tags=["scanners"])
 

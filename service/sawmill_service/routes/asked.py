@@ -6,17 +6,17 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Depends, Path, Query, Response
 from pydantic import create_model
 
-from sawmill_service.answers import AskedPriority, Dated, accept
+from sawmill_contracts.jobs import JobState, Priority
+from sawmill_contracts.kinds import AskedKind, Operation, Reference, asked_kinds
+from sawmill_platform.contracts.base import Contract, Identifier, Page
 from sawmill_service.dependencies import TheCaller, TheSettings, TheStore, TheWake
-from sawmill_service.old_names import announce, announced
-from sawmill_service.openapi_document import trying
-from sawmill_service.refusals import Responses, refuses, refuses_ask
-from sawmill_service.repeats import repeatable
-from sawmill_service.sent_json import Strictly
-from sawmill_service.waiting import TheWaiting
-from sawmill_worker.contracts.base import Contract, Identifier, Page
-from sawmill_worker.contracts.jobs import JobState, Priority
-from sawmill_worker.contracts.kinds import AskedKind, Operation, Reference, asked_kinds
+from sawmill_service.http.answers import AskedPriority, Dated, accept
+from sawmill_service.http.old_names import announce, announced
+from sawmill_service.http.openapi_document import trying
+from sawmill_service.http.refusals import Responses, refuses, refuses_ask
+from sawmill_service.http.repeats import repeatable
+from sawmill_service.http.sent_json import Strictly
+from sawmill_service.http.waiting import TheWaiting
 
 
 def routers() -> list[APIRouter]:

@@ -6,14 +6,14 @@ from typing import Annotated
 from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import StreamingResponse
 
-from sawmill_service.answers import NumberedPaging
-from sawmill_service.conditional import CACHING, check_conditions
+from sawmill_contracts.audit import AuditEntry
+from sawmill_platform.contracts.base import Page
 from sawmill_service.dependencies import TheStore
-from sawmill_service.described_answers import SAVED
-from sawmill_service.refusals import refuses
-from sawmill_worker.contracts.audit import AuditEntry
-from sawmill_worker.contracts.base import Page
-from sawmill_worker.storage.store import Store
+from sawmill_service.http.answers import NumberedPaging
+from sawmill_service.http.conditional import CACHING, check_conditions
+from sawmill_service.http.described_answers import SAVED
+from sawmill_service.http.refusals import refuses
+from sawmill_store.store import Store
 
 router = APIRouter(tags=["keys"])
 

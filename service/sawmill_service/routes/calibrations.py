@@ -3,21 +3,21 @@
 from fastapi import APIRouter, Request, Response
 from pydantic import Field
 
-from sawmill_service.answers import Hdf5, Png, file
+from sawmill_contracts.calibrations import CalibrationSucceeded
+from sawmill_contracts.jobs import JobKind
+from sawmill_contracts.scanners import StoredScanner
+from sawmill_platform.contracts.base import Identifier, Name
+from sawmill_platform.contracts.given import Given
 from sawmill_service.dependencies import TheStore
-from sawmill_service.described_answers import stored
 from sawmill_service.drawing import CalibrationPicture, calibration_picture
-from sawmill_service.openapi_document import trying
-from sawmill_service.problems import Refused
-from sawmill_service.refusals import refuses
-from sawmill_service.repeats import repeatable
-from sawmill_service.sent_json import Sent
-from sawmill_worker.contracts.base import Identifier, Name
-from sawmill_worker.contracts.calibrations import CalibrationSucceeded
-from sawmill_worker.contracts.given import Given
-from sawmill_worker.contracts.jobs import JobKind
-from sawmill_worker.contracts.scanners import StoredScanner
-from sawmill_worker.storage.store import Store
+from sawmill_service.http.answers import Hdf5, Png, file
+from sawmill_service.http.described_answers import stored
+from sawmill_service.http.openapi_document import trying
+from sawmill_service.http.problems import Refused
+from sawmill_service.http.refusals import refuses
+from sawmill_service.http.repeats import repeatable
+from sawmill_service.http.sent_json import Sent
+from sawmill_store.store import Store
 
 router = APIRouter(prefix="/v1/calibrations", tags=["calibrations"])
 
@@ -96,7 +96,7 @@ def get_calibration_file(calibration_id: Identifier, request: Request, store: Th
 
     def check() -> None:
         # Imported by the first download: a service at rest does not hold h5py.
-        from sawmill_worker.files.calibration_file import check_calibration  # noqa: PLC0415
+        from sawmill_formats.output.calibration_file import check_calibration  # noqa: PLC0415
 
         check_calibration(path, (calibration.views, calibration.scanner.num_detector_pixels))
 

@@ -8,13 +8,13 @@ from fastapi.responses import HTMLResponse, RedirectResponse
 from fastapi.staticfiles import StaticFiles
 from starlette.types import Receive, Scope, Send
 
-from sawmill_service.answers import file, picture
+from sawmill_platform.contracts.base import Identifier
 from sawmill_service.dependencies import TheStore
-from sawmill_service.forms import TheForm
+from sawmill_service.http.answers import file, picture
+from sawmill_service.http.forms import TheForm
 from sawmill_service.pages.addresses import local_path
 from sawmill_service.pages.frame import ThePage
-from sawmill_worker.contracts.base import Identifier
-from sawmill_worker.storage.files import EXAMPLES
+from sawmill_store.files import EXAMPLES
 
 STATIC = Path(__file__).parent.parent / "static"
 

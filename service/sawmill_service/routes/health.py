@@ -9,12 +9,12 @@ from fastapi.responses import PlainTextResponse
 from prometheus_client import generate_latest
 from pydantic import Field
 
+from sawmill_contracts.jobs import JobState
+from sawmill_platform.contracts.base import Contract
 from sawmill_service.dependencies import TheStore
-from sawmill_service.problems import COME_BACK, MEDIA_TYPE
-from sawmill_worker.contracts.base import Contract
-from sawmill_worker.contracts.jobs import JobState
-from sawmill_worker.storage.errors import FolderUnavailable, StorageFull, StorageUnavailable
-from sawmill_worker.storage.store import Store
+from sawmill_service.http.problems import COME_BACK, MEDIA_TYPE
+from sawmill_store.errors import FolderUnavailable, StorageFull, StorageUnavailable
+from sawmill_store.store import Store
 
 if TYPE_CHECKING:
     from sawmill_worker.execution.broker_report import BrokerReport

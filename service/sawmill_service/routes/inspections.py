@@ -6,17 +6,17 @@ from fastapi import APIRouter, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 from pydantic import Field
 
-from sawmill_service.answers import AskedPriority, accept
+from sawmill_contracts.inspections import DECLARATION, Inspection, InspectionOptions
+from sawmill_contracts.jobs import Priority
+from sawmill_platform.contracts.base import Identifier, Name
+from sawmill_platform.contracts.given import Given
 from sawmill_service.dependencies import TheSettings, TheStore, TheWake
-from sawmill_service.openapi_document import trying, trying_file
-from sawmill_service.refusals import OF_QUEUE, OF_UPLOAD_ID, refuses, refuses_upload
-from sawmill_service.repeats import TheRepeatableWithFile
+from sawmill_service.http.answers import AskedPriority, accept
+from sawmill_service.http.openapi_document import trying, trying_file
+from sawmill_service.http.refusals import OF_QUEUE, OF_UPLOAD_ID, refuses, refuses_upload
+from sawmill_service.http.repeats import TheRepeatableWithFile
 from sawmill_service.routes.asked import linked
 from sawmill_service.uploads import InspectionId, UploadId, received_file
-from sawmill_worker.contracts.base import Identifier, Name
-from sawmill_worker.contracts.given import Given
-from sawmill_worker.contracts.inspections import DECLARATION, Inspection, InspectionOptions
-from sawmill_worker.contracts.jobs import Priority
 
 router = APIRouter(prefix="/v1/inspections", tags=["inspections"])
 

@@ -3,13 +3,13 @@
 from fastapi import APIRouter, Response
 from pydantic import Field
 
+from sawmill_contracts.keys import Key, KeyAsk, KeyRotation, Keys, NewKey, Scope
+from sawmill_platform.contracts.base import Contract, Identifier, Name
 from sawmill_service.dependencies import TheCaller, TheStore
-from sawmill_service.openapi_document import trying
-from sawmill_service.refusals import refuses
-from sawmill_service.repeats import repeatable
-from sawmill_service.sent_json import Sent
-from sawmill_worker.contracts.base import Contract, Identifier, Name
-from sawmill_worker.contracts.keys import Key, KeyAsk, KeyRotation, Keys, NewKey, Scope
+from sawmill_service.http.openapi_document import trying
+from sawmill_service.http.refusals import refuses
+from sawmill_service.http.repeats import repeatable
+from sawmill_service.http.sent_json import Sent
 
 router = APIRouter(prefix="/v1/keys", tags=["keys"])
 

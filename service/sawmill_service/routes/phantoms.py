@@ -5,20 +5,20 @@ from typing import Annotated
 from fastapi import APIRouter, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 
-from sawmill_service.answers import AskedPriority, Paging, Svg, accept, picture
+from sawmill_contracts.jobs import Priority
+from sawmill_contracts.phantoms import MeasurementsAsk, PhantomAsk, PhantomPicture, StoredPhantom
+from sawmill_platform.contracts.base import Identifier, Page
+from sawmill_platform.contracts.given import Given
 from sawmill_service.dependencies import TheSettings, TheStore, TheWake
-from sawmill_service.described_answers import LOCATED, drawn
-from sawmill_service.openapi_document import trying, trying_file
-from sawmill_service.problems import Refused
-from sawmill_service.refusals import OF_QUEUE, OF_UPLOAD_ID, refuses, refuses_upload
-from sawmill_service.repeats import TheRepeatableWithFile, repeatable
-from sawmill_service.sent_json import Sent
+from sawmill_service.http.answers import AskedPriority, Paging, Svg, accept, picture
+from sawmill_service.http.described_answers import LOCATED, drawn
+from sawmill_service.http.openapi_document import trying, trying_file
+from sawmill_service.http.problems import Refused
+from sawmill_service.http.refusals import OF_QUEUE, OF_UPLOAD_ID, refuses, refuses_upload
+from sawmill_service.http.repeats import TheRepeatableWithFile, repeatable
+from sawmill_service.http.sent_json import Sent
+from sawmill_service.http.waiting import TheWaiting
 from sawmill_service.uploads import UploadId, received_file
-from sawmill_service.waiting import TheWaiting
-from sawmill_worker.contracts.base import Identifier, Page
-from sawmill_worker.contracts.given import Given
-from sawmill_worker.contracts.jobs import Priority
-from sawmill_worker.contracts.phantoms import MeasurementsAsk, PhantomAsk, PhantomPicture, StoredPhantom
 from sawmill_worker.pictures.phantom_drawing import phantom_svg
 
 router = APIRouter(prefix="/v1/phantoms", tags=["phantoms"])

@@ -11,19 +11,19 @@ from typing import Annotated, Self
 from fastapi import APIRouter, Path, Query, Request, Response
 from pydantic import AfterValidator, Field, model_validator
 
-from sawmill_service.answers import Hdf5, Png, file, picture
+from sawmill_contracts.choices import Axis
+from sawmill_platform.contracts import patterns
+from sawmill_platform.contracts.base import LARGEST_NUMBER, Identifier, parse_span
+from sawmill_platform.contracts.given import Given
 from sawmill_service.dependencies import TheStore
-from sawmill_service.described_answers import drawn, stored
 from sawmill_service.drawing import drawn_alpha_curve
 from sawmill_service.finished import check_slice, result_of
-from sawmill_service.openapi_document import trying
-from sawmill_service.problems import Refused
-from sawmill_service.refusals import OF_RESULT
-from sawmill_worker.contracts import patterns
-from sawmill_worker.contracts.base import LARGEST_NUMBER, Identifier, parse_span
-from sawmill_worker.contracts.choices import Axis
-from sawmill_worker.contracts.given import Given
-from sawmill_worker.vocabulary import ColorMap
+from sawmill_service.http.answers import Hdf5, Png, file, picture
+from sawmill_service.http.described_answers import drawn, stored
+from sawmill_service.http.openapi_document import trying
+from sawmill_service.http.problems import Refused
+from sawmill_service.http.refusals import OF_RESULT
+from sawmill_vocabulary import ColorMap
 
 Window = tuple[float, float]
 MOST_TILES = 64
@@ -136,7 +136,7 @@ def get_slice(
     path = store.files.volume(reconstruction_id)
 
     def draw() -> bytes:
-        from sawmill_worker.files import volume_reader
+        from sawmill_formats.output import volume_reader
         from sawmill_worker.pictures.images import image_png, image_png16
         from sawmill_worker.pictures.windows import window_of
 
@@ -174,7 +174,7 @@ def get_mosaic(
     window, indices = window_to_draw(query, result.value_range), _tiles(query, result.shape[0])
 
     def draw() -> bytes:
-        from sawmill_worker.files import volume_reader
+        from sawmill_formats.output import volume_reader
         from sawmill_worker.pictures.log_pictures import mosaic_png
 
         slices = volume_reader.volume_slices(store.files.volume(reconstruction_id), result.shape, indices)
@@ -203,7 +203,7 @@ def get_side_view(
     shape = result_of(store, reconstruction_id).shape
 
     def draw() -> bytes:
-        from sawmill_worker.files import volume_reader
+        from sawmill_formats.output import volume_reader
         from sawmill_worker.pictures.log_pictures import side_view_png
         from sawmill_worker.pictures.windows import window_of
 
@@ -230,7 +230,7 @@ def get_side_view(
 )
 def get_alpha_curve(reconstruction_id: Identifier, request: Request, store: TheStore) -> Response:
     """Of a reconstruction by `tikhonov`: the middle slice's L-curve, and generalised cross-validation where asked."""
-    from sawmill_worker.files import volume_reader
+    from sawmill_formats.output import volume_reader
 
     result_of(store, reconstruction_id)
     columns = volume_reader.alpha_curve(store.files.volume(reconstruction_id))
@@ -249,7 +249,7 @@ def get_volume(reconstruction_id: Identifier, request: Request, store: TheStore)
     path = store.files.volume(reconstruction_id)
 
     def check() -> None:
-        from sawmill_worker.files.volume_reader import check_volume
+        from sawmill_formats.output.volume_reader import check_volume
 
         check_volume(path, shape)
 

@@ -4,17 +4,17 @@ from typing import Annotated
 
 from fastapi import APIRouter, Query
 
-from sawmill_service.dependencies import TheStore
-from sawmill_service.openapi_document import trying
-from sawmill_service.refusals import refuses
-from sawmill_service.sent_json import Sent
-from sawmill_worker.contracts.retention import (
+from sawmill_contracts.retention import (
     Retention,
     RetentionAsk,
     RetentionPreview,
     RetentionQuery,
     RetentionRules,
 )
+from sawmill_service.dependencies import TheStore
+from sawmill_service.http.openapi_document import trying
+from sawmill_service.http.refusals import refuses
+from sawmill_service.http.sent_json import Sent
 
 router = APIRouter(prefix="/v1/retention", tags=["retention"])
 

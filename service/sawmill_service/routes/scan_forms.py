@@ -7,16 +7,16 @@ from fastapi import APIRouter, Request, Response
 from fastapi.concurrency import run_in_threadpool
 from pydantic import ConfigDict, Field, WithJsonSchema, model_validator
 
+from sawmill_contracts.scans import Scan, state_what_is_averaged
+from sawmill_platform.contracts.base import Name
 from sawmill_service.dependencies import TheSettings, TheStore, TheWake
-from sawmill_service.described_answers import BINARY
-from sawmill_service.openapi_document import trying_form
-from sawmill_service.refusals import OF_QUEUE, refuses_upload
-from sawmill_service.repeats import TheRepeatableWithFile
+from sawmill_service.http.described_answers import BINARY
+from sawmill_service.http.openapi_document import trying_form
+from sawmill_service.http.refusals import OF_QUEUE, refuses_upload
+from sawmill_service.http.repeats import TheRepeatableWithFile
+from sawmill_service.http.sent_form import FILE, SentForm
 from sawmill_service.routes.scans import GivenScan
-from sawmill_service.sent_form import FILE, SentForm
 from sawmill_service.uploads import received_body
-from sawmill_worker.contracts.base import Name
-from sawmill_worker.contracts.scans import Scan, state_what_is_averaged
 
 router = APIRouter(prefix="/v1/scans", tags=["scans"])
 

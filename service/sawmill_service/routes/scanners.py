@@ -6,22 +6,22 @@ from fastapi import APIRouter, Depends, Query, Response
 from fastapi.responses import StreamingResponse
 from pydantic import Field
 
-from sawmill_service.answers import NumberedPaging, Paging
+from sawmill_contracts.history import Activation, HistoryEntry, HistoryKind
+from sawmill_contracts.measurements import Measurement
+from sawmill_contracts.scanner_drift import ScannerDrift
+from sawmill_contracts.scanners import ScannerAsk, StoredScanner
+from sawmill_platform.contracts import patterns
+from sawmill_platform.contracts.base import Identifier, Page
+from sawmill_platform.contracts.given import Given, GivenTime
 from sawmill_service.dependencies import TheStore
-from sawmill_service.described_answers import LOCATED, NAMED
 from sawmill_service.history_file import history_csv
-from sawmill_service.old_names import ACTIVATIONS, OLD
-from sawmill_service.openapi_document import trying
-from sawmill_service.refusals import refuses
-from sawmill_service.repeats import repeatable
-from sawmill_service.sent_json import Sent
-from sawmill_worker.contracts import patterns
-from sawmill_worker.contracts.base import Identifier, Page
-from sawmill_worker.contracts.given import Given, GivenTime
-from sawmill_worker.contracts.history import Activation, HistoryEntry, HistoryKind
-from sawmill_worker.contracts.measurements import Measurement
-from sawmill_worker.contracts.scanner_drift import ScannerDrift
-from sawmill_worker.contracts.scanners import ScannerAsk, StoredScanner
+from sawmill_service.http.answers import NumberedPaging, Paging
+from sawmill_service.http.described_answers import LOCATED, NAMED
+from sawmill_service.http.old_names import ACTIVATIONS, OLD
+from sawmill_service.http.openapi_document import trying
+from sawmill_service.http.refusals import refuses
+from sawmill_service.http.repeats import repeatable
+from sawmill_service.http.sent_json import Sent
 
 router = APIRouter(prefix="/v1/scanners", tags=["scanners"])
 

@@ -7,23 +7,23 @@ from fastapi import APIRouter, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 from pydantic import Field
 
-from sawmill_service.answers import AskedPriority, Dated, Png, accept, file, picture
+from sawmill_contracts.jobs import Priority
+from sawmill_contracts.scans import Scan, ScanShape, ScanSpec, ScanState
+from sawmill_platform.contracts.base import LARGEST_NUMBER, Identifier, Page
+from sawmill_platform.contracts.given import Given
 from sawmill_service.dependencies import TheSettings, TheStore, TheWake, Wake
-from sawmill_service.described_answers import drawn, stored
 from sawmill_service.drawing import scan_thumbnail
 from sawmill_service.finished import ready_scan
-from sawmill_service.openapi_document import trying, trying_file
-from sawmill_service.refusals import OF_QUEUE, OF_SCAN, OF_UPLOAD_ID, refuses, refuses_upload
-from sawmill_service.repeats import TheRepeatableWithFile
+from sawmill_service.http.answers import AskedPriority, Dated, Png, accept, file, picture
+from sawmill_service.http.described_answers import drawn, stored
+from sawmill_service.http.openapi_document import trying, trying_file
+from sawmill_service.http.refusals import OF_QUEUE, OF_SCAN, OF_UPLOAD_ID, refuses, refuses_upload
+from sawmill_service.http.repeats import TheRepeatableWithFile
+from sawmill_service.http.waiting import TheWaiting
 from sawmill_service.settings import ServiceSettings
 from sawmill_service.uploads import InspectionId, UploadId, received_file
-from sawmill_service.waiting import TheWaiting
-from sawmill_worker.contracts.base import LARGEST_NUMBER, Identifier, Page
-from sawmill_worker.contracts.given import Given
-from sawmill_worker.contracts.jobs import Priority
-from sawmill_worker.contracts.scans import Scan, ScanShape, ScanSpec, ScanState
-from sawmill_worker.storage.arriving import Received
-from sawmill_worker.storage.store import Store
+from sawmill_store.arriving import Received
+from sawmill_store.store import Store
 
 router = APIRouter(prefix="/v1/scans", tags=["scans"])
 
@@ -183,7 +183,7 @@ def get_scan_thumbnail(scan_id: Identifier, request: Request, store: TheStore) -
 def _sinogram(request: Request, store: Store, scan: Scan, shape: ScanShape, row: int) -> Response:
     def draw() -> bytes:
         # Imported by the first picture: a service that draws none does not hold NumPy, h5py and Pillow.
-        from sawmill_worker.files import scan_reader  # noqa: PLC0415
+        from sawmill_formats.output import scan_reader  # noqa: PLC0415
         from sawmill_worker.pictures.images import sinogram_png  # noqa: PLC0415
 
         sinogram = scan_reader.sinogram(store.files.scan(scan.id), shape.lengths, row)

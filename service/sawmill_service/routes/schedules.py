@@ -4,15 +4,15 @@ from typing import Annotated
 
 from fastapi import APIRouter, Query, Response
 
-from sawmill_service.answers import Paging
+from sawmill_contracts.schedules import Schedule, ScheduleAsk, ScheduleRun
+from sawmill_platform.contracts.base import Identifier, Page
 from sawmill_service.dependencies import TheStore
-from sawmill_service.described_answers import LOCATED
-from sawmill_service.openapi_document import trying
-from sawmill_service.refusals import refuses
-from sawmill_service.repeats import repeatable
-from sawmill_service.sent_json import Sent
-from sawmill_worker.contracts.base import Identifier, Page
-from sawmill_worker.contracts.schedules import Schedule, ScheduleAsk, ScheduleRun
+from sawmill_service.http.answers import Paging
+from sawmill_service.http.described_answers import LOCATED
+from sawmill_service.http.openapi_document import trying
+from sawmill_service.http.refusals import refuses
+from sawmill_service.http.repeats import repeatable
+from sawmill_service.http.sent_json import Sent
 
 router = APIRouter(prefix="/v1/schedules", tags=["schedules"])
 

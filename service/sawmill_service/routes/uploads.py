@@ -9,24 +9,24 @@ from fastapi.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
 
-from sawmill_service.announced_part import HEADERS, AnnouncedPart, announced_part
+from sawmill_contracts.keys import Scope
+from sawmill_contracts.uploads import Upload, UploadAsk, UploadState
+from sawmill_platform.contracts.base import Identifier
 from sawmill_service.dependencies import TheCaller, TheSettings, TheStore, TheTransfers
-from sawmill_service.described_answers import offset_answered, with_some
-from sawmill_service.openapi_document import trying, trying_file
-from sawmill_service.problems import Refused
-from sawmill_service.refusals import refuses, refuses_upload
-from sawmill_service.repeats import repeatable
-from sawmill_service.sent_content import BYTES, SentContent
-from sawmill_service.sent_json import Sent
+from sawmill_service.http.announced_part import HEADERS, AnnouncedPart, announced_part
+from sawmill_service.http.described_answers import offset_answered, with_some
+from sawmill_service.http.openapi_document import trying, trying_file
+from sawmill_service.http.problems import Refused
+from sawmill_service.http.refusals import refuses, refuses_upload
+from sawmill_service.http.repeats import repeatable
+from sawmill_service.http.sent_content import BYTES, SentContent
+from sawmill_service.http.sent_json import Sent
 from sawmill_service.settings import ServiceSettings
-from sawmill_worker.contracts.base import Identifier
-from sawmill_worker.contracts.keys import Scope
-from sawmill_worker.contracts.uploads import Upload, UploadAsk, UploadState
-from sawmill_worker.storage.arriving import in_parts
-from sawmill_worker.storage.errors import Busy, UploadTooLarge
-from sawmill_worker.storage.store import Store
-from sawmill_worker.storage.upload_parts import Part
-from sawmill_worker.storage.uploads import UploadQuota, WrongOffset
+from sawmill_store.arriving import in_parts
+from sawmill_store.errors import Busy, UploadTooLarge
+from sawmill_store.store import Store
+from sawmill_store.upload_parts import Part
+from sawmill_store.uploads import UploadQuota, WrongOffset
 
 router = APIRouter(prefix="/v1/uploads", tags=["uploads"])
 # Summing up a large file takes as long as reading it; the threads that write others do not wait for that.

@@ -10,20 +10,20 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Path, Query, Request, Response
 from pydantic import Field
 
-from sawmill_service.answers import Jpeg, Png, file, picture, unchanging
-from sawmill_service.arrays import Npy, array
+from sawmill_contracts.choices import Axis
+from sawmill_contracts.reconstructions import ReconstructionResult
+from sawmill_platform.contracts.base import Identifier
+from sawmill_platform.contracts.given import Given
 from sawmill_service.dependencies import TheStore
-from sawmill_service.described_answers import drawn, stored
 from sawmill_service.drawing import volume_thumbnail
 from sawmill_service.finished import check_slice, result_of
-from sawmill_service.openapi_document import trying
-from sawmill_service.refusals import OF_RESULT
+from sawmill_service.http.answers import Jpeg, Png, file, picture, unchanging
+from sawmill_service.http.arrays import Npy, array
+from sawmill_service.http.described_answers import drawn, stored
+from sawmill_service.http.openapi_document import trying
+from sawmill_service.http.refusals import OF_RESULT
 from sawmill_service.routes.reconstructions import WindowQuery, window_to_draw
-from sawmill_worker.contracts.base import Identifier
-from sawmill_worker.contracts.choices import Axis
-from sawmill_worker.contracts.given import Given
-from sawmill_worker.contracts.reconstructions import ReconstructionResult
-from sawmill_worker.vocabulary import ColorMap
+from sawmill_vocabulary import ColorMap
 
 _FLOAT32_BYTES = 4
 # A list of three, and no tuple: not every generator of clients reads `prefixItems`.
@@ -93,7 +93,7 @@ def get_slice_array(
     factor = _averaged_pixels(result, query)
 
     def read() -> tuple[bytes, Mapping[str, str]]:
-        from sawmill_worker.files import volume_reader
+        from sawmill_formats.output import volume_reader
         from sawmill_worker.pictures.arrays import averaged, npy
 
         image = volume_reader.volume_slice(store.files.volume(reconstruction_id), result.shape, index)
@@ -133,7 +133,7 @@ def get_slice_jpeg(
     window = window_to_draw(query, result.value_range)
 
     def draw() -> bytes:
-        from sawmill_worker.files import volume_reader
+        from sawmill_formats.output import volume_reader
         from sawmill_worker.pictures.arrays import averaged
         from sawmill_worker.pictures.images import jpeg
 
@@ -164,7 +164,7 @@ def get_side_array(
     slices, *size = shape
 
     def read() -> tuple[bytes, Mapping[str, str]]:
-        from sawmill_worker.files import volume_reader
+        from sawmill_formats.output import volume_reader
         from sawmill_worker.pictures.arrays import npy
         from sawmill_worker.pictures.log_pictures import densest_of
 

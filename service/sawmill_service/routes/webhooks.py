@@ -6,19 +6,7 @@ from typing import Annotated
 from fastapi import APIRouter, Query, Response
 from fastapi.concurrency import run_in_threadpool
 
-from sawmill_service.answers import NumberedPaging
-from sawmill_service.dependencies import TheSettings, TheStore
-from sawmill_service.described_answers import LOCATED
-from sawmill_service.openapi_document import trying
-from sawmill_service.problems import Refused
-from sawmill_service.refusals import refuses
-from sawmill_service.repeats import TheRepeatable, repeatable
-from sawmill_service.sent_json import Sent
-from sawmill_service.settings import ServiceSettings
-from sawmill_service.webhooks.destinations import AllowedDestinations, RefusedDestinationError
-from sawmill_service.webhooks.testing import send_test
-from sawmill_worker.contracts.base import Identifier, Page
-from sawmill_worker.contracts.webhooks import (
+from sawmill_contracts.webhooks import (
     Delivery,
     NewWebhook,
     Webhook,
@@ -28,6 +16,18 @@ from sawmill_worker.contracts.webhooks import (
     WebhookTest,
     destination_of,
 )
+from sawmill_platform.contracts.base import Identifier, Page
+from sawmill_service.dependencies import TheSettings, TheStore
+from sawmill_service.http.answers import NumberedPaging
+from sawmill_service.http.described_answers import LOCATED
+from sawmill_service.http.openapi_document import trying
+from sawmill_service.http.problems import Refused
+from sawmill_service.http.refusals import refuses
+from sawmill_service.http.repeats import TheRepeatable, repeatable
+from sawmill_service.http.sent_json import Sent
+from sawmill_service.settings import ServiceSettings
+from sawmill_service.webhooks.destinations import AllowedDestinations, RefusedDestinationError
+from sawmill_service.webhooks.testing import send_test
 
 router = APIRouter(prefix="/v1/webhooks", tags=["webhooks"])
 

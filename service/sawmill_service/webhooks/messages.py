@@ -6,10 +6,10 @@ from base64 import b64decode, b64encode
 from collections.abc import Sequence
 from datetime import datetime
 
-from sawmill_worker.contracts.events import Event
-from sawmill_worker.contracts.webhooks import EventMessage
-from sawmill_worker.storage.webhooks import PREFIX
-from sawmill_worker.vocabulary.version import VERSION
+from sawmill_contracts.events import Event
+from sawmill_contracts.webhooks import EventMessage
+from sawmill_store.webhooks import PREFIX
+from sawmill_vocabulary.version import VERSION
 
 
 def body_of_event(event: Event) -> bytes:

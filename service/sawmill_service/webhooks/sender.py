@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Self
 import structlog
 
 from sawmill_service.webhooks.destinations import AllowedDestinations
+from sawmill_store.errors import StorageError
+from sawmill_store.outbox import Outbox
 from sawmill_worker.execution.logs import going_on
-from sawmill_worker.storage.errors import StorageError
-from sawmill_worker.storage.outbox import Outbox
 
 if TYPE_CHECKING:
     from sawmill_service.webhooks.couriers import Couriers

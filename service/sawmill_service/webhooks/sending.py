@@ -13,9 +13,9 @@ from typing import NamedTuple
 
 import httpcore
 
-from sawmill_service.conditional import http_date
+from sawmill_contracts.webhooks import Destination, destination_of
+from sawmill_service.http.conditional import http_date
 from sawmill_service.webhooks.destinations import AllowedDestinations, RefusedDestinationError
-from sawmill_worker.contracts.webhooks import Destination, destination_of
 
 # Of one attempt in all: the specification recommends 15 to 30.
 LIMIT_S = 15.0

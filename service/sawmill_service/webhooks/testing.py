@@ -3,10 +3,10 @@
 import asyncio
 from uuid import uuid4
 
+from sawmill_contracts.webhooks import TestedWebhook, WebhookTest, WebhookTestMessage
 from sawmill_service.webhooks.destinations import AllowedDestinations
 from sawmill_service.webhooks.messages import headers_of
-from sawmill_worker.contracts.webhooks import TestedWebhook, WebhookTest, WebhookTestMessage
-from sawmill_worker.storage.store import Store
+from sawmill_store.store import Store
 
 
 def send_test(store: Store, allowed: AllowedDestinations, webhook_id: str) -> WebhookTest:

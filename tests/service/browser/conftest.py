@@ -19,9 +19,9 @@ from missing_parts import skip_without
 from playwright.sync_api import Browser, Page, expect, sync_playwright
 
 from sawmill_service.app import create_app
-from sawmill_service.listening import listen
+from sawmill_service.http.listening import listen
 from sawmill_service.settings import ServiceSettings
-from sawmill_worker.storage.store import Store
+from sawmill_store.store import Store
 
 MISSING = "the browser tests need Debian's Chromium: apt-get install chromium"
 START_S, PATIENCE_MS = 120.0, 120_000  # only a hang reaches them

@@ -8,12 +8,12 @@ from live_service import SCANNER, Offline, serving
 from page_checks import overflowing, shot, small_targets
 from playwright.sync_api import Page, expect
 
-from sawmill_worker.contracts.calibrations import CalibrationAsk
-from sawmill_worker.tomography.built_in import L_SHAPE
-from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, Theta
-from sawmill_worker.tomography.log_model import SAPWOOD_PER_MM
-from sawmill_worker.tomography.simulate import simulate_stack
-from sawmill_worker.vocabulary import Progress
+from sawmill_contracts.calibrations import CalibrationAsk
+from sawmill_tomography.geometry.geometry import TAU, FanBeamGeometry, Theta
+from sawmill_tomography.phantoms.built_in import L_SHAPE
+from sawmill_tomography.phantoms.log_model import SAPWOOD_PER_MM
+from sawmill_tomography.projection.simulate import simulate_stack
+from sawmill_vocabulary import Progress
 
 pytestmark = pytest.mark.slow
 

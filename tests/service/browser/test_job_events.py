@@ -2,8 +2,8 @@
 
 import pytest
 
-from sawmill_worker.contracts.calibrations import CalibrationAsk
-from sawmill_worker.vocabulary import Progress
+from sawmill_contracts.calibrations import CalibrationAsk
+from sawmill_vocabulary import Progress
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("seeded")]
 

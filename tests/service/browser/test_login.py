@@ -3,9 +3,9 @@
 import pytest
 from playwright.sync_api import expect
 
+from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_service.settings import ServiceSettings
-from sawmill_worker.contracts.calibrations import CalibrationAsk
-from sawmill_worker.storage.store import Store
+from sawmill_store.store import Store
 
 TOKEN = "Zm9yIHRlc3RzIGFsb25lLCBub3QgYSBzZWNyZXQ"  # noqa: S105 - for tests alone
 SCANNER_ID = {"name": "scanner_id", "in": "path", "required": True, "schema": {"type": "string"}}

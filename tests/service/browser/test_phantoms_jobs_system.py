@@ -9,9 +9,9 @@ from page_checks import overflowing, shot
 from playwright.sync_api import Page, expect
 
 import sawmill_service
-from sawmill_worker.contracts.jobs import Failure, FailureKind
-from sawmill_worker.contracts.plans import PlanAsk
-from sawmill_worker.vocabulary import Progress, Theta
+from sawmill_contracts.jobs import Failure, FailureKind
+from sawmill_contracts.plans import PlanAsk
+from sawmill_vocabulary import Progress, Theta
 
 PICTURE = Path(sawmill_service.__file__).parent / "static/phantom.png"
 TABLET, PHONE = {"width": 800, "height": 1100}, {"width": 390, "height": 844}

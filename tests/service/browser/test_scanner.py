@@ -6,8 +6,8 @@ import pytest
 from page_checks import overflowing, shot
 from playwright.sync_api import Page, expect
 
-from sawmill_worker.contracts.calibrations import CalibrationAsk
-from sawmill_worker.storage.store import Store
+from sawmill_contracts.calibrations import CalibrationAsk
+from sawmill_store.store import Store
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("seeded")]
 PAGE = "/scanners/example"

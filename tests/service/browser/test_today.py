@@ -4,11 +4,11 @@ import pytest
 from page_checks import shot
 from playwright.sync_api import Page, expect
 
+from sawmill_contracts.drifts import DriftAsk
+from sawmill_contracts.keys import KeyAsk, Scope
 from sawmill_service.pages import today
 from sawmill_service.routes import events
 from sawmill_service.settings import ServiceSettings
-from sawmill_worker.contracts.drifts import DriftAsk
-from sawmill_worker.contracts.keys import KeyAsk, Scope
 
 TOKEN = "Zm9yIHRlc3RzIGFsb25lLCBub3QgYSBzZWNyZXQ"  # noqa: S105 - for tests alone
 OUT = {"within_tolerance": False, "ray_change_mm": 0.8, "reason": "the COR moved 0.81 mm: look at the turntable"}

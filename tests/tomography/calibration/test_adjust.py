@@ -7,17 +7,17 @@ import pytest
 from scipy.ndimage import gaussian_filter1d
 from tiers import first_by_day
 
-from sawmill_worker.tomography import analytic
-from sawmill_worker.tomography.analytic import DetectorCells
-from sawmill_worker.tomography.built_in import L_SHAPE
-from sawmill_worker.tomography.calibration.calibrate import calibrate
-from sawmill_worker.tomography.calibration.errors import CalibrationError
-from sawmill_worker.tomography.calibration.faults.screening import Screening, screen
-from sawmill_worker.tomography.calibration.task import CalibrationTask
-from sawmill_worker.tomography.geometry import Scanner, SourceFrame, Theta
-from sawmill_worker.tomography.phantom import Disc, Phantom
-from sawmill_worker.tomography.ray_error import ray_error
-from sawmill_worker.vocabulary import Adjustment, Handedness, Rotation
+from sawmill_tomography.calibration.calibrate import calibrate
+from sawmill_tomography.calibration.errors import CalibrationError
+from sawmill_tomography.calibration.faults.screening import Screening, screen
+from sawmill_tomography.calibration.task import CalibrationTask
+from sawmill_tomography.geometry.geometry import Scanner, SourceFrame, Theta
+from sawmill_tomography.geometry.ray_error import ray_error
+from sawmill_tomography.phantoms.built_in import L_SHAPE
+from sawmill_tomography.phantoms.phantom import Disc, Phantom
+from sawmill_tomography.projection import analytic
+from sawmill_tomography.projection.analytic import DetectorCells
+from sawmill_vocabulary import Adjustment, Handedness, Rotation
 
 pytestmark = pytest.mark.slow
 

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from sawmill_worker.tomography.analytic import DetectorCells, project
-from sawmill_worker.tomography.built_in import L_SHAPE
-from sawmill_worker.tomography.calibration.calibrate import calibrate
-from sawmill_worker.tomography.calibration.errors import CalibrationError
-from sawmill_worker.tomography.calibration.task import CalibrationTask
-from sawmill_worker.tomography.geometry import Scanner, Theta
-from sawmill_worker.tomography.phantom import Disc, Phantom, PhantomError, Polygon, cornered
-from sawmill_worker.vocabulary import Handedness, Rotation
+from sawmill_tomography.calibration.calibrate import calibrate
+from sawmill_tomography.calibration.errors import CalibrationError
+from sawmill_tomography.calibration.task import CalibrationTask
+from sawmill_tomography.geometry.geometry import Scanner, Theta
+from sawmill_tomography.phantoms.built_in import L_SHAPE
+from sawmill_tomography.phantoms.phantom import Disc, Phantom, PhantomError, Polygon, cornered
+from sawmill_tomography.projection.analytic import DetectorCells, project
+from sawmill_vocabulary import Handedness, Rotation
 
 SCANNER = Scanner(859.46, 768, 1.502864583)
 FRAME = Theta(1.2, 741.0, 212.0, 31.0, 0.17).source_frame(859.46)

@@ -6,15 +6,13 @@ import numpy as np
 import pytest
 from tiers import first_by_day
 
-from sawmill_worker.tomography.analytic import DetectorCells
-from sawmill_worker.tomography.built_in import BUILT_IN, L_SHAPE, RECTANGLE_WITH_HOLE
-from sawmill_worker.tomography.calibration.calibrate import calibrate
-from sawmill_worker.tomography.calibration.errors import CalibrationError
-from sawmill_worker.tomography.calibration.fit import refine
-from sawmill_worker.tomography.calibration.search import search
-from sawmill_worker.tomography.calibration.sinogram_data import SinogramData
-from sawmill_worker.tomography.calibration.task import CalibrationTask
-from sawmill_worker.tomography.geometry import (
+from sawmill_tomography.calibration.calibrate import calibrate
+from sawmill_tomography.calibration.errors import CalibrationError
+from sawmill_tomography.calibration.fit import refine
+from sawmill_tomography.calibration.search import search
+from sawmill_tomography.calibration.sinogram_data import SinogramData
+from sawmill_tomography.calibration.task import CalibrationTask
+from sawmill_tomography.geometry.geometry import (
     TAU,
     FanBeamGeometry,
     Scanner,
@@ -24,13 +22,15 @@ from sawmill_worker.tomography.geometry import (
     to_vector,
     wrap_angle,
 )
-from sawmill_worker.tomography.log_model import SAPWOOD_PER_MM
-from sawmill_worker.tomography.phantom import Disc, Phantom, Polygon
-from sawmill_worker.tomography.preparing.line_integrals import line_integrals
-from sawmill_worker.tomography.ray_error import predicted_ray_error, ray_error
-from sawmill_worker.tomography.simulate import simulate_sinogram, simulate_stack
-from sawmill_worker.tomography.tracing import trace
-from sawmill_worker.vocabulary import Adjustment, Handedness, Rotation
+from sawmill_tomography.geometry.ray_error import predicted_ray_error, ray_error
+from sawmill_tomography.phantoms.built_in import BUILT_IN, L_SHAPE, RECTANGLE_WITH_HOLE
+from sawmill_tomography.phantoms.log_model import SAPWOOD_PER_MM
+from sawmill_tomography.phantoms.phantom import Disc, Phantom, Polygon
+from sawmill_tomography.phantoms.tracing import trace
+from sawmill_tomography.preparing.line_integrals import line_integrals
+from sawmill_tomography.projection.analytic import DetectorCells
+from sawmill_tomography.projection.simulate import simulate_sinogram, simulate_stack
+from sawmill_vocabulary import Adjustment, Handedness, Rotation
 
 pytestmark = pytest.mark.slow
 

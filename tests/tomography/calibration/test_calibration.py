@@ -4,9 +4,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sawmill_worker.tomography.calibration.calibration import choose_theta
-from sawmill_worker.tomography.calibration.covariance import theta_covariance
-from sawmill_worker.tomography.geometry import SourceFrame, ThetaBounds, to_vector
+from sawmill_tomography.calibration.calibration import choose_theta
+from sawmill_tomography.calibration.covariance import theta_covariance
+from sawmill_tomography.geometry.geometry import SourceFrame, ThetaBounds, to_vector
 
 
 @pytest.fixture

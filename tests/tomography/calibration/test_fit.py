@@ -1,14 +1,14 @@
 import numpy as np
 import pytest
 
-from sawmill_worker.tomography import analytic
-from sawmill_worker.tomography.analytic import DetectorCells
-from sawmill_worker.tomography.built_in import BUILT_IN, L_SHAPE
-from sawmill_worker.tomography.calibration.fit import refine
-from sawmill_worker.tomography.calibration.sinogram_data import SinogramData
-from sawmill_worker.tomography.fit_parameters import Parameter
-from sawmill_worker.tomography.geometry import SourceFrame, to_vector
-from sawmill_worker.tomography.ray_error import ray_error
+from sawmill_tomography.calibration.fit import refine
+from sawmill_tomography.calibration.fit_parameters import Parameter
+from sawmill_tomography.calibration.sinogram_data import SinogramData
+from sawmill_tomography.geometry.geometry import SourceFrame, to_vector
+from sawmill_tomography.geometry.ray_error import ray_error
+from sawmill_tomography.phantoms.built_in import BUILT_IN, L_SHAPE
+from sawmill_tomography.projection import analytic
+from sawmill_tomography.projection.analytic import DetectorCells
 
 
 @pytest.fixture

@@ -3,11 +3,11 @@ import math
 import numpy as np
 import pytest
 
-from sawmill_worker.tomography import analytic
-from sawmill_worker.tomography.analytic import DetectorCells
-from sawmill_worker.tomography.calibration.initial_guesses import random_guesses, shadow_extent, shadow_guesses
-from sawmill_worker.tomography.geometry import to_vector
-from sawmill_worker.tomography.phantom import Disc, Phantom
+from sawmill_tomography.calibration.initial_guesses import random_guesses, shadow_extent, shadow_guesses
+from sawmill_tomography.geometry.geometry import to_vector
+from sawmill_tomography.phantoms.phantom import Disc, Phantom
+from sawmill_tomography.projection import analytic
+from sawmill_tomography.projection.analytic import DetectorCells
 
 RADIUS = 120.0
 

@@ -1,18 +1,18 @@
 import numpy as np
 import pytest
 
-from sawmill_worker.tomography.calibration.alternatives import Alternatives, HypothesisReport, TurnedAlternative
-from sawmill_worker.tomography.calibration.covariance import Covariance
-from sawmill_worker.tomography.calibration.error_bars import ErrorBars
-from sawmill_worker.tomography.calibration.faults.structure import Place, Structure
-from sawmill_worker.tomography.calibration.fit import Fit
-from sawmill_worker.tomography.calibration.judgement import Evidence, Limits, judge
-from sawmill_worker.tomography.calibration.residual_analysis import FoundEffect, ResidualAnalysis
-from sawmill_worker.tomography.calibration.scale import ScaleUncertainty
-from sawmill_worker.tomography.calibration.source_distance import SourceDistance
-from sawmill_worker.tomography.geometry import SourceFrame
-from sawmill_worker.tomography.ray_error import PredictedRayError
-from sawmill_worker.vocabulary import Adjustment, Handedness, Rotation
+from sawmill_tomography.calibration.alternatives import Alternatives, HypothesisReport, TurnedAlternative
+from sawmill_tomography.calibration.covariance import Covariance
+from sawmill_tomography.calibration.error_bars import ErrorBars
+from sawmill_tomography.calibration.faults.structure import Place, Structure
+from sawmill_tomography.calibration.fit import Fit
+from sawmill_tomography.calibration.judgement import Evidence, Limits, judge
+from sawmill_tomography.calibration.residual_analysis import FoundEffect, ResidualAnalysis
+from sawmill_tomography.calibration.scale import ScaleUncertainty
+from sawmill_tomography.calibration.source_distance import SourceDistance
+from sawmill_tomography.geometry.geometry import SourceFrame
+from sawmill_tomography.geometry.ray_error import PredictedRayError
+from sawmill_vocabulary import Adjustment, Handedness, Rotation
 
 GOOD_FIT = {
     "frame": SourceFrame(0.0, 900.0, 1600.0, 0.0, 0.0),

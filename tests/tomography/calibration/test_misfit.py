@@ -3,12 +3,12 @@ import math
 import numpy as np
 import pytest
 
-from sawmill_worker.tomography import analytic
-from sawmill_worker.tomography.analytic import DetectorCells
-from sawmill_worker.tomography.built_in import L_SHAPE
-from sawmill_worker.tomography.calibration.misfit import CoarseMisfit, coarse_data, search_box
-from sawmill_worker.tomography.geometry import GeometryError, Scanner, ThetaBounds, angle_difference
-from sawmill_worker.vocabulary import Handedness, Rotation
+from sawmill_tomography.calibration.misfit import CoarseMisfit, coarse_data, search_box
+from sawmill_tomography.geometry.geometry import GeometryError, Scanner, ThetaBounds, angle_difference
+from sawmill_tomography.phantoms.built_in import L_SHAPE
+from sawmill_tomography.projection import analytic
+from sawmill_tomography.projection.analytic import DetectorCells
+from sawmill_vocabulary import Handedness, Rotation
 
 BOTH = {Handedness.AS_DRAWN: L_SHAPE, Handedness.FROM_BEHIND: L_SHAPE.mirrored()}
 

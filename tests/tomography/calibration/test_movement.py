@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sawmill_worker.tomography.calibration.movement import likely_cause
-from sawmill_worker.tomography.geometry import Scanner, SourceFrame
+from sawmill_tomography.calibration.movement import likely_cause
+from sawmill_tomography.geometry.geometry import Scanner, SourceFrame
 
 SCANNER = Scanner(859.46, 768, 1.502864583)
 BEFORE = SourceFrame(2.9, 917.0, 1620.0, -209.0, -0.083)

@@ -5,14 +5,14 @@ import numpy as np
 import pytest
 from scipy.ndimage import correlate1d
 
-from sawmill_worker.tomography import analytic
-from sawmill_worker.tomography._analytic_numba import project
-from sawmill_worker.tomography.analytic import DetectorCells
-from sawmill_worker.tomography.built_in import L_SHAPE, RECTANGLE_WITH_HOLE
-from sawmill_worker.tomography.calibration.normal_equations import Column, ViewGrams
-from sawmill_worker.tomography.calibration.scan_model import ScanModel, Term
-from sawmill_worker.tomography.calibration.sinogram_data import SinogramData
-from sawmill_worker.tomography.geometry import SourceFrame, to_vector
+from sawmill_tomography.calibration.normal_equations import Column, ViewGrams
+from sawmill_tomography.calibration.scan_model import ScanModel, Term
+from sawmill_tomography.calibration.sinogram_data import SinogramData
+from sawmill_tomography.geometry.geometry import SourceFrame, to_vector
+from sawmill_tomography.phantoms.built_in import L_SHAPE, RECTANGLE_WITH_HOLE
+from sawmill_tomography.projection import analytic
+from sawmill_tomography.projection._analytic_numba import project
+from sawmill_tomography.projection.analytic import DetectorCells
 
 FRAME = SourceFrame(2.5, 917.0, 1620.0, -9.0, -0.083)
 OF_THE_BEAM = {Term.SCATTER: 0.02, Term.SCATTER_WIDE: 0.03, Term.LAG: 0.04}

@@ -4,18 +4,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sawmill_worker.tomography.built_in import L_SHAPE
-from sawmill_worker.tomography.calibration.paper import (
+from sawmill_tomography.calibration.paper import (
     PaperObjective,
     PaperOptions,
     calibrate_as_published,
     remove_background,
 )
-from sawmill_worker.tomography.calibration.task import CalibrationTask
-from sawmill_worker.tomography.geometry import FanBeamGeometry, Scanner, Theta, ThetaBounds, to_vector
-from sawmill_worker.tomography.ray_error import ray_error
-from sawmill_worker.tomography.simulate import simulate_sinogram
-from sawmill_worker.vocabulary import Handedness, Rotation
+from sawmill_tomography.calibration.task import CalibrationTask
+from sawmill_tomography.geometry.geometry import FanBeamGeometry, Scanner, Theta, ThetaBounds, to_vector
+from sawmill_tomography.geometry.ray_error import ray_error
+from sawmill_tomography.phantoms.built_in import L_SHAPE
+from sawmill_tomography.projection.simulate import simulate_sinogram
+from sawmill_vocabulary import Handedness, Rotation
 
 pytestmark = pytest.mark.slow
 

@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from sawmill_worker.tomography import analytic
-from sawmill_worker.tomography.analytic import DetectorCells
-from sawmill_worker.tomography.built_in import L_SHAPE
-from sawmill_worker.tomography.calibration.phantom_rows import segments
-from sawmill_worker.tomography.geometry import Scanner, Theta
-from sawmill_worker.tomography.log_model import SAPWOOD_PER_MM, LogModel
+from sawmill_tomography.calibration.phantom_rows import segments
+from sawmill_tomography.geometry.geometry import Scanner, Theta
+from sawmill_tomography.phantoms.built_in import L_SHAPE
+from sawmill_tomography.phantoms.log_model import SAPWOOD_PER_MM, LogModel
+from sawmill_tomography.projection import analytic
+from sawmill_tomography.projection.analytic import DetectorCells
 
 SCANNER = Scanner(859.46, 768, 1.502864583)
 FRAME = Theta(1.2, 741.0, 212.0, 31.0, 0.17).source_frame(859.46)

@@ -6,16 +6,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sawmill_worker.tomography import analytic
-from sawmill_worker.tomography.analytic import DetectorCells
-from sawmill_worker.tomography.built_in import L_SHAPE
-from sawmill_worker.tomography.calibration.calibrate import calibrate
-from sawmill_worker.tomography.calibration.scale import ScaleSource, ScaleUncertainty, scale_uncertainty
-from sawmill_worker.tomography.calibration.task import CalibrationTask
-from sawmill_worker.tomography.geometry import FanBeamGeometry, Scanner, SourceFrame
-from sawmill_worker.tomography.ray_error import ray_error, scale_deviation
-from sawmill_worker.tomography.simulate import simulate_sinogram
-from sawmill_worker.vocabulary import Handedness, Rotation
+from sawmill_tomography.calibration.calibrate import calibrate
+from sawmill_tomography.calibration.scale import ScaleSource, ScaleUncertainty, scale_uncertainty
+from sawmill_tomography.calibration.task import CalibrationTask
+from sawmill_tomography.geometry.geometry import FanBeamGeometry, Scanner, SourceFrame
+from sawmill_tomography.geometry.ray_error import ray_error, scale_deviation
+from sawmill_tomography.phantoms.built_in import L_SHAPE
+from sawmill_tomography.projection import analytic
+from sawmill_tomography.projection.analytic import DetectorCells
+from sawmill_tomography.projection.simulate import simulate_sinogram
+from sawmill_vocabulary import Handedness, Rotation
 
 R_S = 859.46
 

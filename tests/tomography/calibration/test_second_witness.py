@@ -5,17 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sawmill_worker.tomography.built_in import L_SHAPE
-from sawmill_worker.tomography.calibration.calibrate import calibrate
-from sawmill_worker.tomography.calibration.second_witness import LogAnswer, compare_witnesses
-from sawmill_worker.tomography.calibration.task import CalibrationTask
-from sawmill_worker.tomography.calibration.with_log import with_log
-from sawmill_worker.tomography.drift import LogMovement
-from sawmill_worker.tomography.geometry import FanBeamGeometry, Scanner, Theta, to_vector
-from sawmill_worker.tomography.log_model import SAPWOOD_PER_MM, LogModel
-from sawmill_worker.tomography.ray_error import ray_error
-from sawmill_worker.tomography.simulate import simulate_stack
-from sawmill_worker.vocabulary import Agreement, MovedBody, Rotation
+from sawmill_tomography.calibration.calibrate import calibrate
+from sawmill_tomography.calibration.second_witness import LogAnswer, compare_witnesses
+from sawmill_tomography.calibration.task import CalibrationTask
+from sawmill_tomography.calibration.with_log import with_log
+from sawmill_tomography.drift.change import LogMovement
+from sawmill_tomography.geometry.geometry import FanBeamGeometry, Scanner, Theta, to_vector
+from sawmill_tomography.geometry.ray_error import ray_error
+from sawmill_tomography.phantoms.built_in import L_SHAPE
+from sawmill_tomography.phantoms.log_model import SAPWOOD_PER_MM, LogModel
+from sawmill_tomography.projection.simulate import simulate_stack
+from sawmill_vocabulary import Agreement, MovedBody, Rotation
 
 SCANNER = Scanner(source_to_cor_mm=859.46, num_detector_pixels=256, detector_pitch_mm=4.5)
 THETA = Theta(0.7, 715.0, 180.0, 30.0, 0.15)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sawmill_worker.tomography.calibration.faults.structure import Place, find_structure
+from sawmill_tomography.calibration.faults.structure import Place, find_structure
 
 VIEWS, CELLS = 80, 200
 

@@ -5,15 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sawmill_worker.tomography import analytic
-from sawmill_worker.tomography.analytic import DetectorCells
-from sawmill_worker.tomography.built_in import BUILT_IN, L_SHAPE
-from sawmill_worker.tomography.calibration.calibrate import calibrate
-from sawmill_worker.tomography.calibration.task import CalibrationTask
-from sawmill_worker.tomography.geometry import TAU, Scanner, Theta
-from sawmill_worker.tomography.phantom import Disc
-from sawmill_worker.tomography.ray_error import ray_error
-from sawmill_worker.vocabulary import Adjustment
+from sawmill_tomography.calibration.calibrate import calibrate
+from sawmill_tomography.calibration.task import CalibrationTask
+from sawmill_tomography.geometry.geometry import TAU, Scanner, Theta
+from sawmill_tomography.geometry.ray_error import ray_error
+from sawmill_tomography.phantoms.built_in import BUILT_IN, L_SHAPE
+from sawmill_tomography.phantoms.phantom import Disc
+from sawmill_tomography.projection import analytic
+from sawmill_tomography.projection.analytic import DetectorCells
+from sawmill_vocabulary import Adjustment
 
 pytestmark = pytest.mark.slow
 

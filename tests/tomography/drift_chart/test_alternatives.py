@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from sawmill_worker.tomography.drift_chart.alternatives import FEWEST_OF_A_TREND, steps_and_trends
-from sawmill_worker.tomography.drift_chart.history import History
-from sawmill_worker.tomography.drift_chart.scatter import BELIEVED, Scatter
-from sawmill_worker.tomography.drift_chart.segments import OF_EACH_SIZE
+from sawmill_tomography.drift.chart.alternatives import FEWEST_OF_A_TREND, steps_and_trends
+from sawmill_tomography.drift.chart.history import History
+from sawmill_tomography.drift.chart.scatter import BELIEVED, Scatter
+from sawmill_tomography.drift.chart.segments import OF_EACH_SIZE
 
 NOTHING = np.zeros((2, 2))
 NOISE = np.random.default_rng(4)

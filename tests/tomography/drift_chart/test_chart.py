@@ -6,11 +6,11 @@ import math
 import numpy as np
 import pytest
 
-from sawmill_worker.tomography.drift_chart.chart import GROUP_LOOKS, LIMIT, QUIET, DriftChart, DriftKind
-from sawmill_worker.tomography.drift_chart.history import History
-from sawmill_worker.tomography.drift_chart.looks import BASELINE_LOOKS, Look
-from sawmill_worker.tomography.drift_chart.scatter import Scatter
-from sawmill_worker.tomography.drift_chart.state import chart_from_state, chart_to_state
+from sawmill_tomography.drift.chart.chart import GROUP_LOOKS, LIMIT, QUIET, DriftChart, DriftKind
+from sawmill_tomography.drift.chart.history import History
+from sawmill_tomography.drift.chart.looks import BASELINE_LOOKS, Look
+from sawmill_tomography.drift.chart.scatter import Scatter
+from sawmill_tomography.drift.chart.state import chart_from_state, chart_to_state
 
 ALONG, TILT = 0.005, math.radians(0.09)
 LOOK = np.array([[(25.0 * TILT) ** 2 + ALONG**2, -25.0 * TILT**2], [-25.0 * TILT**2, TILT**2]])

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from sawmill_worker.tomography.drift_chart.looks import BASELINE_LOOKS, Baseline, Look, pooled
+from sawmill_tomography.drift.chart.looks import BASELINE_LOOKS, Baseline, Look, pooled
 
 # Of one look, 20 views of 100 rows: 0.04 mm and 0.09 degrees with both free, 0.005 mm along what it sees.
 ALONG, TILT = 0.005, math.radians(0.09)

@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from sawmill_worker.tomography.geometry import FanBeamGeometry, Scanner, Theta
-from sawmill_worker.tomography.image_grid import ImageGrid
-from sawmill_worker.tomography.iterative.coarse_to_fine import coarser, descend_by_levels, finer
-from sawmill_worker.tomography.iterative.first_image import mean_along_rays
-from sawmill_worker.tomography.iterative.penalised import Objective, descend
-from sawmill_worker.tomography.iterative.priors import TotalVariationPrior
-from sawmill_worker.tomography.phantom import Disc, Phantom
-from sawmill_worker.tomography.projector import Projector
-from sawmill_worker.tomography.simulate import simulate_sinogram
+from sawmill_tomography.geometry.geometry import FanBeamGeometry, Scanner, Theta
+from sawmill_tomography.geometry.image_grid import ImageGrid
+from sawmill_tomography.phantoms.phantom import Disc, Phantom
+from sawmill_tomography.projection.projector import Projector
+from sawmill_tomography.projection.simulate import simulate_sinogram
+from sawmill_tomography.reconstruction.iterative.coarse_to_fine import coarser, descend_by_levels, finer
+from sawmill_tomography.reconstruction.iterative.first_image import mean_along_rays
+from sawmill_tomography.reconstruction.iterative.penalised import Objective, descend
+from sawmill_tomography.reconstruction.iterative.priors import TotalVariationPrior
 
 SIZE, SIGMA = 128, 0.05
 LOG = Phantom("log with a core", (Disc((5.0, -8.0), 120.0, 0.018), Disc((0.0, 0.0), 40.0, 0.006)))

@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 
-from sawmill_worker.tomography.geometry import FanBeamGeometry, GeometryError, Scanner, Theta
-from sawmill_worker.tomography.image_grid import ImageGrid
-from sawmill_worker.tomography.iterative.coupled import CoupledObjective
-from sawmill_worker.tomography.iterative.penalised import Objective
-from sawmill_worker.tomography.iterative.priors import TotalVariationPrior
-from sawmill_worker.tomography.phantom import Disc, Phantom
-from sawmill_worker.tomography.projector import Projector
-from sawmill_worker.tomography.simulate import simulate_sinogram
-from sawmill_worker.tomography.total_variation import total_variation
-from sawmill_worker.tomography.total_variation_weights import CouplingChoice, choose_coupling
+from sawmill_tomography.geometry.geometry import FanBeamGeometry, GeometryError, Scanner, Theta
+from sawmill_tomography.geometry.image_grid import ImageGrid
+from sawmill_tomography.phantoms.phantom import Disc, Phantom
+from sawmill_tomography.projection.projector import Projector
+from sawmill_tomography.projection.simulate import simulate_sinogram
+from sawmill_tomography.reconstruction.iterative.coupled import CoupledObjective
+from sawmill_tomography.reconstruction.iterative.penalised import Objective
+from sawmill_tomography.reconstruction.iterative.priors import TotalVariationPrior
+from sawmill_tomography.reconstruction.total_variation import total_variation
+from sawmill_tomography.reconstruction.total_variation_weights import CouplingChoice, choose_coupling
 
 SIZE, SLICES = 48, 6
 

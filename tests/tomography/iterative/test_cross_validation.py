@@ -3,18 +3,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sawmill_worker.tomography.geometry import FanBeamGeometry, Scanner, Theta
-from sawmill_worker.tomography.image_grid import ImageGrid
-from sawmill_worker.tomography.iterative.cross_validation import (
+from sawmill_tomography.geometry.geometry import FanBeamGeometry, Scanner, Theta
+from sawmill_tomography.geometry.image_grid import ImageGrid
+from sawmill_tomography.phantoms.phantom import Disc, Phantom
+from sawmill_tomography.projection.projector import Projector
+from sawmill_tomography.reconstruction.iterative.cross_validation import (
     FOLDS,
     cross_validate,
     first_images_of_folds,
     parabola_minimum,
 )
-from sawmill_worker.tomography.iterative.penalised import Objective
-from sawmill_worker.tomography.iterative.priors import TotalVariationPrior
-from sawmill_worker.tomography.phantom import Disc, Phantom
-from sawmill_worker.tomography.projector import Projector
+from sawmill_tomography.reconstruction.iterative.penalised import Objective
+from sawmill_tomography.reconstruction.iterative.priors import TotalVariationPrior
 
 pytestmark = pytest.mark.slow
 

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from sawmill_worker.tomography.iterative import _descent_numba as kernels
-from sawmill_worker.tomography.iterative.descent import MEMORY, minimise
+from sawmill_tomography.reconstruction.iterative import _descent_numba as kernels
+from sawmill_tomography.reconstruction.iterative.descent import MEMORY, minimise
 
 
 def test_a_bound_cuts_the_minimum_of_independent_pixels():

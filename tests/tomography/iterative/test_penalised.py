@@ -1,19 +1,19 @@
 import numpy as np
 import pytest
 
-from sawmill_worker.tomography.geometry import FanBeamGeometry, Scanner, Theta
-from sawmill_worker.tomography.image_grid import ImageGrid
-from sawmill_worker.tomography.iterative.first_image import mean_along_rays
-from sawmill_worker.tomography.iterative.penalised import Objective, descend
-from sawmill_worker.tomography.iterative.priors import TotalVariationPrior
-from sawmill_worker.tomography.iterative.support_region import (
+from sawmill_tomography.geometry.geometry import FanBeamGeometry, Scanner, Theta
+from sawmill_tomography.geometry.image_grid import ImageGrid
+from sawmill_tomography.phantoms.phantom import Disc, Phantom
+from sawmill_tomography.projection.projector import Projector
+from sawmill_tomography.projection.simulate import simulate_sinogram
+from sawmill_tomography.reconstruction.iterative.first_image import mean_along_rays
+from sawmill_tomography.reconstruction.iterative.penalised import Objective, descend
+from sawmill_tomography.reconstruction.iterative.priors import TotalVariationPrior
+from sawmill_tomography.reconstruction.iterative.support_region import (
     SUPPORT_ITERATION_SHARE,
     SupportRegion,
     descend_from_support,
 )
-from sawmill_worker.tomography.phantom import Disc, Phantom
-from sawmill_worker.tomography.projector import Projector
-from sawmill_worker.tomography.simulate import simulate_sinogram
 
 SIZE, FIELD_MM, SIGMA = 48, 400.0, 0.05
 SETTINGS = {"non_negative": True, "iterations": 200, "tolerance": 1e-5}

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from sawmill_worker.tomography.iterative.progress import Phases, part_of, share_of_descent
+from sawmill_tomography.reconstruction.iterative.progress import Phases, part_of, share_of_descent
 
 
 def test_phases_share_the_whole_by_their_costs():

@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
 
-from sawmill_worker.tomography.geometry import FanBeamGeometry, Scanner, Theta
-from sawmill_worker.tomography.image_grid import ImageGrid
-from sawmill_worker.tomography.iterative.priors import CauchyPrior
-from sawmill_worker.tomography.iterative.synthetic_tuning import SyntheticTuning
-from sawmill_worker.tomography.phantom import Disc, Phantom
-from sawmill_worker.tomography.projector import Projector
+from sawmill_tomography.geometry.geometry import FanBeamGeometry, Scanner, Theta
+from sawmill_tomography.geometry.image_grid import ImageGrid
+from sawmill_tomography.phantoms.phantom import Disc, Phantom
+from sawmill_tomography.projection.projector import Projector
+from sawmill_tomography.reconstruction.iterative.priors import CauchyPrior
+from sawmill_tomography.reconstruction.iterative.synthetic_tuning import SyntheticTuning
 
 pytestmark = pytest.mark.slow
 

@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter1d
 
-from sawmill_worker.tomography import analytic
-from sawmill_worker.tomography.analytic import DetectorCells
-from sawmill_worker.tomography.built_in import L_SHAPE, RECTANGLE_WITH_HOLE
-from sawmill_worker.tomography.geometry import TAU, FloatArray, GeometryError, Scanner, rotate
-from sawmill_worker.tomography.phantom import Disc, Phantom, PhantomError
-from sawmill_worker.tomography.physics.body import Body, stand
-from sawmill_worker.tomography.physics.detector import FIELDS
-from sawmill_worker.tomography.physics.simulate import MillScan, simulate_physics
-from sawmill_worker.tomography.physics.transmission import RAYS, ray_samples
-from sawmill_worker.vocabulary.physics import (
+from sawmill_tomography.geometry.geometry import TAU, FloatArray, GeometryError, Scanner, rotate
+from sawmill_tomography.phantoms.built_in import L_SHAPE, RECTANGLE_WITH_HOLE
+from sawmill_tomography.phantoms.phantom import Disc, Phantom, PhantomError
+from sawmill_tomography.physics.body import Body, stand
+from sawmill_tomography.physics.detector import FIELDS
+from sawmill_tomography.physics.simulate import MillScan, simulate_physics
+from sawmill_tomography.physics.transmission import RAYS, ray_samples
+from sawmill_tomography.projection import analytic
+from sawmill_tomography.projection.analytic import DetectorCells
+from sawmill_vocabulary.physics import (
     BeamEffects,
     DetectorEffects,
     MotionEffects,

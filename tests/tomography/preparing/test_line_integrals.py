@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from sawmill_worker.tomography.preparing.line_integrals import SATURATION, CountsError, Exposure, line_integrals
+from sawmill_tomography.preparing.line_integrals import SATURATION, CountsError, Exposure, line_integrals
 
 VIEWS, ROWS, CELLS = 4, 3, 10
 DARK, AIR = 100.0, 40_000.0

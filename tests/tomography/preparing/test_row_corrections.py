@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
 
-from sawmill_worker.tomography import analytic
-from sawmill_worker.tomography.analytic import DetectorCells
-from sawmill_worker.tomography.geometry import FanBeamGeometry
-from sawmill_worker.tomography.log_model import LogModel
-from sawmill_worker.tomography.preparing.row_corrections import Corrections, RowCorrector
-from sawmill_worker.vocabulary import AirCorrection
+from sawmill_tomography.geometry.geometry import FanBeamGeometry
+from sawmill_tomography.phantoms.log_model import LogModel
+from sawmill_tomography.preparing.row_corrections import Corrections, RowCorrector
+from sawmill_tomography.projection import analytic
+from sawmill_tomography.projection.analytic import DetectorCells
+from sawmill_vocabulary import AirCorrection
 
 VIEWS, ROWS = 60, 3
 NOISE = 0.005

@@ -3,18 +3,18 @@
 import numpy as np
 import pytest
 
-from sawmill_worker.tomography import analytic
-from sawmill_worker.tomography.analytic import DetectorCells
-from sawmill_worker.tomography.fbp import fbp
-from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, Scanner, Theta
-from sawmill_worker.tomography.image_grid import ImageGrid
-from sawmill_worker.tomography.log_model import LogModel
-from sawmill_worker.tomography.preparing import row_shifts
-from sawmill_worker.tomography.preparing.row_shifts import RowsError, RowShifts, shifted
-from sawmill_worker.tomography.preparing.shifts_by_features import shifts_by_features
-from sawmill_worker.tomography.preparing.shifts_by_mass import RowMoments, shifts_by_mass
-from sawmill_worker.tomography.present_rows import present_rows
-from sawmill_worker.tomography.projector import Projector
+from sawmill_tomography.geometry.geometry import TAU, FanBeamGeometry, Scanner, Theta
+from sawmill_tomography.geometry.image_grid import ImageGrid
+from sawmill_tomography.phantoms.log_model import LogModel
+from sawmill_tomography.preparing import row_shifts
+from sawmill_tomography.preparing.row_shifts import RowsError, RowShifts, shifted
+from sawmill_tomography.preparing.shifts_by_features import shifts_by_features
+from sawmill_tomography.preparing.shifts_by_mass import RowMoments, shifts_by_mass
+from sawmill_tomography.projection import analytic
+from sawmill_tomography.projection.analytic import DetectorCells
+from sawmill_tomography.projection.projector import Projector
+from sawmill_tomography.reconstruction.fbp import fbp
+from sawmill_tomography.sinograms.present_rows import present_rows
 
 pytestmark = pytest.mark.slow
 

@@ -1,1 +1,1 @@
-"""What each command of `sawmill_worker.cli` does, imported by the command that does it: so the others start fast."""
+"""What each command of `sawmill_command.cli` does, imported by the command that does it: so the others start fast."""

@@ -3,16 +3,16 @@
 from datetime import datetime
 from pathlib import Path
 
+from sawmill_contracts.calibrations import CalibrationOptions, CalibrationResult
+from sawmill_tomography.sinograms.present_rows import mean_of_rows
+from sawmill_vocabulary import ProgressCallback
 from sawmill_worker.commands.phantom_options import PhantomSource
 from sawmill_worker.commands.phantoms import drawing_of
-from sawmill_worker.contracts.calibrations import CalibrationOptions, CalibrationResult
-from sawmill_worker.tomography.present_rows import mean_of_rows
 from sawmill_worker.use_cases.calibrate import CalibrationInput, calibration_result, run_calibration
 from sawmill_worker.use_cases.prepare import of_saturation
 from sawmill_worker.use_cases.scan_rows import open_rows
 from sawmill_worker.use_cases.scan_source import ScanSource
 from sawmill_worker.use_cases.second_witness import hear_log, witness_of
-from sawmill_worker.vocabulary import ProgressCallback
 
 
 def calibrate_scan(

@@ -7,11 +7,11 @@ import sys
 import sysconfig
 from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from importlib.util import find_spec
 
-from sawmill_worker.files import hdf5_chunks
-from sawmill_worker.tomography.warm_up import PARTS
-from sawmill_worker.vocabulary import Progress, ProgressCallback
+from sawmill_formats import hdf5_chunks
+from sawmill_tomography.warm_up import PARTS
+from sawmill_vocabulary import Progress, ProgressCallback
+from sawmill_worker.software import code_folders
 
 
 def compile_kernels(on_progress: ProgressCallback) -> None:
@@ -43,13 +43,11 @@ def compile_bytecode(folders: Iterable[str]) -> None:
         compileall.compile_dir(folder, quiet=2)
 
 
-def code_folders() -> set[str]:
+def bytecode_folders() -> set[str]:
     """Find the folders of our own code and of the libraries."""
-    ours = [find_spec(name) for name in ("sawmill_service", "sawmill_worker", "sawmill_calibration")]
-    own_folders = [folder for spec in ours if spec for folder in spec.submodule_search_locations or ()]
-    return {sysconfig.get_path("purelib"), sysconfig.get_path("platlib"), *own_folders}
+    return {sysconfig.get_path("purelib"), sysconfig.get_path("platlib"), *map(str, code_folders())}
 
 
 def _compile(part: str) -> None:
-    command = [sys.executable, "-m", "sawmill_worker.tomography.warm_up", part]
+    command = [sys.executable, "-m", "sawmill_tomography.warm_up", part]
     subprocess.run(command, check=True)  # noqa: S603 - ourselves

@@ -5,16 +5,16 @@ from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 
+from sawmill_contracts.calibrations import CalibrationResult
+from sawmill_contracts.drifts import DriftResult
+from sawmill_vocabulary import Progress, ProgressCallback
 from sawmill_worker.commands.calibrated_scan import open_with_calibration
 from sawmill_worker.commands.geometry_options import CalibrationSource, ThetaSource
-from sawmill_worker.contracts.calibrations import CalibrationResult
-from sawmill_worker.contracts.drifts import DriftResult
 from sawmill_worker.use_cases.drift import DriftInput, mean_of_common_rows, run_drift
 from sawmill_worker.use_cases.drift_baseline import baselines_of, read_answers
 from sawmill_worker.use_cases.given_geometry import GivenGeometry
 from sawmill_worker.use_cases.scan_rows import ScanRows, open_rows
 from sawmill_worker.use_cases.scan_source import ScanSource
-from sawmill_worker.vocabulary import Progress, ProgressCallback
 
 
 def check_drift(

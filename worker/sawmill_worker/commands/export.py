@@ -7,11 +7,11 @@ from types import MappingProxyType
 
 import numpy as np
 
+from sawmill_formats.input.angles import AnglesGiven
+from sawmill_formats.output.rtk_xml import rtk_xml
+from sawmill_tomography.geometry.export import cil_arguments, odl_arguments, rtk_geometry
+from sawmill_tomography.geometry.geometry import FanBeamGeometry, cell_centres_mm
 from sawmill_worker.commands.options import ExportTarget
-from sawmill_worker.files.rtk_xml import rtk_xml
-from sawmill_worker.readers.angles import AnglesGiven
-from sawmill_worker.tomography.export import cil_arguments, odl_arguments, rtk_geometry
-from sawmill_worker.tomography.geometry import FanBeamGeometry, cell_centres_mm
 from sawmill_worker.use_cases.result_file import read_calibration
 
 

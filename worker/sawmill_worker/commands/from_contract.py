@@ -15,7 +15,7 @@ from pydantic_core import ErrorDetails
 from typer.models import OptionInfo
 from typing_extensions import TypeAliasType
 
-from sawmill_worker.contracts.base import complaint
+from sawmill_platform.contracts.base import complaint
 
 # A model of pydantic's, or a dataclass of its: both have `__pydantic_fields__`.
 ContractType = Any

@@ -10,12 +10,12 @@ from typing import Annotated, ClassVar, TypeVar
 import typer
 from pydantic import TypeAdapter, ValidationError
 
+from sawmill_contracts.geometry import GivenTheta, ScannerConstants
+from sawmill_contracts.reconstructions import ReconstructionAsk
+from sawmill_platform.contracts.base import Contract
+from sawmill_vocabulary import CoordinateMm, Rotation, Theta
 from sawmill_worker.commands.command_line import Command, OneOf
 from sawmill_worker.commands.from_contract import OUT_OF_BOUNDS, field_names, option, sentence
-from sawmill_worker.contracts.base import Contract
-from sawmill_worker.contracts.geometry import GivenTheta, ScannerConstants
-from sawmill_worker.contracts.reconstructions import ReconstructionAsk
-from sawmill_worker.vocabulary import CoordinateMm, Rotation, Theta
 
 CALIBRATION_HELP = "What calibrate --json printed, or a calibration's result.h5 from the service."
 

@@ -7,8 +7,8 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from sawmill_worker.contracts.inspections import FilePart, FileVerdict, InspectedReading, InspectionResult
-from sawmill_worker.readers.parts import PartKind
+from sawmill_contracts.inspections import FilePart, FileVerdict, InspectedReading, InspectionResult
+from sawmill_formats.input.parts import PartKind
 
 # Parts, and other files, that are shown: about a page. `--json` has all of them.
 MOST_ROWS, MOST_FILES = 60, 3

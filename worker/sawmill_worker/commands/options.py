@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from pydantic import Field
 
+from sawmill_contracts.geometry import ScannerConstants
+from sawmill_contracts.scans import ScanFileOptions, UnregisteredScanOptions
 from sawmill_worker.commands.from_contract import Flags, option
-from sawmill_worker.contracts.geometry import ScannerConstants
-from sawmill_worker.contracts.scans import ScanFileOptions, UnregisteredScanOptions
 
 if TYPE_CHECKING:
-    from sawmill_worker.readers.angles import AnglesGiven
+    from sawmill_formats.input.angles import AnglesGiven
     from sawmill_worker.use_cases.scan_source import ScanSource
 
 # The published scanner (arXiv 2206.14444), as flags of the scanner's constants.
@@ -59,8 +59,8 @@ class Pictures:
 
 def given_angles(angles_deg: str | None, angles_file: Path | None) -> "AnglesGiven | None":
     """The angles of the flags; giving both is wrong use."""
-    from sawmill_worker.files.errors import UnreadableScan
-    from sawmill_worker.readers.angles import parse_angles, read_angles_file
+    from sawmill_formats.errors import UnreadableScan
+    from sawmill_formats.input.angles import parse_angles, read_angles_file
 
     if angles_deg is not None and angles_file is not None:
         raise typer.BadParameter("give --angles-deg or --angles-file, not both.")

@@ -7,9 +7,9 @@ from typing import Annotated
 
 import typer
 
+from sawmill_contracts.phantoms import PhantomPicture
+from sawmill_vocabulary import BUILT_IN_OUTLINES
 from sawmill_worker.commands.from_contract import option
-from sawmill_worker.contracts.phantoms import PhantomPicture
-from sawmill_worker.vocabulary import BUILT_IN_OUTLINES
 
 
 class Body(StrEnum):

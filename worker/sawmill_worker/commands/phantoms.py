@@ -1,8 +1,8 @@
 """The drawing of the phantom that the command line means."""
 
+from sawmill_contracts.built_in import BUILT_IN_PHANTOMS
+from sawmill_contracts.phantoms import PhantomDrawing
 from sawmill_worker.commands.phantom_options import PhantomSource
-from sawmill_worker.contracts.built_in import BUILT_IN_PHANTOMS
-from sawmill_worker.contracts.phantoms import PhantomDrawing
 from sawmill_worker.use_cases.phantom_file import read_drawing
 
 

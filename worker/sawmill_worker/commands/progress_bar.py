@@ -9,7 +9,7 @@ from rich.progress import BarColumn, Task, TextColumn, TimeElapsedColumn, TimeRe
 from rich.progress import Progress as Bar
 from rich.text import Text
 
-from sawmill_worker.vocabulary import Progress, ProgressCallback
+from sawmill_vocabulary import Progress, ProgressCallback
 
 
 class _TimeLeft(TimeRemainingColumn):

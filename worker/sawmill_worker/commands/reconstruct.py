@@ -5,17 +5,17 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from sawmill_contracts.reconstructions import ReconstructionOptions, ReconstructionResult
+from sawmill_formats.errors import NotStored
+from sawmill_vocabulary import Handedness, ProgressCallback, Rotation, Theta
+from sawmill_vocabulary.scattered_radiation import NOTHING_FOUND, BeamCorrection
 from sawmill_worker.commands.calibrated_scan import open_with_calibration
 from sawmill_worker.commands.geometry_options import CalibrationSource, ThetaSource
 from sawmill_worker.commands.options import Pictures
-from sawmill_worker.contracts.reconstructions import ReconstructionOptions, ReconstructionResult
-from sawmill_worker.files.errors import NotStored
 from sawmill_worker.use_cases.failures import refused
 from sawmill_worker.use_cases.reconstruct import ReconstructionInput, run_reconstruction
 from sawmill_worker.use_cases.scan_rows import ScanRows, open_rows
 from sawmill_worker.use_cases.scan_source import ScanSource
-from sawmill_worker.vocabulary import Handedness, ProgressCallback, Rotation, Theta
-from sawmill_worker.vocabulary.scattered_radiation import NOTHING_FOUND, BeamCorrection
 
 MOSAIC_SLICES = 16
 
@@ -45,7 +45,7 @@ def reconstruct_scan(
 
 
 def _middle(volume: Path, result: ReconstructionResult, name: str) -> bytes:
-    from sawmill_worker.files.volume_reader import volume_slice
+    from sawmill_formats.output.volume_reader import volume_slice
     from sawmill_worker.pictures.images import image_png
 
     middle = volume_slice(volume, result.shape, result.shape[0] // 2)
@@ -53,7 +53,7 @@ def _middle(volume: Path, result: ReconstructionResult, name: str) -> bytes:
 
 
 def _mosaic(volume: Path, result: ReconstructionResult, name: str) -> bytes:
-    from sawmill_worker.files.volume_reader import volume_slices
+    from sawmill_formats.output.volume_reader import volume_slices
     from sawmill_worker.pictures.log_pictures import mosaic_png, spread
 
     slices = volume_slices(volume, result.shape, spread(MOSAIC_SLICES, result.shape[0]))
@@ -62,7 +62,7 @@ def _mosaic(volume: Path, result: ReconstructionResult, name: str) -> bytes:
 
 
 def _side(volume: Path, result: ReconstructionResult, name: str) -> bytes:
-    from sawmill_worker.files.volume_reader import side_view
+    from sawmill_formats.output.volume_reader import side_view
     from sawmill_worker.pictures.log_pictures import side_view_png
 
     view = side_view(volume, result.shape, "x")
@@ -72,7 +72,7 @@ def _side(volume: Path, result: ReconstructionResult, name: str) -> bytes:
 
 
 def _curve(volume: Path, _: ReconstructionResult, __: str) -> bytes:
-    from sawmill_worker.files.volume_reader import alpha_curve
+    from sawmill_formats.output.volume_reader import alpha_curve
     from sawmill_worker.pictures.alpha_curve import alpha_curve_png
 
     try:

@@ -5,20 +5,20 @@ from pathlib import Path
 
 import numpy as np
 
+from sawmill_contracts.geometry import ScannerConstants
+from sawmill_formats.input.angles import AnglesGiven
+from sawmill_formats.output.scan_writer import write_scan
+from sawmill_tomography.geometry.geometry import FanBeamGeometry
+from sawmill_tomography.phantoms.log_model import SAPWOOD_PER_MM
+from sawmill_tomography.phantoms.phantom import Phantom
+from sawmill_tomography.projection.simulate import UNEQUAL_CELLS, simulate_rows, simulate_stack
+from sawmill_vocabulary import DataKind, Handedness, Rotation, Theta
 from sawmill_worker.commands.geometry_options import Position
 from sawmill_worker.commands.phantom_options import PhantomSource
 from sawmill_worker.commands.phantoms import drawing_of
-from sawmill_worker.contracts.geometry import ScannerConstants
-from sawmill_worker.files.scan_writer import write_scan
-from sawmill_worker.readers.angles import AnglesGiven
-from sawmill_worker.tomography.geometry import FanBeamGeometry
-from sawmill_worker.tomography.log_model import SAPWOOD_PER_MM
-from sawmill_worker.tomography.phantom import Phantom
-from sawmill_worker.tomography.simulate import UNEQUAL_CELLS, simulate_rows, simulate_stack
 from sawmill_worker.use_cases.conversion import to_phantom
 from sawmill_worker.use_cases.physics_file import read_physics
 from sawmill_worker.use_cases.simulated_scan import write_simulated_scan
-from sawmill_worker.vocabulary import DataKind, Handedness, Rotation, Theta
 
 
 def simulate_scan(

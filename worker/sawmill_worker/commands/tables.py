@@ -7,14 +7,14 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from sawmill_contracts.calibrations import CalibrationResult
+from sawmill_contracts.drifts import DriftResult
+from sawmill_contracts.plans import PlanResult
+from sawmill_contracts.reconstructions import MethodReport
+from sawmill_contracts.repeatability import RepeatabilityResult
+from sawmill_vocabulary import ReconstructionMethod
 from sawmill_worker.commands.terminal import say
-from sawmill_worker.contracts.calibrations import CalibrationResult
-from sawmill_worker.contracts.drifts import DriftResult
-from sawmill_worker.contracts.plans import PlanResult
-from sawmill_worker.contracts.reconstructions import MethodReport
-from sawmill_worker.contracts.repeatability import RepeatabilityResult
 from sawmill_worker.pictures.calibration_table import calibration_table
-from sawmill_worker.vocabulary import ReconstructionMethod
 
 
 def print_calibration(result: CalibrationResult) -> None:

@@ -18,7 +18,10 @@ from typing import BinaryIO
 
 import structlog
 
-from sawmill_worker.contracts.jobs import Failure, FailureKind
+from sawmill_contracts.jobs import Failure, FailureKind
+from sawmill_store.errors import FolderUnavailable
+from sawmill_store.files import flush_tree, work_of
+from sawmill_vocabulary import Progress
 from sawmill_worker.execution.confinement import confine_to, installation, move_into
 from sawmill_worker.execution.failures import failure_of
 from sawmill_worker.execution.forking import REQUESTS, TBB, serve
@@ -38,11 +41,8 @@ from sawmill_worker.execution.protocol import (
 from sawmill_worker.execution.settings import ExecutionSettings
 from sawmill_worker.execution.threading_layer import load
 from sawmill_worker.jobs.running import Attempt, make_ready, needs_of, run, warm_up
-from sawmill_worker.storage.errors import FolderUnavailable
-from sawmill_worker.storage.files import flush_tree, work_of
-from sawmill_worker.storage.software import software
+from sawmill_worker.software import software
 from sawmill_worker.use_cases.failures import JobFailure
-from sawmill_worker.vocabulary import Progress
 
 
 def main() -> None:

@@ -22,6 +22,10 @@ from kombu.entity import Queue
 from kombu.exceptions import OperationalError
 from redis.exceptions import RedisError
 
+from sawmill_store.errors import StorageError, StorageFull, StorageUnavailable
+from sawmill_store.settings import StorageSettings
+from sawmill_store.store import Store
+from sawmill_store.turns import Selection
 from sawmill_worker.execution.broker_report import report_of
 from sawmill_worker.execution.confinement import say_if_unconfined
 from sawmill_worker.execution.housekeeping import Housekeeping
@@ -32,10 +36,6 @@ from sawmill_worker.execution.runner import ATTEMPT_COMMAND, Runner
 from sawmill_worker.execution.settings import ExecutionSettings
 from sawmill_worker.execution.sharing import say_if_crowded
 from sawmill_worker.execution.variables import WrongVariableError, variables_checked
-from sawmill_worker.storage.errors import StorageError, StorageFull, StorageUnavailable
-from sawmill_worker.storage.settings import StorageSettings
-from sawmill_worker.storage.store import Store
-from sawmill_worker.storage.turns import Selection
 
 RUN_JOB = "sawmill.run_job"
 _QUEUE = "sawmill"

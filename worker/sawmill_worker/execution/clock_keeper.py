@@ -12,10 +12,10 @@ from typing import Self
 
 import structlog
 
+from sawmill_store.errors import StorageError
+from sawmill_store.store import Store
 from sawmill_worker.execution.housekeeping import TOLERABLE_S
 from sawmill_worker.execution.naming import process_name
-from sawmill_worker.storage.errors import StorageError
-from sawmill_worker.storage.store import Store
 
 # A step of the machine's clock counts when it has lasted this long: one that is put right at once moves no due time.
 LASTING_S = 60.0

@@ -14,11 +14,11 @@ from pathlib import Path
 
 import structlog
 
-from sawmill_worker.contracts.handed_over import HandedOver
+from sawmill_contracts.handed_over import HandedOver
+from sawmill_store.errors import StorageUnavailable
 from sawmill_worker.execution import capabilities, landlock
 from sawmill_worker.execution.seccomp import refuse_calls
 from sawmill_worker.execution.settings import ExecutionSettings
-from sawmill_worker.storage.errors import StorageUnavailable
 
 # Libraries, the time zones and languages, and what tells how many cores and how much memory there are.
 SYSTEM = (
@@ -86,7 +86,7 @@ def installation() -> Sequence[Path]:
         *prefixes,
         *sysconfig.get_paths().values(),
         *sys.path,
-        str(Path(__file__).parents[1]),
+        str(Path(__file__).parents[2]),
         str(OWN_KERNELS),
         *asked_for,
     )

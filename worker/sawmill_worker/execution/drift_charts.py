@@ -2,8 +2,8 @@
 
 from typing import Any
 
-from sawmill_worker.contracts.choices import DriftMethod
-from sawmill_worker.contracts.scanner_drift import CountedLook, Followed
+from sawmill_contracts.choices import DriftMethod
+from sawmill_contracts.scanner_drift import CountedLook, Followed
 
 
 def follow_drift(

@@ -7,10 +7,10 @@ import errno
 import resource
 import signal
 
-from sawmill_worker.contracts.jobs import Failure, FailureKind, JobKind
-from sawmill_worker.contracts.kinds import declaration_of
+from sawmill_contracts.jobs import Failure, FailureKind, JobKind
+from sawmill_contracts.kinds import declaration_of
+from sawmill_store.errors import StorageFull, StorageUnavailable, outage_of
 from sawmill_worker.execution.limits import processor_s
-from sawmill_worker.storage.errors import StorageFull, StorageUnavailable, outage_of
 
 # A defect of a program, which comes again with the same input; a kill from outside does not.
 _CRASHES = frozenset({signal.SIGSEGV, signal.SIGBUS, signal.SIGABRT, signal.SIGFPE, signal.SIGILL})

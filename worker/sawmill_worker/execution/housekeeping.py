@@ -5,14 +5,14 @@ import time
 
 import structlog
 
+from sawmill_store.errors import StorageFull, StorageUnavailable
+from sawmill_store.jobs import Pulse
+from sawmill_store.store import Store
 from sawmill_worker.execution.drift_charts import follow_drift
 from sawmill_worker.execution.leases import LeaseObserver
 from sawmill_worker.execution.logs import going_on
 from sawmill_worker.execution.naming import process_name
 from sawmill_worker.execution.settings import ExecutionSettings
-from sawmill_worker.storage.errors import StorageFull, StorageUnavailable
-from sawmill_worker.storage.jobs import Pulse
-from sawmill_worker.storage.store import Store
 
 # Seconds by which a clock may be off unmentioned: far more than clocks that are set over a network differ by.
 TOLERABLE_S = 5.0

@@ -4,8 +4,8 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
+from sawmill_store.jobs import Pulse
 from sawmill_worker.execution.observed_time import ObservedTime
-from sawmill_worker.storage.jobs import Pulse
 
 # Of the time between two looks: what a late one may count for.
 _LONGEST_LOOK = 2.0

@@ -4,8 +4,8 @@ import os
 import resource
 from typing import NamedTuple
 
-from sawmill_worker.contracts.jobs import JobKind
-from sawmill_worker.contracts.kinds import declaration_of
+from sawmill_contracts.jobs import JobKind
+from sawmill_contracts.kinds import declaration_of
 
 # Private memory of any job. Those that read files of strangers have no more; others have what their sizes need.
 DATA_BYTES = 2 * 2**30

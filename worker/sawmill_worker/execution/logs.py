@@ -8,8 +8,8 @@ from typing import Literal, TextIO, cast
 
 import structlog
 
-from sawmill_worker.contracts.jobs import Job
-from sawmill_worker.storage.errors import StorageFull, StorageUnavailable, outage_of
+from sawmill_contracts.jobs import Job
+from sawmill_store.errors import StorageFull, StorageUnavailable, outage_of
 
 
 def configure_logs(log_format: Literal["console", "json"]) -> None:

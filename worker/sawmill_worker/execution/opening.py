@@ -4,9 +4,9 @@ import threading
 
 import structlog
 
-from sawmill_worker.storage.errors import FolderUnavailable, StorageMisconfigured, StorageUnavailable
-from sawmill_worker.storage.settings import StorageSettings
-from sawmill_worker.storage.store import Store
+from sawmill_store.errors import FolderUnavailable, StorageMisconfigured, StorageUnavailable
+from sawmill_store.settings import StorageSettings
+from sawmill_store.store import Store
 
 _FIRST_WAIT_S = 0.5
 _LONGEST_WAIT_S = 10.0

@@ -8,10 +8,10 @@ from contextlib import suppress
 from itertools import islice
 from pathlib import Path
 
-from sawmill_worker.contracts.jobs import Failure, FailureKind
+from sawmill_contracts.jobs import Failure, FailureKind
+from sawmill_store.errors import StorageFull, disk_outage_reported
+from sawmill_store.files import checkpoints_of
 from sawmill_worker.execution.protocol import Begun
-from sawmill_worker.storage.errors import StorageFull, disk_outage_reported
-from sawmill_worker.storage.files import checkpoints_of
 
 # Files and folders in the folder of an attempt, and folders in each other: many times what any job writes.
 MOST_FILES, DEEPEST = 10_000, 8

@@ -3,12 +3,12 @@
 import time
 from collections.abc import Callable
 
-from sawmill_worker.contracts.jobs import Failure, JobKind
-from sawmill_worker.contracts.kinds import declaration_of
+from sawmill_contracts.jobs import Failure, JobKind
+from sawmill_contracts.kinds import declaration_of
+from sawmill_vocabulary import Progress
 from sawmill_worker.execution.failures import not_begun, stalled, too_long
 from sawmill_worker.execution.observed_time import ObservedTime
 from sawmill_worker.execution.settings import ExecutionSettings
-from sawmill_worker.vocabulary import Progress
 
 # Beyond two looks: what a late one may count for.
 LATE_S = 5.0

@@ -9,17 +9,17 @@ import time
 from collections.abc import Callable, Collection, Sequence
 from contextlib import closing, suppress
 
-from sawmill_worker.contracts.jobs import JobKind
+from sawmill_contracts.jobs import JobKind
+from sawmill_store.errors import StorageError, StorageFull, StorageUnavailable
+from sawmill_store.settings import StorageSettings
+from sawmill_store.store import Store
+from sawmill_store.turns import ANY, Selection
 from sawmill_worker.execution.housekeeping import Housekeeping
 from sawmill_worker.execution.logs import configure_logs
 from sawmill_worker.execution.opening import open_store
 from sawmill_worker.execution.process import AttemptNotStarted
 from sawmill_worker.execution.runner import ATTEMPT_COMMAND, Runner
 from sawmill_worker.execution.settings import ExecutionSettings
-from sawmill_worker.storage.errors import StorageError, StorageFull, StorageUnavailable
-from sawmill_worker.storage.settings import StorageSettings
-from sawmill_worker.storage.store import Store
-from sawmill_worker.storage.turns import ANY, Selection
 
 # Of the short lane: its memory is worth keeping while somebody works at a scan, and no longer.
 SHORT_IDLE_S = 60.0

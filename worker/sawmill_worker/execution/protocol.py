@@ -12,10 +12,10 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, TypeAdapter
 
-from sawmill_worker.contracts.base import Contract
-from sawmill_worker.contracts.handed_over import HandedOver
-from sawmill_worker.contracts.jobs import Failure, Job
-from sawmill_worker.vocabulary import Progress
+from sawmill_contracts.handed_over import HandedOver
+from sawmill_contracts.jobs import Failure, Job
+from sawmill_platform.contracts.base import Contract
+from sawmill_vocabulary import Progress
 
 CHANNEL = "SAWMILL_ATTEMPT_CHANNEL"
 # A hundred times the longest answer of the science.

@@ -10,7 +10,21 @@ from pathlib import Path
 import structlog
 from pydantic import ValidationError
 
-from sawmill_worker.contracts.jobs import Failure, FailureKind, JobState
+from sawmill_contracts.jobs import Failure, FailureKind, JobState
+from sawmill_store.errors import (
+    InvalidOutput,
+    LeaseLost,
+    NotFound,
+    StorageFull,
+    StorageUnavailable,
+    disk_outage_reported,
+)
+from sawmill_store.jobs import Claim
+from sawmill_store.noted_digests import note_digests
+from sawmill_store.outputs import check_output
+from sawmill_store.store import Store
+from sawmill_store.turns import ANY, Selection
+from sawmill_vocabulary import Progress
 from sawmill_worker.execution import sharing
 from sawmill_worker.execution.environment import environment_of_attempts
 from sawmill_worker.execution.failures import LIMITS_MET, died, failure_of
@@ -29,20 +43,6 @@ from sawmill_worker.execution.protocol import AnyMessage, Assignment, Begun, Fai
 from sawmill_worker.execution.settings import ExecutionSettings
 from sawmill_worker.execution.template import Template, template_library
 from sawmill_worker.execution.threading_layer import configure_threads
-from sawmill_worker.storage.errors import (
-    InvalidOutput,
-    LeaseLost,
-    NotFound,
-    StorageFull,
-    StorageUnavailable,
-    disk_outage_reported,
-)
-from sawmill_worker.storage.jobs import Claim
-from sawmill_worker.storage.noted_digests import note_digests
-from sawmill_worker.storage.outputs import check_output
-from sawmill_worker.storage.store import Store
-from sawmill_worker.storage.turns import ANY, Selection
-from sawmill_worker.vocabulary import Progress
 
 # What a library may have failed to write at once, and so what a full disk may have left free.
 BUFFER_BYTES = 16 * 2**20

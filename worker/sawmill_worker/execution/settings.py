@@ -5,7 +5,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
-from sawmill_worker.storage.retries import LONGEST_WAIT_S, Retries
+from sawmill_store.retries import LONGEST_WAIT_S, Retries
 
 Seconds = Annotated[float, Field(gt=0, le=86_400)]
 Wait = Annotated[float, Field(ge=0, le=LONGEST_WAIT_S)]

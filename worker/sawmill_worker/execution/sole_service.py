@@ -3,9 +3,9 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from sawmill_store.errors import StorageMisconfigured
+from sawmill_store.settings import StorageSettings
 from sawmill_worker.execution.kernel_lock import HeldByAnother, holder_of, kernel_lock
-from sawmill_worker.storage.errors import StorageMisconfigured
-from sawmill_worker.storage.settings import StorageSettings
 
 LOCK = "serve.lock"
 

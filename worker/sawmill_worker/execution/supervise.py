@@ -11,14 +11,14 @@ from typing import Self
 
 import structlog
 
+from sawmill_store.errors import StorageUnavailable
+from sawmill_store.settings import StorageSettings
 from sawmill_worker.execution.confinement import say_if_unconfined
 from sawmill_worker.execution.environment import environment_with
 from sawmill_worker.execution.importing import PROGRAM
 from sawmill_worker.execution.logs import going_on
 from sawmill_worker.execution.settings import ExecutionSettings
 from sawmill_worker.execution.sharing import say_if_crowded
-from sawmill_worker.storage.errors import StorageUnavailable
-from sawmill_worker.storage.settings import StorageSettings
 
 WORKER_COMMAND = (*PROGRAM, "sawmill_worker.execution.poller", "--watch-parent")
 _LOOK_S = 0.2

@@ -10,11 +10,11 @@ from contextlib import contextmanager
 
 from pydantic import ValidationError
 
-from sawmill_worker.contracts.base import complaint
+from sawmill_platform.contracts.base import complaint
+from sawmill_store.settings import StorageSettings
 from sawmill_worker.execution.forking import REQUESTS, TBB
 from sawmill_worker.execution.protocol import CHANNEL
 from sawmill_worker.execution.settings import ExecutionSettings
-from sawmill_worker.storage.settings import StorageSettings
 
 PREFIX = "SAWMILL_"
 # The API's settings, which workers share an environment with and do not import; a test compares the two.

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
-from sawmill_worker.contracts.base import Contract
-from sawmill_worker.contracts.handed_over import HandedOver
-from sawmill_worker.contracts.jobs import Job
-from sawmill_worker.contracts.scanners import StoredScanner
-from sawmill_worker.storage.files import checkpoints_of
-from sawmill_worker.vocabulary import Progress, ProgressCallback
+from sawmill_contracts.handed_over import HandedOver
+from sawmill_contracts.jobs import Job
+from sawmill_contracts.scanners import StoredScanner
+from sawmill_platform.contracts.base import Contract
+from sawmill_store.files import checkpoints_of
+from sawmill_vocabulary import Progress, ProgressCallback
 
 Asked = TypeVar("Asked", bound=Contract)
 

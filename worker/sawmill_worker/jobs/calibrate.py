@@ -7,14 +7,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sawmill_worker.contracts.calibrations import CalibrationOptions, CalibrationSucceeded, CalibrationUnfinished
-from sawmill_worker.contracts.phantoms import PhantomDrawing
-from sawmill_worker.contracts.scans import Scan, ScanShape, ScanState
-from sawmill_worker.files.scan_reader import read_stored_scan
+from sawmill_contracts.calibrations import CalibrationOptions, CalibrationSucceeded, CalibrationUnfinished
+from sawmill_contracts.phantoms import PhantomDrawing
+from sawmill_contracts.scans import Scan, ScanShape, ScanState
+from sawmill_formats.output.scan_reader import read_stored_scan
+from sawmill_tomography.sinograms.present_rows import mean_of_rows
+from sawmill_vocabulary import DataKind
 from sawmill_worker.jobs.attempt import Attempt
 from sawmill_worker.jobs.keeping import AttemptKeeper
 from sawmill_worker.jobs.needs import Needs, of_averaged_rows
-from sawmill_worker.tomography.present_rows import mean_of_rows
 from sawmill_worker.use_cases.calibrate import CalibrationInput, calibration_result, run_calibration
 from sawmill_worker.use_cases.calibration_files import calibration_arrays, write_result
 from sawmill_worker.use_cases.compare import compared, geometry_of
@@ -24,7 +25,6 @@ from sawmill_worker.use_cases.prepare import Stack, of_saturation
 from sawmill_worker.use_cases.reconstruct import volume_unit
 from sawmill_worker.use_cases.second_witness import hear_log, witness_of
 from sawmill_worker.use_cases.selection import chosen_rows, chosen_views
-from sawmill_worker.vocabulary import DataKind
 
 
 def run(attempt: Attempt) -> dict[str, Any]:

@@ -2,8 +2,8 @@
 
 from typing import Any
 
-from sawmill_worker.contracts.drifts import Drift
-from sawmill_worker.files.scan_reader import read_stored_scan
+from sawmill_contracts.drifts import Drift
+from sawmill_formats.output.scan_reader import read_stored_scan
 from sawmill_worker.jobs.attempt import Attempt
 from sawmill_worker.jobs.calibrate import shape_of, usable_calibration, usable_scan
 from sawmill_worker.jobs.needs import Needs, of_averaged_rows

@@ -3,18 +3,18 @@
 import math
 from typing import Any
 
-from sawmill_worker.contracts.base import parse_rows
-from sawmill_worker.contracts.scans import ScanReading, ScanShape
+from sawmill_contracts.scans import ScanReading, ScanShape
+from sawmill_formats.input.angles import parse_angles
+from sawmill_formats.input.arrays import MAX_BYTES
+from sawmill_formats.input.canonical import CanonicalScan
+from sawmill_formats.input.reading import reading_scan
+from sawmill_platform.contracts.base import parse_rows
+from sawmill_vocabulary import DataKind, RowAlignment
 from sawmill_worker.jobs.attempt import Attempt
 from sawmill_worker.jobs.needs import FILE_BYTES, FILE_SHARE, Needs
-from sawmill_worker.readers.angles import parse_angles
-from sawmill_worker.readers.arrays import MAX_BYTES
-from sawmill_worker.readers.canonical import CanonicalScan
-from sawmill_worker.readers.reading import reading_scan
 from sawmill_worker.use_cases.capacity import memory_available
 from sawmill_worker.use_cases.failures import refused
 from sawmill_worker.use_cases.prepare import prepare_scan
-from sawmill_worker.vocabulary import DataKind, RowAlignment
 
 
 def run(attempt: Attempt) -> dict[str, Any]:

@@ -2,10 +2,10 @@
 
 from typing import Any
 
-from sawmill_worker.contracts.inspections import Inspection
+from sawmill_contracts.inspections import Inspection
+from sawmill_formats.input.angles import parse_angles
 from sawmill_worker.jobs.attempt import Attempt
 from sawmill_worker.jobs.needs import Needs
-from sawmill_worker.readers.angles import parse_angles
 from sawmill_worker.use_cases.inspect import GivenBeside, inspect_file
 
 

@@ -7,11 +7,11 @@ from typing import Any
 
 import structlog
 
-from sawmill_worker.files.checkpoint import UnusableCheckpoint, read_checkpoint, write_checkpoint
+from sawmill_formats.output.checkpoint import UnusableCheckpoint, read_checkpoint, write_checkpoint
+from sawmill_store.errors import FolderUnavailable, StorageFull, disk_outage_reported
+from sawmill_store.files import check_room
 from sawmill_worker.jobs.attempt import Attempt
-from sawmill_worker.storage.errors import FolderUnavailable, StorageFull, disk_outage_reported
-from sawmill_worker.storage.files import check_room
-from sawmill_worker.storage.software import software
+from sawmill_worker.software import software
 from sawmill_worker.use_cases.keeping import Arrays, MadeWith
 
 # Seconds of work from one checkpoint to the next: a short job never writes one, and a long one is written seldom beside

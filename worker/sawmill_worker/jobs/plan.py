@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from sawmill_worker.contracts.plans import Plan
+from sawmill_contracts.plans import Plan
 from sawmill_worker.jobs.attempt import Attempt
 from sawmill_worker.jobs.calibrate import drawing_of
 from sawmill_worker.jobs.needs import PROCESS_BYTES, SINOGRAMS, Needs

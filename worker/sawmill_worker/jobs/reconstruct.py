@@ -6,26 +6,26 @@ from typing import Any
 import numpy as np
 from numba import get_num_threads
 
-from sawmill_worker.contracts.reconstructions import Reconstruction, ReconstructionAsked
-from sawmill_worker.contracts.scans import ScanShape
-from sawmill_worker.files.scan_reader import open_scan
+from sawmill_contracts.reconstructions import Reconstruction, ReconstructionAsked
+from sawmill_contracts.scans import ScanShape
+from sawmill_formats.output.scan_reader import open_scan
+from sawmill_tomography.geometry.geometry import FanBeamGeometry
+from sawmill_tomography.geometry.image_grid import ImageGrid
+from sawmill_tomography.projection.projector import BLOCK, LARGEST_SIZE
+from sawmill_tomography.reconstruction import cost
+from sawmill_tomography.reconstruction.iterative.coarse_outside import WORTH_WHILE, fitted_size
+from sawmill_tomography.reconstruction.object_extent import seen_radius_mm
+from sawmill_tomography.warm_up import load_iterative_methods
+from sawmill_vocabulary import DataKind, Handedness, Rotation, Theta
+from sawmill_vocabulary.scattered_radiation import NOTHING_FOUND, BeamCorrection
 from sawmill_worker.jobs.attempt import Attempt
 from sawmill_worker.jobs.calibrate import shape_of, usable_calibration, usable_scan
 from sawmill_worker.jobs.keeping import AttemptKeeper
 from sawmill_worker.jobs.needs import FILE_BYTES, FILE_SHARE, PROCESS_BYTES, Needs
-from sawmill_worker.tomography import cost
-from sawmill_worker.tomography.geometry import FanBeamGeometry
-from sawmill_worker.tomography.image_grid import ImageGrid
-from sawmill_worker.tomography.iterative.coarse_outside import WORTH_WHILE, fitted_size
-from sawmill_worker.tomography.object_extent import seen_radius_mm
-from sawmill_worker.tomography.projector import BLOCK, LARGEST_SIZE
-from sawmill_worker.tomography.warm_up import load_iterative_methods
 from sawmill_worker.use_cases.block_solvers import MOST_FITTED_IMAGES, MOST_TOGETHER, may_fit
 from sawmill_worker.use_cases.failures import refused
 from sawmill_worker.use_cases.reconstruct import MEMORY_SHARE, ReconstructionInput, run_reconstruction
 from sawmill_worker.use_cases.selection import chosen_rows, chosen_views
-from sawmill_worker.vocabulary import DataKind, Handedness, Rotation, Theta
-from sawmill_worker.vocabulary.scattered_radiation import NOTHING_FOUND, BeamCorrection
 
 # Of each slice of a fitted method, in single precision: the data, residuals and trial steps.
 LINES_A_SLICE = 40

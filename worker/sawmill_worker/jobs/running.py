@@ -16,13 +16,13 @@ import scipy.sparse
 import scipy.special  # noqa: F401
 import tifffile  # noqa: F401
 
-from sawmill_worker.contracts.jobs import JobKind
-from sawmill_worker.files import hdf5_chunks
+from sawmill_contracts.jobs import JobKind
+from sawmill_formats import hdf5_chunks
+from sawmill_tomography import warm_up as science
+from sawmill_tomography.kernel_cache import only_read
 from sawmill_worker.jobs import reconstruct
 from sawmill_worker.jobs.attempt import Attempt
 from sawmill_worker.jobs.needs import Needs
-from sawmill_worker.tomography import warm_up as science
-from sawmill_worker.tomography.kernel_cache import only_read
 from sawmill_worker.use_cases.failures import input_errors_translated
 
 __all__ = ["Attempt", "Needs", "make_ready", "needs_of", "run", "warm_up"]

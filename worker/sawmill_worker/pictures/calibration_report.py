@@ -12,14 +12,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure, FigureBase, SubFigure
 from matplotlib.transforms import Bbox
 
-from sawmill_worker.contracts.calibration_arrays import CalibrationArrays, LogImages
-from sawmill_worker.contracts.calibrations import CalibrationResult
-from sawmill_worker.contracts.two_questions import VERDICTS
+from sawmill_contracts.calibration_arrays import CalibrationArrays, LogImages
+from sawmill_contracts.calibrations import CalibrationResult
+from sawmill_contracts.two_questions import VERDICTS
+from sawmill_vocabulary import ReconstructionMethod
 from sawmill_worker.pictures.calibration_table import calibration_table
 from sawmill_worker.pictures.fit_panels import draw_residual, draw_search
 from sawmill_worker.pictures.image_panels import draw_logs, draw_phantom, encoded
 from sawmill_worker.pictures.parameter_panels import draw_frame_pairs, draw_theta_and_twin
-from sawmill_worker.vocabulary import ReconstructionMethod
 
 WIDTH_IN = 14.0
 LINE_IN = 0.27

@@ -2,8 +2,8 @@
 
 import math
 
-from sawmill_worker.contracts.calibrations import CalibrationResult, StandardDeviation
-from sawmill_worker.contracts.geometry import SourceFrameDeviation, ThetaDeviation
+from sawmill_contracts.calibrations import CalibrationResult, StandardDeviation
+from sawmill_contracts.geometry import SourceFrameDeviation, ThetaDeviation
 
 UNKNOWN = StandardDeviation(
     theta=ThetaDeviation.model_validate(dict.fromkeys(ThetaDeviation.model_fields)),

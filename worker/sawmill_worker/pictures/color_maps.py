@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sawmill_worker.vocabulary import ColorMap
+from sawmill_vocabulary import ColorMap
 
 
 def painted(fractions: NDArray[np.floating[Any]], color_map: ColorMap) -> NDArray[np.uint8]:

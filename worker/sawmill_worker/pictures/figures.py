@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from sawmill_worker.contracts.drifts import DriftResult
+from sawmill_contracts.drifts import DriftResult
 from sawmill_worker.pictures.image_panels import show_image
 from sawmill_worker.pictures.windows import Window, labelled_views, window_of
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 from PIL.PngImagePlugin import PngInfo
 
+from sawmill_vocabulary import ColorMap
 from sawmill_worker.pictures.color_maps import painted
 from sawmill_worker.pictures.pages import (
     Layout,
@@ -26,7 +27,6 @@ from sawmill_worker.pictures.pages import (
 )
 from sawmill_worker.pictures.round_numbers import round_length
 from sawmill_worker.pictures.windows import Window, labelled_views, to_unit, window_of
-from sawmill_worker.vocabulary import ColorMap
 
 SMALLEST_SIDE_PX = 512
 # 512 x 512 pixels with noise take 50 kB. A PNG of them takes 170 kB, and 20 times as long to make.

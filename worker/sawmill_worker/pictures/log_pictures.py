@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from sawmill_vocabulary import ColorMap
 from sawmill_worker.pictures.color_maps import painted
 from sawmill_worker.pictures.pages import (
     INK,
@@ -27,7 +28,6 @@ from sawmill_worker.pictures.pages import (
 )
 from sawmill_worker.pictures.round_numbers import ticks
 from sawmill_worker.pictures.windows import Window, to_unit, window_of
-from sawmill_worker.vocabulary import ColorMap
 
 TILE_PX = 256
 # Above each tile for its label, and between two tiles.

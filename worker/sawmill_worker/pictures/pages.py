@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 from PIL.PngImagePlugin import PngInfo
 
+from sawmill_vocabulary import ColorMap
 from sawmill_worker.pictures.color_maps import painted
 from sawmill_worker.pictures.round_numbers import round_length, ticks
 from sawmill_worker.pictures.windows import Window, to_unit
-from sawmill_worker.vocabulary import ColorMap
 
 INK = "#141414"
 PAPER = "#ffffff"

@@ -9,8 +9,8 @@ from matplotlib.figure import SubFigure
 from matplotlib.patches import Ellipse
 from numpy.typing import NDArray
 
-from sawmill_worker.contracts.geometry import ThetaDeviation
-from sawmill_worker.vocabulary import Theta
+from sawmill_contracts.geometry import ThetaDeviation
+from sawmill_vocabulary import Theta
 
 ANSWER, TWIN = "#1f77b4", "#b71c1c"
 # Half axis of an ellipse that holds 95 % of a normal distribution in two dimensions, in standard deviations.

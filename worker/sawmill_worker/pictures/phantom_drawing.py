@@ -9,9 +9,9 @@ from functools import cache
 
 from jinja2 import Template
 
-from sawmill_worker.contracts.phantoms import PhantomDrawing, extent_of_wood
+from sawmill_contracts.phantoms import PhantomDrawing, extent_of_wood
+from sawmill_vocabulary import Point, Shape
 from sawmill_worker.templating import templates_of
-from sawmill_worker.vocabulary import Point, Shape
 
 # Letters of a print, mm; and on a screen as a share of the wood's longer side, to be read at a width of 340 pixels.
 _PRINTED_LETTERS_MM, _SHOWN_LETTERS = 5.0, 0.045

@@ -7,9 +7,9 @@ from datetime import datetime
 
 import numpy as np
 
-from sawmill_worker.contracts.calibrations import CalibrationResult, SecondWitness
-from sawmill_worker.contracts.phantoms import PhantomDrawing, SizeMeasurement
-from sawmill_worker.vocabulary import Shape, Theta
+from sawmill_contracts.calibrations import CalibrationResult, SecondWitness
+from sawmill_contracts.phantoms import PhantomDrawing, SizeMeasurement
+from sawmill_vocabulary import Shape, Theta
 
 NOT_KNOWN = "not known"
 FRAME_SYMBOLS = ("psi", "R", "SDD", "u_c", "tau")

@@ -8,12 +8,12 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from sawmill_worker.tomography.air import find_air
-from sawmill_worker.tomography.geometry import FloatArray
-from sawmill_worker.tomography.preparing.row_shifts import RowsError, RowShifts, shifted
-from sawmill_worker.tomography.preparing.shifts_by_mass import RowMoments, shifts_by_mass
-from sawmill_worker.tomography.present_rows import Rows, present_rows, usable_rows
-from sawmill_worker.vocabulary import RowAlignment
+from sawmill_tomography.geometry.geometry import FloatArray
+from sawmill_tomography.preparing.row_shifts import RowsError, RowShifts, shifted
+from sawmill_tomography.preparing.shifts_by_mass import RowMoments, shifts_by_mass
+from sawmill_tomography.sinograms.air import find_air
+from sawmill_tomography.sinograms.present_rows import Rows, present_rows, usable_rows
+from sawmill_vocabulary import RowAlignment
 
 Stack = NDArray[np.float32]
 
@@ -155,7 +155,7 @@ def _shifts(views: Views, angles_rad: FloatArray, method: RowAlignment, estimate
     if method is RowAlignment.PROFILE:
         return shifts_by_mass(RowMoments.of(images, _object_cells(views, estimate)), angles_rad)
     # scikit-image takes half a second to import, and few scans need it.
-    from sawmill_worker.tomography.preparing.shifts_by_features import shifts_by_features  # noqa: PLC0415
+    from sawmill_tomography.preparing.shifts_by_features import shifts_by_features  # noqa: PLC0415
 
     return shifts_by_features(images, angles_rad)
 

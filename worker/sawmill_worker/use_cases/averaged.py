@@ -5,8 +5,8 @@ from collections.abc import Collection
 import numpy as np
 from numpy.typing import NDArray
 
-from sawmill_worker.readers.averaged import AveragedRows
-from sawmill_worker.tomography.masked_rays import bridge_masked
+from sawmill_formats.input.averaged import AveragedRows
+from sawmill_tomography.sinograms.masked_rays import bridge_masked
 
 MASKED = "rays were masked"
 

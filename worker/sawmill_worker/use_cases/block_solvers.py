@@ -9,16 +9,16 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from sawmill_worker.contracts.reconstructions import MetalReport, MethodReport, ReconstructionOptions
-from sawmill_worker.tomography import cost
-from sawmill_worker.tomography.air import find_air
-from sawmill_worker.tomography.choosing import Recommendation
-from sawmill_worker.tomography.estimate import Estimate
-from sawmill_worker.tomography.geometry import FloatArray
-from sawmill_worker.tomography.image_grid import ImageGrid
-from sawmill_worker.tomography.iterative.coarse_outside import CoarseOutside, TwoGrids
-from sawmill_worker.tomography.iterative.progress import OnProgress, Phases
-from sawmill_worker.tomography.method import (
+from sawmill_contracts.reconstructions import MetalReport, MethodReport, ReconstructionOptions
+from sawmill_tomography.geometry.geometry import FloatArray
+from sawmill_tomography.geometry.image_grid import ImageGrid
+from sawmill_tomography.projection.projector import Projector
+from sawmill_tomography.reconstruction import cost
+from sawmill_tomography.reconstruction.choosing import Recommendation
+from sawmill_tomography.reconstruction.estimate import Estimate
+from sawmill_tomography.reconstruction.iterative.coarse_outside import CoarseOutside, TwoGrids
+from sawmill_tomography.reconstruction.iterative.progress import OnProgress, Phases
+from sawmill_tomography.reconstruction.method import (
     CANDIDATES_AT_ONCE,
     IMAGES_OF_A_DESCENT,
     CoupledMethod,
@@ -26,17 +26,17 @@ from sawmill_worker.tomography.method import (
     FittedMethod,
     Method,
 )
-from sawmill_worker.tomography.methods import METHODS
-from sawmill_worker.tomography.noise import data_misfit, estimated_noise, noise_of_rays
-from sawmill_worker.tomography.present_rows import filled, present_rows
-from sawmill_worker.tomography.projector import Projector
-from sawmill_worker.tomography.stack import most_concurrent
+from sawmill_tomography.reconstruction.methods import METHODS
+from sawmill_tomography.reconstruction.stack import most_concurrent
+from sawmill_tomography.sinograms.air import find_air
+from sawmill_tomography.sinograms.noise import data_misfit, estimated_noise, noise_of_rays
+from sawmill_tomography.sinograms.present_rows import filled, present_rows
+from sawmill_vocabulary import MetalHandling, ReconstructionMethod
+from sawmill_vocabulary.scattered_radiation import BeamCorrection
 from sawmill_worker.use_cases.capacity import check_memory
 from sawmill_worker.use_cases.failures import refused
 from sawmill_worker.use_cases.metal_reduction import MetalReduction, WithoutMetal
 from sawmill_worker.use_cases.method_findings import BlockFindings, CurvePoints, gathered, report_of
-from sawmill_worker.vocabulary import MetalHandling, ReconstructionMethod
-from sawmill_worker.vocabulary.scattered_radiation import BeamCorrection
 
 Images = NDArray[np.float32]
 WHOLE = slice(None)

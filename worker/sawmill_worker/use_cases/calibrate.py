@@ -9,20 +9,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sawmill_worker.contracts import calibrations as contracts
-from sawmill_worker.contracts.geometry import ScannerConstants
-from sawmill_worker.contracts.phantoms import PhantomDrawing
-from sawmill_worker.tomography.calibration.alternatives import Alternatives
-from sawmill_worker.tomography.calibration.calibrate import calibrate
-from sawmill_worker.tomography.calibration.calibration import Calibration
-from sawmill_worker.tomography.calibration.error_bars import ErrorBars
-from sawmill_worker.tomography.calibration.errors import CalibrationError
-from sawmill_worker.tomography.calibration.phantom_rows import segments
-from sawmill_worker.tomography.calibration.search import SearchCallback
-from sawmill_worker.tomography.calibration.task import CalibrationTask
-from sawmill_worker.tomography.geometry import FloatArray, SourceFrame
-from sawmill_worker.tomography.present_rows import mean_of_rows
-from sawmill_worker.tomography.recalling import Evaluations, RecallingObjective
+from sawmill_contracts import calibrations as contracts
+from sawmill_contracts.geometry import ScannerConstants
+from sawmill_contracts.phantoms import PhantomDrawing
+from sawmill_tomography.calibration.alternatives import Alternatives
+from sawmill_tomography.calibration.calibrate import calibrate
+from sawmill_tomography.calibration.calibration import Calibration
+from sawmill_tomography.calibration.error_bars import ErrorBars
+from sawmill_tomography.calibration.errors import CalibrationError
+from sawmill_tomography.calibration.phantom_rows import segments
+from sawmill_tomography.calibration.recalling import Evaluations, RecallingObjective
+from sawmill_tomography.calibration.search import SearchCallback
+from sawmill_tomography.calibration.task import CalibrationTask
+from sawmill_tomography.geometry.geometry import FloatArray, SourceFrame
+from sawmill_tomography.sinograms.present_rows import mean_of_rows
+from sawmill_vocabulary import Adjustment, CalibrationMethod, Progress, ProgressCallback, ThetaBounds
+from sawmill_vocabulary.version import VERSION
 from sawmill_worker.use_cases.conversion import (
     from_deviation,
     from_predicted,
@@ -30,8 +32,6 @@ from sawmill_worker.use_cases.conversion import (
 )
 from sawmill_worker.use_cases.keeping import NOTHING_KEPT, Keeper
 from sawmill_worker.use_cases.size_measurements import measurement_reasons
-from sawmill_worker.vocabulary import Adjustment, CalibrationMethod, Progress, ProgressCallback, ThetaBounds
-from sawmill_worker.vocabulary.version import VERSION
 
 # Runs of rows that are tried, longest first: a phantom covers more rows than a saw's kerf.
 MOST_RUNS = 8
@@ -87,7 +87,7 @@ def run_calibration(
     stack: NDArray[np.float32] | None = None,
     keeper: Keeper = NOTHING_KEPT,
 ) -> tuple[CalibrationInput, Calibration]:
-    """Calibrate by the method asked for; errors of `sawmill_worker.tomography` pass through.
+    """Calibrate by the method asked for; errors of `sawmill_tomography` pass through.
 
     Parameters
     ----------
@@ -177,7 +177,7 @@ def _as_published(
     given: CalibrationInput, options: contracts.CalibrationOptions, on_round: SearchCallback, keeper: Keeper
 ) -> Calibration:
     # Imported here because it brings the reconstruction along, for which the default need not wait.
-    from sawmill_worker.tomography.calibration.paper import PaperOptions, calibrate_as_published  # noqa: PLC0415
+    from sawmill_tomography.calibration.paper import PaperOptions, calibrate_as_published  # noqa: PLC0415
 
     def keep(search: RecallingObjective) -> None:
         if keeper.is_due:

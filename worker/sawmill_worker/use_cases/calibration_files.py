@@ -8,18 +8,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from sawmill_worker.contracts.calibration_arrays import CalibrationArrays, LogImages
-from sawmill_worker.contracts.calibrations import CalibrationResult
-from sawmill_worker.files.calibration_file import NamedArray, write_calibration
-from sawmill_worker.tomography.calibration.calibration import Calibration
-from sawmill_worker.tomography.fbp import fbp
-from sawmill_worker.tomography.geometry import FanBeamGeometry, GeometryError
-from sawmill_worker.tomography.image_grid import ImageGrid
-from sawmill_worker.tomography.phantom import Phantom
-from sawmill_worker.tomography.projector import Projector
+from sawmill_contracts.calibration_arrays import CalibrationArrays, LogImages
+from sawmill_contracts.calibrations import CalibrationResult
+from sawmill_formats.output.calibration_file import NamedArray, write_calibration
+from sawmill_tomography.calibration.calibration import Calibration
+from sawmill_tomography.geometry.geometry import FanBeamGeometry, GeometryError
+from sawmill_tomography.geometry.image_grid import ImageGrid
+from sawmill_tomography.phantoms.phantom import Phantom
+from sawmill_tomography.projection.projector import Projector
+from sawmill_tomography.reconstruction.fbp import fbp
+from sawmill_vocabulary import ReconstructionMethod
 from sawmill_worker.use_cases.calibrate import CalibrationInput
 from sawmill_worker.use_cases.log_comparison import log_images, log_row_beside
-from sawmill_worker.vocabulary import ReconstructionMethod
 
 if TYPE_CHECKING:
     from sawmill_worker.pictures.report_page import About
@@ -115,7 +115,7 @@ def _phantom_image(
         return fbp(projector, lines).image, ReconstructionMethod.FBP
     except GeometryError:  # the views do not go all round
         # Imported here because few scans need it.
-        from sawmill_worker.tomography.total_variation import total_variation  # noqa: PLC0415
+        from sawmill_tomography.reconstruction.total_variation import total_variation  # noqa: PLC0415
 
         few = slice(None, None, max(1, fan.angles_rad.size // MOST_VIEWS))
         coarse = Projector(replace(fan, angles_rad=fan.angles_rad[few]), projector.grid)

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from sawmill_worker.contracts.calibrations import CalibrationResult, CalibrationSucceeded, Comparison
-from sawmill_worker.contracts.scanners import StoredScanner
-from sawmill_worker.tomography.calibration.calibration import CalibratedGeometry
-from sawmill_worker.tomography.calibration.comparison import ChangeLimits, compare
+from sawmill_contracts.calibrations import CalibrationResult, CalibrationSucceeded, Comparison
+from sawmill_contracts.scanners import StoredScanner
+from sawmill_tomography.calibration.calibration import CalibratedGeometry
+from sawmill_tomography.calibration.comparison import ChangeLimits, compare
 
 
 def geometry_of(result: CalibrationResult) -> CalibratedGeometry:

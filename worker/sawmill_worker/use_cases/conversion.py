@@ -2,12 +2,12 @@
 
 from dataclasses import fields
 
-from sawmill_worker.contracts import calibrations
-from sawmill_worker.contracts.geometry import SourceFrameDeviation, ThetaDeviation
-from sawmill_worker.contracts.phantoms import PhantomDrawing
-from sawmill_worker.tomography.geometry import FloatArray
-from sawmill_worker.tomography.phantom import Phantom
-from sawmill_worker.tomography.ray_error import PredictedRayError
+from sawmill_contracts import calibrations
+from sawmill_contracts.geometry import SourceFrameDeviation, ThetaDeviation
+from sawmill_contracts.phantoms import PhantomDrawing
+from sawmill_tomography.geometry.geometry import FloatArray
+from sawmill_tomography.geometry.ray_error import PredictedRayError
+from sawmill_tomography.phantoms.phantom import Phantom
 
 
 def from_deviation(theta: FloatArray | None, frame: FloatArray) -> calibrations.StandardDeviation:

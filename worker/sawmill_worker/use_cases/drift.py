@@ -6,14 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sawmill_worker.contracts.calibrations import CalibrationResult
-from sawmill_worker.contracts.choices import DriftMethod
-from sawmill_worker.contracts.detector_values import DetectorDeviation, DetectorGeometry
-from sawmill_worker.contracts.drift_baselines import DriftBaseline, KnownBaseline
-from sawmill_worker.contracts.drifts import DriftResult, TurnDisturbance
-from sawmill_worker.tomography.calibration.scale import TWO_SIDED_95
-from sawmill_worker.tomography.detector_fit import detector_fit
-from sawmill_worker.tomography.drift import (
+from sawmill_contracts.calibrations import CalibrationResult
+from sawmill_contracts.choices import DriftMethod
+from sawmill_contracts.detector_values import DetectorDeviation, DetectorGeometry
+from sawmill_contracts.drift_baselines import DriftBaseline, KnownBaseline
+from sawmill_contracts.drifts import DriftResult, TurnDisturbance
+from sawmill_tomography.calibration.scale import TWO_SIDED_95
+from sawmill_tomography.drift.change import (
     DISTANCE_NOT_SEEN,
     ENCODER_NOT_SEEN,
     FLAT_FIELD_CHANGE_NOT_SEEN,
@@ -31,14 +30,15 @@ from sawmill_worker.tomography.drift import (
     seen_vector,
     zero_offset_mm,
 )
-from sawmill_worker.tomography.drift_chart.looks import Look
-from sawmill_worker.tomography.geometry import FloatArray, Scanner, SourceFrame
-from sawmill_worker.tomography.log_radius import refuse_log_beyond_source
-from sawmill_worker.tomography.present_rows import rows_of_all
+from sawmill_tomography.drift.chart.looks import Look
+from sawmill_tomography.drift.detector_fit import detector_fit
+from sawmill_tomography.geometry.geometry import FloatArray, Scanner, SourceFrame
+from sawmill_tomography.geometry.log_radius import refuse_log_beyond_source
+from sawmill_tomography.sinograms.present_rows import rows_of_all
+from sawmill_vocabulary.version import VERSION
 from sawmill_worker.use_cases.averaged import of_masked_rays
 from sawmill_worker.use_cases.failures import refused
 from sawmill_worker.use_cases.given_geometry import GivenGeometry, corrected_theta, found_column, with_coarse_column
-from sawmill_worker.vocabulary.version import VERSION
 
 # Refusals to which interpolated rays may lead.
 MASKED_CAUSES = ("nothing-seen", "moved-too-far")
@@ -119,7 +119,7 @@ def mean_of_common_rows(
 
 
 def run_drift(given: DriftInput) -> DriftResult:
-    """Pair opposite rays or views and compare; errors of `sawmill_worker.tomography` pass through."""
+    """Pair opposite rays or views and compare; errors of `sawmill_tomography` pass through."""
     started = time.perf_counter()
     known = given.calibration
     nominal = known if isinstance(known, GivenGeometry) else None

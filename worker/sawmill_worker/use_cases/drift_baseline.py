@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 from pydantic import ValidationError
 
-from sawmill_worker.contracts.base import placed_complaint
-from sawmill_worker.contracts.calibrations import CalibrationResult
-from sawmill_worker.contracts.choices import DriftMethod
-from sawmill_worker.contracts.drift_baselines import KnownBaseline
-from sawmill_worker.contracts.drifts import DriftResult
-from sawmill_worker.tomography.drift_chart.looks import Baseline, Look
+from sawmill_contracts.calibrations import CalibrationResult
+from sawmill_contracts.choices import DriftMethod
+from sawmill_contracts.drift_baselines import KnownBaseline
+from sawmill_contracts.drifts import DriftResult
+from sawmill_platform.contracts.base import placed_complaint
+from sawmill_tomography.drift.chart.looks import Baseline, Look
 from sawmill_worker.use_cases.failures import JobFailure, refused
 from sawmill_worker.use_cases.given_geometry import GivenGeometry
 

@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from sawmill_worker.contracts.choices import DriftMethod
-from sawmill_worker.contracts.scanner_drift import POOLED_LOOKS, CountedLook, DriftFinding, Followed, Pool
-from sawmill_worker.tomography.drift_chart.chart import DriftChart, Finding
-from sawmill_worker.tomography.drift_chart.looks import Look, pooled_means, stacked
-from sawmill_worker.tomography.drift_chart.matrices import inverse
-from sawmill_worker.tomography.drift_chart.state import chart_from_state, chart_to_state
+from sawmill_contracts.choices import DriftMethod
+from sawmill_contracts.scanner_drift import POOLED_LOOKS, CountedLook, DriftFinding, Followed, Pool
+from sawmill_tomography.drift.chart.chart import DriftChart, Finding
+from sawmill_tomography.drift.chart.looks import Look, pooled_means, stacked
+from sawmill_tomography.drift.chart.matrices import inverse
+from sawmill_tomography.drift.chart.state import chart_from_state, chart_to_state
 from sawmill_worker.use_cases.drift_baseline import known_baseline
 
 

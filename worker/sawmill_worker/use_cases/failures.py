@@ -3,14 +3,14 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from sawmill_worker.contracts.jobs import FailureKind
-from sawmill_worker.files.errors import DamagedResult, UnreadableScan
-from sawmill_worker.tomography.calibration.errors import CalibrationError
-from sawmill_worker.tomography.drift import DriftError
-from sawmill_worker.tomography.geometry import GeometryError
-from sawmill_worker.tomography.phantom import PhantomError
-from sawmill_worker.tomography.preparing.line_integrals import CountsError
-from sawmill_worker.tomography.preparing.row_shifts import RowsError
+from sawmill_contracts.jobs import FailureKind
+from sawmill_formats.errors import DamagedResult, UnreadableScan
+from sawmill_tomography.calibration.errors import CalibrationError
+from sawmill_tomography.drift.change import DriftError
+from sawmill_tomography.geometry.geometry import GeometryError
+from sawmill_tomography.phantoms.phantom import PhantomError
+from sawmill_tomography.preparing.line_integrals import CountsError
+from sawmill_tomography.preparing.row_shifts import RowsError
 from sawmill_worker.use_cases.process_memory import limit_bytes, ran_short
 
 

@@ -5,11 +5,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sawmill_worker.contracts.geometry import ScannerConstants
-from sawmill_worker.tomography.drift import SIGNIFICANT, DetectorFit
-from sawmill_worker.tomography.geometry import FanBeamGeometry, FloatArray, Scanner, SourceFrame, Theta, cell_centres_mm
-from sawmill_worker.tomography.object_extent import seen_radius_mm
-from sawmill_worker.vocabulary import LARGEST_ASSUMED_LOG_RADIUS_MM, Rotation
+from sawmill_contracts.geometry import ScannerConstants
+from sawmill_tomography.drift.change import SIGNIFICANT, DetectorFit
+from sawmill_tomography.geometry.geometry import (
+    FanBeamGeometry,
+    FloatArray,
+    Scanner,
+    SourceFrame,
+    Theta,
+    cell_centres_mm,
+)
+from sawmill_tomography.reconstruction.object_extent import seen_radius_mm
+from sawmill_vocabulary import LARGEST_ASSUMED_LOG_RADIUS_MM, Rotation
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sawmill_worker.contracts.inspections import (
+from sawmill_contracts.inspections import (
     FilePart,
     FileVerdict,
     InspectedReading,
@@ -15,21 +15,21 @@ from sawmill_worker.contracts.inspections import (
     MissingPart,
     ViewAngles,
 )
-from sawmill_worker.contracts.jobs import Failure, FailureKind
-from sawmill_worker.contracts.scans import ScanShape
-from sawmill_worker.files.errors import UnreadableScan, library_errors_translated
-from sawmill_worker.readers.angles import AnglesGiven
-from sawmill_worker.readers.canonical import CanonicalScan
-from sawmill_worker.readers.contents import FileContents
-from sawmill_worker.readers.hdf5_links import LinkedFiles
-from sawmill_worker.readers.own_kind import OwnKind, own_kind
-from sawmill_worker.readers.parts import alike_together
-from sawmill_worker.readers.picture import is_picture, picture_parts
-from sawmill_worker.readers.reading import canonical_scan, reading_bounds, reading_contents
-from sawmill_worker.readers.recognising import Format, recognise
+from sawmill_contracts.jobs import Failure, FailureKind
+from sawmill_contracts.scans import ScanShape
+from sawmill_formats.errors import UnreadableScan, library_errors_translated
+from sawmill_formats.input.angles import AnglesGiven
+from sawmill_formats.input.canonical import CanonicalScan
+from sawmill_formats.input.contents import FileContents
+from sawmill_formats.input.hdf5.links import LinkedFiles
+from sawmill_formats.input.own.file_kind import OwnKind, own_kind
+from sawmill_formats.input.parts import alike_together
+from sawmill_formats.input.picture import is_picture, picture_parts
+from sawmill_formats.input.reading import canonical_scan, reading_bounds, reading_contents
+from sawmill_formats.input.recognising import Format, recognise
+from sawmill_vocabulary import DataKind
 from sawmill_worker.use_cases.capacity import memory_available
 from sawmill_worker.use_cases.own_disk import links_offered
-from sawmill_worker.vocabulary import DataKind
 
 # More are not listed: a person reads the first page, and a program names what it looks for.
 MOST_PARTS = 2_000

@@ -5,8 +5,8 @@ from typing import TypeVar
 
 from pydantic import TypeAdapter, ValidationError
 
-from sawmill_worker.contracts.base import placed_complaint
-from sawmill_worker.contracts.strict_json import read_strictly
+from sawmill_platform.contracts.base import placed_complaint
+from sawmill_platform.contracts.strict_json import read_strictly
 from sawmill_worker.use_cases.failures import refused
 
 Held = TypeVar("Held")

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sawmill_worker.files.volume_writer import NewVolume, PackedSlices
+from sawmill_formats.output.volume_writer import NewVolume, PackedSlices
 from sawmill_worker.use_cases.block_solvers import BlockSolver, Images, Settings
 from sawmill_worker.use_cases.keeping import Keeper
 from sawmill_worker.use_cases.method_findings import BlockFindings, CurvePoints, MetalCount

@@ -6,16 +6,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sawmill_worker.contracts.calibration_arrays import LogBefore, LogImages
-from sawmill_worker.tomography.calibration.calibration import CalibratedGeometry
-from sawmill_worker.tomography.calibration.phantom_rows import shows_another_body
-from sawmill_worker.tomography.fbp import fbp
-from sawmill_worker.tomography.geometry import FanBeamGeometry, FloatArray, GeometryError, Theta
-from sawmill_worker.tomography.image_grid import ImageGrid
-from sawmill_worker.tomography.present_rows import filled
-from sawmill_worker.tomography.projector import Projector
+from sawmill_contracts.calibration_arrays import LogBefore, LogImages
+from sawmill_tomography.calibration.calibration import CalibratedGeometry
+from sawmill_tomography.calibration.phantom_rows import shows_another_body
+from sawmill_tomography.geometry.geometry import FanBeamGeometry, FloatArray, GeometryError, Theta
+from sawmill_tomography.geometry.image_grid import ImageGrid
+from sawmill_tomography.projection.projector import Projector
+from sawmill_tomography.reconstruction.fbp import fbp
+from sawmill_tomography.sinograms.present_rows import filled
+from sawmill_vocabulary import LARGEST_ASSUMED_LOG_RADIUS_MM
 from sawmill_worker.use_cases.calibrate import CalibrationInput
-from sawmill_worker.vocabulary import LARGEST_ASSUMED_LOG_RADIUS_MM
 
 SIZE = 256
 # Beyond the largest log's radius, so that its bark is seen to be round.

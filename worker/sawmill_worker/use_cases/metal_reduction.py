@@ -7,10 +7,10 @@ from threading import Lock
 import numpy as np
 from numpy.typing import NDArray
 
-from sawmill_worker.contracts.reconstructions import MetalReport
-from sawmill_worker.tomography.geometry import FanBeamGeometry
-from sawmill_worker.tomography.image_grid import ImageGrid
-from sawmill_worker.tomography.metal import INTERPOLATION, WITHOUT_RAYS, Metal, MetalSearch
+from sawmill_contracts.reconstructions import MetalReport
+from sawmill_tomography.geometry.geometry import FanBeamGeometry
+from sawmill_tomography.geometry.image_grid import ImageGrid
+from sawmill_tomography.reconstruction.metal import INTERPOLATION, WITHOUT_RAYS, Metal, MetalSearch
 from sawmill_worker.use_cases.method_findings import MetalCount
 
 Images = NDArray[np.float32]

@@ -6,10 +6,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from sawmill_worker.contracts.reconstructions import MetalReport, MethodReport
-from sawmill_worker.tomography.choosing import Recommendation
-from sawmill_worker.tomography.estimate import Estimate
-from sawmill_worker.vocabulary import ReconstructionMethod
+from sawmill_contracts.reconstructions import MetalReport, MethodReport
+from sawmill_tomography.reconstruction.choosing import Recommendation
+from sawmill_tomography.reconstruction.estimate import Estimate
+from sawmill_vocabulary import ReconstructionMethod
 
 
 @dataclass

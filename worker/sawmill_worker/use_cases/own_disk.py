@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from sawmill_worker.files.errors import UnreadableScan
+from sawmill_formats.errors import UnreadableScan
 
 
 @contextmanager

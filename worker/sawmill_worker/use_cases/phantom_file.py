@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from sawmill_worker.contracts.phantoms import PhantomAsk, PhantomDrawing
+from sawmill_contracts.phantoms import PhantomAsk, PhantomDrawing
 from sawmill_worker.use_cases.json_file import read_json
 
 

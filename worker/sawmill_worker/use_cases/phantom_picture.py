@@ -4,14 +4,14 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from sawmill_worker.contracts.base import complaint
-from sawmill_worker.contracts.phantoms import PhantomDrawing
-from sawmill_worker.readers.picture import read_picture
-from sawmill_worker.tomography.tracing import trace
+from sawmill_contracts.phantoms import PhantomDrawing
+from sawmill_formats.input.picture import read_picture
+from sawmill_platform.contracts.base import complaint
+from sawmill_tomography.phantoms.tracing import trace
+from sawmill_vocabulary import STANDARD_SIZE_TOLERANCE
 from sawmill_worker.use_cases.capacity import memory_available
 from sawmill_worker.use_cases.conversion import from_phantom
 from sawmill_worker.use_cases.failures import refused
-from sawmill_worker.vocabulary import STANDARD_SIZE_TOLERANCE
 
 
 def traced_drawing(

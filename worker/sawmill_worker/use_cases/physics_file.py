@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
+from sawmill_vocabulary.physics import Physics
 from sawmill_worker.use_cases.json_file import read_json
-from sawmill_worker.vocabulary.physics import Physics
 
 
 def read_physics(path: Path) -> Physics:

@@ -4,14 +4,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sawmill_worker.contracts.geometry import ScannerConstants
-from sawmill_worker.contracts.phantoms import PhantomDrawing
-from sawmill_worker.contracts.plans import PlanOptions, PlanResult
-from sawmill_worker.tomography.geometry import FanBeamGeometry
-from sawmill_worker.tomography.planning import plan
+from sawmill_contracts.geometry import ScannerConstants
+from sawmill_contracts.phantoms import PhantomDrawing
+from sawmill_contracts.plans import PlanOptions, PlanResult
+from sawmill_tomography.calibration.planning import plan
+from sawmill_tomography.geometry.geometry import FanBeamGeometry
+from sawmill_vocabulary import Theta
+from sawmill_vocabulary.version import VERSION
 from sawmill_worker.use_cases.conversion import from_deviation, from_predicted, to_phantom
-from sawmill_worker.vocabulary import Theta
-from sawmill_worker.vocabulary.version import VERSION
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class PlanInput:
 
 
 def run_plan(given: PlanInput, options: PlanOptions) -> PlanResult:
-    """Plan; errors of `sawmill_worker.tomography` pass through."""
+    """Plan; errors of `sawmill_tomography` pass through."""
     angles_rad = (np.arange(options.views) + 0.5) * 2.0 * np.pi / options.views
     fan = FanBeamGeometry(given.scanner, given.theta, angles_rad)
     phantom = to_phantom(given.drawing, options.size_tolerance_percent)

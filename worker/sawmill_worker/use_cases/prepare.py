@@ -10,17 +10,17 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from sawmill_worker.contracts.preparing import PrepareOptions
-from sawmill_worker.files.scan_writer import RowsPresent, new_scan
-from sawmill_worker.readers.canonical import CanonicalScan
-from sawmill_worker.tomography.air import DecidedAirCorrection
-from sawmill_worker.tomography.preparing.line_integrals import SATURATION, Exposure
-from sawmill_worker.tomography.preparing.row_corrections import Corrections, RowCorrector
-from sawmill_worker.tomography.present_rows import present_rows
+from sawmill_contracts.preparing import PrepareOptions
+from sawmill_formats.input.canonical import CanonicalScan
+from sawmill_formats.output.scan_writer import RowsPresent, new_scan
+from sawmill_tomography.preparing.line_integrals import SATURATION, Exposure
+from sawmill_tomography.preparing.row_corrections import Corrections, RowCorrector
+from sawmill_tomography.sinograms.air import DecidedAirCorrection
+from sawmill_tomography.sinograms.present_rows import present_rows
+from sawmill_vocabulary import AirCorrection, FaultyCells, Progress, ProgressCallback, RingRemoval, RowAlignment
 from sawmill_worker.use_cases.aligning import AlignedRows, Views, align_rows
 from sawmill_worker.use_cases.averaged import AveragedRays
 from sawmill_worker.use_cases.capacity import check_disk_for_scan
-from sawmill_worker.vocabulary import AirCorrection, FaultyCells, Progress, ProgressCallback, RingRemoval, RowAlignment
 
 Stack = NDArray[np.float32]
 
@@ -69,7 +69,7 @@ def prepare_scan(
     read : CanonicalScan
         An open scan.
     output : Path
-        The file that is written; `sawmill_worker.files.scan_reader` reads it.
+        The file that is written; `sawmill_formats.output.scan_reader` reads it.
     provenance : mapping of str to str, optional
         Where the data come from; written into the file with the remarks.
     window_bytes : int

@@ -9,29 +9,22 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from sawmill_worker.contracts.geometry import ScannerConstants
-from sawmill_worker.contracts.reconstructions import ReconstructionOptions, ReconstructionResult
-from sawmill_worker.tomography import cost
-from sawmill_worker.tomography.air import find_air
-from sawmill_worker.tomography.choosing import Recommendation, recommend, views_of_step
-from sawmill_worker.tomography.geometry import FanBeamGeometry, FloatArray, GeometryError
-from sawmill_worker.tomography.hardening import STEEPEST, straightened
-from sawmill_worker.tomography.image_grid import ImageGrid
-from sawmill_worker.tomography.iterative.coarse_outside import fitted_size
-from sawmill_worker.tomography.method import DirectMethod
-from sawmill_worker.tomography.object_extent import object_radius_mm, seen_radius_mm
-from sawmill_worker.tomography.present_rows import filled, present_rows
-from sawmill_worker.tomography.projector import Projector
-from sawmill_worker.tomography.scattered_radiation import without_scatter
-from sawmill_worker.tomography.stack import reconstruct_stack
-from sawmill_worker.use_cases.block_solvers import BlockSolver, Images, LogTask, Settings, method_of, solver_of
-from sawmill_worker.use_cases.capacity import check_disk, memory_available
-from sawmill_worker.use_cases.keeping import NOTHING_KEPT, Keeper
-from sawmill_worker.use_cases.kept_blocks import FinishedBlock, KeptVolume, keep_settings, settings_of
-from sawmill_worker.use_cases.method_findings import CurvePoints, gathered
-from sawmill_worker.use_cases.value_range import ValueRange
-from sawmill_worker.use_cases.writing_volumes import VolumeOrigin, new_volume
-from sawmill_worker.vocabulary import (
+from sawmill_contracts.geometry import ScannerConstants
+from sawmill_contracts.reconstructions import ReconstructionOptions, ReconstructionResult
+from sawmill_tomography.geometry.geometry import FanBeamGeometry, FloatArray, GeometryError
+from sawmill_tomography.geometry.image_grid import ImageGrid
+from sawmill_tomography.projection.projector import Projector
+from sawmill_tomography.reconstruction import cost
+from sawmill_tomography.reconstruction.choosing import Recommendation, recommend, views_of_step
+from sawmill_tomography.reconstruction.iterative.coarse_outside import fitted_size
+from sawmill_tomography.reconstruction.method import DirectMethod
+from sawmill_tomography.reconstruction.object_extent import object_radius_mm, seen_radius_mm
+from sawmill_tomography.reconstruction.stack import reconstruct_stack
+from sawmill_tomography.sinograms.air import find_air
+from sawmill_tomography.sinograms.hardening import STEEPEST, straightened
+from sawmill_tomography.sinograms.present_rows import filled, present_rows
+from sawmill_tomography.sinograms.scattered_radiation import without_scatter
+from sawmill_vocabulary import (
     Handedness,
     HardeningHandling,
     Progress,
@@ -40,9 +33,16 @@ from sawmill_worker.vocabulary import (
     Rotation,
     Theta,
 )
-from sawmill_worker.vocabulary.hardening import BeamHardening
-from sawmill_worker.vocabulary.scattered_radiation import NOTHING_FOUND, BeamCorrection
-from sawmill_worker.vocabulary.version import VERSION
+from sawmill_vocabulary.hardening import BeamHardening
+from sawmill_vocabulary.scattered_radiation import NOTHING_FOUND, BeamCorrection
+from sawmill_vocabulary.version import VERSION
+from sawmill_worker.use_cases.block_solvers import BlockSolver, Images, LogTask, Settings, method_of, solver_of
+from sawmill_worker.use_cases.capacity import check_disk, memory_available
+from sawmill_worker.use_cases.keeping import NOTHING_KEPT, Keeper
+from sawmill_worker.use_cases.kept_blocks import FinishedBlock, KeptVolume, keep_settings, settings_of
+from sawmill_worker.use_cases.method_findings import CurvePoints, gathered
+from sawmill_worker.use_cases.value_range import ValueRange
+from sawmill_worker.use_cases.writing_volumes import VolumeOrigin, new_volume
 
 # Line integrals (views, stop - start, detector) float32 of the slices start..stop.
 ReadRows = Callable[[int, int], NDArray[np.float32]]

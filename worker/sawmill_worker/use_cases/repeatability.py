@@ -11,10 +11,10 @@ from itertools import combinations
 import numpy as np
 import scipy
 
-from sawmill_worker.contracts.calibrations import CalibrationResult
-from sawmill_worker.contracts.repeatability import PairDifference, RepeatabilityResult
-from sawmill_worker.tomography.fit_parameters import Parameter
-from sawmill_worker.tomography.ray_error import exceeded_ray_error, predicted_ray_error, ray_error, scale_deviation
+from sawmill_contracts.calibrations import CalibrationResult
+from sawmill_contracts.repeatability import PairDifference, RepeatabilityResult
+from sawmill_tomography.calibration.fit_parameters import Parameter
+from sawmill_tomography.geometry.ray_error import exceeded_ray_error, predicted_ray_error, ray_error, scale_deviation
 from sawmill_worker.use_cases.failures import refused
 
 # Comparisons in which errors alone take some pair beyond its limits.

@@ -11,16 +11,16 @@ from typing import Any
 import h5py
 from pydantic import ValidationError
 
-from sawmill_worker.contracts.base import placed_complaint
-from sawmill_worker.contracts.calibration_arrays import CalibrationArrays
-from sawmill_worker.contracts.calibrations import CalibrationFile, CalibrationResult
-from sawmill_worker.files.errors import UnreadableScan
-from sawmill_worker.readers.calibration_answer import (
+from sawmill_contracts.calibration_arrays import CalibrationArrays
+from sawmill_contracts.calibrations import CalibrationFile, CalibrationResult
+from sawmill_formats.errors import UnreadableScan
+from sawmill_formats.input.own.calibration import (
     LONGEST_ANSWER,
     read_calibration_arrays,
     read_calibration_json,
     read_time_of_writing,
 )
+from sawmill_platform.contracts.base import placed_complaint
 from sawmill_worker.use_cases.failures import JobFailure, refused
 
 

@@ -11,20 +11,20 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from sawmill_worker.contracts.base import complaint
-from sawmill_worker.contracts.geometry import ScannerConstants
-from sawmill_worker.contracts.preparing import PrepareOptions
-from sawmill_worker.files.scan_reader import OpenScan, open_scan
-from sawmill_worker.readers.own_scan import is_own_scan
-from sawmill_worker.readers.reading import reading_scan
-from sawmill_worker.tomography.geometry import FloatArray
+from sawmill_contracts.geometry import ScannerConstants
+from sawmill_contracts.preparing import PrepareOptions
+from sawmill_formats.input.own.scan import is_own_scan
+from sawmill_formats.input.reading import reading_scan
+from sawmill_formats.output.scan_reader import OpenScan, open_scan
+from sawmill_platform.contracts.base import complaint
+from sawmill_tomography.geometry.geometry import FloatArray
+from sawmill_vocabulary import DataKind, Progress, ProgressCallback, RowAlignment
 from sawmill_worker.use_cases.capacity import memory_available
 from sawmill_worker.use_cases.failures import refused
 from sawmill_worker.use_cases.own_disk import links_offered
 from sawmill_worker.use_cases.prepare import Stack, prepare_scan
 from sawmill_worker.use_cases.scan_source import ScanSource
 from sawmill_worker.use_cases.selection import chosen_rows, chosen_views
-from sawmill_worker.vocabulary import DataKind, Progress, ProgressCallback, RowAlignment
 
 # Of the free memory, for all rows that are asked for; the rest is for what is made of them.
 MEMORY_SHARE = 0.9

@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from sawmill_worker.contracts.preparing import PrepareOptions
-from sawmill_worker.contracts.scans import UnregisteredScanOptions
-from sawmill_worker.readers.angles import AnglesGiven
+from sawmill_contracts.preparing import PrepareOptions
+from sawmill_contracts.scans import UnregisteredScanOptions
+from sawmill_formats.input.angles import AnglesGiven
 
 
 @dataclass(frozen=True)

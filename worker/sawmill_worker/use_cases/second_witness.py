@@ -6,16 +6,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sawmill_worker.contracts import calibrations as contracts
-from sawmill_worker.contracts.base import parse_rows
-from sawmill_worker.tomography.calibration.calibration import Calibration
-from sawmill_worker.tomography.calibration.phantom_rows import shows_another_body
-from sawmill_worker.tomography.calibration.second_witness import SecondWitness
-from sawmill_worker.tomography.drift import DriftError
-from sawmill_worker.tomography.geometry import FloatArray
+from sawmill_contracts import calibrations as contracts
+from sawmill_platform.contracts.base import parse_rows
+from sawmill_tomography.calibration.calibration import Calibration
+from sawmill_tomography.calibration.phantom_rows import shows_another_body
+from sawmill_tomography.calibration.second_witness import SecondWitness
+from sawmill_tomography.drift.change import DriftError
+from sawmill_tomography.geometry.geometry import FloatArray
+from sawmill_vocabulary import FEWEST_PAIRED_VIEWS
 from sawmill_worker.use_cases.calibrate import CalibrationInput
 from sawmill_worker.use_cases.failures import refused
-from sawmill_worker.vocabulary import FEWEST_PAIRED_VIEWS
 
 # Rows that are averaged, evenly spaced over those that can be; a row next to the phantom's may show both.
 MOST_ROWS, GAP = 16, 1
@@ -61,7 +61,7 @@ def hear_log(
     if found is None:
         return given, calibration
     # Imported here because it brings the reconstruction along, for which a scan without a log need not wait.
-    from sawmill_worker.tomography.calibration.with_log import with_log  # noqa: PLC0415
+    from sawmill_tomography.calibration.with_log import with_log  # noqa: PLC0415
 
     try:
         heard = with_log(calibration, found.sinogram)

@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from sawmill_worker.files.scan_writer import write_raw_scan
-from sawmill_worker.tomography.geometry import FloatArray
-from sawmill_worker.tomography.simulate import SimulatedStack
+from sawmill_formats.output.scan_writer import write_raw_scan
+from sawmill_tomography.geometry.geometry import FloatArray
+from sawmill_tomography.projection.simulate import SimulatedStack
 
 
 def write_simulated_scan(

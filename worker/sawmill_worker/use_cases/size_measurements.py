@@ -5,7 +5,7 @@ from datetime import date
 
 import numpy as np
 
-from sawmill_worker.contracts.phantoms import PhantomDrawing, SizeMeasurement
+from sawmill_contracts.phantoms import PhantomDrawing, SizeMeasurement
 from sawmill_worker.use_cases.conversion import to_phantom
 
 # A drawing contradicts a measurement when they differ by more of its standard uncertainties.

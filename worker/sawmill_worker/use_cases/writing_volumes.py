@@ -4,11 +4,11 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 
-from sawmill_worker.contracts.geometry import ScannerConstants
-from sawmill_worker.contracts.reconstructions import ReconstructionOptions
-from sawmill_worker.files.volume_writer import NewVolume, new_reconstruction
-from sawmill_worker.vocabulary import Handedness, Rotation, Theta
-from sawmill_worker.vocabulary.version import VERSION
+from sawmill_contracts.geometry import ScannerConstants
+from sawmill_contracts.reconstructions import ReconstructionOptions
+from sawmill_formats.output.volume_writer import NewVolume, new_reconstruction
+from sawmill_vocabulary import Handedness, Rotation, Theta
+from sawmill_vocabulary.version import VERSION
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 import os
 from collections.abc import Iterator
 
-from sawmill_worker.contracts.keys import Scope
+from sawmill_contracts.keys import Scope
 from sawmill_worker.execution.kernel_lock import holder_of
 from sawmill_worker.watching.folder import LOCK
 from sawmill_worker.watching.looks import Looks

@@ -9,8 +9,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import BinaryIO
 
+from sawmill_platform.whole_files import flush_names, flushed, open_regular, renamed, whole_file
 from sawmill_worker.watching.stopping import Stop
-from sawmill_worker.whole_files import flush_names, flushed, open_regular, renamed, whole_file
 
 _CHUNK_BYTES = 2**20
 

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TextIO
 
+from sawmill_platform.whole_files import DISK_AWAY, DISK_FULL
 from sawmill_worker.execution.kernel_lock import HeldByAnother, kernel_lock
 from sawmill_worker.watching.backoff import Backoff
 from sawmill_worker.watching.durable import FileChanged, make_folder, signature
@@ -17,7 +18,6 @@ from sawmill_worker.watching.service import Json, Refusal, RequestFails, Service
 from sawmill_worker.watching.settings import WatchedFolder
 from sawmill_worker.watching.stopping import Stop
 from sawmill_worker.watching.takings import Taking, Takings
-from sawmill_worker.whole_files import DISK_AWAY, DISK_FULL
 
 LOCK = "watch.lock"
 # Taken at a time: the others stay where everybody sees them, and the service's queue stays short.

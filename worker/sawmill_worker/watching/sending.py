@@ -9,13 +9,13 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import replace
 
-from sawmill_worker.vocabulary import ProgressCallback
+from sawmill_platform.whole_files import open_regular
+from sawmill_vocabulary import ProgressCallback
 from sawmill_worker.watching.durable import FileChanged, sha256_of, signature
 from sawmill_worker.watching.service import Json, Service
 from sawmill_worker.watching.settings import WatchedFolder, scan_name
 from sawmill_worker.watching.stopping import Stop
 from sawmill_worker.watching.takings import Taking, Takings
-from sawmill_worker.whole_files import open_regular
 
 ShowProgress = Callable[[str], AbstractContextManager[ProgressCallback]]
 

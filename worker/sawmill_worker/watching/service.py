@@ -8,7 +8,7 @@ from urllib.parse import urlsplit
 
 import httpx
 
-from sawmill_worker.vocabulary import Progress, ProgressCallback
+from sawmill_vocabulary import Progress, ProgressCallback
 from sawmill_worker.watching.durable import FileChanged
 from sawmill_worker.watching.settings import Watching
 from sawmill_worker.watching.stopping import Stop

@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Any, Self
 from uuid import uuid4
 
+from sawmill_platform.whole_files import flush_names, open_regular
 from sawmill_worker.watching.durable import (
     FileChanged,
     Signature,
@@ -30,7 +31,6 @@ from sawmill_worker.watching.durable import (
     signature_of,
     write_durably,
 )
-from sawmill_worker.whole_files import flush_names, open_regular
 
 _RECORD = ".json"
 _IDENTIFIER = r"[a-z0-9][a-z0-9-]{0,63}"

@@ -1,0 +1,1 @@
+"""The program `sawmill`: its command line, doctor, demo and example resources."""

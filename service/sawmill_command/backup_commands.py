@@ -1,0 +1,110 @@
+"""`sawmill backup` and `sawmill restore`."""
+# ruff: noqa: PLC0415, FBT002 - imports inside the commands: none waits for another's libraries; flags are booleans
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from sawmill_command.data_option import Data, storage_settings
+from sawmill_worker.commands.command_line import Command
+from sawmill_worker.commands.terminal import ending_when_terminated, say, showing_progress
+
+if TYPE_CHECKING:
+    from sawmill_store.backups.manifest import Manifest
+
+app = typer.Typer()
+
+_MOST_NAMED = 20
+
+
+@app.command(cls=Command)
+def backup(
+    folder: Annotated[
+        Path, typer.Argument(metavar="FOLDER", help="Folder of backups, on another disk; it must be there.")
+    ],
+    keep: Annotated[
+        int | None, typer.Option(min=1, help="Keep that many of the newest backups there and remove the others.")
+    ] = None,
+    data: Data = None,
+) -> None:
+    """Back up rows and files while the service runs, into a new folder that is named by the time.
+
+    Files that an earlier backup in the folder has are not copied again, where its file system has hard links.
+    """
+    from sawmill_store.backups.folders import remove_older
+    from sawmill_store.backups.newest import note_newest
+    from sawmill_store.backups.taking import take_backup
+
+    settings = storage_settings(data)
+    with _reported("There is no backup"), showing_progress("backup") as on_progress:
+        taken = take_backup(settings, folder, on_progress)
+    typer.echo(taken.path)
+    say(f"{_described(taken.manifest)} is there; {taken.copied_bytes / 1e9:.2f} GB were copied.")
+    with _reported("The backup is whole, but sawmill doctor will not know of it"):
+        note_newest(settings.data_folder, taken.path.absolute(), taken.manifest)
+    if taken.manifest.lacking:
+        _end_with(taken.manifest.lacking, "The backup lacks what rows name and could not be read")
+    if keep is not None:
+        with _reported("Older backups are still there"):
+            for path in remove_older(folder, keep, taken.path):
+                say(f"{path} was removed.")
+
+
+@app.command(cls=Command)
+def restore(
+    backup: Annotated[Path, typer.Argument(metavar="BACKUP", help="Folder of one backup.")],
+    check: Annotated[
+        bool, typer.Option("--check", help="Read the whole backup and compare every checksum; restore nothing.")
+    ] = False,
+    data: Data = None,
+) -> None:
+    """Restore a backup into an empty data folder and an empty database, every checksum compared."""
+    from sawmill_store.backups import restoring
+    from sawmill_store.backups.checking import check_backup
+    from sawmill_worker.execution.sole_service import refuse_second, sole_service
+
+    if check:
+        with _reported("This backup cannot be restored"), showing_progress("check") as on_progress:
+            manifest, problems = check_backup(backup, on_progress)
+        if problems:
+            say("Remove a damaged file from the newest backup: the next one copies it anew, from the data folder.")
+            _end_with(problems, "The backup is damaged")
+        say(f"{_described(manifest)} is whole.")
+        return
+    settings = storage_settings(data)
+    with _reported("Nothing was restored"), showing_progress("restore") as on_progress:
+        refuse_second(settings)
+        restoring.check_empty(settings)
+        with sole_service(settings):
+            done = restoring.restore(backup, settings, on_progress)
+    what = "What an earlier restore had read" if done is None else _described(done)
+    say(f"{what} is in {settings.data_folder}: the service may start.")
+
+
+@contextmanager
+def _reported(trouble: str) -> Iterator[None]:
+    """One sentence and exit code 1 for what goes wrong."""
+    from sawmill_store.errors import StorageError
+
+    try:
+        with ending_when_terminated():
+            yield
+    except (StorageError, OSError) as error:
+        say(str(error), trouble=trouble)
+        raise typer.Exit(1) from error
+
+
+def _described(manifest: "Manifest") -> str:
+    rows = sum(table.rows for table in manifest.tables.values())
+    what = f"{manifest.number_of_files} files of {manifest.bytes_of_files / 1e9:.2f} GB"
+    return f"The backup of {manifest.taken_at:%Y-%m-%d %H:%M:%S} UTC with {rows} rows and {what}"
+
+
+def _end_with(sentences: Sequence[str], trouble: str) -> None:
+    for sentence in sentences[:_MOST_NAMED]:
+        say(sentence)
+    say(f"{len(sentences)} in all.", trouble=trouble)
+    raise typer.Exit(1)

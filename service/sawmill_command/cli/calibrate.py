@@ -1,0 +1,68 @@
+"""`sawmill calibrate`: its flags, and what it prints."""
+# ruff: noqa: PLC0415, FBT002 - imports inside the command: its help waits for none; flags are booleans with a default
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from sawmill_contracts.calibrations import CalibrationOptions
+from sawmill_contracts.scanners import ScannerSpec, Tolerances
+from sawmill_vocabulary import CalibrationMethod
+from sawmill_worker.commands import options as shared
+from sawmill_worker.commands.command_line import Command
+from sawmill_worker.commands.from_contract import Flags, from_contracts, option
+from sawmill_worker.commands.phantom_options import PhantomSource, PhantomText, PhantomWidth
+from sawmill_worker.commands.terminal import answering, print_json, showing_progress
+from sawmill_worker.execution.importing import importing
+
+app = typer.Typer()
+ReportFlag = typer.Option(
+    metavar="OUT.html",
+    dir_okay=False,
+    callback=shared.writable,
+    help="Write a report: OUT.html is a page that prints on A4, OUT.png one picture.",
+)
+
+
+@app.command(cls=Command)
+@from_contracts
+def calibrate(
+    scan: shared.ScanFile,
+    reading: shared.ScanFlags,
+    source_to_cor_mm: shared.SourceToCor,
+    phantom: PhantomText,
+    options: Annotated[CalibrationOptions, Flags(rows=shared.ROWS)],
+    phantom_width_mm: PhantomWidth = None,
+    tolerance_scale_percent: Annotated[float, option(Tolerances, "scale_percent")] = 0.5,
+    log_radius_mm: Annotated[float | None, option(ScannerSpec, "log_radius_mm")] = None,
+    report: Annotated[Path | None, ReportFlag] = None,
+    as_json: shared.JsonFlag = False,
+) -> None:
+    """Find the geometry from a scan of a phantom."""
+    if options.paper.model_fields_set and options.method is not CalibrationMethod.PAPER:
+        [flag, *_] = options.paper.model_fields_set
+        raise typer.BadParameter(f"--paper-{flag.replace('_', '-')} comes with --method paper.")
+    source = shared.scan_source(scan, reading, views=options.views, rows=options.rows)
+    drawn = PhantomSource(phantom, phantom_width_mm)
+    with answering(as_json=as_json), showing_progress("calibrate") as progress:
+        with importing():
+            from sawmill_contracts.calibrations import CalibrationFile
+            from sawmill_worker.commands.calibrate import calibrate_scan
+
+        result = calibrate_scan(
+            source,
+            drawn,
+            options,
+            source_to_cor_mm=source_to_cor_mm,
+            scale_tolerance_percent=tolerance_scale_percent,
+            log_radius_mm=log_radius_mm,
+            picture=report,
+            on_progress=progress,
+        )
+    if as_json:
+        print_json(CalibrationFile.of(result).model_dump(mode="json"))
+    else:
+        from sawmill_worker.commands.tables import print_calibration
+
+        print_calibration(result)

@@ -1,0 +1,71 @@
+"""`sawmill drift`: its flags, and what it prints."""
+# ruff: noqa: PLC0415, FBT002 - imports inside the command: its help waits for none; flags are booleans with a default
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from sawmill_contracts.calibrations import CalibrationOptions
+from sawmill_contracts.drifts import DriftOptions
+from sawmill_contracts.scanners import Tolerances
+from sawmill_vocabulary import Theta
+from sawmill_worker.commands import options as shared
+from sawmill_worker.commands.from_contract import Flags, from_contracts, option
+from sawmill_worker.commands.geometry_options import (
+    CalibrationFlag,
+    RotationOfTheta,
+    SourceToCorOfTheta,
+    ThetaFlag,
+    WithGeometry,
+    given_geometry,
+)
+from sawmill_worker.commands.terminal import answering, print_json, showing_progress
+from sawmill_worker.execution.importing import importing
+
+app = typer.Typer()
+
+
+@app.command(cls=WithGeometry)
+@from_contracts
+def drift(
+    scan: shared.ScanFile,
+    reading: shared.ScanFlags,
+    options: Annotated[DriftOptions, Flags(rows=shared.ROWS)],
+    calibration: Annotated[Path | None, CalibrationFlag] = None,
+    theta: Annotated[Theta | None, ThetaFlag] = None,
+    source_to_cor_mm: SourceToCorOfTheta = None,
+    rotation: RotationOfTheta = None,
+    views: Annotated[int | None, option(CalibrationOptions, "views")] = None,
+    baseline: Annotated[
+        list[Path] | None,
+        typer.Option(
+            metavar="RESULT.json",
+            exists=True,
+            dir_okay=False,
+            help="What drift --json printed of one of the first logs after the calibration, three or more, the flag "
+            "once for each: what they measured is the zero of the change.",
+        ),
+    ] = None,
+    tolerance_mm: Annotated[float, option(Tolerances, "ray_change_mm")] = 0.5,
+    as_json: shared.JsonFlag = False,
+) -> None:
+    """Report what moved since a calibration, from any scan of a log with 8 views or more, without a phantom.
+
+    With --theta of nominal distances in place of a calibration, report where the centre of rotation is.
+    """
+    if theta is not None and baseline:
+        raise typer.BadParameter("--baseline comes with --calibration: nominal distances have no earlier checks.")
+    geometry = given_geometry(theta, rotation, calibration, source_to_cor_mm)
+    source = shared.scan_source(scan, reading, views=views, rows=options.rows)
+    with answering(as_json=as_json), showing_progress("drift") as progress:
+        with importing():
+            from sawmill_worker.commands.drift import check_drift
+
+        result = check_drift(source, geometry, baseline=baseline or (), tolerance_mm=tolerance_mm, on_progress=progress)
+    if as_json:
+        print_json({"state": "succeeded", **result.model_dump(mode="json")})
+    else:
+        from sawmill_worker.commands.tables import print_drift
+
+        print_drift(result)

@@ -1,0 +1,100 @@
+"""`sawmill reconstruct`: its flags, and what it prints."""
+# ruff: noqa: PLC0415, FBT002 - imports inside the command: its help waits for none; flags are booleans with a default
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from typer.models import OptionInfo
+
+from sawmill_contracts.reconstructions import ReconstructionOptions
+from sawmill_vocabulary import ReconstructionMethod, Theta
+from sawmill_worker.commands import options as shared
+from sawmill_worker.commands.from_contract import Flags, from_contracts
+from sawmill_worker.commands.geometry_options import (
+    CalibrationFlag,
+    RotationOfTheta,
+    SourceToCorOfTheta,
+    ThetaFlag,
+    WithGeometry,
+    given_geometry,
+    position_of,
+)
+from sawmill_worker.commands.terminal import answering, print_json, say, showing_progress
+from sawmill_worker.execution.importing import importing
+
+app = typer.Typer()
+
+
+def _picture(description: str) -> OptionInfo:
+    """The flag of a picture that is written."""
+    found: OptionInfo = typer.Option(metavar="OUT.png", dir_okay=False, callback=shared.writable, help=description)
+    return found
+
+
+def _one_number(text: str) -> float:
+    """The number; what is not one is refused (a parser of Typer's)."""
+    try:
+        number = float(text)
+    except ValueError as error:
+        msg = f"{text!r} is not one number: pixels are square, and one number says both sides."
+        raise typer.BadParameter(msg) from error
+    return int(number) if number.is_integer() else number
+
+
+def _coordinates_of(text: str) -> tuple[float, float]:
+    """X and Y from X,Y (a parser of Typer's)."""
+    position = position_of(text)
+    return position.x, position.y
+
+
+@app.command(cls=WithGeometry)
+@from_contracts
+def reconstruct(
+    scan: shared.ScanFile,
+    reading: shared.ScanFlags,
+    output: shared.Result,
+    options: Annotated[
+        ReconstructionOptions,
+        Flags(
+            rows={"metavar": "A:B[:STEP]"},
+            size={"parser": _one_number, "metavar": "INTEGER"},
+            field_mm={"parser": _one_number, "metavar": "FLOAT"},
+            field_centre_mm={"parser": _coordinates_of, "metavar": "X,Y", "default": "0,0"},
+        ),
+    ],
+    theta: Annotated[Theta | None, ThetaFlag] = None,
+    source_to_cor_mm: SourceToCorOfTheta = None,
+    rotation: RotationOfTheta = None,
+    calibration: Annotated[Path | None, CalibrationFlag] = None,
+    png: Annotated[Path | None, _picture("Write a picture of the middle slice.")] = None,
+    mosaic: Annotated[Path | None, _picture("Write a picture of slices along the log.")] = None,
+    side: Annotated[Path | None, _picture("Write what is densest, from the side.")] = None,
+    alpha_curve: Annotated[Path | None, _picture("Write how tikhonov's alpha was chosen.")] = None,
+    as_json: shared.JsonFlag = False,
+) -> None:
+    """Reconstruct each row of a scan."""
+    geometry = given_geometry(theta, rotation, calibration, source_to_cor_mm)
+    if alpha_curve is not None and options.method is not ReconstructionMethod.TIKHONOV:
+        raise typer.BadParameter("--alpha-curve is a picture of --method tikhonov.")
+    source = shared.scan_source(scan, reading, views=options.views, rows=options.rows)
+    with answering(as_json=as_json), showing_progress("reconstruct") as progress:
+        with importing():
+            from sawmill_worker.commands.reconstruct import reconstruct_scan
+
+        result = reconstruct_scan(
+            source,
+            geometry,
+            options,
+            output=output,
+            pictures=shared.Pictures(png, mosaic, side, alpha_curve),
+            on_progress=progress,
+        )
+    if as_json:
+        print_json({"state": "succeeded", "output": str(output), **result.model_dump(mode="json")})
+    slices, width, _ = result.shape
+    say(f"{slices} slice(s) of {width} x {width} pixels in {result.time_s:.2f} s: {output}")
+    if result.method is not None:
+        from sawmill_worker.commands.tables import report_method
+
+        report_method(result.method)

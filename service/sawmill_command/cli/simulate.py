@@ -1,0 +1,106 @@
+"""`sawmill simulate`: its flags."""
+# ruff: noqa: PLC0415 - imports inside the command: its help waits for none
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from sawmill_contracts.geometry import ScannerConstants
+from sawmill_contracts.simulating import SimulationOptions
+from sawmill_vocabulary import DataKind, Handedness, Rotation, Theta
+from sawmill_worker.commands import options as shared
+from sawmill_worker.commands.command_line import Command
+from sawmill_worker.commands.from_contract import Flags, from_contracts, option
+from sawmill_worker.commands.geometry_options import Position, ThetaFlag, position_of
+from sawmill_worker.commands.phantom_options import (
+    Body,
+    PhantomSource,
+    PhantomText,
+    PhantomWidth,
+    body_names,
+    body_or_phantom,
+)
+from sawmill_worker.commands.terminal import answering, say
+
+app = typer.Typer()
+
+
+@app.command(cls=Command)
+@from_contracts
+def simulate(
+    body: Annotated[
+        str,
+        typer.Argument(
+            metavar="BODY",
+            callback=body_or_phantom,
+            autocompletion=body_names,
+            help="A phantom (as --phantom), log, or log-with-phantom, whose first rows show a phantom.",
+        ),
+    ],
+    theta: Annotated[Theta, ThetaFlag],
+    output: shared.Result,
+    scanner: Annotated[ScannerConstants, Flags(**shared.PUBLISHED_SCANNER, row_pitch_mm={"default": 2.0})],
+    data: Annotated[DataKind, option(shared.ScanOptions, "data")] = DataKind.COUNTS,
+    angles_deg: Annotated[
+        str | None, typer.Option(metavar="START:STEP", help="A full turn from half a step by default.")
+    ] = None,
+    angles_file: shared.AnglesFile = None,
+    views: Annotated[int, option(SimulationOptions, "views", min=3)] = 360,
+    rows: Annotated[int, option(SimulationOptions, "rows")] = 1,
+    phantom: PhantomText = "l-shape",
+    phantom_width_mm: PhantomWidth = None,
+    phantom_rows: Annotated[int, typer.Option(min=1, help="Rows of log-with-phantom that show the phantom.")] = 4,
+    position_mm: Annotated[
+        Position | None,
+        typer.Option(parser=position_of, metavar="X,Y", help="Where the phantom stands. By default 0,0."),
+    ] = None,
+    handedness: Annotated[Handedness, typer.Option(help="From which end it is seen.")] = Handedness.AS_DRAWN,
+    rotation: Annotated[Rotation, typer.Option(help="Which way the angles count.")] = Rotation.AS_GIVEN,
+    noise: Annotated[float, option(SimulationOptions, "noise")] = 0.0,
+    background: Annotated[float, option(SimulationOptions, "background")] = 0.0,
+    photons: Annotated[float, option(SimulationOptions, "photons")] = 30_000.0,
+    seed: Annotated[int, option(SimulationOptions, "seed")] = 1,
+    physics: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            exists=True,
+            dir_okay=False,
+            help="Of counts: JSON of what the beam, the detector, the motion and the wood add (docs/simulating.md).",
+        ),
+    ] = None,
+) -> None:
+    """Simulate a scan of a phantom or a synthetic log, analytically, seeded."""
+    from sawmill_formats.input.angles import AngleSteps
+
+    angles = shared.given_angles(angles_deg, angles_file) or AngleSteps(180.0 / views, 360.0 / views)
+    if body == Body.LOG_WITH_PHANTOM and phantom_rows >= rows:
+        raise typer.BadParameter(f"--phantom-rows {phantom_rows} leaves no row for the log: give more --rows.")
+    if physics is not None and data is not DataKind.COUNTS:
+        raise typer.BadParameter("--physics makes counts: leave --data line-integrals out.")
+    drawn = PhantomSource(phantom if body in set(Body) else body, phantom_width_mm)
+    with answering():
+        from sawmill_tomography.phantoms.log_model import log_slices
+        from sawmill_worker.commands.simulate import phantom_slices, simulate_scan
+
+        wood = 0 if body == Body.LOG else phantom_rows if body == Body.LOG_WITH_PHANTOM else rows
+        as_wood = data is DataKind.COUNTS or body == Body.LOG_WITH_PHANTOM
+        slices = phantom_slices(drawn, wood, handedness=handedness, position=position_mm or Position(), as_wood=as_wood)
+        slices += log_slices(rows, row_pitch_mm=scanner.row_pitch_mm or 0.0, seed=seed)[wood:]
+        simulate_scan(
+            output,
+            slices,
+            data=data,
+            scanner=scanner,
+            theta=theta,
+            rotation=rotation,
+            angles=angles,
+            views=views,
+            noise=noise,
+            background=background,
+            photons=photons,
+            seed=seed,
+            physics=physics,
+        )
+    say(f"{views} views, {rows} row(s), {scanner.num_detector_pixels} cells: {output}")

@@ -1,0 +1,63 @@
+"""`sawmill worker`: its flags."""
+# ruff: noqa: PLC0415 - imports inside the command: its help waits for none
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from sawmill_contracts.jobs import JobKind
+from sawmill_worker.commands.command_line import Command
+
+app = typer.Typer()
+
+
+def _listed(texts: list[str] | None) -> list[str]:
+    """Split what is given with commas between (a callback of Typer's)."""
+    return [part.strip() for text in texts or () for part in text.split(",")]
+
+
+def _job_kinds(texts: list[str] | None) -> list[str]:
+    """Split kinds of jobs, and refuse what is none (a callback of Typer's)."""
+    kinds = _listed(texts)
+    for kind in kinds:
+        if kind not in set(JobKind):
+            raise typer.BadParameter(f"{kind!r} is no kind of job: {', '.join(JobKind)}.")
+    return kinds
+
+
+@app.command(cls=Command)
+def worker(
+    data: Annotated[
+        Path | None, typer.Option("--data", help="Data folder; SAWMILL_DATA_FOLDER or the default otherwise.")
+    ] = None,
+    kinds: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="KIND,...",
+            callback=_job_kinds,
+            help=f"Take jobs of these kinds alone: {', '.join(JobKind)}. May be repeated. All by default.",
+        ),
+    ] = None,
+    scanners: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="SCANNER,...",
+            callback=_listed,
+            help="Take jobs of these scanners alone, by id or name, the id where the name has a comma. May be "
+            "repeated. By default those of all, and those of none.",
+        ),
+    ] = None,
+) -> None:
+    """Run one embedded worker beside a service that uses the same data folder."""
+    from sawmill_worker.execution.poller import run
+    from sawmill_worker.execution.variables import WrongVariableError, variables_checked
+
+    if data is not None:
+        os.environ["SAWMILL_DATA_FOLDER"] = str(data)
+    try:
+        with variables_checked():
+            run(kinds=kinds or (), scanners=scanners or ())
+    except WrongVariableError as error:
+        raise typer.BadParameter(str(error)) from error

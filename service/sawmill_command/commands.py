@@ -1,0 +1,49 @@
+"""The `sawmill` entry: which commands there are. Each is imported when it runs (`sawmill_command/cli/on_demand.py`)."""
+# ruff: noqa: FBT002 - a flag is a boolean with a default
+
+from typing import Annotated, ClassVar
+
+import typer
+
+from sawmill_command.cli import COMMANDS
+from sawmill_command.cli.on_demand import CommandsOnDemand
+from sawmill_vocabulary.version import VERSION
+
+
+class SawmillCommands(CommandsOnDemand):
+    """Those that need no server, and those about the service."""
+
+    modules: ClassVar = COMMANDS | {
+        "audit": "sawmill_command.key_commands",
+        "key": "sawmill_command.key_commands",
+        "backup": "sawmill_command.backup_commands",
+        "restore": "sawmill_command.backup_commands",
+        "serve": "sawmill_command.server_commands",
+        "migrate": "sawmill_command.server_commands",
+        "doctor": "sawmill_command.server_commands",
+        "install-service": "sawmill_command.server_commands",
+        "demo": "sawmill_command.server_commands",
+        "openapi": "sawmill_command.server_commands",
+    }
+
+
+main = typer.Typer(cls=SawmillCommands, no_args_is_help=True, pretty_exceptions_show_locals=False)
+
+
+def _print_version(asked: bool) -> None:  # noqa: FBT001 - Typer's callback
+    if asked:
+        typer.echo(VERSION)
+        raise typer.Exit
+
+
+@main.callback()
+def sawmill(
+    _version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    """Geometry calibration and reconstruction for sawmill X-ray log scanners."""
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,78 @@
+"""`sawmill doctor` as it is called and printed."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from sawmill_command.data_option import settings_of
+from sawmill_command.doctor import machine, store
+from sawmill_command.doctor.findings import Finding, State
+from sawmill_command.doctor.science import science
+from sawmill_service.settings import ServiceSettings
+from sawmill_store.settings import StorageSettings
+from sawmill_worker.execution.settings import ExecutionSettings
+from sawmill_worker.execution.sole_service import serving_process
+from sawmill_worker.execution.variables import WrongVariableError, variables_checked
+
+_COLOURS = {State.GOOD: "green", State.WATCH: "yellow", State.BAD: "red"}
+
+
+def examine(data: Path | None) -> list[Finding]:
+    """Look at everything, from the settings to Redis; nothing is changed and no store is made.
+
+    Parameters
+    ----------
+    data
+        The data folder; null: that of the settings.
+    """
+    try:
+        with variables_checked():
+            settings, execution = ServiceSettings(), ExecutionSettings()
+            storage = settings_of(data)
+    except WrongVariableError as error:
+        return [Finding("settings", State.BAD, str(error), "then ask the doctor again")]
+    return list(_examine(settings, storage, execution))
+
+
+def _examine(settings: ServiceSettings, storage: StorageSettings, execution: ExecutionSettings) -> Iterator[Finding]:
+    yield Finding("settings", State.GOOD, "every SAWMILL_ variable is a setting and holds what it can")
+    yield from machine.packages()
+    yield from science()
+    yield from machine.limits_of_system(settings, execution)
+    yield from machine.data_folder(storage)
+    yield store.broker(execution.broker_url)
+    if machine.is_closed(storage.data_folder):
+        return
+    yield from _service(settings, storage)
+    if storage.is_made:
+        yield store.backup(storage.data_folder)
+    if storage.is_made or not storage.is_one_file:
+        yield from store.database(storage, settings)
+    else:
+        yield from store.files_without_database(storage.data_folder)
+
+
+def _service(settings: ServiceSettings, storage: StorageSettings) -> Iterator[Finding]:
+    try:
+        process = serving_process(storage)
+    except OSError as error:
+        yield Finding("service", State.BAD, str(error), machine.run_as_owner(storage.data_folder))
+        return
+    if process is not None:
+        yield Finding("service", State.GOOD, f"process {process} serves the data folder")
+    else:
+        yield machine.address(settings, may_be_ours=not storage.is_one_file)
+
+
+def show(findings: Sequence[Finding]) -> None:
+    """Print a row for each, and the cures below what is wrong."""
+    table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
+    for finding in findings:
+        colour = _COLOURS[finding.state]
+        table.add_row(f"[{colour}]{finding.state}[/]", finding.subject, escape(finding.sentence))
+        if finding.cure:
+            table.add_row("", "", f"[bold]{escape(finding.cure)}[/]")
+    Console().print(table)

@@ -1,0 +1,37 @@
+"""What the doctor sees of the numerical part: compiled kernels and memory."""
+
+import importlib
+import pkgutil
+from collections.abc import Iterator
+
+import sawmill_tomography as tomography
+from sawmill_command.doctor.findings import Finding, State
+from sawmill_tomography.kernel_cache import holds_all
+from sawmill_worker.execution.limits import DATA_BYTES
+from sawmill_worker.use_cases.capacity import memory_available
+
+
+def science() -> Iterator[Finding]:
+    """Whether a first job would have to compile, and whether there is memory for it."""
+    yield kernels()
+    available = memory_available()
+    sentence = f"{available / 1e9:.1f} GB of memory are free, and a job may take {DATA_BYTES / 1e9:.1f} GB"
+    if available < DATA_BYTES:
+        yield Finding("memory", State.WATCH, sentence, "end other programs, or set SAWMILL_WORKERS=1")
+    else:
+        yield Finding("memory", State.GOOD, sentence)
+
+
+def kernels() -> Finding:
+    """Whether the cache has the compiled kernels of this installation."""
+    names = [found.name for found in pkgutil.walk_packages(tomography.__path__, f"{tomography.__name__}.")]
+    try:
+        modules = [importlib.import_module(name) for name in names if name.endswith("_numba")]
+    except RuntimeError as error:  # Numba's, where neither the installation nor the user's own cache can be written to
+        sentence = f"{error}: jobs keep theirs in the data folder, and the first ones wait for them, up to a minute"
+        return Finding("kernels", State.WATCH, sentence, "run sawmill compile as the installation's owner")
+    missing = [module.__name__.rpartition(".")[2] for module in modules if not holds_all(module)]
+    if missing:
+        sentence = f"not compiled yet: {', '.join(missing)}; the first jobs wait for it, up to a minute"
+        return Finding("kernels", State.WATCH, sentence, "run sawmill compile as the service's user")
+    return Finding("kernels", State.GOOD, f"{len(modules)} files of compiled kernels are in the cache")

@@ -1,0 +1,21 @@
+"""What the command `sawmill` runs: its command line, and an early Ctrl-C without a traceback."""
+
+import sys
+
+INTERRUPTED = 130  # as shells say it of SIGINT
+
+
+def main() -> None:
+    """Import the command line, which takes a moment, and run it."""
+    try:
+        from sawmill_worker.execution.importing import importing  # noqa: PLC0415 - as the next
+        from sawmill_worker.execution.threading_layer import configure_threads  # noqa: PLC0415 - as the next
+
+        configure_threads()
+        with importing():
+            # Here, so that an interruption is caught.
+            from sawmill_command.commands import main as command_line  # noqa: PLC0415
+
+        command_line()
+    except KeyboardInterrupt:
+        sys.exit(INTERRUPTED)

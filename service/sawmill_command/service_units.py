@@ -1,0 +1,324 @@
+"""systemd units for this installation: what they start and as whom, and what the service may then touch.
+
+The settings of hardening leave out what the product needs: Numba makes memory executable
+(`MemoryDenyWriteExecute`), an attempt looks at the machine's memory and cores (`ProcSubset`), and keeps itself to its
+own files by system calls that are in no set of systemd's (`landlock_...`, `seccomp`).
+"""
+
+import os
+import re
+import shlex
+import sys
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from sawmill_service.http.open_files import files_needed
+from sawmill_service.settings import MOST_CONNECTIONS
+
+STATE, CACHE, SETTINGS = Path("/var/lib"), Path("/var/cache/sawmill"), Path("/etc/sawmill/sawmill.env")
+DATA = STATE / "sawmill"
+_MOVE = "keep installations in a folder that all may read, as /opt/sawmill, and data in one as /var/lib/sawmill"
+# What `PrivateTmp` and `ProtectHome` hide.
+_EMPTIED = (Path("/tmp"), Path("/var/tmp"))  # noqa: S108 - looked for, not written to
+_HOMES = (Path("/home"), Path("/root"), Path("/run/user"))
+# Beyond SAWMILL_STOP_GRACE_S and SAWMILL_KILL_GRACE_S, for answers, uploads and a database that does not answer.
+STOP_S = 30
+
+# systemd starts no program with one of these in its path.
+_QUOTING = re.compile(r"[\"'\\]")
+
+_LASTING = f"""\
+KillMode=mixed
+TimeoutStopSec={STOP_S}
+Restart=on-failure
+RestartSec=5
+# A setting that is wrong stays wrong.
+RestartPreventExitStatus=2
+"""
+_BOUNDED = f"""\
+# A job's process that takes too much is ended alone, and the job is tried again or fails.
+MemoryMax=80%
+OOMPolicy=continue
+TasksMax=2048
+LimitNOFILE=1024:{files_needed(MOST_CONNECTIONS)}
+LimitCORE=0
+NoNewPrivileges=yes
+CapabilityBoundingSet=
+PrivateDevices=yes
+PrivateTmp=yes
+ProtectClock=yes
+ProtectControlGroups=yes
+ProtectHostname=yes
+ProtectKernelLogs=yes
+ProtectKernelModules=yes
+ProtectKernelTunables=yes
+ProtectProc=invisible
+LockPersonality=yes
+RestrictAddressFamilies=AF_UNIX AF_INET AF_INET6
+RestrictNamespaces=yes
+RestrictRealtime=yes
+RestrictSUIDSGID=yes
+SystemCallArchitectures=native
+SystemCallErrorNumber=EPERM
+SystemCallFilter=@system-service
+SystemCallFilter=landlock_create_ruleset landlock_add_rule landlock_restrict_self seccomp
+"""
+# For what computes.
+_CACHED = f"""\
+Environment=NUMBA_CACHE_DIR={CACHE} MPLCONFIGDIR={CACHE}/matplotlib
+CacheDirectory={CACHE.name}
+"""
+_STRICT = "ProtectSystem=strict\n"
+_COMMON = _LASTING + _BOUNDED + _STRICT
+
+
+@dataclass(frozen=True)
+class Installation:
+    """What the units are about.
+
+    Parameters
+    ----------
+    program
+        The command `sawmill`.
+    data
+        The service's data folder.
+    user
+        As whom it runs.
+    token
+        A file with the first administrator's key, which root alone need be able to read; null: there is none.
+
+    Raises
+    ------
+    ValueError
+        The units could not work; the sentence names what would be right.
+    """
+
+    program: Path
+    data: Path = DATA
+    user: str = "sawmill"
+    token: Path | None = None
+
+    def __post_init__(self) -> None:
+        if not re.fullmatch(r"[a-z_][a-z0-9_-]{0,31}", self.user):
+            msg = f"a user's name has lower-case letters, digits, - and _ alone, as sawmill, not {self.user!r}"
+            raise ValueError(msg)
+        for path in self._paths:
+            if not path.is_absolute() or not str(path).isprintable() or _QUOTING.search(str(path)):
+                msg = f"{str(path)!r} must be an absolute path of printable characters but quotes and \\, as {DATA}"
+                raise ValueError(msg)
+
+    @property
+    def _paths(self) -> list[Path]:
+        return [self.program, self.data, *([] if self.token is None else [self.token])]
+
+    def doubts(self) -> Iterator[str]:
+        """Why the service might not start where it is; it depends on rights of its user that are not known here."""
+        ways = [self.program, self.program.resolve(), Path(sys.base_prefix, "bin")]
+        folders = [folder for way in ways for folder in reversed(way.parents)]
+        closed = next((folder for folder in folders if folder.is_dir() and not folder.stat().st_mode & 1), None)
+        if closed is not None:
+            yield f"{closed} is closed to other users, and the program or its Python is in there: {_MOVE}"
+        for path in (*ways, *self._paths):
+            if _below(path, _EMPTIED):
+                yield f"{path} is in a folder that the system empties, and that each unit has of its own: {_MOVE}"
+                return
+
+    def units(self) -> dict[str, str]:
+        """The units' text by the names of their files."""
+        return {
+            "sawmill.service": self._service(),
+            "sawmill-worker@.service": self._worker(),
+            "sawmill-watch@.service": self._watch(),
+            "sawmill-backup@.service": self._backup(),
+            "sawmill-backup@.timer": _NIGHTLY,
+        }
+
+    def write(self, folder: Path) -> list[Path]:
+        """Write the units, all of them or none; older ones of these names are replaced.
+
+        Raises
+        ------
+        OSError
+            The folder cannot be written to.
+        """
+        with tempfile.TemporaryDirectory(dir=folder) as fresh:
+            for name, text in self.units().items():
+                (Path(fresh) / name).write_text(text)
+            return [(Path(fresh) / name).replace(folder / name) for name in self.units()]
+
+    def next_steps(self, *, written: bool) -> list[str]:
+        """The commands that root gives after this one.
+
+        Parameters
+        ----------
+        written
+            Whether the units are where systemd looks for them.
+        """
+        steps = [f"useradd --system --user-group --home-dir {DATA} --shell /usr/sbin/nologin {self.user}"]
+        if STATE not in self.data.parents:
+            steps.append(shlex.join(["install", "--directory", f"--owner={self.user}", "--mode=700", str(self.data)]))
+        if not written:
+            given = [str(self.program), "install-service", "--to", "/etc/systemd/system", *self._flags()]
+            steps.append(shlex.join(given))
+        return [*steps, "systemctl daemon-reload", "systemctl enable --now sawmill.service"]
+
+    def _flags(self) -> Iterator[str]:
+        if self.data != DATA:
+            yield f"--data={self.data}"
+        if self.user != "sawmill":
+            yield f"--user={self.user}"
+        if self.token is not None:
+            yield f"--token={self.token}"
+
+    def _service(self) -> str:
+        return f"""\
+# The service with its own workers: its settings are in {SETTINGS}, changes of this file belong into
+# a file beside it (systemctl edit sawmill.service).
+[Unit]
+Description=Sawmill calibration
+{self._unit()}
+[Service]
+Type=notify
+# Compiles what is not compiled yet, so that no job waits for it.
+ExecStartPre=-{self._command("compile")}
+ExecStart={self._command("serve")}
+# A database that is away is awaited, and tables of an earlier version are brought up to date.
+TimeoutStartSec=infinity
+# The service's loop reports twice in this time.
+WatchdogSec=60
+{self._credential()}{self._on_data()}{_CACHED}{_COMMON}
+[Install]
+WantedBy=multi-user.target
+"""
+
+    def _worker(self) -> str:
+        return f"""\
+# One more worker for each name, as sawmill-worker@1.service: on the service's machine, or, with PostgreSQL and a data
+# folder that both mount, on another one. Settings and changes are as those of sawmill.service.
+[Unit]
+Description=Sawmill calibration, worker %i
+{self._unit()}
+[Service]
+Type=exec
+ExecStartPre=-{self._command("compile")}
+ExecStart={self._command("worker")}
+TimeoutStartSec=infinity
+{self._on_data()}{_CACHED}{_COMMON}
+[Install]
+WantedBy=multi-user.target
+"""
+
+    def _watch(self) -> str:
+        return f"""\
+# A watched folder: sawmill-watch@line2.service reads /etc/sawmill/line2.toml. What it names may lie anywhere but in
+# homes and /tmp, so that the whole system is not read-only for it; its user must be allowed to write there. It works
+# without the service's data and settings, so that its user may be another one. It is started again without end, for a
+# share may come late.
+[Unit]
+Description=Sawmill calibration, watched folder %i
+After=network.target
+RequiresMountsFor={_word(self.program)}
+
+[Service]
+Type=exec
+ExecStart={self._command("watch")} /etc/sawmill/%i.toml
+{self._as_user()}{_LASTING}{_BOUNDED}ProtectSystem=full
+
+[Install]
+WantedBy=multi-user.target
+"""
+
+    def _backup(self) -> str:
+        return f"""\
+# A backup into the folder of its name:
+# systemd-escape --path --template=sawmill-backup@.timer /mnt/disk/backups says it.
+[Unit]
+Description=Backup of Sawmill calibration to %f
+After=network.target
+RequiresMountsFor={_word(self.program)} {_word(self.data)} %f
+
+[Service]
+Type=oneshot
+ExecStart={self._command("backup")} %f --keep 30
+Nice=10
+# Where there is no such folder, the command says so.
+ReadWritePaths=-%f
+{self._on_data()}{_BOUNDED}{_STRICT}"""
+
+    def _command(self, name: str) -> str:
+        return f"{_word(self.program)} {name}"
+
+    def _unit(self) -> str:
+        return f"""\
+After=network.target
+RequiresMountsFor={_word(self.program)} {_word(self.data)}
+StartLimitIntervalSec=600
+StartLimitBurst=10
+"""
+
+    def _credential(self) -> str:
+        """What makes root's file the service's alone, in memory; workers need no token."""
+        if self.token is None:
+            return ""
+        return f"""\
+LoadCredential=sawmill_token:{_specifiers(self.token)}
+Environment=SAWMILL_TOKEN_FILE=%t/credentials/%n/sawmill_token
+"""
+
+    def _as_user(self) -> str:
+        in_homes = any(_below(path, _HOMES) for path in (self.program.resolve(), Path(sys.base_prefix), *self._paths))
+        return f"""\
+User={self.user}
+Environment=SAWMILL_LOG_FORMAT=json
+ProtectHome={"read-only" if in_homes else "yes"}
+"""
+
+    def _on_data(self) -> str:
+        """For what works on the service's data, which are its user's alone."""
+        if STATE in self.data.parents:
+            folder = f"StateDirectory={_word(self.data.relative_to(STATE))}\nStateDirectoryMode=0700"
+        else:
+            folder = f"ReadWritePaths={_word(self.data)}"
+        return f"""\
+{self._as_user()}Environment={_word(f"SAWMILL_DATA_FOLDER={self.data}")}
+EnvironmentFile=-{SETTINGS}
+{folder}
+UMask=0077
+"""
+
+
+# Each night, or after the next start where the machine was off.
+_NIGHTLY = """\
+[Unit]
+Description=Nightly backup of Sawmill calibration to %f
+
+[Timer]
+OnCalendar=*-*-* 02:30:00
+RandomizedDelaySec=600
+Persistent=yes
+
+[Install]
+WantedBy=timers.target
+"""
+
+
+def program() -> Path:
+    """The command `sawmill` by the path that it was called by: a link to one of several installations stays one."""
+    called = Path(os.path.normpath(Path(sys.argv[0]).absolute()))
+    return called if called.name == "sawmill" and called.is_file() else Path(sys.executable).parent / "sawmill"
+
+
+def _below(path: Path, folders: tuple[Path, ...]) -> bool:
+    return any(path.is_relative_to(folder) for folder in folders)
+
+
+def _specifiers(value: object) -> str:
+    return str(value).replace("%", "%%")
+
+
+def _word(value: object) -> str:
+    """One word, as systemd.syntax(7) and systemd.unit(5) have it."""
+    text = _specifiers(value)
+    return f'"{text}"' if " " in text else text

@@ -1,0 +1,1 @@
+"""HTTP alone: limits, conditions, bodies, errors, and the public document."""

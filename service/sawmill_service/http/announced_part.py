@@ -1,0 +1,125 @@
+"""What the head of a PATCH says of a part of an upload, by the draft "Resumable Uploads for HTTP"."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+from starlette.datastructures import Headers
+
+from sawmill_contracts.uploads import Upload
+from sawmill_service.http.problems import Refused
+from sawmill_service.http.structured_fields import boolean_in, integer_in
+
+Value = TypeVar("Value")
+
+_MOST = 10**15 - 1  # of an integer in a structured field
+_BYTES = {"type": "integer", "minimum": 0, "maximum": _MOST}
+
+
+def _header(name: str, description: str, schema: dict[str, Any], *, required: bool = False) -> dict[str, Any]:
+    return {"name": name, "in": "header", "description": description, "required": required, "schema": schema}
+
+
+HEADERS = [
+    _header(
+        "Upload-Offset",
+        "Where the part begins, in bytes: the offset that `HEAD` gives.",
+        _BYTES | {"examples": [0]},
+        required=True,
+    ),
+    _header(
+        "Upload-Complete",
+        "`?1`: the part is the last one, and is refused where bytes would be missing after it.",
+        {"type": "string", "pattern": r"^\?[01]$", "examples": ["?0"]},
+    ),
+    _header(
+        "Upload-Length",
+        "Bytes of the whole file: refused where the upload was declared with another length.",
+        _BYTES | {"examples": [1048576]},
+    ),
+]
+"""As the OpenAPI document has them: what is wrong with one is answered with 400, and not as a field of a form is."""
+
+
+@dataclass(frozen=True)
+class AnnouncedPart:
+    """A part that is about to come.
+
+    Attributes
+    ----------
+    offset_bytes
+        Where it begins.
+    part_bytes
+        Its length; None: it is not declared.
+    is_last
+        Whether nothing is missing after it, as its sender says.
+    size_bytes
+        Of the whole file, as its sender says; None: says nothing.
+    """
+
+    offset_bytes: int
+    part_bytes: int | None
+    is_last: bool
+    size_bytes: int | None
+
+    def check(self, upload: Upload) -> None:
+        """Refuse what does not fit the upload, before a byte is read.
+
+        Raises
+        ------
+        Refused
+            400 `inconsistent-length`.
+        """
+        if self.size_bytes not in {None, upload.size_bytes}:
+            detail = f"upload {upload.id!r} was declared with {upload.size_bytes} bytes, and not with Upload-Length"
+            raise Refused(400, "inconsistent-length", f"{detail}, {self.size_bytes}")
+        if self.part_bytes is not None:
+            self.check_end(upload.size_bytes - self.offset_bytes - self.part_bytes)
+
+    def check_end(self, missing_bytes: int) -> None:
+        """Refuse a last part after which bytes are missing.
+
+        Raises
+        ------
+        Refused
+            400 `inconsistent-length`.
+        """
+        if self.is_last and missing_bytes:
+            detail = f"Upload-Complete: ?1 says that the part is the last one, but {missing_bytes} bytes are missing"
+            raise Refused(400, "inconsistent-length", f"{detail} after it: send all, or ?0")
+
+
+def announced_part(headers: Headers) -> AnnouncedPart:
+    """Read the head.
+
+    Raises
+    ------
+    Refused
+        400 `bad-upload-header`.
+    """
+    offset_bytes = _read(headers, "Upload-Offset", _count_in, "a count of bytes, as in 1048576")
+    if offset_bytes is None:
+        detail = "Upload-Offset is missing: it must say where the part begins, and HEAD gives that offset"
+        raise Refused(400, "bad-upload-header", detail)
+    return AnnouncedPart(
+        offset_bytes=offset_bytes,
+        part_bytes=int(headers["content-length"]) if "content-length" in headers else None,  # the gate has looked
+        is_last=_read(headers, "Upload-Complete", boolean_in, "?1 or ?0") or False,
+        size_bytes=_read(headers, "Upload-Length", _count_in, "a count of bytes, as in 1048576"),
+    )
+
+
+def _read(headers: Headers, name: str, parse: Callable[[str], Value | None], right: str) -> Value | None:
+    """One header; None where there is none."""
+    lines = headers.getlist(name)
+    if not lines:
+        return None
+    value = parse(", ".join(lines))
+    if value is None:
+        raise Refused(400, "bad-upload-header", f"{name} must be {right}, not {', '.join(lines)[:100]!r}")
+    return value
+
+
+def _count_in(text: str) -> int | None:
+    number = integer_in(text)
+    return number if number is not None and number >= 0 else None

@@ -1,0 +1,223 @@
+"""Shapes of answers that several routes share: accepted work, pictures, files, and the 304 of both."""
+
+import mimetypes
+import os
+from collections.abc import Callable, Hashable
+from pathlib import Path
+from typing import Annotated, cast
+
+from fastapi import Request, Response
+from fastapi.responses import FileResponse
+from pydantic import Field
+from starlette.datastructures import Headers
+from starlette.types import Receive, Scope, Send
+
+from sawmill_contracts.jobs import Priority
+from sawmill_formats.errors import regular_status
+from sawmill_platform.contracts import patterns
+from sawmill_platform.contracts.given import Given, GivenTime
+from sawmill_service.http.conditional import CACHING, check_conditions, spans_of
+from sawmill_service.http.digests import Digests, key_of, repr_digest, tag_of
+from sawmill_service.http.problems import Refused
+from sawmill_store import sessions
+
+
+class Png(Response):
+    """A picture."""
+
+    media_type = "image/png"
+
+
+class Jpeg(Response):
+    """A picture that is sent in few bytes, and is not exact."""
+
+    media_type = "image/jpeg"
+
+
+class Svg(Response):
+    """A drawing."""
+
+    media_type = "image/svg+xml"
+
+
+class Hdf5(Response):
+    """A file of arrays."""
+
+    media_type = "application/x-hdf5"
+
+
+AskedPriority = Annotated[
+    Priority,
+    Field(
+        description="Jobs that somebody waits for go first. `batch`: after those, as what a schedule asks for. "
+        "`background`: when no other could start, and it gives way to one."
+    ),
+]
+
+
+class Paging(Given):
+    """Which page of a list."""
+
+    after: str | None = Field(
+        None,
+        max_length=200,
+        description="The `next` of the page before; nothing: the newest.",
+        examples=["1772429400000000.example"],
+        json_schema_extra={"pattern": patterns.CURSOR},
+    )
+    limit: Annotated[int, Field(ge=1, le=200, description="Items a page.")] = 50
+
+
+class NumberedPaging(Paging):
+    """Which page of a list of numbered entries."""
+
+    after: str | None = Field(
+        None,
+        max_length=200,
+        description="The `next` of the page before; nothing: the newest.",
+        examples=["41"],
+        json_schema_extra={"pattern": patterns.NUMBERED_CURSOR},
+    )
+
+
+class Dated(Paging):
+    """Which page of a list, and of which span of time."""
+
+    created_from: GivenTime | None = Field(
+        None, description="The oldest moment, RFC 3339 with its offset.", examples=["2026-03-01T00:00:00+02:00"]
+    )
+    created_before: GivenTime | None = Field(
+        None, description="Only what is older than this moment, RFC 3339.", examples=["2030-01-01T00:00:00Z"]
+    )
+
+
+def accept(response: Response, location: str, retry_after_s: int) -> None:
+    """Set where accepted work will be found, and when to look."""
+    response.headers["Location"] = location
+    response.headers["Retry-After"] = str(retry_after_s)
+
+
+def describing(digest: bytes, disposition: str, name: str) -> dict[str, str]:
+    """The headers of a download: its tag and digest, under which name it is saved, and how long it may be kept."""
+    return {"ETag": tag_of(digest), "Repr-Digest": repr_digest(digest), **_saved(disposition, name)}
+
+
+def _saved(disposition: str, name: str) -> dict[str, str]:
+    return {
+        "Content-Disposition": f'{disposition}; filename="{name}"',
+        "Accept-Ranges": "bytes",
+        "Cache-Control": CACHING,
+    }
+
+
+def unchanging(answer: Response) -> Response:
+    """Let a browser show an answer that will never change without a further request, as long as a session lasts unused.
+
+    With another session or key, and after the logout, the browser requests it again.
+    """
+    answer.headers["Cache-Control"] = f"private, max-age={int(sessions.LASTS.total_seconds())}, immutable"
+    answer.headers["Vary"] = "Authorization, Cookie"
+    return answer
+
+
+def picture(
+    request: Request, drawn_from: Hashable, draw: Callable[[], bytes | str], *, answer: type[Response] = Png
+) -> Response:
+    """A PNG, or what else is made for a request, whole or a range; made only for a client that does not hold it.
+
+    Parameters
+    ----------
+    drawn_from
+        Everything that the picture depends on.
+    draw
+        Draws it; not called while the picture is kept, or known to be what the client holds.
+    answer
+        Its kind.
+    """
+    digests: Digests = request.app.state.digests
+    key = key_of(request.url.path, drawn_from)
+    digest, content = digests.known(key), digests.content(key)
+    if digest is not None and (held := check_conditions(request.headers, tag_of(digest))):
+        return held
+    if content is None or digest is None:
+        drawn = draw()
+        content = drawn.encode() if isinstance(drawn, str) else drawn
+        digest = digests.note(key, content)
+        if held := check_conditions(request.headers, tag_of(digest)):
+            return held
+    suffix = mimetypes.guess_extension(answer.media_type or "") or ""
+    headers = describing(digest, "inline", f"{_name_of(request).removesuffix(suffix)}{suffix}")
+    part, status, of_range = one_part(request.headers, content, headers["ETag"])
+    return answer(part, status, headers=headers | of_range)
+
+
+def one_part(headers: Headers, content: bytes, tag: str) -> tuple[bytes, int, dict[str, str]]:
+    """What is sent of a content in memory, with its status and header: one range, or all of it."""
+    spans = spans_of(headers, len(content), tag)
+    if len(spans) != 1:
+        return content, 200, {}
+    (span,) = spans
+    return content[span], 206, {"Content-Range": f"bytes {span.start}-{span.stop - 1}/{len(content)}"}
+
+
+class Download(FileResponse):
+    """A stored file, whole or in ranges, or 304 for a client that holds it; begun once its digest is known."""
+
+    check: Callable[[], None]
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer one request."""
+        status = cast("os.stat_result", self.stat_result)
+        digests: Digests = scope["app"].state.digests
+        try:
+            digest = await digests.of_file(Path(self.path), status, self.check)
+        except FileNotFoundError:
+            raise _missing(Path(self.path)) from None
+        tag, modified, asked = tag_of(digest), self.headers["Last-Modified"], Headers(scope=scope)
+        if held := check_conditions(asked, tag, modified):
+            await held(scope, receive, send)
+            return
+        self.headers.update({"ETag": tag, "Repr-Digest": repr_digest(digest)})
+        spans = spans_of(asked, status.st_size, tag)
+        # What the base class is given, it never refuses.
+        given = [line for line in scope["headers"] if line[0] not in {b"range", b"if-range"}]
+        if spans:
+            given.append((b"range", f"bytes={','.join(f'{span.start}-{span.stop - 1}' for span in spans)}".encode()))
+        await super().__call__({**scope, "headers": given}, receive, send)
+
+
+def file(
+    request: Request,
+    path: Path,
+    media_type: str,
+    *,
+    save_as: str | None = None,
+    check: Callable[[], None] = lambda: None,
+) -> Response:
+    """A stored file as a download.
+
+    Parameters
+    ----------
+    save_as
+        The name under which a browser saves it; None: by the request's path.
+    check
+        Refuses a damaged file; called before its digest is taken for the first time.
+    """
+    try:
+        status = regular_status(path)
+    except FileNotFoundError:
+        raise _missing(path) from None
+    disposition = "inline" if media_type.startswith("image/") else "attachment"
+    headers = _saved(disposition, save_as or _name_of(request))
+    download = Download(path, media_type=media_type, stat_result=status, headers=headers)
+    download.check = check
+    return download
+
+
+def _missing(path: Path) -> Refused:
+    return Refused(404, "file-missing", f"{path.name} is not there: it was not written, or was removed")
+
+
+def _name_of(request: Request) -> str:
+    """Of a file that has none of its own, by its path: `scans-example-sinogram.png`."""
+    return request.url.path.removeprefix("/v1/").strip("/").replace("/", "-")

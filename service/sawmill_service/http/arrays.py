@@ -1,0 +1,127 @@
+"""Answers that are arrays: NPY files, sent piece by piece, and a bound on what all of them together hold in memory."""
+
+import threading
+from collections.abc import AsyncIterator, Callable, Hashable, Mapping
+
+from fastapi import Request, Response
+from fastapi.responses import StreamingResponse
+from starlette.types import Receive, Scope, Send
+
+from sawmill_service.http.answers import describing, one_part
+from sawmill_service.http.conditional import check_conditions
+from sawmill_service.http.digests import Digests, key_of, tag_of
+from sawmill_service.http.rates import too_many
+
+# Of all arrays that are being read or sent: four slices of 4096 x 4096.
+MOST_BYTES = 256 * 1024**2
+_PIECE_BYTES = 256 * 1024
+_RETRY_S = 1
+
+
+class Npy(Response):
+    """An array, as NumPy stores it (`numpy.load`)."""
+
+    media_type = "application/x-npy"
+
+
+class HeldBytes:
+    """Counts the memory of answers until they are sent.
+
+    Parameters
+    ----------
+    most
+        Bytes of all of them at once; one alone may have more.
+    """
+
+    def __init__(self, most: int = MOST_BYTES) -> None:
+        self._most = most
+        self._held = 0
+        self._lock = threading.Lock()
+
+    def take(self, size: int) -> None:
+        """Count an answer.
+
+        Raises
+        ------
+        Refused
+            429 `too-many-requests`: too much is held.
+        """
+        with self._lock:
+            if self._held and self._held + size > self._most:
+                detail = f"arrays of {self._held} bytes are being sent, {self._most} at most: ask again in a second"
+                raise too_many(detail, _RETRY_S)
+            self._held += size
+
+    def give_back(self, size: int) -> None:
+        """Forget an answer that was sent."""
+        with self._lock:
+            self._held -= size
+
+
+_ALL = HeldBytes()
+
+
+def array(
+    request: Request, made_of: Hashable, size: int, read: Callable[[], tuple[bytes, Mapping[str, str]]], *, save_as: str
+) -> Response:
+    """An NPY file, read only for a client that does not hold it.
+
+    Parameters
+    ----------
+    made_of
+        Everything that it depends on.
+    size
+        Bytes of what is read for it.
+    read
+        Gives the file's content and headers that describe it.
+    save_as
+        The name under which a browser saves it.
+    """
+    digests: Digests = request.app.state.digests
+    key = key_of(request.url.path, made_of)
+    digest = digests.known(key)
+    if digest is not None and (held := check_conditions(request.headers, tag_of(digest))):
+        return held
+    _ALL.take(size)
+    try:
+        content, headers = read()
+        digest = digests.note(key, content, keep=False)
+        if unsent := check_conditions(request.headers, tag_of(digest)):
+            return _given_back(size, unsent)
+        own = describing(digest, "attachment", save_as)
+        part, status, of_range = one_part(request.headers, content, own["ETag"])
+    except BaseException:
+        _ALL.give_back(size)
+        raise
+    # What is sent may be smaller than what was read.
+    counted = min(size, len(content))
+    _ALL.give_back(size - counted)
+    described = {**headers, **own, **of_range, "Content-Length": str(len(part))}
+    return _Sent(part, status, described, counted=counted)
+
+
+def _given_back(size: int, answer: Response) -> Response:
+    """An answer without the array that was read for it."""
+    _ALL.give_back(size)
+    return answer
+
+
+class _Sent(StreamingResponse):
+    """Its bytes are counted until the client has them, or is gone."""
+
+    def __init__(self, content: bytes, status: int, headers: Mapping[str, str], *, counted: int) -> None:
+        super().__init__(_pieces(content), status, media_type=Npy.media_type, headers=headers)
+        self._counted = counted
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer the request."""
+        try:
+            await super().__call__(scope, receive, send)
+        finally:
+            _ALL.give_back(self._counted)
+
+
+async def _pieces(content: bytes) -> AsyncIterator[bytes]:
+    # The server takes a piece when the client has read the one before: only then are bytes held here and not there.
+    for start in range(0, len(content), _PIECE_BYTES):
+        yield content[start : start + _PIECE_BYTES]

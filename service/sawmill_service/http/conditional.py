@@ -1,0 +1,117 @@
+"""What a request's conditions and its range make of an answer (RFC 9110, sections 13 and 14)."""
+
+import re
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from email.utils import parsedate_to_datetime
+
+from fastapi import Response
+from starlette.datastructures import Headers
+
+from sawmill_service.http.problems import Refused
+
+# Asked again each time, and kept by whoever asked alone: what needs a key is nobody else's.
+CACHING = "private, no-cache"
+
+_UNIT = re.compile(r"[A-Za-z0-9!#$%&'*+.^_`|~-]+")
+# No file has more bytes than 18 digits can count, and Python refuses to read numbers of thousands of digits.
+_SPAN = re.compile(r"(\d{0,18})-(\d{0,18})")
+
+
+def check_conditions(headers: Headers, tag: str, modified: str | None = None) -> Response | None:
+    """The 304 for a client that holds what it asks for; none where the conditions let an answer be sent.
+
+    Parameters
+    ----------
+    headers
+        The request's.
+    tag
+        The answer's entity tag; a weak one meets no `If-Match` but `*`.
+    modified
+        Its `Last-Modified`; null: it has none, and conditions about that are passed over.
+
+    Raises
+    ------
+    Refused
+        412 `precondition-failed`.
+    """
+    # In the order of section 13.2.2.
+    required, held = _listed(headers, "if-match"), _listed(headers, "if-none-match")
+    if required:
+        if "*" not in required and (tag.startswith("W/") or tag not in required):
+            _refuse_condition("If-Match", headers["if-match"], f"the ETag is {tag}")
+    elif _is_newer(modified, headers.get("if-unmodified-since")):
+        _refuse_condition("If-Unmodified-Since", headers["if-unmodified-since"], f"Last-Modified is {modified}")
+    if held:
+        known = "*" in held or tag.removeprefix("W/") in {each.removeprefix("W/") for each in held}
+    else:
+        known = _is_newer(modified, headers.get("if-modified-since")) is False
+    return Response(status_code=304, headers={"ETag": tag, "Cache-Control": CACHING}) if known else None
+
+
+def spans_of(headers: Headers, size_bytes: int, tag: str) -> Sequence[slice]:
+    """The ranges of an answer that are asked for and are in it, one at least; none: all of it is asked for.
+
+    A range in another unit, or of another version by `If-Range`, is passed over. A date there is never of this version:
+    two may have been written within its second (section 13.1.5).
+
+    Raises
+    ------
+    Refused
+        400 `bad-range`. 416 `range-beyond-end`: none of them is in it.
+    """
+    header = headers.get("range")
+    if header is None or headers.get("if-range") not in {None, tag}:
+        return []
+    unit, is_given, listed = header.partition("=")
+    if is_given and _UNIT.fullmatch(unit) and unit.lower() != "bytes":
+        return []
+    spans = [_span(part, size_bytes) for each in listed.split(",") if (part := each.strip(" \t"))]
+    if unit.lower() != "bytes" or not spans or None in spans:
+        raise Refused(
+            400, "bad-range", f"Range must be as in bytes=0-1023, with at most 18 digits a number, not {header[:100]!r}"
+        )
+    there = [span for span in spans if span is not None and span.start < size_bytes]
+    if not there:
+        beyond = f"the file has {size_bytes} bytes, so {header[:100]!r} is beyond its end"
+        raise Refused(416, "range-beyond-end", beyond, {"Content-Range": f"bytes */{size_bytes}"})
+    return there
+
+
+def _span(part: str, size_bytes: int) -> slice | None:
+    """The bytes that one part of the header names, none where it cannot be understood; it may begin at the end."""
+    found = _SPAN.fullmatch(part)
+    if found is None or part == "-":
+        return None
+    first, last = found.groups()
+    if not first:
+        return slice(max(0, size_bytes - int(last)), size_bytes)
+    if last and int(last) < int(first):
+        return None
+    return slice(int(first), min(int(last) + 1, size_bytes) if last else size_bytes)
+
+
+def _listed(headers: Headers, name: str) -> list[str]:
+    """The entity tags of a header, or its `*`; none without it. None of ours holds a comma."""
+    return [tag for line in headers.getlist(name) for each in line.split(",") if (tag := each.strip(" \t"))]
+
+
+def _is_newer(modified: str | None, given: str | None) -> bool | None:
+    """Whether an answer was modified after the date of a condition; null: nothing can be said."""
+    if modified is None or given is None:
+        return None
+    date = http_date(given)
+    return None if date is None else parsedate_to_datetime(modified) > date
+
+
+def http_date(given: str) -> datetime | None:
+    """A date of HTTP in any of its three forms; null: it is none, and is passed over (section 13.1.4)."""
+    try:
+        date = parsedate_to_datetime(given)
+    except (ValueError, OverflowError):  # the latter of numbers of more digits than a date can have
+        return None
+    return date if date.tzinfo else date.replace(tzinfo=UTC)
+
+
+def _refuse_condition(header: str, given: str, found: str) -> None:
+    raise Refused(412, "precondition-failed", f"{header} is {given[:100]!r}, but {found}")

@@ -1,0 +1,108 @@
+"""Counts, times and logs every request, and turns what no handler expected into a 500 that gives nothing away."""
+
+import time
+from http import HTTPMethod, HTTPStatus
+
+import structlog
+from anyio import BrokenResourceError
+from prometheus_client import CollectorRegistry, Counter, Histogram
+from starlette.requests import ClientDisconnect
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from sawmill_service.access import client_address
+from sawmill_service.http.problems import problem_response
+
+CLIENT_GONE = 499  # nobody reads this status; it keeps broken connections apart in the counts
+# What clients invent beside them is counted as one method: each value of a label is kept for good.
+METHODS = frozenset(HTTPMethod)
+# Asked every few seconds by machines: a line each would hide the others.
+QUIET_ROUTES = frozenset({"/health/live", "/health/ready", "/metrics"})
+# From where somebody came who was not let in, or asked for too much.
+REFUSALS = frozenset({401, 403, 421, 429})
+log = structlog.get_logger(__name__)
+
+
+class Observer:
+    """Count and time requests by route; log and answer what went wrong inside."""
+
+    def __init__(self, app: ASGIApp, *, registry: CollectorRegistry) -> None:
+        self.app = app
+        self.requests = Counter(
+            "sawmill_http_requests", "HTTP requests.", ["method", "route", "status"], registry=registry
+        )
+        self.seconds = Histogram(
+            "sawmill_http_request_seconds",
+            "Seconds until an answer was complete.",
+            ["method", "route"],
+            registry=registry,
+        )
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer one request."""
+        if scope["type"] != "http":
+            await self.app(scope, receive, send)
+            return
+        status: int | None = None
+        sent_bytes = 0
+
+        async def send_observed(message: Message) -> None:
+            nonlocal status, sent_bytes
+            if message["type"] == "http.response.start":
+                status = message["status"]
+            sent_bytes += len(message.get("body", b""))
+            await send(message)
+
+        started = time.perf_counter()
+        try:
+            try:
+                await self.app(scope, receive, send_observed)
+            except* BrokenResourceError:
+                pass  # an event waited to be sent in FastAPI's stream when its client left, which is how streams end
+        except ClientDisconnect:
+            status = CLIENT_GONE
+        except Exception:
+            log.exception("request-failed", method=_method(scope), route=_route(scope), **_who_and_what(scope))
+            if status is not None:
+                raise  # half an answer is out: only a broken connection tells the client
+            status = 500
+            await _internal_error(scope)(scope, receive, send)
+        finally:
+            self._tell(scope, status, time.perf_counter() - started, sent_bytes)
+
+    def _tell(self, scope: Scope, status: int | None, seconds: float, sent_bytes: int) -> None:
+        route, method = _route(scope), _method(scope)
+        self.requests.labels(method, route, str(status)).inc()
+        self.seconds.labels(method, route).observe(seconds)
+        if route in QUIET_ROUTES and status == HTTPStatus.OK:
+            return
+        log.info(
+            "request",
+            method=method,
+            route=route,
+            status=status,
+            seconds=round(seconds, 4),
+            bytes=sent_bytes,
+            **_who_and_what(scope),
+            **({"address": client_address(scope)} if status in REFUSALS else {}),
+        )
+
+
+def _route(scope: Scope) -> str:
+    """The path's pattern: the path itself is what a client wrote, a secret perhaps."""
+    return getattr(scope.get("route"), "path", "unmatched")
+
+
+def _method(scope: Scope) -> str:
+    return scope["method"] if scope["method"] in METHODS else "other"
+
+
+def _who_and_what(scope: Scope) -> dict[str, str]:
+    """The caller's key and the job that was queued, where there are such."""
+    state = scope["state"]
+    known = {"key_id": getattr(state.get("caller"), "key_id", None), "job_id": state.get("job_id")}
+    return {name: value for name, value in known.items() if value is not None}
+
+
+def _internal_error(scope: Scope) -> ASGIApp:
+    detail = f"something went wrong inside the service; its log has more under {scope['state']['request_id']}"
+    return problem_response(scope["path"], 500, "internal", detail)

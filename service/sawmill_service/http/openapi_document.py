@@ -1,0 +1,282 @@
+"""The OpenAPI document: FastAPI's own, with every answer listed and an example for every operation."""
+
+import json
+from collections.abc import Iterable, Iterator, Mapping
+from functools import cached_property
+from http import HTTPStatus
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from fastapi import FastAPI
+from pydantic import BaseModel
+
+from sawmill_service.access import OPEN_PATHS, needed_scope
+from sawmill_service.http.allowed_methods import methods_by_pattern
+from sawmill_service.http.described_answers import BINARY, HEADERS, describe_answers
+from sawmill_service.http.openapi_words import complete
+from sawmill_service.http.problem_types import PATH as PROBLEMS
+from sawmill_service.http.problems import Problem
+from sawmill_service.http.refusals import CODES_KEY, list_refusals
+from sawmill_service.http.sent_form import FILE
+from sawmill_service.http.sent_form import MEDIA_TYPE as FORM
+
+TRY = "x-try"
+SECURITY_SCHEMES = {
+    "key": {"type": "http", "scheme": "bearer", "description": "A key; the scope that it needs stands beside it."},
+    "password": {"type": "http", "scheme": "basic", "description": "The same key as the password, with any user."},
+}
+
+
+def trying(**values: Any) -> dict[str, Any]:  # noqa: ANN401 - any JSON value
+    """Name an operation's values for the console's "Try it out": parameters by name, and the JSON `body`.
+
+    A required parameter that is not named takes the first example of its type.
+    """
+    return {TRY: values}
+
+
+def trying_file(
+    media_type: str,
+    file: str,
+    *,
+    required: bool = True,
+    **values: Any,  # noqa: ANN401 - any JSON value
+) -> dict[str, Any]:
+    """As `trying`, for an operation whose body is a file; `file` is where the service offers one to try."""
+    return {
+        TRY: values,
+        "x-example-file": file,
+        "requestBody": {"required": required, "content": {media_type: {"schema": BINARY}}},
+    }
+
+
+def trying_form(
+    model: type[BaseModel],
+    file: str,
+    **fields: Any,  # noqa: ANN401 - any JSON value
+) -> dict[str, Any]:
+    """As `trying_file`, for an operation that takes a form of a model's fields and a file apart itself."""
+    schema = model.model_json_schema(ref_template="#/components/schemas/{model}")
+    schema["properties"] = {name: _not_null(described) for name, described in schema["properties"].items()}
+    content = {FORM: {"schema": schema}}
+    return {TRY: {"body": fields}, "x-example-file": file, "requestBody": {"required": True, "content": content}}
+
+
+class Application(FastAPI):
+    """FastAPI with this service's OpenAPI document."""
+
+    def openapi(self) -> dict[str, Any]:
+        """Make the document once."""
+        if self.openapi_schema is None:
+            self.openapi_schema = _finish(super().openapi())
+        return self.openapi_schema
+
+    @cached_property
+    def methods_by_pattern(self) -> Mapping[str, set[str]]:
+        """The methods of each pattern of paths, once all routes are there."""
+        return methods_by_pattern(self)
+
+    @cached_property
+    def openapi_json(self) -> bytes:
+        """The document as it is served: writing it out takes longer than most requests, and is done once."""
+        return json.dumps(self.openapi(), separators=(",", ":"), ensure_ascii=False).encode()
+
+
+def render(app: FastAPI) -> str:
+    """The document as it is committed: sorted keys, two spaces, a newline at the end."""
+    return json.dumps(app.openapi(), indent=2, sort_keys=True, ensure_ascii=False) + "\n"
+
+
+class ExampleRequest(NamedTuple):
+    """One request that works on a fresh data folder."""
+
+    operation_id: str
+    method: str
+    path: str
+    headers: dict[str, str]
+    query: dict[str, Any]
+    body: Any
+    body_file: str | None
+    media_type: str | None
+
+    def render(self) -> str:
+        """The request as it is committed."""
+        return json.dumps(self._asdict(), indent=2, sort_keys=True, ensure_ascii=False) + "\n"
+
+
+def write(app: FastAPI, folder: Path) -> None:
+    """Write `openapi.json` and one file a request in `requests/`; requests of operations that are gone go."""
+    requests = folder / "requests"
+    requests.mkdir(parents=True, exist_ok=True)
+    (folder / "openapi.json").write_text(render(app))
+    for path in requests.glob("*.json"):
+        path.unlink()
+    for example in example_requests(app):
+        (requests / f"{example.operation_id}.json").write_text(example.render())
+
+
+def example_requests(app: FastAPI) -> list[ExampleRequest]:
+    """Every operation's example as the console would send it."""
+    return [_example_request(path, method, operation) for path, method, operation in _operations(app.openapi())]
+
+
+def _operations(document: dict[str, Any], part: str = "paths") -> Iterator[tuple[str, str, dict[str, Any]]]:
+    for path, item in document[part].items():
+        for method, operation in item.items():
+            yield path, method, operation
+
+
+def _finish(document: dict[str, Any]) -> dict[str, Any]:
+    components = document.setdefault("components", {})
+    schemas = components.setdefault("schemas", {})
+    for generated in ("HTTPValidationError", "ValidationError"):
+        schemas.pop(generated, None)
+    _share(Problem.model_json_schema(ref_template="#/components/schemas/{model}"), schemas)
+    for _, _, operation in _operations(document):
+        form = operation.get("requestBody", {}).get("content", {}).get(FORM)
+        if form:
+            form["schema"] = _share(form["schema"], schemas)
+    _name_by_title(document, schemas)
+    components["headers"] = HEADERS
+    components["securitySchemes"] = SECURITY_SCHEMES
+    complete(schemas, _parameters(document))
+    for _, _, message in _operations(document, "webhooks"):
+        _drop_generated_refusal(message["responses"])
+    _state_items(document)
+    for path, method, operation in _operations(document):
+        _describe_access(method.upper(), path, operation)
+        _describe_repeats(operation)
+        _drop_generated_refusal(operation["responses"])
+        list_refusals(method.upper(), path, operation)
+        describe_answers(operation)
+        _describe_parameters(operation)
+        _give_examples(operation, operation.pop(TRY, {}))
+    components["responses"] = _shared_refusals(operation["responses"] for _, _, operation in _operations(document))
+    return document
+
+
+def _share(schema: dict[str, Any], schemas: dict[str, Any]) -> dict[str, str]:
+    """Put a schema and those within it beside FastAPI's own, and refer to it."""
+    schemas.update(schema.pop("$defs", {}))
+    schemas[schema["title"]] = schema
+    return {"$ref": f"#/components/schemas/{schema['title']}"}
+
+
+def _name_by_title(document: dict[str, Any], schemas: dict[str, Any]) -> None:
+    """Each schema under its title: pydantic calls a page of scans `Page_Scan_`, and gives a named literal no title."""
+    names = {name: schema.setdefault("title", name) for name, schema in schemas.items()}
+    if len(set(names.values())) < len(names):
+        msg = f"two schemas have one title: {sorted(names.items(), key=lambda pair: pair[1])}"
+        raise ValueError(msg)
+    for name, title in names.items():
+        schemas[title] = schemas.pop(name)
+    refer = {f"#/components/schemas/{name}": f"#/components/schemas/{title}" for name, title in names.items()}
+    _replace_references(document, refer)
+
+
+def _replace_references(part: Any, refer: dict[str, str]) -> None:  # noqa: ANN401 - any JSON value
+    """In place, wherever one stands."""
+    for key, value in part.items() if isinstance(part, dict) else enumerate(part):
+        if isinstance(value, dict | list):
+            _replace_references(value, refer)
+        elif isinstance(value, str) and value in refer:
+            part[key] = refer[value]
+
+
+def _state_items(part: Any) -> None:  # noqa: ANN401 - any JSON value
+    """State the type of the items of each pair, in place: generators that pass over `prefixItems` read it.
+
+    Its length already forbids further items. `items: false` would say so again, and openapi-python-client refuses it.
+    """
+    if isinstance(part, dict) and "prefixItems" in part:
+        [kind] = {item["type"] for item in part["prefixItems"]}
+        part["items"] = {"type": kind}
+    for each in part.values() if isinstance(part, dict) else part if isinstance(part, list) else ():
+        _state_items(each)
+
+
+def _parameters(document: dict[str, Any]) -> Iterator[dict[str, Any]]:
+    return (parameter for *_, operation in _operations(document) for parameter in operation.get("parameters", []))
+
+
+def _shared_refusals(answers: Iterable[dict[str, Any]]) -> dict[str, Any]:
+    """Take the commonest answer of each status that refuses out of all operations, and leave references to it."""
+    refusals = [(answer, status) for answer in answers for status in answer if status >= "400"]
+    shared = {}
+    for status in sorted({status for _, status in refusals}):
+        same = [answer for answer, its_status in refusals if its_status == status]
+        commonest = max((answer[status] for answer in same), key=[answer[status] for answer in same].count)
+        name = HTTPStatus(int(status)).phrase.title().replace(" ", "")
+        shared[name] = commonest
+        for answer in same:
+            if answer[status] == commonest:
+                answer[status] = {"$ref": f"#/components/responses/{name}"}
+    return shared
+
+
+def _describe_access(method: str, path: str, operation: dict[str, Any]) -> None:
+    """Which key it needs; a service that stands open on loopback needs none."""
+    needed = None if path in OPEN_PATHS or path.startswith(PROBLEMS) else needed_scope(method, path)
+    operation["security"] = [] if needed is None else [{}, *({scheme: [needed]} for scheme in SECURITY_SCHEMES)]
+
+
+def _drop_generated_refusal(responses: dict[str, Any]) -> None:
+    """FastAPI's own description of a refused value is of a shape that this service does not answer."""
+    if CODES_KEY not in responses.get("422", {}):
+        responses.pop("422", None)
+
+
+def _describe_parameters(operation: dict[str, Any]) -> None:
+    """A parameter that is left out is null; none can be given as that."""
+    for parameter in operation.get("parameters", []):
+        parameter["schema"] = _not_null(parameter["schema"])
+
+
+def _not_null(schema: dict[str, Any]) -> dict[str, Any]:
+    given = [choice for choice in schema.get("anyOf", []) if choice != {"type": "null"}]
+    return given[0] | {key: value for key, value in schema.items() if key != "anyOf"} if len(given) == 1 else schema
+
+
+def _describe_repeats(operation: dict[str, Any]) -> None:
+    """The header by which a repeat's answer is known, on what is answered to requests that may be sent again."""
+    if any(parameter["name"] == "Idempotency-Key" for parameter in operation.get("parameters", [])):
+        replayed = {"description": "This answers a repeat.", "schema": {"type": "string", "const": "true"}}
+        for status, response in operation["responses"].items():
+            if status.startswith("2"):
+                response.setdefault("headers", {})["Idempotency-Replayed"] = replayed
+
+
+def _give_examples(operation: dict[str, Any], values: dict[str, Any]) -> None:
+    for parameter in operation.get("parameters", []):
+        name, examples = parameter["name"], parameter["schema"].get("examples")
+        if name in values:
+            parameter["example"] = values[name]
+        elif parameter["required"] and examples:
+            parameter["example"] = examples[0]
+    if "body" in values:
+        [(media_type, media)] = operation["requestBody"]["content"].items()
+        media["example"] = values["body"] | ({FILE: "the bytes of the file"} if media_type == FORM else {})
+
+
+def _example_request(path: str, method: str, operation: dict[str, Any]) -> ExampleRequest:
+    given = [parameter for parameter in operation.get("parameters", []) if "example" in parameter]
+    query = {parameter["name"]: parameter["example"] for parameter in given if parameter["in"] == "query"}
+    headers = {parameter["name"]: str(parameter["example"]) for parameter in given if parameter["in"] == "header"}
+    for parameter in given:
+        if parameter["in"] == "path":
+            path = path.replace(f"{{{parameter['name']}}}", str(parameter["example"]))
+    content = operation.get("requestBody", {}).get("content", {})
+    media_type = next(iter(content), None)
+    body = content[media_type].get("example") if media_type else None
+    if media_type == FORM and body:
+        body = {name: value for name, value in body.items() if name != FILE}
+    return ExampleRequest(
+        operation_id=operation["operationId"],
+        method=method.upper(),
+        path=path,
+        headers=headers,
+        query=query,
+        body=body,
+        body_file=operation.get("x-example-file"),
+        media_type=media_type,
+    )

@@ -1,0 +1,100 @@
+"""Every kind of problem by its code, with its texts for people: `problem_texts/` has them, `/problems/` shows them.
+
+`tests/service/test_problem_types.py` compares the codes with those that the sources raise.
+"""
+
+import tomllib
+from collections.abc import Mapping
+from functools import cache
+from http import HTTPStatus
+from pathlib import Path
+from typing import Any
+
+from pydantic import Field
+
+from sawmill_contracts.jobs import FailureKind, JobKind
+from sawmill_contracts.kinds import declaration_of
+from sawmill_platform.contracts.base import Contract
+
+PATH = "/problems/"
+CODE_PATTERN = r"^[a-z0-9]+(-[a-z0-9]+)*$"
+_TEXTS = Path(__file__).parent / "problem_texts"
+_OTHERS = "Others may come with a later version: a program treats a code that it does not know by its status."
+
+
+class ProblemType(Contract):
+    """A kind of problem, or of a job's failure."""
+
+    code: str = Field(
+        description="Stable, for programs.", max_length=64, pattern=CODE_PATTERN, examples=["scanner-not-found"]
+    )
+    type: str = Field(
+        description="Where this page is, as problems name it.",
+        json_schema_extra={"format": "uri-reference"},
+        examples=["/problems/scanner-not-found"],
+    )
+    title: str = Field(description="What it means, in a few words.", examples=["There is none with this id"])
+    when: str = Field(
+        description="When it comes.", examples=["The id is of nothing that is here: it was deleted, or is misspelt."]
+    )
+    what_to_do: str = Field(description="What to do.", examples=["List what there is, and take an id from there."])
+    status: int | None = Field(
+        None, description="The HTTP status of an answer with it; null: only jobs fail with it.", examples=[404]
+    )
+    failure: FailureKind | None = Field(
+        None, description="Whose trouble it is where a job fails with it; null: none does.", examples=["input"]
+    )
+
+
+def type_of(code: str) -> str:
+    """The `type` of a problem (RFC 9457, section 3.1.1): a reference that its page answers, offline as well."""
+    return PATH + code
+
+
+def title_of(code: str, status: int) -> str:
+    """What a code means in a few words; the status in words where the code is of no known type."""
+    known = problem_types().get(code)
+    return HTTPStatus(status).phrase if known is None else known.title
+
+
+class ProblemTypes(Contract):
+    """All kinds of problems, by code."""
+
+    items: list[ProblemType] = Field(description="Those of this version, by code.")
+
+
+@cache
+def problem_types() -> Mapping[str, ProblemType]:
+    """All of them, by code."""
+    found = [kind for name in ("answers", "failures") for kind in _read(_TEXTS / f"{name}.toml")]
+    return {kind.code: kind for kind in sorted(found, key=lambda kind: kind.code)}
+
+
+def markdown_table() -> str:
+    """Status by status, as docs/http.md has it."""
+    statuses = sorted({kind.status for kind in problem_types().values() if kind.status is not None})
+    rows = [f"| {status} {HTTPStatus(status).phrase} | {_codes_of(status)} |" for status in statuses]
+    return "\n".join(["| status | `code` |", "|---|---|", *rows])
+
+
+def describe_code(schema: dict[str, Any]) -> None:
+    """What the schema of a code has beside its pattern: no `enum`, which would break clients of earlier versions."""
+    schema.update({"x-extensible-enum": list(problem_types()), "description": f"Stable, for programs. {_OTHERS}"})
+
+
+def _codes_of(status: int) -> str:
+    return ", ".join(f"`{kind.code}`" for kind in problem_types().values() if kind.status == status)
+
+
+def _read(path: Path) -> list[ProblemType]:
+    entries = tomllib.loads(path.read_text())["problem"]
+    return [
+        ProblemType(code=code, type=type_of(code), **entry)
+        for entry in entries
+        for pattern in entry.pop("codes")
+        for code in dict.fromkeys(pattern.replace("{noun}", declaration_of(kind).noun) for kind in JobKind)
+    ]
+
+
+if __name__ == "__main__":
+    print(markdown_table())  # noqa: T201 - for docs/http.md

@@ -1,0 +1,146 @@
+"""How many requests, and how many failed logins, somebody may send in a span of time."""
+
+import math
+import threading
+import time
+from collections import OrderedDict
+
+from limits import RateLimitItem, parse_many
+from limits.storage import MemoryStorage
+from limits.strategies import SlidingWindowCounterRateLimiter
+
+from sawmill_service.http.callers import network_of
+from sawmill_service.http.problems import Refused
+
+# Of counts: some 7 MB. A caller has two or four.
+_MOST_COUNTS = 20_000
+# Of wrong secrets that are known again: 2 MB.
+_MOST_WRONG = 10_000
+_WRONG_KEYS = "wrong keys"
+
+
+def too_many(detail: str, retry_after_s: int) -> Refused:
+    """Refuse for now."""
+    return Refused(429, "too-many-requests", detail, {"Retry-After": str(retry_after_s)})
+
+
+def check_rate(text: str) -> str:
+    """Refuse what the library cannot read as a rate, or as several.
+
+    Raises
+    ------
+    ValueError
+        It is no rate, or one that lets nothing through.
+    """
+    try:
+        limits = parse_many(text)
+    except ValueError as error:
+        raise ValueError(_WRONG_RATE.format(text)) from error
+    if not all(limit.amount >= 1 for limit in limits):
+        raise ValueError(_WRONG_RATE.format(text))
+    return text
+
+
+_WRONG_RATE = "must be as in 1200/minute, or 1200/minute; 50/second, with at least 1, not {!r}"
+
+
+class BoundedMemory(MemoryStorage):
+    """The library's memory, bounded: its own looks at all counts in a new thread after each request.
+
+    Parameters
+    ----------
+    most_counts
+        Of them; beyond that those that have run out go, and the tenth that is oldest.
+    """
+
+    def __init__(self, most_counts: int = _MOST_COUNTS) -> None:
+        super().__init__()
+        self._most_counts = most_counts
+
+    def incr(self, key: str, expiry: float, amount: int = 1) -> int:
+        """Count."""
+        if self.get(key) == 0:
+            self._make_room()
+            self.expirations[key] = time.time() + expiry
+        self.storage[key] += amount
+        return self.storage[key]
+
+    def _make_room(self) -> None:
+        if len(self.expirations) < self._most_counts:
+            return
+        now = time.time()
+        gone = [key for key, expires in self.expirations.items() if expires <= now]
+        for key in gone or list(self.expirations)[: max(1, self._most_counts // 10)]:
+            self.clear(key)
+
+
+class Rates:
+    """Counts by name in sliding windows.
+
+    Parameters
+    ----------
+    limits
+        As settings give them: each is one that must hold.
+    """
+
+    def __init__(self, limits: str) -> None:
+        self._limits = parse_many(limits)
+        self._windows = SlidingWindowCounterRateLimiter(BoundedMemory())
+        self._lock = threading.Lock()
+
+    def take(self, *name: str) -> None:
+        """Count one.
+
+        Raises
+        ------
+        Refused
+            There were as many as allowed: 429, with the time until there is room.
+        """
+        with self._lock:
+            for limit in self._limits:
+                if not self._windows.hit(limit, *name):
+                    raise self._refusal(limit, name)
+
+    def _refusal(self, limit: RateLimitItem, name: tuple[str, ...]) -> Refused:
+        resets_at = self._windows.get_window_stats(limit, *name).reset_time
+        wait_s = max(1, math.ceil(resets_at - time.time()))
+        kind, caller = name[0], name[-1]
+        return too_many(
+            f"{caller} may send {limit.amount} {kind} in {limit.get_expiry()} s, and has: try again in {wait_s} s",
+            wait_s,
+        )
+
+
+class FailedLogins:
+    """Secrets that were wrong, by address. Beyond a rate further wrong ones get 429; a good one opens all the same.
+
+    The same one again is known, and neither looked up nor counted: a program that goes on with a key that has ended
+    guesses nothing.
+
+    Parameters
+    ----------
+    limits
+        As settings give them.
+    """
+
+    def __init__(self, limits: str) -> None:
+        self._rates = Rates(limits)
+        self._wrong: OrderedDict[tuple[str, str], None] = OrderedDict()
+
+    def knows(self, address: str, secret_hash: str) -> bool:
+        """Whether this address brought this secret before, and it was wrong."""
+        return (network_of(address), secret_hash) in self._wrong
+
+    def failed(self, address: str, secret_hash: str) -> None:
+        """A secret from this address was wrong.
+
+        Raises
+        ------
+        Refused
+            So were too many others before it.
+        """
+        network = network_of(address)
+        self._wrong[network, secret_hash] = None
+        if len(self._wrong) > _MOST_WRONG:
+            self._wrong.popitem(last=False)
+        self._rates.take(_WRONG_KEYS, network)

@@ -1,0 +1,231 @@
+"""`Idempotency-Key`: a request that is sent again makes nothing again, and gets the answer that the first one got.
+
+The header is that of the IETF's draft-ietf-httpapi-idempotency-key-header-07. See docs/http.md for what it leaves open.
+"""
+
+import hashlib
+import inspect
+import json
+import re
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from dataclasses import dataclass, replace
+from functools import partial, wraps
+from typing import Annotated, Any, TypeVar, cast
+
+from fastapi import Depends, FastAPI, Header, Request, Response
+from fastapi.concurrency import run_in_threadpool
+from starlette.exceptions import HTTPException
+
+from sawmill_platform.contracts.base import Contract
+from sawmill_service.access import caller_of
+from sawmill_service.dependencies import TheStore
+from sawmill_service.http.problems import Refused
+from sawmill_service.http.sent_content import SentContent
+from sawmill_service.uploads import body_begun, body_sha256, check_no_file
+from sawmill_store.arriving import Received
+from sawmill_store.errors import StorageError
+from sawmill_store.repeats import Answer, KeyedRequest
+from sawmill_store.store import Store
+
+HEADER, REPLAYED = "Idempotency-Key", "Idempotency-Replayed"
+SECRET = "secret"  # noqa: S105 - the name of a field
+# A string of RFC 9651 (section 3.3.3), or what clients send without its quotes.
+_QUOTED = re.compile(r'"((?:[ !#-\[\]-~]|\\["\\]){1,200})"')
+_BARE = re.compile(r"[!#-~]{1,200}")
+
+Made = TypeVar("Made", bound=Contract)
+Key = Annotated[
+    str | None,
+    Header(
+        alias=HEADER,
+        description="The client's own name for this request, as a UUID, in quotes or without: the same request with "
+        f"the same name makes nothing again within 48 hours, and gets the first one's answer, with `{REPLAYED}: true`.",
+        json_schema_extra={"pattern": f"^({_QUOTED.pattern}|{_BARE.pattern})$"},
+    ),
+]
+
+
+class AnsweredBefore(Exception):  # noqa: N818 - no error
+    """The request is a repeat, and this is its answer."""
+
+    def __init__(self, answer: Answer) -> None:
+        super().__init__()
+        self.answer = answer
+
+
+@dataclass(frozen=True)
+class Repeatable:
+    """A request that may be sent again where it brings a key.
+
+    Attributes
+    ----------
+    request, response
+        The request, and the response whose headers the route sets.
+    store
+        Where answers are kept.
+    keyed
+        The request with its key; null: it brings none.
+    """
+
+    request: Request
+    response: Response
+    store: Store
+    keyed: KeyedRequest | None
+
+    def once(self, make: Callable[[], Made], *, file_sha256: str | None = None) -> Made:
+        """Make what is asked for, in one transaction with the answer that its repeats get.
+
+        Raises
+        ------
+        AnsweredBefore
+            It is a repeat.
+        Refused
+            409 `secret-not-repeated`: it is one, and its answer had a secret.
+        Invalid
+            422 `idempotency-key-reused`.
+        """
+        if self.keyed is None:
+            return make()
+        keyed = replace(self.keyed, file_sha256=file_sha256)
+        made = self.store.repeats.once(keyed, make, self._kept)
+        if isinstance(made, Answer):
+            raise _repeated(made, self.request)
+        return made
+
+    def once_with(self, received: Received, make: Callable[[], Made], *, sent_sha256: str | None) -> Made:
+        """As `once`, where `make` takes a file, which is discarded otherwise; null: it came before this request."""
+        try:
+            return self.once(make, file_sha256=sent_sha256)
+        finally:
+            self.store.files.discard(received)
+
+    @asynccontextmanager
+    async def unless_repeated(self, content: SentContent | None = None) -> AsyncIterator[None]:
+        """Around what receives a file, or looks up what names one: a repeat is answered before.
+
+        What is refused within may be so because the first request was answered meanwhile: then it is a repeat too,
+        unless a part of its body has been read, of which no checksum can be had any more.
+
+        Parameters
+        ----------
+        content
+            What the body stands for; null: it is the file.
+
+        Raises
+        ------
+        AnsweredBefore, Invalid
+            As by `check_sent`.
+        """
+        await self.check_sent(content)
+        try:
+            yield
+        except (HTTPException, StorageError):
+            if not body_begun(self.request):
+                await self.check_sent(content)
+            raise
+
+    async def check_sent(self, content: SentContent | None = None) -> None:
+        """Answer a repeat, for which its body is read: the file, or nothing where an earlier one is named.
+
+        Raises
+        ------
+        AnsweredBefore
+            It is a repeat, with the same file or none.
+        Invalid
+            422 `idempotency-key-reused`.
+        Refused
+            As by `body_sha256` or `check_no_file`.
+        """
+        if self.keyed is None:
+            return
+        kept = await run_in_threadpool(self.store.repeats.find, self.keyed)
+        if kept is None:
+            return
+        same, digest = kept.request.request_sha256 == self.keyed.request_sha256, None
+        if same and kept.request.file_sha256 is None:
+            await check_no_file(self.request)
+        elif same:
+            max_bytes = self.request.app.state.settings.max_upload_bytes
+            what = content or SentContent(self.request.headers)
+            digest = await body_sha256(self.request, what, max_bytes=max_bytes)
+        raise _repeated(kept.answer_to(replace(self.keyed, file_sha256=digest)), self.request)
+
+    def _kept(self, made: Contract) -> Answer:
+        return Answer(
+            status=self.response.status_code or self.request.scope["route"].status_code or 200,
+            headers=dict(self.response.headers),
+            body=made.model_dump_json(by_alias=True, exclude={SECRET}),
+            whole=SECRET not in type(made).model_fields,
+        )
+
+
+async def _repeatable(request: Request, response: Response, store: TheStore, key: Key = None) -> Repeatable:
+    """Of a request whose body is JSON or empty."""
+    return _keyed(request, response, store, key, await request.body())
+
+
+async def _repeatable_with_file(request: Request, response: Response, store: TheStore, key: Key = None) -> Repeatable:
+    """Of a request whose body is a file."""
+    return _keyed(request, response, store, key, b"")
+
+
+def _keyed(request: Request, response: Response, store: Store, key: str | None, body: bytes) -> Repeatable:
+    if key is None:
+        return Repeatable(request, response, store, None)
+    caller, scope = caller_of(request), request.scope
+    parts = (scope["method"].encode(), scope["path"].encode(), scope["query_string"], body)
+    digest = hashlib.sha256(b"\0".join(parts)).hexdigest()
+    name = caller.name if caller.key_id is None else f"key {caller.key_id}"
+    return Repeatable(request, response, store, KeyedRequest(name, _read(key), digest))
+
+
+def _read(key: str) -> str:
+    if quoted := _QUOTED.fullmatch(key):
+        return re.sub(r"\\(.)", r"\1", quoted[1])
+    if _BARE.fullmatch(key):
+        return key
+    detail = f"{HEADER} must be 1 to 200 visible ASCII characters, in quotes or without, not {key[:100]!r}"
+    raise Refused(400, "bad-idempotency-key", detail)
+
+
+TheRepeatable = Annotated[Repeatable, Depends(_repeatable)]
+TheRepeatableWithFile = Annotated[Repeatable, Depends(_repeatable_with_file)]
+
+
+def repeatable(endpoint: Callable[..., Made]) -> Callable[..., Made]:
+    """Have a route whose body is JSON, or empty, take `Idempotency-Key`."""
+
+    @wraps(endpoint)
+    def once(repeatable: Repeatable, **given: Any) -> Made:  # noqa: ANN401 - the route's own
+        return repeatable.once(partial(endpoint, **given))
+
+    signature = inspect.signature(endpoint)
+    added = inspect.Parameter("repeatable", inspect.Parameter.KEYWORD_ONLY, annotation=TheRepeatable)
+    parameters = [*signature.parameters.values(), added]
+    once.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
+    return once
+
+
+def _repeated(answer: Answer, request: Request) -> AnsweredBefore | Refused:
+    if answer.whole:
+        return AnsweredBefore(answer)
+    # Only what has secrets answers with one, and each is replaced by the same path.
+    made, kinds = json.loads(answer.body)["id"], request.url.path.split("/")[2]
+    what = f"{kinds.removesuffix('s')} {made!r}"
+    return Refused(
+        409,
+        "secret-not-repeated",
+        f"the first request with this {HEADER} was answered, and the secret of {what} stood in its answer alone: "
+        f"POST /v1/{kinds}/{made}/rotate, with another {HEADER}, makes a new one",
+    )
+
+
+def _on_repeat(_request: Request, error: Exception) -> Response:
+    answer = cast("AnsweredBefore", error).answer
+    return Response(answer.body, answer.status, answer.headers | {REPLAYED: "true"}, media_type="application/json")
+
+
+def install(app: FastAPI) -> None:
+    """Answer repeats."""
+    app.add_exception_handler(AnsweredBefore, _on_repeat)

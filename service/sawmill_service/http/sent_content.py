@@ -1,0 +1,169 @@
+"""What the bytes of an upload's body stand for: packed or not, a file and no page."""
+
+import re
+import zlib
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+from starlette.datastructures import Headers
+
+from sawmill_service.http.body_sums import BodySums, all_lines
+from sawmill_service.http.problems import Refused
+
+BYTES = "application/octet-stream"
+# No file is a text that somebody says is one, nor a form; `curl --data-binary` calls any file a urlencoded form.
+_NO_FILE = re.compile(r"text/.*|multipart/.*|application/json|application/xml|.*\+(json|xml)")
+_PAGE = re.compile(rb"(?:\xef\xbb\xbf)?\s*<(!doctype\s+html|html|\?xml)", re.IGNORECASE)
+_FORM = re.compile(rb"--[^\r\n]{1,70}\r\ncontent-disposition:\s*form-data", re.IGNORECASE)
+_PIECE_BYTES = 2**20
+# gzip packs a file of one value a thousandfold; measured counts and line integrals about twofold.
+# Each member costs time of its own, even an empty one; programs that write many give each thousands of bytes.
+_FREE_MEMBERS, _LEAST_MEMBER_BYTES = 100, 1024
+_MOST_RATIO, _FREE_BYTES = 100, 16 * 2**20
+
+
+class FirstBytes:
+    """Looks at how a file begins, in whatever pieces that comes."""
+
+    NUMBER = 1024
+
+    def __init__(self) -> None:
+        self._seen = b""
+
+    def look(self, piece: bytes) -> None:
+        """Refuse a page or a form that was sent as a file."""
+        if len(self._seen) == self.NUMBER:
+            return
+        self._seen += piece[: self.NUMBER - len(self._seen)]
+        found = "a page (HTML or XML)" if _PAGE.match(self._seen) else "a form" if _FORM.match(self._seen) else None
+        if found:
+            detail = f"the body is {found}, not a file of measurements: send the file's bytes alone, as {BYTES}"
+            raise Refused(415, "unsupported-media-type", detail, {"Accept": BYTES})
+
+
+class SentContent:
+    """Unpacks and checks the bytes of one body.
+
+    Parameters
+    ----------
+    headers
+        Of the request.
+    packed
+        Whether they may be packed by gzip.
+    begins
+        Whether they are the file's first ones.
+    of_form
+        Whether they are those of a form, and no file's: whoever takes it apart looks at its type and its file.
+
+    Raises
+    ------
+    Refused
+        415 `unsupported-media-type`, `unsupported-encoding`; 400 `bad-digest`.
+    """
+
+    def __init__(self, headers: Headers, *, packed: bool = True, begins: bool = True, of_form: bool = False) -> None:
+        if not of_form:
+            check_media_type(headers.get("content-type", ""))
+        encoding = (all_lines(headers, "content-encoding") or "identity").strip().lower()
+        if encoding not in ({"identity", "gzip", "x-gzip"} if packed else {"identity"}):
+            detail = f"the body may come as it is{' or packed by gzip' if packed else ''}, not by {encoding[:100]!r}"
+            accepted = {"Accept-Encoding": "gzip, identity" if packed else "identity"}
+            raise Refused(415, "unsupported-encoding", detail, accepted)
+        self._sums = BodySums(headers)
+        self._gzip = Gunzip() if encoding.endswith("gzip") else None
+        self._first = FirstBytes() if begins and not of_form else None
+
+    @property
+    def has_digest(self) -> bool:
+        """Whether it must come whole to be known as right."""
+        return bool(self._sums)
+
+    def sha256_with(self, file_sha256: str) -> str:
+        """By which what was sent is known again: the file is all."""
+        return file_sha256
+
+    def take(self, part: bytes) -> Iterator[bytes]:
+        """The file's bytes in a part of what was sent."""
+        self._sums.update(part)
+        for piece in [part] if self._gzip is None else self._gzip.unpack(part):
+            if self._first is not None:
+                self._first.look(piece)
+            yield piece
+
+    def end(self) -> None:
+        """Refuse what was damaged on its way."""
+        self._sums.check()
+        if self._gzip is not None:
+            self._gzip.end()
+
+
+class Gunzip:
+    """Unpacks gzip, of one or more members, within bounds.
+
+    Zeros after the last member are left out, as by gzip(1): RFC 1952 knows none, but who writes whole blocks adds them.
+    """
+
+    def __init__(self) -> None:
+        self._padded = False
+        self._member: Any = None  # typeshed names no type for it
+        self._taken = self._given = self._members = 0
+
+    def unpack(self, part: bytes) -> Iterable[bytes]:
+        """What a part holds, in pieces.
+
+        Raises
+        ------
+        Refused
+            400 `bad-encoding`: it is no gzip. 413 `packed-too-well`: it would become far longer than any scan.
+        """
+        self._taken += len(part)
+        while part:
+            if self._member is None and self._members and (self._padded or part[0] == 0):
+                self._padded = True
+                if part.strip(b"\0"):
+                    raise Refused(400, "bad-encoding", "after the zeros that follow what gzip packed, more bytes come")
+                return
+            self._member = self._member or zlib.decompressobj(wbits=31)
+            try:
+                piece = self._member.decompress(part, _PIECE_BYTES)
+            except zlib.error as error:
+                raise Refused(400, "bad-encoding", f"the body is not what gzip packed: {error}") from error
+            self._count(len(piece))
+            if piece:
+                yield piece
+            part = self._member.unused_data if self._member.eof else self._member.unconsumed_tail
+            if self._member.eof:
+                self._member = None
+                self._count_member()
+
+    def end(self) -> None:
+        """Refuse what broke off, and an empty file."""
+        if self._member is not None:
+            raise Refused(400, "bad-encoding", "the body ends in the middle of what gzip packed: send it again")
+        if not self._given:
+            raise empty_body()
+
+    def _count_member(self) -> None:
+        self._members += 1
+        if self._members > _FREE_MEMBERS + self._taken // _LEAST_MEMBER_BYTES:
+            detail = f"the body is packed in {self._members} members, each of less than {_LEAST_MEMBER_BYTES} bytes"
+            raise Refused(400, "bad-encoding", f"{detail}: pack the file at once")
+
+    def _count(self, size: int) -> None:
+        self._given += size
+        if self._given > _FREE_BYTES + _MOST_RATIO * self._taken:
+            detail = f"the body unpacks to more than {_MOST_RATIO} times its length: send the file as it is"
+            raise Refused(413, "packed-too-well", detail)
+
+
+def check_media_type(content_type: str) -> None:
+    """Refuse a body that says of itself that it is no file, before a byte of it is read."""
+    media_type = content_type.partition(";")[0].strip().lower()
+    if _NO_FILE.fullmatch(media_type):
+        detail = f"the body must be the file's bytes alone, as {BYTES}, not {media_type[:100]!r}"
+        raise Refused(415, "unsupported-media-type", detail, {"Accept": BYTES})
+
+
+def empty_body() -> Refused:
+    """Refuse a file of no bytes."""
+    return Refused(422, "empty-body", "the body is empty: send the file's bytes as the body")

@@ -1,0 +1,121 @@
+"""Bodies of JSON: each value is of its type, and no field stands in an object twice.
+
+FastAPI would take "1" and true for 1, and the last of two equal fields.
+"""
+
+import json
+from collections import Counter, deque
+from collections.abc import Iterable, Mapping
+from typing import Annotated, Any, TypeVar
+
+from fastapi import Request
+from fastapi.concurrency import run_in_threadpool
+from fastapi.exceptions import RequestValidationError
+from fastapi.routing import APIRoute
+from pydantic import GetCoreSchemaHandler, TypeAdapter
+from pydantic_core import CoreSchema, core_schema, from_json, to_json
+
+from sawmill_platform.contracts.given import hidden_characters
+from sawmill_platform.contracts.strict_json import BYTE_ORDER_MARK, read_strictly
+from sawmill_service.http.problems import STATED, Place
+from sawmill_service.http.queries import repeated
+
+Pairs = list[tuple[str, Any]]
+
+
+class _Repeating(dict[str, Any]):
+    """An object in which a field stands again, with all that was sent of it."""
+
+    def __init__(self, pairs: Pairs) -> None:
+        super().__init__(pairs)
+        self.pairs = pairs
+
+
+async def check_body(request: Request) -> None:
+    """Refuse a field that stands twice in an object, and texts that cannot be shown; a dependency of every route.
+
+    The body of a DELETE, which no route reads, is read where it has a digest: the gate checks that as it comes.
+
+    Raises
+    ------
+    RequestValidationError
+        With the outermost of those fields and its values, since one is a fault of whatever wrote the body; or with each
+        of those texts.
+    """
+    route: APIRoute = request.scope["route"]
+    if route.body_field is None:
+        if request.method == "DELETE" and "content-digest" in request.headers:
+            await request.body()
+        return
+    # A thread is less deep than FastAPI was when it read this: what it could nest, the thread can.
+    await run_in_threadpool(_check, await request.body())
+
+
+def _check(body: bytes) -> None:
+    try:
+        repeating = _read(body)
+    except ValueError:  # it is not declared as JSON, else FastAPI would have refused it: the route does
+        return
+    if repeating is not None:
+        raise RequestValidationError([_first_repeated(repeating)], body=repeating)
+    try:
+        sent = from_json(body.removeprefix(BYTE_ORDER_MARK))
+    except ValueError as error:  # half a surrogate, or hundreds of lists in lists
+        unread = {"type": STATED, "loc": (Place.BODY,), "msg": f"cannot be read: {error}", "input": None}
+        raise RequestValidationError([unread]) from error
+    found = hidden_characters(sent) if isinstance(sent, dict | list) else ()
+    if hidden := [fault | {"loc": (Place.BODY, *fault["loc"])} for fault in found]:
+        raise RequestValidationError(hidden, body=sent)
+
+
+class Strictly:
+    """Has pydantic read a body as strict JSON, in which "1" and true are not 1, and a time is a text."""
+
+    def __get_pydantic_core_schema__(self, contract: Any, handler: GetCoreSchemaHandler) -> CoreSchema:  # noqa: ANN401
+        """Wrap the contract's schema, which takes what is read as it is."""
+        strict = TypeAdapter(contract)
+
+        def read(body: object) -> object:
+            if isinstance(body, bytes):  # a media type that is not JSON, which the contract refuses
+                return body
+            return read_strictly(strict, to_json(body, inf_nan_mode="constants"))
+
+        return core_schema.no_info_before_validator_function(read, handler(contract))
+
+
+Body = TypeVar("Body")
+# The type of a route's parameter that is its body.
+Sent = Annotated[Body, Strictly()]
+
+
+def _read(body: bytes) -> Any:  # noqa: ANN401 - JSON
+    """Read a body in which a field stands twice in an object; None for any other body."""
+    has_repeated = False
+
+    def made(pairs: Pairs) -> dict[str, Any]:
+        nonlocal has_repeated
+        fields = dict(pairs)
+        if len(fields) == len(pairs):
+            return fields
+        has_repeated = True
+        return _Repeating(pairs)
+
+    sent = json.loads(body, object_pairs_hook=made)
+    return sent if has_repeated else None
+
+
+def _first_repeated(sent: object) -> Mapping[str, object]:
+    # What to look at, each with its place, a chain: whole places of all would be large where they are deep.
+    ahead: deque[tuple[tuple[Any, ...], Any]] = deque([((), sent)])
+    while not isinstance((value := ahead[0][1]), _Repeating):
+        place, _ = ahead.popleft()
+        inner: Iterable[tuple[Any, Any]] = ()
+        if isinstance(value, dict | list):
+            inner = value.items() if isinstance(value, dict) else enumerate(value)
+        ahead.extend(((place, name), each) for name, each in inner)
+    [(again, _)] = Counter(name for name, _ in value.pairs).most_common(1)
+    names, place = deque[int | str]([again]), ahead[0][0]
+    while place:
+        place, name = place
+        names.appendleft(name)
+    return repeated((Place.BODY, *names), [each for name, each in value.pairs if name == again])

@@ -1,0 +1,75 @@
+"""Parts of uploads that are coming to this process: a later request about an upload ends the earlier part of it.
+
+A client sends one part of an upload at a time, so its later request shows that the line of the earlier one has broken,
+which the service may not have noticed yet (draft-ietf-httpbis-resumable-upload, "Concurrency").
+"""
+
+import asyncio
+from collections.abc import AsyncGenerator, AsyncIterator
+from contextlib import asynccontextmanager
+
+import anyio
+
+from sawmill_store.errors import Busy
+
+
+class Transfer:
+    """One part that is coming.
+
+    Attributes
+    ----------
+    over : asyncio.Event
+        Set once what has come is counted.
+    """
+
+    def __init__(self, upload_id: str) -> None:
+        self.over = asyncio.Event()
+        self._upload_id, self._is_ended = upload_id, False
+        self._wait = anyio.CancelScope()
+
+    async def until_ended(self, chunks: AsyncGenerator[bytes]) -> AsyncIterator[bytes]:
+        """Yield a body's chunks as they come.
+
+        Raises
+        ------
+        Busy
+            A later request has ended the transfer.
+        """
+        chunk: bytes | None = b""
+        while chunk is not None:
+            if chunk:
+                yield chunk
+            with anyio.CancelScope() as self._wait:
+                chunk = None if self._is_ended else await anext(chunks, None)
+            if self._is_ended:
+                msg = f"a later request about upload {self._upload_id!r} has ended this part: ask for the offset"
+                raise Busy("upload-busy", msg)
+
+    async def end(self) -> None:
+        """Wait for nothing more of the body, and return once what has come is counted."""
+        self._is_ended = True
+        self._wait.cancel()
+        await self.over.wait()
+
+
+class Transfers:
+    """All of them, by their uploads; used by one event loop."""
+
+    def __init__(self) -> None:
+        self._coming: dict[str, Transfer] = {}
+
+    async def end(self, upload_id: str) -> None:
+        """End the part of an upload that is coming; nothing where none is."""
+        while transfer := self._coming.get(upload_id):
+            await transfer.end()
+
+    @asynccontextmanager
+    async def begin(self, upload_id: str) -> AsyncIterator[Transfer]:
+        """End the earlier part of an upload, and have the place of the one that is coming."""
+        await self.end(upload_id)
+        transfer = self._coming[upload_id] = Transfer(upload_id)
+        try:
+            yield transfer
+        finally:
+            del self._coming[upload_id]
+            transfer.over.set()

@@ -1,0 +1,140 @@
+"""The arrays behind a calibration's answer: result.h5 keeps them, and the pictures show them."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sawmill_vocabulary import ReconstructionMethod
+
+
+class LogBefore(StrEnum):
+    """With which geometry a log is reconstructed before a calibration."""
+
+    ACTIVE = "active"
+    UNSHIFTED = "unshifted"
+
+    @property
+    def phrase(self) -> str:
+        """For a title in English."""
+        if self is LogBefore.ACTIVE:
+            return "with the calibration that was active"
+        return "uncalibrated: nothing shifted, nothing tilted"
+
+
+@dataclass(frozen=True)
+class LogImages:
+    """A row of the scan that shows a log: reconstructions (x, y) float32 with this calibration and as it was before.
+
+    `field_mm` is the side of both images. `before_with` is the geometry of `before`: of the calibration that was active
+    or, where there was none, of the scanner's constants with the detector as far away as it was found and neither
+    shifted nor tilted. `before` is None where such a geometry does not reconstruct.
+    """
+
+    row: int
+    field_mm: float
+    after: NDArray[np.float32]
+    before: NDArray[np.float32] | None
+    before_with: LogBefore = LogBefore.ACTIVE
+
+
+@dataclass(frozen=True)
+class CalibrationArrays:
+    """What docs/formats.md lists.
+
+    Attributes
+    ----------
+    sinogram, model, residual : (view, detector) float32
+        In the unit of the scan; the residual is measured less model.
+    angles_rad : (view,) float64
+        Each view's angle as the scan gave it.
+    phantom_image : (x, y) float32
+        The phantom with the geometry found, in units of its drawing's density; all 0 where there is no image.
+    phantom_field_mm : float
+        Side of that image.
+    phantom_image_method : ReconstructionMethod
+        What it was made with: FBP, or total variation where the views do not go all round.
+    phantom_outlines_mm : (point, 2) float64
+        The drawing's outlines where the phantom stood, each closed, a row of NaN between two.
+    search_history : (step, 2) float64
+        Evaluations and the best value so far.
+    log
+        None where the scan shows no log beside the phantom.
+    """
+
+    sinogram: NDArray[np.float32]
+    model: NDArray[np.float32]
+    residual: NDArray[np.float32]
+    angles_rad: NDArray[np.float64]
+    phantom_image: NDArray[np.float32]
+    phantom_field_mm: float
+    phantom_outlines_mm: NDArray[np.float64]
+    search_history: NDArray[np.float64]
+    phantom_image_method: ReconstructionMethod = ReconstructionMethod.FBP
+    log: LogImages | None = None
+
+    @classmethod
+    def of(cls, arrays: Mapping[str, NDArray[Any]]) -> Self:
+        """From the arrays of result.h5 by name; a number is an array of no dimensions.
+
+        Raises
+        ------
+        ValueError
+            A number is none, a name is not known, or an array has other axes than it should.
+        """
+        for name, axes in _AXES.items():
+            values = arrays.get(name)
+            if values is not None and (values.ndim != axes or values.dtype.kind not in "iuf"):
+                raise ValueError(f"{name} must be numbers on {axes} axes, not {values.dtype} on {values.ndim}")
+        log = None
+        if "log_after" in arrays:
+            log = LogImages(
+                row=int(_number(arrays, "log_row")),
+                field_mm=_number(arrays, "log_field_mm"),
+                after=arrays["log_after"],
+                before=arrays.get("log_before"),
+                before_with=log_before_with(arrays),
+            )
+        return cls(
+            sinogram=arrays["sinogram"],
+            model=arrays["model"],
+            residual=arrays["residual"],
+            angles_rad=arrays["angles_rad"],
+            phantom_image=arrays["phantom_image"],
+            phantom_field_mm=_number(arrays, "phantom_field_mm"),
+            phantom_outlines_mm=arrays["phantom_outlines_mm"],
+            search_history=arrays["search_history"],
+            phantom_image_method=_method(arrays),
+            log=log,
+        )
+
+
+_AXES = {
+    **dict.fromkeys(("sinogram", "model", "residual", "phantom_image", "phantom_outlines_mm", "search_history"), 2),
+    **dict.fromkeys(("log_after", "log_before"), 2),
+    "angles_rad": 1,
+}
+
+
+def _number(arrays: Mapping[str, NDArray[Any]], name: str) -> float:
+    values = arrays[name]
+    if values.shape != () or values.dtype.kind not in "iuf" or not np.isfinite(values):
+        raise ValueError(
+            f"{name} must be one number, not {values.dtype} of shape {values.shape} ({values.ravel()[:3]})"
+        )
+    return float(values)
+
+
+def _method(arrays: Mapping[str, NDArray[Any]]) -> ReconstructionMethod:
+    """By its name; an earlier version had FBP alone."""
+    name = arrays.get("phantom_image_method")
+    return ReconstructionMethod.FBP if name is None else ReconstructionMethod(name.item().decode("ascii"))
+
+
+def log_before_with(arrays: Mapping[str, NDArray[Any]]) -> LogBefore:
+    """The geometry of `log_before` in result.h5, by its name; an earlier version had the active calibration's alone."""
+    name = arrays.get("log_before_with")
+    return LogBefore.ACTIVE if name is None else LogBefore(name.item().decode("ascii"))

@@ -1,0 +1,601 @@
+"""Calibrations: what can be asked, and the answer with everything that is known about it."""
+
+import json
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal, Self
+from uuid import uuid4
+
+from pydantic import Field
+from typing_extensions import TypeAliasType
+
+from sawmill_contracts.choices import (
+    Axis,
+    PaperCorrelation,
+    PaperObjective,
+    PaperStop,
+    UnfinishedState,
+    Verdict,
+    Weighting,
+    WitnessTaken,
+)
+from sawmill_contracts.geometry import (
+    ReportedSourceFrame,
+    ScannerConstants,
+    SourceFrameDeviation,
+    ThetaDeviation,
+)
+from sawmill_contracts.jobs import Failure, JobKind
+from sawmill_contracts.keys import Scope
+from sawmill_contracts.kinds import AskedKind, Operation, Reference
+from sawmill_contracts.phantoms import SizeTolerancePercent
+from sawmill_platform.contracts.base import ChosenViews, Contract, Covariance, Identifier, PositiveMm, Rows, Stamped
+from sawmill_platform.contracts.given import Given
+from sawmill_vocabulary import (
+    LARGEST_ASSUMED_LOG_RADIUS_MM,
+    STANDARD_SIZE_TOLERANCE,
+    Adjustment,
+    Agreement,
+    CalibrationMethod,
+    CalibrationStatus,
+    Handedness,
+    MovedBody,
+    Rotation,
+    Theta,
+)
+from sawmill_vocabulary.hardening import BeamHardening
+from sawmill_vocabulary.scattered_radiation import BeamCorrection, ScatteredRadiation
+from sawmill_vocabulary.texts import N_
+
+
+class PaperOptions(Contract):
+    """Switches of the published search (arXiv 2206.14444)."""
+
+    objective: PaperObjective = Field(
+        "image", description="Correlate FBP images, or compare sinograms.", examples=["image"]
+    )
+    weighting: Weighting = Field("none", description="FBP weights; the published pipeline has none.", examples=["none"])
+    correlation: PaperCorrelation = Field(
+        "unnormalised", description="Of images or sinograms: as published, or normalised.", examples=["unnormalised"]
+    )
+    stop: PaperStop = Field(
+        "published", description="SciPy's default stop, or one that waits for convergence.", examples=["published"]
+    )
+    max_generations: Annotated[int, Field(ge=1, le=10_000)] = Field(
+        1000, description="The search ends after this number of generations.", examples=[1000]
+    )
+    image_size: Annotated[int, Field(ge=32, le=1024)] = Field(
+        256, description="Pixels along each side of the correlated images.", examples=[256]
+    )
+
+
+class CalibrationOptions(Contract):
+    """How to calibrate, apart from what."""
+
+    rows: Rows | None = Field(
+        None,
+        description="Detector rows A:B to average, the first included, the last not. By default the scan's phantom "
+        "rows, else they are found.",
+        examples=["0:16"],
+    )
+    log_rows: Rows | None = Field(
+        None,
+        description="Detector rows A:B that show a log beside the phantom, the second witness for u_c and tilt. By "
+        "default they are looked for.",
+        examples=["20:28"],
+    )
+    views: Annotated[int, Field(ge=3)] | None = Field(
+        None,
+        description="Number of views to use: every (total / views)-th, each with its own angle. By default all.",
+        examples=[180],
+    )
+    handedness: Handedness | None = Field(
+        None,
+        description="From which end the phantom was seen. By default the scanner's, else both are tried.",
+        examples=["as-drawn"],
+    )
+    rotation: Rotation | None = Field(
+        None,
+        description="Which way the angles count. By default the scanner's, else both are tried.",
+        examples=["as-given"],
+    )
+    method: CalibrationMethod = Field(
+        CalibrationMethod.DEFAULT, description="The product's own search, or the published one.", examples=["default"]
+    )
+    seed: Annotated[int, Field(ge=0, lt=2**32)] = Field(
+        7, description="Seed of the search's random numbers, no unit.", examples=[7]
+    )
+    rays_per_cell: Annotated[int, Field(ge=1, le=64)] | None = Field(
+        None,
+        description="Rays a cell in the model, a count. By default the average over the whole cell, as of a real "
+        "detector.",
+        examples=[4],
+    )
+    without: list[Adjustment] = Field(
+        [],
+        max_length=len(Adjustment),
+        description="Corrections of a scan with faults that are left out.",
+        examples=[["metal"]],
+    )
+    size_tolerance_percent: SizeTolerancePercent | None = Field(
+        None,
+        description="Relative standard uncertainty of the phantom's size, in per cent. By default that of its drawing, "
+        f"{100 * STANDARD_SIZE_TOLERANCE:g} where nobody stated one.",
+        examples=[0.15],
+    )
+    true_axis: Axis | None = Field(
+        None,
+        description="Axis of the drawing along which the phantom's size is right. By default the drawing's, else "
+        "neither: half the difference between the two is then added to the scale's uncertainty.",
+        examples=["x"],
+    )
+    paper: PaperOptions = Field(
+        PaperOptions(), description="Switches of the published search; ignored by the default method."
+    )
+
+
+class GivenCalibrationOptions(CalibrationOptions, Given):
+    """How to calibrate, as somebody asks for it; an earlier version took what is refused here."""
+
+    views: ChosenViews | None = Field(
+        None, description=CalibrationOptions.model_fields["views"].description, examples=[180]
+    )
+
+
+class CalibrationAsk(GivenCalibrationOptions, Given):
+    """Ask for a calibration."""
+
+    scan_id: Identifier = Field(examples=["example"], description="Id of the scan that shows the phantom.")
+    phantom_id: Identifier | None = Field(
+        None, description="Id of the phantom in the scan. Null: the one that the scan names.", examples=["l-shape"]
+    )
+    activate: bool = Field(
+        default=False,
+        description="Make it the scanner's active calibration if its rays_verdict is pass: an uncertain scale blurs "
+        "nothing and does not stop it.",
+        examples=[False],
+    )
+
+
+class CalibrationLimits(Contract):
+    """What an answer is held against, where no scanner is registered that has tolerances."""
+
+    tolerance_mm: PositiveMm = Field(0.1, description="What the predicted ray error may be, mm.", examples=[0.1])
+    scale_tolerance_percent: Annotated[float, Field(gt=0, le=100)] = Field(
+        0.5, description="What the image's millimetres may be off by, per cent.", examples=[0.5]
+    )
+    log_radius_mm: PositiveMm | None = Field(
+        None,
+        description="Radius of the disc in which ray errors are counted, mm. Null: that of the smallest disc which "
+        "holds the phantom.",
+        examples=[150.0],
+    )
+
+
+class StandardDeviation(Contract):
+    """Of theta and of the source frame."""
+
+    theta: ThetaDeviation = Field(description="Of theta.")
+    source_frame: SourceFrameDeviation = Field(description="Of the source frame.")
+
+
+class PredictedRayError(Contract):
+    """The ray error that the covariance predicts, inside the log's disc."""
+
+    rms: float = Field(description="Root of the expected mean square over rays and points, mm.", examples=[0.02])
+    max: float = Field(description="Standard deviation at the worst point, mm.", examples=[0.05])
+    upper_95: float = Field(description="The RMS ray error stays below this, mm, in 95 of 100 cases.", examples=[0.04])
+    interval_95: tuple[float, float] | None = Field(
+        None,
+        description="It lies between these, mm, in 95 of 100 cases. Null: an answer of an earlier version.",
+        examples=[[0.012, 0.041]],
+    )
+    radius_mm: float = Field(description="Of the disc in which rays are compared.", examples=[150.0])
+
+
+class Residual(Contract):
+    """What the model leaves of the sinogram."""
+
+    rms: float = Field(description="In the unit of the sinogram.", examples=[0.03])
+    relative: float = Field(
+        description="RMS of the residual against that of the background-free sinogram, no unit.", examples=[0.012]
+    )
+
+
+class Hypothesis(Contract):
+    """One of the four: handedness and sense of rotation."""
+
+    handedness: Handedness = Field(description="From which end the phantom is seen in it.", examples=["as-drawn"])
+    rotation: Rotation = Field(description="Which way the view angles count in it.", examples=["as-given"])
+    relative_residual: float = Field(
+        description="RMS of the residual against that of the background-free sinogram, no unit.", examples=[0.012]
+    )
+    log_likelihood_behind: float | None = Field(
+        None,
+        description="How far its logarithmic likelihood is behind the best one's, no unit; below 10 the scan does "
+        "not decide. Null without error bars.",
+        examples=[0.0],
+    )
+
+
+class Search(Contract):
+    """How the basin was found."""
+
+    method: str = Field(description="The search's name.", examples=["default"])
+    seed: int = Field(description="Seed of the search's random numbers, no unit.", examples=[7])
+    evaluations: int = Field(description="Number of times that the objective was computed.", examples=[4200])
+    generations: int = Field(description="Number of generations of the search.", examples=[60])
+    best_value: float = Field(
+        description="The objective at the best geometry, in the objective's own unit.", examples=[0.0123]
+    )
+    converged: bool = Field(description="Whether the search converged.", examples=[True])
+    message: str = Field(description="How the search ended, in words.", examples=["converged"])
+
+
+class Timing(Contract):
+    """Seconds; total runs from the sinogram in memory to the complete answer."""
+
+    total: float = Field(description="Seconds of all together.", examples=[4.4])
+    search: float = Field(description="Seconds of the search.", examples=[2.5])
+    refine: float = Field(description="Seconds of the refinement.", examples=[1.2])
+    uncertainty: float = Field(description="Seconds of the error bars.", examples=[0.7])
+
+
+class Comparison(Contract):
+    """Against the scanner's active calibration."""
+
+    calibration_id: Identifier = Field(description="Id of the calibration that was active.", examples=["example"])
+    ray_change_mm: float = Field(
+        description="RMS distance between the two calibrations' rays inside the log's disc, one common rotation and "
+        "one common scale taken out.",
+        examples=[0.03],
+    )
+    scale_change_percent: float | None = Field(
+        None,
+        description="Change of that common scale. Null: an answer of an earlier version, which did not report it.",
+        examples=[0.05],
+    )
+    scale_change_uncertainty_percent: float | None = Field(
+        None,
+        description="Of the change of scale, 95 %, from both covariances; null without error bars.",
+        examples=[0.4],
+    )
+    angle_change_deg: float = Field(description="Change of the first angle.", examples=[0.01])
+    cor_column_change_mm: float = Field(
+        description="Change of u_c, where the centre of rotation falls on the detector, mm.", examples=[0.02]
+    )
+    source_distance_change_mm: float = Field(
+        description="Change of R, the distance from the source to the centre of rotation, mm.", examples=[0.4]
+    )
+    tilt_change_deg: float = Field(description="Change of tau, the detector's tilt, degrees.", examples=[0.01])
+    tolerance_mm: float | None = Field(
+        None, description="What `ray_change_mm` may be. Null: an answer of an earlier version.", examples=[0.5]
+    )
+    within_tolerance: bool = Field(
+        description="Whether nothing moved beyond the scanner's tolerances.", examples=[True]
+    )
+    reason: str = Field(
+        description="What the changes mean, in one sentence.", examples=["nothing moved beyond the tolerance"]
+    )
+
+
+class ColumnAndTilt(Contract):
+    """What the phantom's rows and the log's rows both show."""
+
+    cor_column_mm: float = Field(
+        description="u_c, where the centre of rotation falls on the detector, mm from its middle.", examples=[-209.1]
+    )
+    tilt_rad: float = Field(
+        description="tau, tilt of the detector against the ray through the centre of rotation, radians.",
+        examples=[-0.083],
+    )
+
+
+class SecondWitness(Contract):
+    """The log beside the phantom: by opposite rays or pairs of views its rows give u_c and the tilt too."""
+
+    log_rows: tuple[int, int] = Field(
+        description="First row that shows the log and the one after the last.", examples=[[20, 28]]
+    )
+    log_rows_averaged: int = Field(description="The number of them that was averaged, evenly spaced.", examples=[8])
+    log: ColumnAndTilt = Field(description="What the log's rows show.")
+    log_standard_deviation: ColumnAndTilt = Field(description="Standard deviations of what the log's rows show.")
+    phantom: ColumnAndTilt = Field(description="Of the phantom's rows alone.")
+    phantom_standard_deviation: ColumnAndTilt = Field(
+        description="Standard deviations of what the phantom's rows show."
+    )
+    difference: ColumnAndTilt = Field(description="The log's less the phantom's.")
+    difference_standard_deviation: ColumnAndTilt = Field(description="Standard deviations of the difference.")
+    reported: ColumnAndTilt = Field(description="What follows from both, as source_frame has it.")
+    reported_standard_deviation: ColumnAndTilt = Field(description="Standard deviations of what is reported.")
+    chi_squared: float = Field(
+        description="Chi squared of the difference, with 2 degrees of freedom, no unit.", examples=[1.3]
+    )
+    ray_change_mm: float = Field(
+        description="RMS distance that the difference makes to the rays in the log's disc.", examples=[0.03]
+    )
+    agreement: Agreement = Field(
+        description="agree: chi_squared is below 5.99 (95 %). strained: below 13.8 (99.9 %), combined and widened. "
+        "disagree: above.",
+        examples=["agree"],
+    )
+    moved: MovedBody | None = Field(
+        description="Which body moved during the scan. Null: none did, or the scan does not tell which.",
+        examples=["log"],
+    )
+    taken: WitnessTaken = Field(
+        description="Whose u_c and tilt are reported; both: combined by their covariances.", examples=["both"]
+    )
+    log_jump_mm: float | None = Field(
+        description="The jump of the log that its opposite rays show, in noise or beyond it. Null: views in steps of "
+        "more than 3 degrees do not show it.",
+        examples=[0.02],
+    )
+    log_jump_view: int | None = Field(
+        description="The first view after it, counted from 0; null with log_jump_mm.", examples=[131]
+    )
+    reason: str = Field(description="What the agreement means, in one sentence.", examples=["phantom and log agree"])
+
+
+class CalibrationResult(Contract):
+    """The answer; also RESULT.json of the command line, which alone is enough to reconstruct."""
+
+    theta: Theta = Field(description="The geometry that was found.")
+    theta_twin: Theta | None = Field(
+        description="The other theta with the same sinogram; null where the source shift is zero."
+    )
+    source_frame: ReportedSourceFrame = Field(
+        description="The geometry with the source on the axis: what the data can see."
+    )
+    standard_deviation: StandardDeviation | None = Field(description="Null from a method that has no error bars.")
+    covariance: Covariance | None = Field(
+        description="Covariance of (psi_rad, source_distance_mm, source_to_detector_mm, cor_column_mm, tilt_rad), in "
+        "the products of their units; the row of a parameter that the scan does not determine is zero. Null without "
+        "error bars.",
+        examples=[
+            [
+                [1e-08, 0, 0, 0, 0],
+                [0, 0.04, 0.07, 0, 0],
+                [0, 0.07, 0.12, 0, 0],
+                [0, 0, 0, 0.0004, 1e-07],
+                [0, 0, 0, 1e-07, 4e-08],
+            ]
+        ],
+    )
+    theta_covariance: Covariance | None = Field(
+        None,
+        description="Covariance of (initial_angle_rad, detector_to_cor_mm, source_shift_mm, detector_shift_mm, "
+        "detector_tilt), in the products of their units; null where the source shift or the first angle is not "
+        "resolved.",
+        examples=[
+            [[1e-08, 0, 0, 0, 0], [0, 0.12, 0, 0, 0], [0, 0, 0.6, 0, 0], [0, 0, 0, 0.01, 0], [0, 0, 0, 0, 4e-08]]
+        ],
+    )
+    unconstrained_source_distance_mm: float = Field(
+        description="R before it was held at source_to_cor_mm, if it was.", examples=[917.1]
+    )
+    scale_uncertainty_mm: float = Field(
+        description="What R inherits from the phantom's size tolerance: a systematic share.", examples=[1.37]
+    )
+    scale_ray_error_mm: float = Field(
+        description="What the rays inherit from the phantom's size tolerance (RMS, systematic); no residual shows it.",
+        examples=[0.08],
+    )
+    scale_uncertainty_percent: float | None = Field(
+        None,
+        description="The image's millimetres are right to this with 95 %: 1.96 times the standard uncertainties of the "
+        "phantom's size and of R/SDD, in quadrature, and half the phantom's aspect. "
+        "Null: an answer of an earlier version.",
+        examples=[0.3],
+    )
+    predicted_ray_error_mm: PredictedRayError | None = Field(description="Null without error bars.")
+    handedness: Handedness = Field(description="From which end the phantom was seen.", examples=["as-drawn"])
+    rotation: Rotation = Field(description="Which way the view angles count.", examples=["as-given"])
+    hypotheses: list[Hypothesis] = Field(description="All that were tried, best first.")
+    phantom_position_mm: tuple[float, float] = Field(
+        description="Where the phantom's drawing lies in the image, (x, y) of its origin in mm from the centre of "
+        "rotation.",
+        examples=[[3.2, -1.4]],
+    )
+    gain: float = Field(
+        description="Factor between the phantom's model and the sinogram: a line integral for each mm of wood, in "
+        "1/mm.",
+        examples=[0.021],
+    )
+    offset: float = Field(
+        description="Background of the sinogram: a constant beside the phantom, in the unit of a line integral.",
+        examples=[0.003],
+    )
+    residual: Residual = Field(description="What the model leaves of the sinogram.")
+    beam_hardening: BeamHardening | None = Field(
+        None,
+        description="Beam hardening that was fitted; a reconstruction takes it out of a log's line integrals. Null: "
+        "none was found, or an answer of an earlier version.",
+    )
+    scattered_radiation: ScatteredRadiation | None = Field(
+        None,
+        description="Scattered radiation that was fitted; a reconstruction takes it out of a log's line integrals. "
+        "Null: none was found, or an answer of an earlier version.",
+    )
+    adjustments: list[str] = Field(
+        [],
+        description="What was found in the scan beyond the plain model, and done.",
+        examples=[["3 faulty cells were bridged"]],
+    )
+    status: CalibrationStatus | None = Field(
+        None,
+        description="How far the answer may be relied on; the verdict is pass only where it is calibrated. "
+        "Null: an answer of an earlier version, which did not report it.",
+        examples=["calibrated"],
+    )
+    verdict: Verdict = Field(
+        description="pass: the predicted ray error's upper_95 and scale_uncertainty_percent are within the scanner's "
+        "tolerances, and nothing speaks against the answer. watch: only the ray error's RMS is, or the scale is not, "
+        "or a reason asks for a look. fail: not even the RMS is, or the fit did not converge.",
+        examples=["pass"],
+    )
+    rays_verdict: Verdict | None = Field(
+        None,
+        description="The verdict on the rays alone, whether they are right among themselves up to a common scale. "
+        "Null: an answer of an earlier version.",
+        examples=["pass"],
+    )
+    limits: CalibrationLimits | None = Field(
+        None,
+        description="What the verdict was held against. Null: an answer of an earlier version, which did not keep it.",
+    )
+    reasons: list[str] = Field(
+        description="Why the verdict is not pass, and what else to know, a sentence each.",
+        examples=[["the phantom's size is known to 0.15 % only"]],
+    )
+    scanner: ScannerConstants = Field(description="The scanner's constants with which it was computed.")
+    phantom: str = Field(description="The phantom's name.", examples=["L-shape"])
+    views: int = Field(description="Number of views that were used.", examples=[360])
+    rows: tuple[int, int] = Field(
+        description="Detector rows that were averaged: the first one and the one after the last.", examples=[[0, 16]]
+    )
+    search: Search = Field(description="How the solution was found.")
+    timing_s: Timing = Field(description="Seconds that the parts of the computation took.")
+    software_version: str = Field(description="Version of the software that computed it.", examples=["0.15.0"])
+    input_sha256: str = Field(
+        description="SHA-256 of the scan's file, in hexadecimal digits.",
+        examples=["9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08"],
+    )
+    comparison: Comparison | None = Field(
+        None, description="What changed since the scanner's active calibration. Null: there was none."
+    )
+    second_witness: SecondWitness | None = Field(
+        None,
+        description="The log beside the phantom as a second witness for u_c and tilt; null where the scan shows none, "
+        "or has fewer than 8 views.",
+    )
+
+    @property
+    def beam(self) -> BeamCorrection:
+        """What a reconstruction takes out of a log's line integrals."""
+        return BeamCorrection(self.beam_hardening, self.scattered_radiation)
+
+    @property
+    def radius_mm(self) -> float:
+        """Of the disc in which ray errors are counted with this geometry, where its scanner names none."""
+        predicted = self.predicted_ray_error_mm
+        return LARGEST_ASSUMED_LOG_RADIUS_MM if predicted is None else predicted.radius_mm
+
+
+class CalibrationFile(CalibrationResult):
+    """What the command line prints: an answer that belongs to no service."""
+
+    id: str
+    state: Literal["succeeded"] = "succeeded"
+
+    @classmethod
+    def of(cls, result: CalibrationResult) -> Self:
+        """An answer with an id of its own."""
+        return cls(id=str(uuid4()), **dict(result))
+
+    @classmethod
+    def read(cls, text: str) -> CalibrationResult:
+        """The answer in RESULT.json, whether the command line or the service wrote it.
+
+        Raises
+        ------
+        ValueError
+            The text is no JSON object, or not a calibration that succeeded.
+        """
+        document = json.loads(text)
+        if not isinstance(document, dict) or document.get("state") != "succeeded":
+            raise ValueError("it is not a calibration that succeeded")
+        known = {name: document[name] for name in CalibrationResult.model_fields if name in document}
+        return CalibrationResult.model_validate(known)
+
+
+class CalibrationLinks(Contract):
+    """Where its files are."""
+
+    self: str = Field(description="Its own path.", examples=["/v1/calibrations/example"])
+    job: str = Field(description="Path of its job.", examples=["/v1/jobs/example"])
+    report: str = Field(description="Path of the report picture.", examples=["/v1/calibrations/example/report.png"])
+    overlay: str = Field(
+        description="Path of the picture of the phantom with its outline.",
+        examples=["/v1/calibrations/example/overlay.png"],
+    )
+    hdf5: str = Field(
+        description="Path of the HDF5 file with every number and array.",
+        examples=["/v1/calibrations/example/result.h5"],
+    )
+
+
+class CalibrationHeader(Stamped):
+    """What every calibration carries from the moment it was asked for."""
+
+    scanner_id: Identifier = Field(description="Id of the scanner that is calibrated.", examples=["example"])
+    scan_id: Identifier = Field(description="Id of the scan that shows the phantom.", examples=["example"])
+    phantom_id: Identifier = Field(description="Id of the phantom.", examples=["l-shape"])
+    job_id: Identifier = Field(description="Id of the job that computes it.", examples=["example"])
+    schedule_id: Identifier | None = Field(
+        None, description="Id of the schedule that asked for it. Null: a person or a program did.", examples=["example"]
+    )
+    options: CalibrationOptions = Field(description="How it was asked for, apart from the scan and the phantom.")
+
+
+class CalibrationUnfinished(CalibrationHeader):
+    """Waiting, running, or ended without an answer."""
+
+    state: UnfinishedState = Field(description="State of its job.", examples=["queued"])
+    failure: Failure | None = Field(None, description="Why it failed. Null: it has not.")
+    links: CalibrationLinks | None = Field(None, description="Where it and its files are.")
+
+
+class CalibrationSucceeded(CalibrationHeader, CalibrationResult):
+    """With its answer."""
+
+    state: Literal["succeeded"] = Field(
+        "succeeded", description="State of its job: there is an answer.", examples=["succeeded"]
+    )
+    links: CalibrationLinks | None = Field(None, description="Where it and its files are.")
+
+
+Calibration = TypeAliasType(
+    "Calibration",
+    Annotated[
+        CalibrationUnfinished | CalibrationSucceeded,
+        Field(discriminator="state", description="A calibration as it stands: with its answer once it has succeeded."),
+    ],
+)
+
+
+def calibration_from(record: Mapping[str, Any]) -> CalibrationUnfinished | CalibrationSucceeded:
+    """Put a stored record together: a result's fields stand beside the header's."""
+    header = {name: record[name] for name in (*CalibrationHeader.model_fields, "state")}
+    if record["state"] == "succeeded":
+        return CalibrationSucceeded.model_validate({**header, **record["result"]})
+    return CalibrationUnfinished.model_validate({**header, "failure": record["failure"]})
+
+
+DECLARATION = AskedKind(
+    kind=JobKind.CALIBRATE,
+    noun="calibration",
+    label=N_("Calibration"),
+    lighter="ask for fewer rows or views, or for fewer generations of the published search",
+    ask=CalibrationAsk,
+    options=CalibrationOptions,
+    result=CalibrationResult,
+    answer=Calibration,
+    read=calibration_from,
+    links=CalibrationLinks,
+    files={"report": "report.png", "overlay": "overlay.png", "hdf5": "result.h5"},
+    result_file="result.h5",
+    references=(Reference.SCAN, Reference.PHANTOM),
+    is_short=lambda options: options.method is CalibrationMethod.DEFAULT,
+    needed_scope=lambda ask: Scope.ACTIVATE if ask.activate else Scope.SUBMIT,
+    listed_by=("scanner_id", "state"),
+    to_ask=Operation(
+        "Ask for a calibration",
+        """\
+Find theta from a scan of a phantom.
+
+The scan may still be read: the job waits for it. `GET` the calibration, or stream its job's events, until it ends.""",
+        {"body": {"scan_id": "example"}},
+    ),
+    to_list=Operation("List calibrations, newest first", "All of them, or those of one scanner, or in one state."),
+    to_get=Operation("Get a calibration", "Its state, and the whole answer once there is one."),
+)

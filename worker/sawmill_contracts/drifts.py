@@ -1,0 +1,238 @@
+"""Drift: what an ordinary log scan says of a calibration, without a phantom."""
+
+from datetime import datetime
+from typing import Self
+
+from pydantic import Field
+
+from sawmill_contracts.choices import DisturbedPart, DriftMethod, DriftReference
+from sawmill_contracts.detector_values import DetectorDeviation, DetectorGeometry
+from sawmill_contracts.drift_baselines import DriftBaseline
+from sawmill_contracts.geometry import ScannerConstants
+from sawmill_contracts.jobs import Failure, JobKind, JobState
+from sawmill_contracts.kinds import AskedKind, Operation, Reference, stored_as
+from sawmill_platform.contracts.base import Contract, Covariance, Identifier, Rows, Stamped, Time
+from sawmill_platform.contracts.given import Given
+from sawmill_vocabulary import Rotation, Theta
+from sawmill_vocabulary.texts import N_
+
+
+class DriftOptions(Contract):
+    """Which part of the scan is looked at."""
+
+    rows: Rows | None = Field(
+        None,
+        description="Detector rows A:B to average, the first included, the last not. By default all of them. A scan "
+        "that came as the mean of rows has no others.",
+        examples=["0:16"],
+    )
+
+
+class DriftAsk(DriftOptions, Given):
+    """Ask whether a scanner has moved since a calibration. The scan needs 8 views or more, of any log."""
+
+    scan_id: Identifier = Field(examples=["example"], description="Id of the scan to look at.")
+    calibration_id: Identifier | None = Field(
+        None, description="To compare with; null: the scanner's active calibration.", examples=["example"]
+    )
+
+
+class TurnDisturbance(Contract):
+    """A harmonic of the turn itself, fitted with the geometry: it is neither drift nor part of the change."""
+
+    part: DisturbedPart = Field(
+        description="`encoder`: the angles run ahead and behind. `bearing`: the log swings across the beam.",
+        examples=["encoder"],
+    )
+    times_a_turn: int = Field(description="Number of its periods a turn.", examples=[1])
+    amplitude_deg: float | None = Field(None, description="Of the encoder.", examples=[0.05])
+    amplitude_mm: float | None = Field(
+        None, description="Of the bearing, across the beam at the centre of rotation.", examples=[0.3]
+    )
+
+
+class DriftResult(Contract):
+    """The answer: what moved, how surely, and what cannot be seen."""
+
+    measured: DetectorGeometry = Field(description="What this scan shows of the geometry.")
+    standard_deviation: DetectorDeviation = Field(description="Of what was measured.")
+    covariance: Covariance = Field(
+        description="Covariance of what was measured, (cor_column_mm, tilt_rad, source_to_detector_mm), in the "
+        "products of their units.",
+        examples=[[[0.0025, 0, 0], [0, 1.6e-07, 0], [0, 0, 0]]],
+    )
+    calibrated: DetectorGeometry = Field(description="What the calibration has of it.")
+    change: DetectorGeometry = Field(description="Measured less calibrated, with a baseline too.")
+    change_standard_deviation: DetectorDeviation = Field(
+        description="From this scan's errors and, where they are known, the calibration's."
+    )
+    significance: DetectorDeviation = Field(description="Each change in units of its standard deviation.")
+    reference: DriftReference = Field(
+        "calibration",
+        description="What `moved`, `ray_change_mm`, `scale_change_percent`, `within_tolerance` and `reason` are "
+        "counted from: the baseline where there is one, else the calibration.",
+        examples=["calibration"],
+    )
+    baseline: DriftBaseline | None = Field(
+        None, description="What counts as zero, and the change from it. Null: there is no baseline."
+    )
+    theta: Theta | None = Field(
+        None,
+        description="The given geometry with u_c and tau as this scan shows them at the given SDD, and the rest as "
+        "given. Null: the scan was compared with a calibration.",
+        examples=[None],
+    )
+    moved: bool = Field(
+        description="Whether any change is beyond three standard deviations; false where a geometry was given.",
+        examples=[False],
+    )
+    ray_change_mm: float = Field(
+        description="RMS distance between the rays inside the log's disc, up to a common scale, with what this scan "
+        "cannot see unchanged; a distance of the detector that has not significantly changed is held too. Counted "
+        "from `reference`.",
+        examples=[0.01],
+    )
+    ray_change_uncertainty_mm: float = Field(
+        description="RMS ray distance that the errors alone bring about.", examples=[0.02]
+    )
+    scale_change_percent: float | None = Field(
+        None,
+        description="Change of the image's size, which the ray change leaves out. Null: from an earlier version.",
+        examples=[0.05],
+    )
+    scale_change_uncertainty_percent: float | None = Field(
+        None, description="Of the change of scale, 95 %.", examples=[0.4]
+    )
+    radius_mm: float = Field(description="Of the disc in which rays are compared.", examples=[150.0])
+    tolerance_mm: float = Field(gt=0, description="RMS ray distance up to which nothing moved.", examples=[0.5])
+    within_tolerance: bool | None = Field(
+        description="False: a change beyond chance moved the rays, or the image's size, by more than is allowed. Null: "
+        "the scan is too uncertain to say, or a geometry was given, which has no error bars.",
+        examples=[True],
+    )
+    reason: str = Field(
+        description="A likely cause and what to do, in one sentence.", examples=["nothing moved beyond the tolerance"]
+    )
+    method: DriftMethod | None = Field(
+        None, description="How the views were compared. Null: from an earlier version.", examples=["opposite-rays"]
+    )
+    not_seen: list[str] = Field(
+        description="What no scan without a phantom can show.",
+        examples=[["R, the distance from the source to the centre of rotation"]],
+    )
+    rotation: Rotation = Field(description="The sense of rotation in which rays agree.", examples=["as-given"])
+    rotation_ratio: float = Field(
+        description="How many times worse they agree in the other sense, no unit.", examples=[60.0]
+    )
+    rotation_decided: bool = Field(
+        description="False: a log too round and centred to tell; the calibration's is kept.", examples=[True]
+    )
+    relative_residual: float = Field(
+        description="What opposite rays differ by, against what changes with the view; or what sums of pairs of views "
+        "differ by, against the sums. No unit.",
+        examples=[0.01],
+    )
+    disturbances: list[TurnDisturbance] = Field(
+        default_factory=list,
+        description="What disturbs the turn beyond chance. What is not found widens the standard deviations.",
+    )
+    encoder_bound_mm: float | None = Field(
+        None,
+        description="The most that an encoder that is wrong by 0.1 degrees once a turn still moves `cor_column_mm` of "
+        "this log, one way or the other as the log lies; the standard deviations include it. Null: opposite rays were "
+        "compared, with which an encoder is one of `disturbances`, or from an earlier version.",
+        examples=[0.004],
+    )
+    adjustments: list[str] = Field(
+        default_factory=list,
+        description="What was done to the scan before it was used, a sentence each.",
+        examples=[["1 corrupt view was left out"]],
+    )
+    scanner: ScannerConstants = Field(description="The scanner's constants with which it was computed.")
+    views: int = Field(description="Number of views of the scan.", examples=[360])
+    rows: tuple[int, int] = Field(
+        description="First row and the one after the last; [0, 1] of a scan that came as a mean of rows, of which "
+        "`adjustments` has the number.",
+        examples=[[0, 16]],
+    )
+    at: Time | None = Field(
+        None,
+        description="When it ended. Null: from an earlier version.",
+        examples=["2026-03-02T05:31:04Z"],
+    )
+    time_s: float = Field(description="Seconds that the computation took.", examples=[3.2])
+    software_version: str = Field(description="Version of the software that computed it.", examples=["0.15.0"])
+    input_sha256: str = Field(
+        description="SHA-256 of the scan's file, in hexadecimal digits.",
+        examples=["9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08"],
+    )
+
+    def ended(self, at: datetime) -> Self:
+        """The same with the time of its end, and so with the age of its baseline."""
+        known = self.baseline
+        if known is not None and known.last_at is not None:
+            age_hours = (at - known.last_at).total_seconds() / 3600.0
+            known = known.model_copy(update={"age_hours": age_hours})
+        return self.model_copy(update={"at": at, "baseline": known})
+
+
+class DriftLinks(Contract):
+    """Where it hangs together."""
+
+    self: str = Field(description="Its own path.", examples=["/v1/drifts/example"])
+    job: str = Field(description="Path of its job.", examples=["/v1/jobs/example"])
+    calibration: str = Field(
+        description="Path of the calibration that it is compared with.", examples=["/v1/calibrations/example"]
+    )
+
+
+class Drift(Stamped):
+    """A drift check as it stands."""
+
+    state: JobState = Field(description="State of its job.", examples=["succeeded"])
+    scanner_id: Identifier = Field(description="Id of the scanner.", examples=["example"])
+    scan_id: Identifier = Field(description="Id of the scan that is looked at.", examples=["example"])
+    calibration_id: Identifier = Field(
+        description="Id of the calibration that it is compared with.", examples=["example"]
+    )
+    job_id: Identifier = Field(description="Id of the job that computes it.", examples=["example"])
+    options: DriftOptions = Field(description="How it was asked for.")
+    result: DriftResult | None = Field(None, description="The answer. Null: there is none yet.")
+    failure: Failure | None = Field(None, description="Why it failed. Null: it has not.")
+    links: DriftLinks | None = Field(None, description="Where it is, and what it refers to.")
+
+
+DECLARATION = AskedKind(
+    kind=JobKind.DRIFT,
+    noun="drift",
+    label=N_("Drift check"),
+    lighter="ask for fewer rows",
+    ask=DriftAsk,
+    options=DriftOptions,
+    result=DriftResult,
+    answer=Drift,
+    read=stored_as(Drift),
+    links=DriftLinks,
+    references=(Reference.SCAN, Reference.CALIBRATION),
+    is_short=lambda _: True,
+    listed_by=("scanner_id", "scan_id", "state"),
+    to_ask=Operation(
+        "Look for drift without a phantom",
+        """\
+What moved since a calibration, from any scan of a log with 8 views or more.
+
+In a scan that goes all round in steps of 3 degrees or less every ray is measured twice, from either side. In any other
+one the views are compared two by two: weighted sums of their rays must be the same. Where they agree shows where the
+centre of rotation falls on the detector, and the detector's tilt. The source's distance and the first angle cannot be
+seen.
+The scan's stack is not needed: the mean of its rows, posted as a scan with `averaged_rows`, is enough.
+The scan may still be read and the calibration still computed: the job waits for them.""",
+        {"body": {"scan_id": "example"}},
+    ),
+    to_list=Operation(
+        "List drift checks, newest first", "All of them, or those of one scanner or scan, or in one state."
+    ),
+    to_get=Operation(
+        "Get a drift check", "Its state, and what moved, how surely and where to look once that is known."
+    ),
+)

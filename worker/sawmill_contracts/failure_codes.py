@@ -1,0 +1,84 @@
+"""The codes of failures, in one closed list: whatever counts by them has no more values than this.
+
+`tests/jobs/test_failure_codes.py` compares it with the codes that the sources name.
+"""
+
+OTHER = "other"
+# The service's own trouble, and lost attempts (`execution/failures.py`, `sawmill_store/jobs.py`).
+DEFECTS = frozenset({"attempt-crashed", "internal-error", "invalid-result"})
+LOSSES = frozenset({"attempt-died", "attempt-stalled", "worker-lost"})
+OUTAGES = frozenset({"disk-full", "storage-full", "storage-unavailable"})
+LIMITS = frozenset({"file-too-large", "out-of-memory", "too-long", "too-many-files"})
+FILES = frozenset(
+    {
+        "angles-malformed",
+        "angles-mismatch",
+        "angles-missing",
+        "angles-repeated",
+        "broken-file",
+        "contradiction",
+        "dataset-ambiguous",
+        "dataset-missing",
+        "empty-file",
+        "external-storage",
+        "flats-missing",
+        "linked-file-missing",
+        "no-signal",
+        "not-finite",
+        "out-of-range",
+        "rows-missing",
+        "too-large",
+        "truncated-file",
+        "unknown-format",
+        "unsafe-archive",
+        "unsupported-storage",
+        "wrong-shape",
+        "wrong-type",
+    }
+)
+# What was asked for does not fit what it was asked of.
+ASKS = frozenset(
+    {
+        "baseline",
+        "calibration",
+        "calibration-not-found",
+        "calibration-without-result",
+        "counts",
+        "detector-pitch-missing",
+        "empty-slice",
+        "flat-scan",
+        "geometry",
+        "log-cut-off",
+        "log-not-found",
+        "moved-too-far",
+        "no-active-calibration",
+        "no-geometry",
+        "nothing-seen",
+        "other-scanner",
+        "outside-detector",
+        "partial-turn",
+        "phantom",
+        "phantom-not-found",
+        "phantom-outside-field",
+        "phantom-refused",
+        "physics",
+        "result-damaged",
+        "rows-not-aligned",
+        "rows-outside",
+        "rows-overlap",
+        "scan-not-found",
+        "scan-refused",
+        "scanner-not-found",
+        "sparse-views",
+        "too-few-calibrations",
+        "too-few-views",
+        "views-too-many",
+        "without-error-bars",
+    }
+)
+CODES = DEFECTS | LOSSES | OUTAGES | LIMITS | FILES | ASKS
+
+
+def counted_as(code: str | None) -> str:
+    """The code itself where the list has it, else `other`: of an older version, say."""
+    return code if code in CODES else OTHER

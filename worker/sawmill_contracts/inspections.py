@@ -1,0 +1,228 @@
+"""Inspections: what is in a file, what of it would be read, and what is missing."""
+
+from collections.abc import Mapping
+from datetime import timedelta
+from enum import StrEnum
+from typing import Any
+
+from pydantic import Field
+
+from sawmill_contracts.jobs import Failure, JobKind, JobState
+from sawmill_contracts.kinds import AskedKind, Operation
+from sawmill_contracts.scans import AnglesText, Dataset, ScanShape, Transpose
+from sawmill_platform.contracts.base import Contract, Identifier, Name, Stamped, Time
+from sawmill_platform.contracts.given import Given
+from sawmill_vocabulary import DataKind
+from sawmill_vocabulary.texts import N_
+
+# A day's work: whoever comes back after it sends the file again.
+FILE_KEPT = timedelta(days=1)
+
+
+class FileVerdict(StrEnum):
+    """Whether a file can be read as a scan."""
+
+    READY = "ready"
+    INCOMPLETE = "incomplete"
+    REFUSED = "refused"
+
+
+class FilePart(Contract):
+    """A group, dataset, link, variable, array, page or file, from its header; of several that are alike, all."""
+
+    name: str = Field(
+        description="Where it is; of several that are alike, the first and the last.", examples=["/entry/data/data"]
+    )
+    kind: str = Field(
+        description="What it is, as a group, a dataset, a link, an array or a page.", examples=["dataset"]
+    )
+    count: int = Field(
+        1, description="The number of parts, which are alike but for the numbers in their names.", examples=[1]
+    )
+    shape: list[int] | None = Field(None, description="In the axis order of the file.", examples=[[360, 16, 768]])
+    type: str | None = Field(None, description="Of its numbers, or what it is instead.", examples=["uint16"])
+    unit: str | None = Field(
+        None, description="Its unit, as the file states it. Null: the file states none.", examples=["counts"]
+    )
+    stored_bytes: int | None = Field(
+        None, description="Bytes that it takes in the file. Null: not known from its header.", examples=[8847360]
+    )
+    compression: str | None = Field(
+        None, description="The filters through which it is stored; null: none.", examples=["gzip"]
+    )
+    leads_to: str | None = Field(
+        None,
+        description="Where a link leads, or where data lie that are elsewhere.",
+        examples=["/entry/instrument/detector/data"],
+    )
+
+
+class ViewAngles(Contract):
+    """The angles that the views would have."""
+
+    first_deg: float = Field(description="The first view's angle, degrees.", examples=[0.0])
+    last_deg: float = Field(description="The last view's angle, degrees.", examples=[359.0])
+    from_file: bool = Field(description="Whether the file carries them; else they are those given.", examples=[True])
+    file_unit: str | None = Field(
+        None,
+        description="The unit in which the file carries them. Null: it carries none, or states no unit.",
+        examples=["deg"],
+    )
+
+
+class InspectedReading(Contract):
+    """What would be read, no sample of it being looked at yet."""
+
+    data: DataKind | None = Field(
+        None, description="What the numbers are, as given: no file states it reliably.", examples=["counts"]
+    )
+    shape: ScanShape = Field(description="Size of the projection stack.")
+    flats: int | None = Field(None, description="The number of flat fields; null: none.", examples=[10])
+    darks: int | None = Field(None, description="The number of dark fields; null: none.", examples=[10])
+    angles: ViewAngles | None = Field(
+        None, description="The angles that the views would have. Null: the file carries none and none were given."
+    )
+    detector_pitch_mm: float | None = Field(
+        None,
+        description="Distance between neighbouring detector cells that the file states, mm. Null: it states none.",
+        examples=[1.5],
+    )
+    row_pitch_mm: float | None = Field(
+        None,
+        description="Distance between detector rows that the file states, mm. Null: it states none.",
+        examples=[2.0],
+    )
+    unused: str | None = Field(
+        None,
+        description="Values that could be a pitch or a distance; no name states what they are, none is used.",
+        examples=["/entry/pixel: 1.5"],
+    )
+    other_files: list[str] = Field([], description="Further files that would be read.", examples=[["mill-flats.h5"]])
+    remarks: list[str] = Field(
+        [], description="What would be done to the data on reading.", examples=[["one invalid frame would be left out"]]
+    )
+
+
+class MissingPart(Contract):
+    """What the file does not carry, and how to give it."""
+
+    what: str = Field(description="What is missing, in words.", examples=["what the numbers are"])
+    flag: str = Field(description="Of the command line, which gives it.", examples=["--data counts"])
+    field: str | None = Field(
+        None,
+        description="What gives it to the service: a parameter of `POST /v1/scans`, or for a pitch or a distance one "
+        "of the scanner's constants. Null: nothing does, and the file must carry it.",
+        examples=["data"],
+    )
+    why: str = Field(description="Why it must be given, in words.", examples=["no file states it reliably"])
+    needed: bool = Field(
+        default=True, description="Whether nothing can be read, or calibrated, without it.", examples=[True]
+    )
+
+
+class InspectionResult(Contract):
+    """All that is said of one file."""
+
+    file: str = Field(description="The file's name.", examples=["mill.h5"])
+    size_bytes: int = Field(description="Of the file; of a folder, of all files in it.", examples=[8861696])
+    format: str | None = Field(
+        None, description="What the file turned out to be; null: nothing that can be read.", examples=["hdf5-nxtomo"]
+    )
+    own_kind: str | None = Field(
+        None,
+        description="scan, volume or calibration, where this product wrote the file. Null: it did not.",
+        examples=["scan"],
+    )
+    verdict: FileVerdict = Field(description="Whether the file can be read as a scan.", examples=["ready"])
+    parts: list[FilePart] = Field(description="What is in the file.")
+    parts_left_out: int = Field(0, description="Number of parts beyond the most that are listed.", examples=[0])
+    listing_ended: str | None = Field(
+        None,
+        description="Why the list of parts is not complete. Null: it is complete.",
+        examples=["the file is cut short"],
+    )
+    reading: InspectedReading | None = Field(None, description="What would be read. Null: nothing can be read.")
+    missing: list[MissingPart] = Field([], description="What the file does not carry.")
+    refusal: Failure | None = Field(
+        None, description="Why the file would be refused, however it is read. Null: it can be read."
+    )
+
+
+class InspectionOptions(Contract):
+    """How the file would be read, as far as it is known: as for a scan, and nothing of it is needed."""
+
+    data: DataKind | None = Field(None, description="What the numbers are; null: not given.", examples=["counts"])
+    dataset: Dataset = None
+    angles_deg: AnglesText = None
+    transpose: Transpose = False
+
+
+class InspectedFile(InspectionOptions):
+    """The file beside them."""
+
+    name: Name = Field("file", description="The name under which it was sent.", examples=["mill.h5"])
+    size_bytes: int = Field(description="Size of the file, bytes.", examples=[8861696])
+    sha256: str = Field(
+        description="SHA-256 of the file, in hexadecimal digits.",
+        examples=["9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08"],
+    )
+
+
+class InspectionAsk(InspectedFile, Given):
+    """A file that was sent to be inspected."""
+
+
+class InspectionLinks(Contract):
+    """Where it hangs together."""
+
+    self: str = Field(description="Its own path.", examples=["/v1/inspections/example"])
+    job: str = Field(description="Path of its job.", examples=["/v1/jobs/example"])
+
+
+class Inspection(Stamped):
+    """An inspection as it stands. It succeeds for a file that cannot be read too: its result has the reason."""
+
+    state: JobState = Field(description="State of its job.", examples=["succeeded"])
+    job_id: Identifier = Field(description="Id of the job that looks at the file.", examples=["example"])
+    options: InspectedFile = Field(description="The file, and how it would be read.")
+    file_kept_until: Time = Field(
+        description="Until then scans can be made of its file.", examples=["2026-03-03T05:30:00Z"]
+    )
+    result: InspectionResult | None = Field(None, description="What was found. Null: nothing yet.")
+    failure: Failure | None = Field(None, description="Why it failed. Null: it has not.")
+    links: InspectionLinks | None = Field(None, description="Where it and its job are.")
+
+
+def _read(record: Mapping[str, Any]) -> Inspection:
+    stored = {name: record[name] for name in Inspection.model_fields if name in record}
+    return Inspection.model_validate(stored | {"file_kept_until": record["created_at"] + FILE_KEPT})
+
+
+DECLARATION = AskedKind(
+    kind=JobKind.INSPECT,
+    noun="inspection",
+    label=N_("Looking into a file"),
+    upload="file",
+    lighter="give a smaller file",
+    ask=InspectionAsk,
+    options=InspectedFile,
+    result=InspectionResult,
+    answer=Inspection,
+    read=_read,
+    links=InspectionLinks,
+    is_short=lambda _: True,
+    processor_s=3600,
+    time_limit_s=6 * 3600,
+    to_ask=Operation(
+        "Inspect a file before it becomes a scan",
+        """\
+Send the file's bytes as the body; a job finds out what is in it, what of it would be read, and what is missing.
+
+What is missing stands there with the `field` of `POST /v1/scans` that gives it. Then `POST /v1/scans?inspection_id=…`
+with an empty body makes a scan of the file, which is not sent again; so does `POST /v1/inspections?inspection_id=…`
+to inspect it with another option. The file is kept for a day.
+[A file to try](/examples/phantom-scan.npz).""",
+    ),
+    to_list=Operation("List inspections, newest first", "All of them, or those in one state."),
+    to_get=Operation("Get an inspection", "Its state, and what was found once it has succeeded."),
+)

@@ -1,0 +1,381 @@
+"""Phantoms: polygons and discs in mm, or a picture and its width."""
+
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
+from datetime import UTC, date, datetime, timedelta
+from enum import StrEnum
+from typing import Annotated, Any, Self
+
+from pydantic import ConfigDict, Field, field_validator, model_validator
+
+from sawmill_contracts.choices import Axis
+from sawmill_contracts.jobs import JobKind
+from sawmill_contracts.kinds import UploadedKind
+from sawmill_platform.contracts.base import Contract, Identifier, Name, PositiveMm, Stamped
+from sawmill_platform.contracts.given import Given, GivenDay
+from sawmill_vocabulary import STANDARD_SIZE_TOLERANCE, Disc, Point, Shape, TrueAxis, fault_of_outline
+from sawmill_vocabulary.phantoms import LARGEST_DENSITY, SMALLEST_DENSITY, SMALLEST_RADIUS_MM
+from sawmill_vocabulary.texts import N_
+
+# The smallest polygon that can be drawn: the science squares it.
+SMALLEST_AREA_MM2 = 0.01
+# The least sum of density times area, against the largest single shape's, that is more than rounding.
+ROUNDING = 1e-9
+
+
+# What a drawing holds: its `kind` tells which.
+DrawnShape = Annotated[Shape, Field(discriminator="kind")]
+
+
+LARGEST_SIZE_TOLERANCE = 0.1
+SizeTolerance = Annotated[float, Field(ge=0, lt=LARGEST_SIZE_TOLERANCE)]
+SizeTolerancePercent = Annotated[float, Field(ge=0, lt=100 * LARGEST_SIZE_TOLERANCE)]
+
+
+class SizeMeasurement(Contract):
+    """A length of a phantom, as it was measured."""
+
+    what: Name = Field(
+        description="x or y: the drawing's extent along that axis. Any other words: another length.", examples=["x"]
+    )
+    measured_mm: PositiveMm = Field(description="The length that was measured, mm.", examples=[200.1])
+    standard_uncertainty_mm: PositiveMm = Field(
+        description="Standard uncertainty of the measured length, mm.", examples=[0.05]
+    )
+    nominal_mm: PositiveMm | None = Field(
+        None, description="The length that it was meant to have, mm. Null: not stated.", examples=[200.0]
+    )
+    measured_on: GivenDay | None = Field(
+        None, description="The day of the measurement. Null: not stated.", examples=["2025-11-02"]
+    )
+    instrument: Name | None = Field(
+        None, examples=["caliper 12"], description="What it was measured with. Null: not stated."
+    )
+    moisture_percent: Annotated[float, Field(ge=0, le=200)] | None = Field(
+        None, description="Of the wood when it was measured, against its dry weight.", examples=[11.0]
+    )
+    expires_on: GivenDay | None = Field(
+        None, description="After this day an answer asks for a new measurement.", examples=["2027-11-02"]
+    )
+
+    def expired(self, today: date) -> bool:
+        """Whether it should have been repeated before this day."""
+        return self.expires_on is not None and self.expires_on < today
+
+    @property
+    def relative_uncertainty(self) -> float:
+        """Standard uncertainty as a share of the length."""
+        return self.standard_uncertainty_mm / self.measured_mm
+
+    @model_validator(mode="after")
+    def _is_precise_enough(self) -> Self:
+        if self.relative_uncertainty >= LARGEST_SIZE_TOLERANCE:
+            msg = (
+                f"standard_uncertainty_mm {self.standard_uncertainty_mm:g} of measured_mm {self.measured_mm:g} must be "
+                f"less than {LARGEST_SIZE_TOLERANCE:.0%} of it"
+            )
+            raise ValueError(msg)
+        return self
+
+
+def _measured_tolerance(known: dict[str, Any]) -> float:
+    """What the measurements of a drawing say of its size, where it states no tolerance: RMS of their uncertainties."""
+    measured: list[SizeMeasurement] = known.get("measurements", [])
+    if not measured:
+        return STANDARD_SIZE_TOLERANCE
+    return math.hypot(*(each.relative_uncertainty for each in measured)) / math.sqrt(len(measured))
+
+
+def _until_tomorrow(measurements: list[SizeMeasurement]) -> list[SizeMeasurement]:
+    """As they are given: none of a day to come. Tomorrow has begun in other time zones."""
+    last = datetime.now(UTC).date() + timedelta(days=1)
+    for each in measurements:
+        if each.measured_on is not None and each.measured_on > last:
+            msg = f"measured_on {each.measured_on} of {each.what} is still to come: give the day of the measurement"
+            raise ValueError(msg)
+    return measurements
+
+
+class PhantomDrawing(Contract):
+    """A phantom by its drawing, the rotation centre at the origin."""
+
+    name: Name = Field(examples=["our cross"], description="What people call it.")
+    shapes: list[DrawnShape] = Field(
+        min_length=1,
+        max_length=200,
+        description="Polygons and discs, mm; a later one adds its density to what lies beneath.",
+    )
+    measurements: list[SizeMeasurement] = Field(
+        [], max_length=100, description="Where its size comes from; the shapes are drawn as measured."
+    )
+    size_tolerance: SizeTolerance = Field(
+        default_factory=_measured_tolerance,
+        description="Relative standard uncertainty of the stated size, no unit; the scanner's scale inherits it. By "
+        "default the "
+        f"RMS of the measurements' relative uncertainties, {STANDARD_SIZE_TOLERANCE:g} without any.",
+        examples=[0.0015],
+    )
+    true_axis: Axis | None = Field(
+        None,
+        description="Axis along which the size is right, where the phantom may differ along the other.",
+        examples=["x"],
+    )
+    follows: Identifier | None = Field(
+        None,
+        description="The stored phantom that was measured anew to make this one; it stays for what refers to it.",
+        examples=["l-shape"],
+    )
+
+    @property
+    def extent_mm(self) -> tuple[float, float]:
+        """Of the wood along x and y, mm."""
+        low_x, low_y, high_x, high_y = extent_of_wood(self.shapes)
+        return high_x - low_x, high_y - low_y
+
+    def measured_anew(self, phantom_id: str, new: list[SizeMeasurement], *, stretched: bool) -> "PhantomDrawing":
+        """With new measurements, each in the place of an earlier one of the same length.
+
+        Parameters
+        ----------
+        phantom_id
+            Under which this drawing is stored: what the new one follows.
+        new
+            What was measured.
+        stretched
+            Whether the shapes are stretched along x and y, from the rotation centre, to what was measured there. A disc
+            stays one: its radius grows by the geometric mean of both.
+
+        Raises
+        ------
+        ValueError
+            A length along x or y is off by so much that it is another phantom's.
+        """
+        measured = {each.what: each for each in (*self.measurements, *new)}
+        factors = [self._factor(axis, measured.get(axis)) for axis in ("x", "y")]
+        shapes = [_stretched(shape, *factors) for shape in self.shapes] if stretched else self.shapes
+        anew = PhantomDrawing(
+            name=self.name,
+            shapes=shapes,
+            measurements=list(measured.values()),
+            true_axis=self.true_axis,
+            follows=phantom_id,
+        )
+        if anew.axis_as_drawn is None:
+            return anew
+        tolerance = math.hypot(anew._measured_share(), self._drawn_tolerance()) / math.sqrt(2)
+        return anew.model_copy(update={"size_tolerance": tolerance})
+
+    @property
+    def axis_as_drawn(self) -> TrueAxis | None:
+        """The one of x and y that was not measured, where the other was and the size depends on both."""
+        axes: tuple[TrueAxis, TrueAxis] = ("x", "y")
+        measured = {each.what for each in self.measurements}
+        left = [axis for axis in axes if axis not in measured]
+        return left[0] if len(left) == 1 and self.true_axis in {None, left[0]} else None
+
+    def _measured_share(self) -> float:
+        """The relative uncertainty along the one axis that was measured."""
+        return next(each.relative_uncertainty for each in self.measurements if each.what in {"x", "y"})
+
+    def _drawn_tolerance(self) -> float:
+        """How well the size is known along an axis that was not measured; the standard where the drawing states none.
+
+        A phantom that was measured along one axis holds the RMS of both.
+        """
+        if self.size_tolerance == _measured_tolerance({"measurements": self.measurements}):
+            return STANDARD_SIZE_TOLERANCE
+        if self.follows is None or self.axis_as_drawn is None:
+            return self.size_tolerance
+        squared = 2.0 * self.size_tolerance**2 - self._measured_share() ** 2
+        return math.sqrt(max(squared, 0.0))
+
+    def _factor(self, axis: str, measured: SizeMeasurement | None) -> float:
+        """What was measured along an axis against what is drawn; 1 where nothing was."""
+        if measured is None:
+            return 1.0
+        drawn_mm = self.extent_mm["xy".index(axis)]
+        if abs(measured.measured_mm - drawn_mm) > LARGEST_SIZE_TOLERANCE * drawn_mm:
+            msg = (
+                f"{axis} was measured as {measured.measured_mm:g} mm and is drawn {drawn_mm:g} mm long: give a length "
+                f"within {LARGEST_SIZE_TOLERANCE:.0%} of the drawing, or draw the other phantom"
+            )
+            raise ValueError(msg)
+        return measured.measured_mm / drawn_mm
+
+
+class MeasurementsAsk(Given):
+    """A stored phantom's sides, measured anew."""
+
+    measurements: list[SizeMeasurement] = Field(
+        min_length=1, max_length=100, description="The lengths that were measured."
+    )
+    stretch_drawing: bool = Field(
+        default=True, description="Stretch the shapes along x and y to what was measured there.", examples=[True]
+    )
+
+    _of_days_that_were = field_validator("measurements")(_until_tomorrow)
+
+
+def _state_newness(schema: dict[str, Any]) -> None:
+    schema["properties"]["follows"] = {
+        "type": "null",
+        "title": "Follows",
+        "description": "To be left out: measuring a stored phantom anew sets it.",
+        "examples": [None],
+    }
+
+
+class PhantomAsk(PhantomDrawing, Given):
+    """A phantom as somebody draws it, every shape with an inside. Also the JSON file of `--phantom FILE.json`."""
+
+    model_config = ConfigDict(json_schema_extra=_state_newness)
+
+    _of_days_that_were = field_validator("measurements")(_until_tomorrow)
+
+    @field_validator("follows")
+    @classmethod
+    def _are_new(cls, follows: str | None) -> None:
+        if follows is not None:
+            msg = f"must be left out, not {follows!r}: POST /v1/phantoms/{follows}/measurements measures a phantom anew"
+            raise ValueError(msg)
+
+    @field_validator("shapes")
+    @classmethod
+    def _are_a_body(cls, shapes: list[DrawnShape]) -> list[DrawnShape]:
+        shapes = [_unclosed(shape) for shape in shapes]
+        for _, sentence in faults_of(dict(enumerate(shapes))):
+            raise ValueError(sentence)
+        return shapes
+
+
+def faults_of(shapes: Mapping[int, Shape]) -> Iterator[tuple[int | None, str]]:
+    """Why shapes are no body, and what would be right: the number of the shape, null for all of them, and a sentence.
+
+    Parameters
+    ----------
+    shapes
+        By their numbers, counted from 0.
+    """
+    for number, shape in shapes.items():
+        if (fault := _fault(shape)) is not None:
+            yield number, f"shape {number}, counted from 0, {fault}"
+    yield from _holes_outside(shapes)
+    masses = [shape.density * shape.area_mm2 for shape in shapes.values()]
+    if masses and sum(masses) <= ROUNDING * max(masses):
+        sentence = f"the shapes' densities times their areas add up to {sum(masses):.4g} mm²: wood must outweigh holes"
+        yield None, sentence
+
+
+def extent_of_wood(shapes: Iterable[Shape]) -> tuple[float, float, float, float]:
+    """Least x and y, largest x and y of the shapes that give wood, mm; of all where none does."""
+    every = list(shapes)
+    wood = [shape.extent_mm for shape in every if shape.density > 0.0] or [shape.extent_mm for shape in every]
+    low_x, low_y, high_x, high_y = zip(*wood, strict=True)
+    return min(low_x), min(low_y), max(high_x), max(high_y)
+
+
+def _stretched(shape: Shape, along_x: float, along_y: float) -> Shape:
+    """To a tenth of a micrometre."""
+
+    def moved(point: Point) -> Point:
+        return round(point[0] * along_x, 4), round(point[1] * along_y, 4)
+
+    if isinstance(shape, Disc):
+        radius_mm = round(shape.radius_mm * math.sqrt(along_x * along_y), 4)
+        return replace(shape, center_mm=moved(shape.center_mm), radius_mm=radius_mm)
+    return replace(shape, vertices_mm=tuple(moved(corner) for corner in shape.vertices_mm))
+
+
+def _unclosed(shape: Shape) -> Shape:
+    """A polygon without a last corner that repeats the first, as other programs close theirs; others as they are."""
+    if isinstance(shape, Disc) or len(shape.vertices_mm) == 3 or shape.vertices_mm[0] != shape.vertices_mm[-1]:
+        return shape
+    return replace(shape, vertices_mm=shape.vertices_mm[:-1])
+
+
+def _fault(shape: Shape) -> str | None:
+    """Why a shape cannot be drawn, and what would be right."""
+    if abs(shape.density) > LARGEST_DENSITY:
+        return f"has density {shape.density:.4g}: give one within ±{LARGEST_DENSITY:g}, wood being 1"
+    if 0.0 < abs(shape.density) < SMALLEST_DENSITY:
+        return f"has density {shape.density:.4g}: give 0 or one of at least {SMALLEST_DENSITY:g}, wood being 1"
+    if isinstance(shape, Disc):
+        small = shape.radius_mm < SMALLEST_RADIUS_MM
+        return (
+            f"is a disc of radius {shape.radius_mm:.4g} mm: give at least {SMALLEST_RADIUS_MM:g} mm" if small else None
+        )
+    if shape.area_mm2 < SMALLEST_AREA_MM2:
+        return (
+            f"is a polygon that encloses {shape.area_mm2:.4g} mm²: give corners that enclose at least "
+            f"{SMALLEST_AREA_MM2:g} mm², not all on one line"
+        )
+    fault = fault_of_outline(shape.vertices_mm)
+    return None if fault is None else f"is a polygon that {fault}"
+
+
+def _holes_outside(shapes: Mapping[int, Shape]) -> Iterator[tuple[int, str]]:
+    """A sentence on each shape that takes wood away beyond the extent of all that give it."""
+    if not any(shape.density > 0.0 for shape in shapes.values()):
+        return
+    extent = extent_of_wood(shapes.values())
+    for number, shape in shapes.items():
+        if shape.density >= 0.0:
+            continue
+        for axis, name in enumerate("xy"):
+            low, high = extent[axis], extent[axis + 2]
+            first, last = shape.extent_mm[axis], shape.extent_mm[axis + 2]
+            if first < low - SMALLEST_RADIUS_MM or last > high + SMALLEST_RADIUS_MM:
+                sentence = (
+                    f"shape {number}, counted from 0, is a hole from {name} = {first:g} to {last:g} mm: the wood is "
+                    f"from {low:g} to {high:g} mm, and nothing can be taken away beside it"
+                )
+                yield number, sentence
+                break
+
+
+class PhantomPicture(Contract):
+    """What a phantom's PNG does not show, beside it; a job traces it."""
+
+    name: Name = Field(examples=["our cross"], description="What people call it.")
+    width_mm: PositiveMm = Field(description="Of the whole picture, mm.", examples=[400.0])
+    size_tolerance: SizeTolerance = Field(
+        STANDARD_SIZE_TOLERANCE,
+        description="Relative standard uncertainty of the stated size, no unit.",
+        examples=[0.0015],
+    )
+
+
+class PhantomState(StrEnum):
+    """A picture is traced by a job; everything else is ready at once."""
+
+    TRACING = "tracing"
+    READY = "ready"
+    REFUSED = "refused"
+
+
+class StoredPhantom(Stamped):
+    """A phantom that scans can be calibrated against."""
+
+    name: Name = Field(description="What people call it.", examples=["L-shape"])
+    built_in: bool = Field(description="Whether it came with the software, and so cannot be deleted.", examples=[True])
+    state: PhantomState = Field(description="Whether it can be used.", examples=["ready"])
+    reason: str | None = Field(
+        None,
+        description="Why a picture was refused, in one sentence. Null: it was not.",
+        examples=["the picture shows no wood"],
+    )
+    drawing: PhantomDrawing | None = Field(description="Null until a picture has been traced.")
+    job_id: Identifier | None = Field(
+        None, description="Id of the job that traces its picture. Null: it was drawn.", examples=["example"]
+    )
+
+
+DECLARATION = UploadedKind(
+    kind=JobKind.TRACE_PHANTOM,
+    noun="phantom",
+    label=N_("Tracing a phantom's picture"),
+    result=PhantomDrawing,
+    upload="picture",
+    lighter="give a picture of fewer pixels",
+)

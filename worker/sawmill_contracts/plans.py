@@ -1,0 +1,160 @@
+"""Plans: how well a phantom will calibrate a scanner, before it is made."""
+
+from typing import Annotated
+
+from pydantic import Field
+
+from sawmill_contracts.calibrations import PredictedRayError, StandardDeviation
+from sawmill_contracts.geometry import GivenTheta, ReportedSourceFrame, ScannerConstants
+from sawmill_contracts.jobs import Failure, JobKind, JobState
+from sawmill_contracts.kinds import AskedKind, Operation, Reference, stored_as
+from sawmill_contracts.phantoms import SizeTolerancePercent
+from sawmill_platform.contracts.base import Contract, Covariance, Identifier, Stamped
+from sawmill_platform.contracts.given import Given
+from sawmill_vocabulary import Theta
+from sawmill_vocabulary.texts import N_
+
+
+class PlanOptions(Contract):
+    """The scan that is planned, apart from the phantom and the scanner."""
+
+    views: Annotated[int, Field(ge=3, le=3600)] = Field(
+        360, description="Number of views, equidistant over a full turn.", examples=[360]
+    )
+    noise: Annotated[float, Field(gt=0, le=1)] = Field(
+        0.02,
+        description="Standard deviation of the noise against the RMS of the phantom's sinogram, no unit.",
+        examples=[0.02],
+    )
+    size_tolerance_percent: SizeTolerancePercent | None = Field(
+        None,
+        description="Relative standard uncertainty of the phantom's size, in per cent. By default its drawing's.",
+        examples=[0.15],
+    )
+
+
+class PlanAsked(PlanOptions):
+    """What was asked, as it is kept: an earlier version took what `PlanAsk` refuses."""
+
+    scanner_id: Identifier = Field(description="Id of the scanner that is to be calibrated.", examples=["example"])
+    theta: Theta | None = Field(
+        None, description="The nominal geometry; null: that of the scanner's active calibration."
+    )
+
+
+class PlanAsk(PlanAsked, Given):
+    """Ask what precision a phantom will give on a scanner."""
+
+    theta: GivenTheta | None = Field(
+        None, description="The nominal geometry; null: that of the scanner's active calibration."
+    )
+
+
+class PlanResult(Contract):
+    """The precision to expect: the Cramér-Rao bound, with position, gain and background of the phantom unknown."""
+
+    theta: Theta = Field(description="The geometry that it is planned for.")
+    source_frame: ReportedSourceFrame = Field(description="The geometry with the source on the axis.")
+    standard_deviation: StandardDeviation = Field(description="The standard deviations that one scan will have.")
+    covariance: Covariance = Field(
+        description="Covariance of (psi, R, SDD, u_c, tau) in rad and mm, in the products of their units.",
+        examples=[
+            [
+                [1e-08, 0, 0, 0, 0],
+                [0, 0.04, 0.07, 0, 0],
+                [0, 0.07, 0.12, 0, 0],
+                [0, 0, 0, 0.0004, 1e-07],
+                [0, 0, 0, 1e-07, 4e-08],
+            ]
+        ],
+    )
+    predicted_ray_error_mm: PredictedRayError = Field(description="From noise alone.")
+    scale_uncertainty_mm: float = Field(
+        description="What R inherits from the phantom's size tolerance beside it.", examples=[1.37]
+    )
+    scale_ray_error_mm: float = Field(description="RMS ray error from the phantom's size tolerance.", examples=[0.08])
+    scale_uncertainty_percent: float | None = Field(
+        None,
+        description="The image's millimetres will be right to this with 95 %: from the size tolerance and the noise of "
+        "R/SDD. Null: a plan of an earlier version.",
+        examples=[0.3],
+    )
+    noise_mm: float = Field(description="The noise's standard deviation, in mm of wood.", examples=[2.1])
+    views_cut_off: int = Field(
+        description="Number of views whose shadow reaches an end of the detector; 0 is right.", examples=[0]
+    )
+    phantom: str = Field(description="The phantom's name.", examples=["L-shape"])
+    scanner: ScannerConstants = Field(description="The scanner's constants with which it was computed.")
+    views: int = Field(description="Number of views that are planned.", examples=[360])
+    noise: float = Field(
+        description="Standard deviation of the noise against the RMS of the phantom's sinogram, no unit.",
+        examples=[0.02],
+    )
+    software_version: str = Field(description="Version of the software that computed it.", examples=["0.15.0"])
+
+
+class PlanLinks(Contract):
+    """Where it hangs together."""
+
+    self: str = Field(description="Its own path.", examples=["/v1/plans/example"])
+    job: str = Field(description="Path of its job.", examples=["/v1/jobs/example"])
+    phantom: str = Field(description="Path of the phantom.", examples=["/v1/phantoms/l-shape"])
+
+
+class Plan(Stamped):
+    """A plan as it stands."""
+
+    state: JobState = Field(description="State of its job.", examples=["succeeded"])
+    phantom_id: Identifier = Field(description="Id of the phantom.", examples=["l-shape"])
+    scanner_id: Identifier = Field(description="Id of the scanner.", examples=["example"])
+    job_id: Identifier = Field(description="Id of the job that computes it.", examples=["example"])
+    options: PlanAsked = Field(description="What was asked.")
+    result: PlanResult | None = Field(None, description="The answer. Null: there is none yet.")
+    failure: Failure | None = Field(None, description="Why it failed. Null: it has not.")
+    links: PlanLinks | None = Field(None, description="Where it is, and what it refers to.")
+
+
+DECLARATION = AskedKind(
+    kind=JobKind.PLAN,
+    noun="plan",
+    label=N_("Plan of a calibration"),
+    lighter="ask for fewer views, or draw the phantom with fewer corners",
+    ask=PlanAsk,
+    options=PlanAsked,
+    result=PlanResult,
+    answer=Plan,
+    read=stored_as(Plan),
+    links=PlanLinks,
+    references=(Reference.PHANTOM, Reference.SCANNER, Reference.THETA),
+    is_short=lambda _: True,
+    blocks_deletion=False,
+    listed_by=("phantom_id",),
+    asked_at="/v1/phantoms/{phantom_id}/plans",
+    tag="phantoms",
+    to_ask=Operation(
+        "Plan a calibration with a phantom",
+        """\
+The precision that one scan of the phantom will give on a scanner, before the phantom is made.
+
+The geometry is a nominal theta, or that of the scanner's active calibration.""",
+        {
+            "phantom_id": "l-shape",
+            "body": {
+                "scanner_id": "example",
+                "views": 20,
+                "noise": 0.02,
+                "theta": {
+                    "initial_angle_rad": 0.0,
+                    "detector_to_cor_mm": 740.0,
+                    "source_shift_mm": 200.0,
+                    "detector_shift_mm": 30.0,
+                    "detector_tilt": 0.2,
+                },
+            },
+        },
+    ),
+    to_list=Operation("List plans, newest first", "All of them, or those with one phantom."),
+    to_get=Operation(
+        "Get a plan", "Its state, and standard deviations and the predicted ray error once they are there."
+    ),
+)

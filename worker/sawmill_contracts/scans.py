@@ -1,0 +1,198 @@
+"""Scans: projection stacks, uploaded as files and read by a job."""
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Self
+
+from pydantic import AfterValidator, Field, StringConstraints, model_validator
+
+from sawmill_contracts.jobs import JobKind
+from sawmill_contracts.kinds import UploadedKind
+from sawmill_contracts.preparing import PrepareOptions
+from sawmill_platform.contracts import patterns
+from sawmill_platform.contracts.base import Contract, Identifier, Name, PositiveMm, Rows, Stamped
+from sawmill_platform.contracts.conditions import Schema, one_of, require, without
+from sawmill_vocabulary import DataKind, RowAlignment
+from sawmill_vocabulary.texts import N_
+
+# Of any detector, or of all rows of a log along its length.
+MOST_AVERAGED_ROWS = 100_000
+
+
+class ScanState(StrEnum):
+    """An upload is read by a job before it can be used."""
+
+    INGESTING = "ingesting"
+    READY = "ready"
+    REFUSED = "refused"
+
+
+Dataset = Annotated[
+    Name | None,
+    Field(
+        description="Path or variable of the projections, where the file holds several. Null: not given.",
+        examples=["/entry/data/data"],
+    ),
+]
+# Stripped last: the limit holds for the text as it was sent, blanks included.
+_Angles = Annotated[str, StringConstraints(max_length=100_000, strip_whitespace=False), AfterValidator(str.strip)]
+AnglesText = Annotated[
+    _Angles | None,
+    Field(
+        description="START:STEP in degrees, or every view's angle separated by commas; where the file carries none.",
+        examples=["0.5:1"],
+        json_schema_extra={"pattern": patterns.LINE},
+    ),
+]
+
+
+Transpose = Annotated[
+    bool,
+    Field(
+        description="The file's axes are in reverse order: (detector, views) as MATLAB's radon writes a sinogram, or "
+        "(detector, rows, views). The same holds for its flat and dark fields and `deviations`.",
+        examples=[False],
+    ),
+]
+
+
+class ScanFileOptions(PrepareOptions):
+    """How a file is read. What the file itself carries needs no repeating, and may not be contradicted."""
+
+    data: DataKind = Field(description="What the numbers are; never guessed.", examples=["counts"])
+    dataset: Dataset = None
+    angles_deg: AnglesText = None
+    transpose: Transpose = False
+    averaged_rows: int | None = Field(
+        None,
+        ge=1,
+        le=MOST_AVERAGED_ROWS,
+        description="The file is (views, detector): each line integral is the mean over this number of detector rows. "
+        "NaN masks a ray; an array `deviations` beside them, in NPZ, MAT or HDF5, has their standard deviations. Null: "
+        "rows as they were measured.",
+        examples=[1000],
+    )
+
+    @model_validator(mode="after")
+    def _are_averaged_as_line_integrals(self) -> Self:
+        if self.averaged_rows is None:
+            return self
+        if self.data is DataKind.COUNTS:
+            msg = (
+                "averaged_rows goes with line-integrals, not counts: -ln of a mean is not the mean of -ln, so take "
+                "-ln((counts - dark) / (flat - dark)) of every row first, average that over the rows and send it"
+            )
+            raise ValueError(msg)
+        if self.align_rows is not RowAlignment.OFF:
+            msg = (
+                f"align_rows {self.align_rows.value!r} moves rows, which averaged_rows says are averaged: leave it out"
+            )
+            raise ValueError(msg)
+        return self
+
+
+def state_what_is_averaged(schema: Schema) -> None:
+    """What goes with `averaged_rows`, in the schema of a body that has these options."""
+    for condition in (one_of("data", ["line-integrals"]), one_of("align_rows", ["off"], default="off")):
+        require(schema, "averaged_rows", without("averaged_rows"), condition)
+
+
+class UnregisteredScanOptions(ScanFileOptions):
+    """How a file is read without a service, which knows the pitches from the scanner and takes one file a scan."""
+
+    detector_pitch_mm: PositiveMm | None = Field(
+        None, description="Distance between detector cells; needed where the file does not carry it."
+    )
+    row_pitch_mm: PositiveMm | None = Field(None, description="Distance between detector rows.")
+    follow_links: bool = Field(
+        default=False, description="Of HDF5: read also what its links, virtual datasets and raw data lead to."
+    )
+    flats: Path | None = Field(
+        None, description="Of counts: flat fields, a file or a folder, where the scan carries none."
+    )
+    darks: Path | None = Field(
+        None, description="Of counts: dark fields, a file or a folder, where the scan carries none."
+    )
+
+
+class ScanSpec(ScanFileOptions):
+    """A file as its uploader describes it."""
+
+    scanner_id: Identifier = Field(description="Id of the scanner that made it.", examples=["example"])
+    name: Name = Field("scan", description="What people call it.", examples=["phantom of week 10"])
+    phantom_id: Identifier | None = Field(
+        None, description="The phantom in this scan; null for a scan without one.", examples=["l-shape"]
+    )
+    phantom_rows: Rows | None = Field(
+        None, description="The rows that show the phantom; null: they are found.", examples=["0:16"]
+    )
+
+
+class ScanShape(Contract):
+    """Of the projection stack (view, row, detector)."""
+
+    views: int = Field(description="Number of views.", examples=[360])
+    rows: int = Field(description="Number of detector rows.", examples=[16])
+    detector: int = Field(description="Number of detector cells.", examples=[768])
+
+    @property
+    def lengths(self) -> tuple[int, int, int]:
+        """Return the number of views, rows and cells, as an array of the stack has them."""
+        return self.views, self.rows, self.detector
+
+
+UsableRows = Annotated[
+    tuple[int, int] | None,
+    Field(
+        description="The rows that enough views have, the first and the one after the last, where views lost some; "
+        "null: all rows.",
+        examples=[(2, 14)],
+    ),
+]
+
+
+class ScanReading(Contract):
+    """What the job that read an upload found in it."""
+
+    format: str = Field(description="What the file turned out to be.", examples=["hdf5-nxtomo"])
+    shape: ScanShape = Field(description="Size of the projection stack.")
+    angular_range_deg: tuple[float, float] = Field(
+        description="First and last view's angle, degrees.", examples=[[0.0, 359.0]]
+    )
+    usable_rows: UsableRows = None
+    remarks: list[str] = Field(
+        [], description="What was done to the data on reading.", examples=[["one invalid frame left out"]]
+    )
+
+
+class Scan(Stamped, ScanSpec):
+    """A scan as it stands."""
+
+    state: ScanState = Field(description="Whether it can be used.", examples=["ready"])
+    reason: str | None = Field(
+        None,
+        description="Why the file was refused, in one sentence. Null: it was not.",
+        examples=["no angles: the file carries none and none were given"],
+    )
+    size_bytes: int = Field(description="Size of the file, bytes.", examples=[8861696])
+    sha256: str = Field(
+        description="SHA-256 of the file, in hexadecimal digits.",
+        examples=["9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08"],
+    )
+    format: str | None = Field(
+        None, description="What the file turned out to be. Null: it has not been read.", examples=["hdf5-nxtomo"]
+    )
+    shape: ScanShape | None = Field(None, description="Size of the projection stack. Null: it has not been read.")
+    angular_range_deg: tuple[float, float] | None = Field(
+        None, description="First and last view's angle, degrees. Null: it has not been read.", examples=[[0.0, 359.0]]
+    )
+    usable_rows: UsableRows = None
+    remarks: list[str] = Field(
+        [], description="What was done to the data on reading.", examples=[["one invalid frame left out"]]
+    )
+    job_id: Identifier = Field(description="Id of the job that reads it.", examples=["example"])
+
+
+DECLARATION = UploadedKind(
+    kind=JobKind.INGEST, noun="scan", label=N_("Reading a scan"), result=ScanReading, upload="file"
+)

@@ -1,0 +1,93 @@
+"""Scheduled recalibration and drift checks."""
+
+from datetime import datetime
+from typing import Self
+
+from pydantic import ConfigDict, Field, model_validator
+
+from sawmill_contracts.calibrations import CalibrationOptions, GivenCalibrationOptions
+from sawmill_contracts.choices import OnPass, ScheduleKind, ScheduleOutcome
+from sawmill_contracts.drifts import DriftOptions
+from sawmill_platform.contracts import patterns
+from sawmill_platform.contracts.base import Contract, Identifier, Stamped
+from sawmill_platform.contracts.conditions import Schema, one_of, require
+from sawmill_platform.contracts.given import Given
+
+
+class ScheduleSpec(Contract):
+    """When to recalibrate a scanner with its newest phantom scan, or to look for drift on its newest log."""
+
+    scanner_id: Identifier = Field(
+        examples=["example"], description="Id of the scanner that is recalibrated or looked at."
+    )
+    kind: ScheduleKind = Field("recalibrate", description="What is done at each due time.", examples=["recalibrate"])
+    cron: str = Field(
+        max_length=100,
+        description="Five fields of cron, by the clocks of `time_zone`: minute, hour, day of the month, month, day of "
+        "the week. Lists, ranges and steps, names of months and days, L and LW for the month's last day and working "
+        "day.",
+        examples=["30 5 * * 1-6"],
+        json_schema_extra={"pattern": patterns.CRON},
+    )
+    time_zone: str = Field(
+        default="UTC",
+        max_length=64,
+        description="The time zone of `cron`, by its name in the tz database. On the days when its clocks are put "
+        "forward or back, an hour that `cron` names comes once; `*` stands for each hour that passes.",
+        examples=["Europe/Helsinki"],
+        json_schema_extra={"pattern": patterns.TIME_ZONE},
+    )
+    enabled: bool = Field(default=True, description="False: nothing is due until it is enabled.", examples=[True])
+    on_pass: OnPass = Field(
+        "report",
+        description="Of `recalibrate`: what to do with a calibration whose rays_verdict is pass and which has not "
+        "moved.",
+        examples=["report"],
+    )
+    options: CalibrationOptions = Field(
+        CalibrationOptions(), description="How it calibrates; `check-drift` does not use it."
+    )
+    drift_options: DriftOptions = Field(
+        DriftOptions(), description="How it looks for drift; `recalibrate` does not use it."
+    )
+
+
+def _state_what_activates(schema: Schema) -> None:
+    require(schema, "on_pass", one_of("on_pass", ["report"]), one_of("kind", ["recalibrate"], default="recalibrate"))
+
+
+class ScheduleAsk(ScheduleSpec, Given):
+    """A schedule that is to be kept."""
+
+    model_config = ConfigDict(json_schema_extra=_state_what_activates)
+
+    options: GivenCalibrationOptions = Field(
+        GivenCalibrationOptions(), description="How it calibrates; `check-drift` does not use it."
+    )
+
+    @model_validator(mode="after")
+    def _activates_what_it_makes(self) -> Self:
+        if self.kind != "recalibrate" and self.on_pass == "activate":  # noqa: S105 - no password
+            msg = f"on_pass {self.on_pass!r} belongs to kind 'recalibrate', not {self.kind!r}: leave it out"
+            raise ValueError(msg)
+        return self
+
+
+class ScheduleRun(Contract):
+    """The outcome of one due time."""
+
+    due_at: datetime = Field(description="The due time, RFC 3339, UTC.", examples=["2026-03-02T05:30:00Z"])
+    outcome: ScheduleOutcome = Field(description="Whether a job was queued, and why not.", examples=["queued"])
+    calibration_id: Identifier | None = Field(
+        None, description="Id of the calibration that was queued. Null: none was.", examples=["example"]
+    )
+    drift_id: Identifier | None = Field(
+        None, description="Id of the drift check that was queued. Null: none was.", examples=["example"]
+    )
+
+
+class Schedule(Stamped, ScheduleSpec):
+    """A schedule as it stands."""
+
+    next_due_at: datetime | None = Field(description="Null when disabled.", examples=["2026-03-03T05:30:00Z"])
+    last_run: ScheduleRun | None = Field(None, description="The outcome of the last due time. Null: none has come.")

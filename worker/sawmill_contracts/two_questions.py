@@ -1,0 +1,240 @@
+"""The two questions that stand wherever a calibration's verdict stands: are the rays right, are the millimetres right.
+
+Each is answered by a number, its limit and a sentence. The sentences are texts to be translated; a page gives its own
+`gettext` and its own way of writing millimetres and per cent.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from types import MappingProxyType
+from typing import Self
+
+from sawmill_contracts.calibrations import CalibrationLimits, CalibrationResult
+from sawmill_contracts.plans import PlanResult
+from sawmill_contracts.scanners import Tolerances
+from sawmill_vocabulary import CalibrationStatus, Verdict
+from sawmill_vocabulary.texts import N_
+
+Words = Callable[[str], str]
+Written = Callable[[float], str]
+
+
+# What a verdict means, in a sentence.
+VERDICTS: Mapping[Verdict, str] = MappingProxyType(
+    {
+        "pass": "The geometry is known well enough to be used.",
+        "watch": "There is a geometry, but look at it before it is used.",
+        "fail": "This geometry must not be used.",
+    }
+)
+
+
+class Answer(StrEnum):
+    """To one of the two questions."""
+
+    YES = "yes"
+    LOOK = "look"
+    NO = "no"
+    UNKNOWN = "unknown"
+
+
+def in_mm(value_mm: float) -> str:
+    """Millimetres in English, to a thousandth, as of rays."""
+    return f"{value_mm:.3f} mm"
+
+
+def in_length(value_mm: float) -> str:
+    """Millimetres in English, to two digits that matter below 10 mm and to one mm above, as of a log."""
+    return f"{value_mm:.0f} mm" if value_mm >= 9.95 else f"{value_mm:.2g} mm"
+
+
+def in_percent(value: float) -> str:
+    """Per cent in English, to two digits that matter."""
+    return f"{value:.2g} %"
+
+
+@dataclass(frozen=True)
+class RaysRight:
+    """Whether the rays are right among themselves: what makes an image sharp.
+
+    Attributes
+    ----------
+    upper_95_mm : float or None
+        The RMS ray error stays below this in 95 of 100 cases; None without error bars.
+    limit_mm : float or None
+        What is allowed; None where nobody recorded it.
+    verdict : Verdict
+        On the rays alone; of an answer of an earlier version on the whole.
+    """
+
+    upper_95_mm: float | None
+    limit_mm: float | None
+    verdict: Verdict
+
+    question = N_("Are the rays right?")
+
+    @property
+    def within(self) -> bool | None:
+        """Whether the number keeps its limit; None where either is not known."""
+        return _within(self.upper_95_mm, self.limit_mm)
+
+    @property
+    def answer(self) -> Answer:
+        """In a word: by the verdict, which knows more than the number, unless the number is beyond its limit."""
+        if self.verdict == "fail":
+            return Answer.NO
+        if self.upper_95_mm is None:
+            return Answer.UNKNOWN
+        return Answer.LOOK if self.verdict == "watch" or self.within is False else Answer.YES
+
+    @property
+    def message(self) -> str:
+        """The sentence with its places: %(bound)s and %(limit)s, both in mm."""
+        if self.upper_95_mm is None and self.verdict == "fail":
+            return N_("It has no error bars, and what is known speaks against it.")
+        if self.upper_95_mm is None:
+            return N_("Not known: this calibration has no error bars.")
+        if self.limit_mm is None:
+            return N_("In 95 of 100 cases the rays are off by less than %(bound)s. The tolerance is not recorded.")
+        if not self.within:
+            return N_("In 95 of 100 cases the rays are off by less than %(bound)s, but only %(limit)s is allowed.")
+        if self.verdict == "pass":
+            return N_("In 95 of 100 cases the rays are off by less than %(bound)s; %(limit)s is allowed.")
+        return N_("By its number, %(bound)s where %(limit)s is allowed; but something else speaks against it.")
+
+    def sentence(self, words: Words = str, mm: Written = in_mm) -> str:
+        """The answer in one sentence, in the language of `words`."""
+        places = {"bound": self.upper_95_mm, "limit": self.limit_mm}
+        return words(self.message) % {name: mm(value) for name, value in places.items() if value is not None}
+
+
+@dataclass(frozen=True)
+class MillimetresRight:
+    """Whether the image's millimetres are right: a common scale, for which the phantom's size is the ruler.
+
+    Attributes
+    ----------
+    percent_95 : float or None
+        Sizes in the image are right to this with 95 %; None where it is not known.
+    limit_percent : float or None
+        What is allowed; None where nobody recorded it.
+    diameter_mm : float
+        Of the largest log: the disc in which ray errors are counted.
+    contradicted : bool
+        The phantom's size and the scanner's constants do not go together.
+    """
+
+    percent_95: float | None
+    limit_percent: float | None
+    diameter_mm: float
+    contradicted: bool = False
+
+    question = N_("Are the millimetres right?")
+
+    @property
+    def within(self) -> bool | None:
+        """Whether the number keeps its limit; None where either is not known."""
+        return _within(self.percent_95, self.limit_percent)
+
+    @property
+    def on_diameter_mm(self) -> float | None:
+        """What the number is on the diameter of the largest log."""
+        return _share(self.percent_95, self.diameter_mm)
+
+    @property
+    def limit_on_diameter_mm(self) -> float | None:
+        """What the limit is on the diameter of the largest log."""
+        return _share(self.limit_percent, self.diameter_mm)
+
+    @property
+    def answer(self) -> Answer:
+        """In a word. An uncertain scale blurs nothing, so it asks for a look and stops nothing."""
+        if self.contradicted:
+            return Answer.NO
+        if self.within is None:
+            return Answer.UNKNOWN
+        return Answer.YES if self.within else Answer.LOOK
+
+    @property
+    def message(self) -> str:
+        """The sentence with its places: %(percent)s, %(limit)s (per cent), %(error)s and %(diameter)s (lengths)."""
+        if self.contradicted:
+            return N_("The phantom's size and the scanner's constants contradict each other: measure both.")
+        if self.percent_95 is None:
+            return N_("Not known: this calibration gives no such number.")
+        if self.limit_percent is None:
+            return N_("Sizes are right to %(percent)s: %(error)s on a log of %(diameter)s. No limit is recorded.")
+        if not self.within:
+            return N_("Sizes are right to %(percent)s: %(error)s on a log of %(diameter)s. Only %(limit)s is allowed.")
+        return N_("Sizes are right to %(percent)s: %(error)s on a log of %(diameter)s; %(limit)s is allowed.")
+
+    def sentence(self, words: Words = str, length: Written = in_length, percent: Written = in_percent) -> str:
+        """The answer in one sentence, in the language of `words`."""
+        lengths = {"error": self.on_diameter_mm, "diameter": self.diameter_mm}
+        shares = {"percent": self.percent_95, "limit": self.limit_percent}
+        places = {name: length(value) for name, value in lengths.items() if value is not None}
+        places |= {name: percent(value) for name, value in shares.items() if value is not None}
+        return words(self.message) % places
+
+
+@dataclass(frozen=True)
+class TwoQuestions:
+    """Of one calibration."""
+
+    rays: RaysRight
+    millimetres: MillimetresRight
+
+    @classmethod
+    def of(cls, result: CalibrationResult, tolerances: Tolerances | None) -> Self:
+        """By an answer and the limits that it was held against.
+
+        Parameters
+        ----------
+        tolerances : Tolerances or None
+            The scanner's, for an answer of an earlier version, which does not have its limits; None where no scanner is
+            known.
+        """
+        predicted, status = result.predicted_ray_error_mm, result.status
+        limits = result.limits or (None if tolerances is None else _limits(tolerances))
+        failed = status is CalibrationStatus.NOT_CONVERGED
+        return cls(
+            RaysRight(
+                upper_95_mm=None if predicted is None else predicted.upper_95,
+                limit_mm=None if limits is None else limits.tolerance_mm,
+                verdict=result.rays_verdict or result.verdict,
+            ),
+            MillimetresRight(
+                percent_95=None if failed else result.scale_uncertainty_percent,
+                limit_percent=None if limits is None else limits.scale_tolerance_percent,
+                diameter_mm=2.0 * result.radius_mm,
+                contradicted=status is CalibrationStatus.INCONSISTENT_SCALE,
+            ),
+        )
+
+    @classmethod
+    def of_plan(cls, planned: PlanResult, tolerances: Tolerances) -> Self:
+        """By what a plan promises and what its scanner allows: noise and the phantom's size alone can speak against."""
+        predicted, limit_mm = planned.predicted_ray_error_mm, tolerances.predicted_ray_error_mm
+        return cls(
+            RaysRight(predicted.upper_95, limit_mm, "pass" if predicted.upper_95 <= limit_mm else "fail"),
+            MillimetresRight(
+                percent_95=planned.scale_uncertainty_percent,
+                limit_percent=tolerances.scale_percent,
+                diameter_mm=2.0 * predicted.radius_mm,
+            ),
+        )
+
+
+def _limits(tolerances: Tolerances) -> CalibrationLimits:
+    return CalibrationLimits(
+        tolerance_mm=tolerances.predicted_ray_error_mm, scale_tolerance_percent=tolerances.scale_percent
+    )
+
+
+def _within(value: float | None, limit: float | None) -> bool | None:
+    return None if value is None or limit is None else value <= limit
+
+
+def _share(percent: float | None, of: float) -> float | None:
+    return None if percent is None else percent / 100.0 * of

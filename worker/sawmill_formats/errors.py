@@ -1,0 +1,167 @@
+"""How a file is refused, and the one place where the error of a library becomes a sentence.
+
+FileError
+  UnreadableScan  a file that cannot be used
+  OutOfRange      an index that a file of ours does not have
+  NotStored       a part that a file of ours does not hold
+  DamagedResult   a file of ours that is not as it was written
+"""
+
+import errno
+import os
+import re
+import stat
+import struct
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from sawmill_platform.whole_files import DISK_AWAY, DISK_FULL
+
+LONGEST_QUOTE = 200
+# Of a sentence that lists what a file holds, its beginning and its end; the end says what to do.
+LONGEST_SENTENCE, SENTENCE_END = 1000, 250
+# What goes wrong in a parser that believed the file: its words are about the parser.
+OF_THE_PROGRAM = (ArithmeticError, AssertionError, AttributeError, LookupError, NameError, TypeError, struct.error)
+OF_NO_USE = ("pickle", " object at 0x")  # no advice to trust a file, no addresses
+FULL_PATH = re.compile(r"(?<![\w.])(?:/[^\s/'\":;,()]+){2,}")
+
+# The machine's troubles, not the file's: another attempt may do better.
+MACHINE_ERRORS = (
+    DISK_FULL | DISK_AWAY | {errno.EACCES, errno.EFBIG, errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.EPERM}
+)
+
+
+class FileError(Exception):
+    """What is wrong with a file, in a sentence of bounded length; `code` is stable, for programs."""
+
+    def __init__(self, code: str, message: str) -> None:
+        if len(message) > LONGEST_SENTENCE:
+            message = f"{message[: LONGEST_SENTENCE - SENTENCE_END]} ... {message[-SENTENCE_END:]}"
+        super().__init__(message)
+        self.code = code
+
+
+class UnreadableScan(FileError):  # noqa: N818 - it names the thing that cannot be read
+    """A file, or what was given beside it, that cannot be used as a scan.
+
+    Attributes
+    ----------
+    code : str
+        Stable, for programs: `empty-file`, `unknown-format`, `broken-file`, `truncated-file`, `too-large`,
+        `external-storage`, `linked-file-missing`, `unsupported-storage`, `dataset-missing`, `dataset-ambiguous`,
+        `wrong-type`, `wrong-shape`, `angles-missing`, `angles-mismatch`, `angles-malformed`, `angles-repeated`,
+        `not-finite`, `out-of-range`, `no-signal`, `rows-missing`, `flats-missing`, `contradiction`, `unsafe-archive`.
+    """
+
+
+class OutOfRange(FileError):  # noqa: N818 - an outcome's name, as in `storage.errors`
+    """An index that a file of ours does not have."""
+
+
+class NotStored(FileError):  # noqa: N818
+    """Something that a file of ours may hold and this one does not."""
+
+
+class DamagedResult(FileError):  # noqa: N818
+    """A file of ours that is damaged, or is another one than the job wrote; `reason` is what is wrong with it."""
+
+    def __init__(self, name: str, reason: str) -> None:
+        sentence = f"{name} is damaged, or is another file than the job wrote ({reason})"
+        remedy = "restore it from a backup, or ask for it again"
+        super().__init__(code="result-damaged", message=f"{sentence}: {remedy}")
+        self.reason = reason
+
+
+class NotAsWritten(ValueError):  # noqa: N818
+    """What is wrong with a file of ours; `damage_reported` makes a sentence of it."""
+
+
+def check_index(name: str, index: int, length: int) -> None:
+    """Refuse an index outside 0 .. length - 1.
+
+    Raises
+    ------
+    OutOfRange
+        `row-out-of-range` or `slice-out-of-range`, as `name` is.
+    """
+    if not 0 <= index < length:
+        raise OutOfRange(f"{name}-out-of-range", f"{name} must be between 0 and {length - 1}, not {index}")
+
+
+@contextmanager
+def library_errors_translated(what: str) -> Iterator[None]:
+    """Turn whatever a parsing library raises on a damaged file into `UnreadableScan`, the cause chained.
+
+    The libraries document no closed list of exceptions for hostile input, so all of them are taken, apart from those
+    that tell of the machine (memory, disk) and nothing about the file.
+    """
+    try:
+        yield
+    except (UnreadableScan, MemoryError):
+        raise
+    except Exception as error:
+        if isinstance(error, OSError) and error.errno in MACHINE_ERRORS:
+            raise
+        reason = _reason(error)
+        code = "truncated-file" if "truncated file" in reason else "broken-file"
+        raise UnreadableScan(code, f"this {what} file is incomplete or damaged ({reason}); export it again") from error
+
+
+@contextmanager
+def damage_reported(name: str) -> Iterator[None]:
+    """Turn whatever is raised on a damaged file of ours into `DamagedResult`, the cause chained."""
+    try:
+        yield
+    except (NotAsWritten, UnreadableScan) as error:
+        raise DamagedResult(name, str(error)) from error
+    except (FileError, MemoryError):
+        raise
+    except Exception as error:
+        if isinstance(error, OSError) and error.errno in MACHINE_ERRORS:
+            raise
+        raise DamagedResult(name, _reason(error)) from error
+
+
+def _reason(error: Exception) -> str:
+    """What a library says of a file, where it speaks of the file: not of itself, of paths or of trust in pickles."""
+    text = str(error)
+    if not text or isinstance(error, OF_THE_PROGRAM) or any(words in text for words in OF_NO_USE):
+        return "its structure makes no sense"
+    return quoted(FULL_PATH.sub("...", text))
+
+
+def quoted(text: str) -> str:
+    """Shorten foreign text to one printable line, fit to stand inside a sentence."""
+    line = " ".join("".join(c if c.isprintable() else " " for c in text).split())
+    return line if len(line) <= LONGEST_QUOTE else line[: LONGEST_QUOTE - 3] + "..."
+
+
+def check_regular(path: Path) -> None:
+    """Refuse what is no file on a disk: a pipe would be waited for without end, and a device has none.
+
+    Raises
+    ------
+    UnreadableScan
+        `broken-file`.
+    OSError
+        There is nothing, or nothing that may be looked at.
+    """
+    if not stat.S_ISREG(path.stat().st_mode):
+        raise UnreadableScan("broken-file", f"{path.name!r} is a pipe, a device or a folder: give a file")
+
+
+def regular_status(path: Path) -> os.stat_result:
+    """The status of a result's file.
+
+    Raises
+    ------
+    DamagedResult
+        It is a link, a pipe, a device or a folder.
+    FileNotFoundError
+        There is nothing.
+    """
+    status = path.lstat()
+    if not stat.S_ISREG(status.st_mode):
+        raise DamagedResult(path.name, "it is a link, a pipe, a device or a folder")
+    return status

@@ -1,0 +1,244 @@
+"""Values of HDF5 datasets that are stored in chunks, unpacked here and not by the library.
+
+What a chunk does not fill of the library's buffer stays as it was, so that the library reads a chunk that is stored
+shorter than it declares as memory of this process. Here a chunk has exactly the bytes that it declares, or is refused.
+"""
+
+import zlib
+from collections.abc import Callable, Iterator
+from functools import partial
+from itertools import product
+from math import prod
+from typing import Any
+from uuid import uuid4
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from sawmill_formats.errors import UnreadableScan, quoted
+from sawmill_formats.packing import fletcher32
+
+CHECKSUM_BYTES = 4
+# szip data begin with the number of bytes that they unpack to (HDF5, H5Zszip.c).
+SZIP_CLAIM_BYTES = 4
+# Blocks of szip that are not packed take less than this times what they unpack to.
+SZIP_GROWTH = 3
+
+# Stored bytes, and how many they may unpack to: what they unpack to, cut off somewhere beyond that number.
+Unpack = Callable[[NDArray[np.uint8], int], NDArray[np.uint8]]
+
+
+class Chunks:
+    """The chunks of a dataset of numbers or fixed texts, whose filters and stored sizes were checked.
+
+    Attributes
+    ----------
+    shape : tuple of int
+        The shape of each chunk.
+    """
+
+    def __init__(self, dataset: h5py.Dataset) -> None:
+        self.shape: tuple[int, ...] = dataset.chunks
+        self._dataset, self._dtype = dataset, dataset.dtype
+        self._type, self._of_numpy = dataset.id.get_type(), h5py.h5t.py_create(self._dtype)
+        self._bytes = prod(self.shape) * self._type.get_size()
+        self._converted = self._dtype.kind != "S" and not self._type.equal(self._of_numpy)
+        layout = dataset.id.get_create_plist()
+        filters = (layout.get_filter(place) for place in range(layout.get_nfilters()))
+        self._unpack = [_unpack(dataset, code, values) for code, _, values, _ in filters]
+
+    def read(self, offset: tuple[int, ...]) -> NDArray[Any]:
+        """Read the chunk that begins at `offset`, in its own shape and type.
+
+        Raises
+        ------
+        UnreadableScan
+            `truncated-file` where it is missing or shorter than it declares, `too-large` where it is longer.
+        """
+        try:
+            # To ask where it lies (H5Dget_chunk_info_by_coord) would go through all chunks before it.
+            skipped, stored = self._dataset.id.read_direct_chunk(offset)
+        except RuntimeError as error:  # so the library says that no place in the file is given for it
+            raise UnreadableScan(
+                "truncated-file", f"{self._where(offset)} was never written; export the file again"
+            ) from error
+        data = np.frombuffer(stored, np.uint8)
+        for place, unpack in reversed(list(enumerate(self._unpack))):
+            if not skipped >> place & 1:
+                if skipped and unpack is _without_checksum:
+                    unpack = _checked  # noqa: PLW2901 - the deflate stream that has one of its own is what was skipped
+                data = unpack(data, self._bytes + CHECKSUM_BYTES)
+        self._check_length(offset, data.size)
+        if self._converted:
+            count = prod(self.shape)
+            room = np.zeros(count * max(self._type.get_size(), self._dtype.itemsize), np.uint8)
+            room[: data.size] = data
+            h5py.h5t.convert(self._type, self._of_numpy, count, room)
+            data = room[: count * self._dtype.itemsize]
+        chunk: NDArray[Any] = data.view(self._dtype).reshape(self.shape)
+        return chunk
+
+    def offsets(self) -> Iterator[tuple[int, ...]]:
+        """List where every chunk of the dataset begins."""
+        axes = zip(self._dataset.shape, self.shape, strict=True)
+        return product(*(range(0, length, of_chunk) for length, of_chunk in axes))
+
+    def _check_length(self, offset: tuple[int, ...], length: int) -> None:
+        if length != self._bytes:
+            code, than = ("truncated-file", "less") if length < self._bytes else ("too-large", "more")
+            raise UnreadableScan(
+                code,
+                f"{self._where(offset)} declares {self._bytes} bytes of data and holds {than}; export the file again",
+            )
+
+    def _where(self, offset: tuple[int, ...]) -> str:
+        return f"the chunk {offset} of {quoted(str(self._dataset.name))!r}"
+
+
+def check_unpacked(dataset: h5py.Dataset) -> None:
+    """Unpack every chunk of a checked dataset once, before the library does: that of a virtual dataset's source.
+
+    Raises
+    ------
+    UnreadableScan
+        `truncated-file` or `too-large` for a chunk that is shorter or longer than it declares.
+    """
+    chunks = Chunks(dataset)
+    for offset in chunks.offsets():
+        chunks.read(offset)
+
+
+def load_kernels() -> None:
+    """Load or compile what unpacks LZF, so that no reading waits for it."""
+    _of_lzf(np.frombuffer(b"\0\0", np.uint8), 1)
+
+
+def read_chunked(
+    dataset: h5py.Dataset, into: NDArray[Any], images: NDArray[np.intp], parts: tuple[slice, ...] = ()
+) -> None:
+    """Read images of a checked dataset in chunks, each chunk once.
+
+    Parameters
+    ----------
+    dataset : h5py.Dataset
+    into : (images, parts of the other axes)
+        Where they are put, in whichever type; what this type cannot hold becomes infinite.
+    images : (n,) integers
+        Rising indices along the first axis.
+    parts : tuple of slice
+        Of the second axis and those behind it, each with its start and stop inside the shape; all of the axes left out.
+
+    Raises
+    ------
+    UnreadableScan
+        `truncated-file` or `too-large` for a chunk that is shorter or longer than it declares.
+    """
+    chunks = Chunks(dataset)
+    length, *across = chunks.shape
+    whole = (*parts, *(slice(0, n) for n in dataset.shape[1 + len(parts) :]))
+    grid = [range(part.start // n * n, part.stop, n) for part, n in zip(whole, across, strict=True)]
+    with np.errstate(over="ignore"):
+        for first, start in product(np.unique(images // length) * length, product(*grid)):
+            low, high = np.searchsorted(images, [first, first + length])
+            chunk = chunks.read((int(first), *start))
+            inside, target = [], []
+            for part, at, n in zip(whole, start, across, strict=True):
+                begin, end = max(part.start, at), min(part.stop, at + n)
+                inside.append(slice(begin - at, end - at))
+                target.append(slice(begin - part.start, end - part.start))
+            into[slice(low, high), *target] = chunk[_as_slice(images[low:high] - first), *inside]
+
+
+def _as_slice(rising: NDArray[np.intp]) -> slice | NDArray[np.intp]:
+    """Make a slice of indices without gaps, which copies nothing."""
+    first, last = int(rising[0]), int(rising[-1])
+    return slice(first, last + 1) if last - first + 1 == len(rising) else rising
+
+
+def _unpack(dataset: h5py.Dataset, code: int, values: tuple[int, ...]) -> Unpack:
+    if code == h5py.h5z.FILTER_SHUFFLE:
+        return partial(_unshuffled, dataset.id.get_type().get_size())
+    if code == h5py.h5z.FILTER_SZIP:
+        return _Szip(dataset, values)
+    if code == h5py.h5z.FILTER_FLETCHER32 and dataset.compression == "gzip":
+        return _without_checksum
+    return {
+        h5py.h5z.FILTER_DEFLATE: _inflated,
+        h5py.h5z.FILTER_LZF: _of_lzf,
+        h5py.h5z.FILTER_FLETCHER32: _checked,
+    }[code]
+
+
+def _unshuffled(itemsize: int, data: NDArray[np.uint8], _: int) -> NDArray[np.uint8]:
+    """Undo the shuffle: the first bytes of all values came first, then the second ones; odd bytes at the end stay."""
+    count = data.size // itemsize * itemsize
+    together = np.stack(list(data[:count].reshape(itemsize, -1)), axis=1).reshape(-1)
+    return together if count == data.size else np.concatenate([together, data[count:]])
+
+
+def _inflated(data: NDArray[np.uint8], most: int) -> NDArray[np.uint8]:
+    inflater = zlib.decompressobj()
+    inflated = inflater.decompress(data.data, most + 1)
+    # A stream without its end has no checksum: nothing of it counts.
+    ended = inflater.eof or len(inflated) > most
+    return np.frombuffer(inflated if ended else b"", np.uint8)
+
+
+def _of_lzf(data: NDArray[np.uint8], most: int) -> NDArray[np.uint8]:
+    from sawmill_formats._chunks_numba import unpack_lzf  # noqa: PLC0415 - Numba, for such data only
+
+    unpacked = np.empty(most + 1, np.uint8)
+    count = unpack_lzf(data, unpacked)
+    if count < 0:
+        raise ValueError("LZF data that are cut off or refer to what is not there")
+    return unpacked[:count]
+
+
+def _without_checksum(data: NDArray[np.uint8], _: int) -> NDArray[np.uint8]:
+    """Leave out the checksum of a deflate stream, which ends with one of its own."""
+    return data[:-CHECKSUM_BYTES]
+
+
+def _checked(data: NDArray[np.uint8], _: int) -> NDArray[np.uint8]:
+    values, stored = data[:-CHECKSUM_BYTES], data[-CHECKSUM_BYTES:]
+    if fletcher32(values.tobytes()) != int.from_bytes(stored, "little"):
+        raise ValueError("a chunk does not have the checksum that is stored with it")
+    return values
+
+
+class _Szip:
+    """szip, which the library alone unpacks: in a file in memory, data filled up so that they never end too soon.
+
+    Parameters
+    ----------
+    dataset : h5py.Dataset
+    values : (options, pixels in a block, ...)
+        The filter's settings.
+    """
+
+    def __init__(self, dataset: h5py.Dataset, values: tuple[int, ...]) -> None:
+        layout = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+        layout.set_chunk(dataset.chunks)
+        options = values[0] & (h5py.h5z.SZIP_NN_OPTION_MASK | h5py.h5z.SZIP_EC_OPTION_MASK)
+        layout.set_szip(options, values[1])
+        self._file = h5py.File(uuid4().hex, "w", driver="core", backing_store=False)
+        space = h5py.h5s.create_simple(dataset.chunks)
+        self._type = dataset.id.get_type()
+        self._one = h5py.h5d.create(self._file.id, b"chunk", self._type, space, layout)
+        self._bytes = prod(dataset.chunks) * self._type.get_size()
+
+    def __call__(self, data: NDArray[np.uint8], most: int) -> NDArray[np.uint8]:
+        claimed = int.from_bytes(data[:SZIP_CLAIM_BYTES], "little")
+        if claimed != self._bytes:
+            return np.zeros(min(claimed, most + 1), np.uint8)
+        ones, zeros = (self._filled_up(data, byte) for byte in (b"\xff", b"\0"))
+        # Ones go on as blocks that are not packed, and fill whatever is missing. Where other bytes give something else,
+        # the data ended before.
+        return ones if np.array_equal(ones, zeros) else ones[:0]
+
+    def _filled_up(self, data: NDArray[np.uint8], byte: bytes) -> NDArray[np.uint8]:
+        unpacked = np.zeros(self._bytes, np.uint8)
+        self._one.write_direct_chunk((0,) * self._one.rank, data.tobytes() + SZIP_GROWTH * self._bytes * byte)
+        self._one.read(h5py.h5s.ALL, h5py.h5s.ALL, unpacked, self._type)
+        return unpacked

@@ -1,0 +1,136 @@
+"""Checks that hold for an array of any format, most of them made before its data are read."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sawmill_formats.errors import UnreadableScan
+
+if TYPE_CHECKING:
+    from sawmill_formats.input.hdf5.links import LinkedFiles
+
+MAX_BYTES = 8 * 2**30
+
+# No measurement packs so well; what a file declares below the second does no harm.
+LARGEST_RATIO = 200
+HARMLESS_BYTES = 64 * 2**20
+
+# By NumPy's letters: what is no real number.
+OTHER_KINDS = {
+    "O": "texts or objects",
+    "S": "text",
+    "U": "text",
+    "V": "records",
+    "b": "true or false",
+    "c": "complex numbers",
+    "M": "dates",
+    "m": "durations",
+}
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """What may be read: how many bytes, as float32 or as stored, whichever is more, and of which files.
+
+    Attributes
+    ----------
+    array : int
+        Of an array that is read a block at a time.
+    piece : int
+        In memory at once: of an array that is read as a whole, or of what a file stores in one piece.
+    linked : LinkedFiles or None
+        What follows the links of an HDF5 file into others; None: they are refused.
+    """
+
+    array: int
+    piece: int
+    linked: "LinkedFiles | None" = None
+
+    @property
+    def whole(self) -> "Bounds":
+        """Those of arrays that are read as a whole."""
+        return replace(self, array=self.piece)
+
+
+def check_number_type(what: str, dtype: np.dtype[Any]) -> None:
+    """Refuse everything but real numbers: `wrong-type`."""
+    if dtype.kind not in "iuf":
+        raise UnreadableScan(
+            "wrong-type",
+            f"{what} is of type {dtype.name} ({OTHER_KINDS.get(dtype.kind, 'no numbers')}); a scan holds integers or "
+            "floating-point numbers",
+        )
+
+
+def check_size(what: str, shape: Sequence[int], itemsize: int, *, stored_bytes: int, max_bytes: int) -> None:
+    """Refuse an array that is larger than allowed, or far larger than what is stored of it: `too-large`."""
+    elements = math.prod(shape)
+    needed, declared = elements * max(itemsize, 4), elements * itemsize
+    if needed > max_bytes:
+        raise UnreadableScan(
+            "too-large",
+            f"{what} needs {needed} bytes as {'float32' if itemsize <= 4 else 'stored'} and at most {max_bytes} are "
+            "allowed or free; upload fewer rows",
+        )
+    if declared > HARMLESS_BYTES and stored_bytes * LARGEST_RATIO < declared:
+        raise UnreadableScan(
+            "too-large",
+            f"{what} declares {declared} bytes of data while the file stores only {stored_bytes} of them; above "
+            f"{HARMLESS_BYTES >> 20} MiB it may be at most {LARGEST_RATIO} times as many",
+        )
+
+
+def check_scan_dimensions(what: str, shape: Sequence[int]) -> None:
+    """Refuse projections that are neither (views, detector) nor (views, rows, detector): `wrong-shape`."""
+    if len(shape) not in {2, 3} or 0 in shape:
+        wrong = f"{len(shape)} axes instead of 2 or 3" if len(shape) not in {2, 3} else "an axis of length 0"
+        raise UnreadableScan(
+            "wrong-shape",
+            f"{what} has the shape {tuple(shape)}; projections are (views, rows, detector) or (views, detector), and "
+            f"this has {wrong}",
+        )
+
+
+def as_float32(array: NDArray[Any]) -> NDArray[np.float32]:
+    """Convert to contiguous float32; what float32 cannot hold becomes infinite and is refused later, with its place."""
+    with np.errstate(over="ignore"):
+        return np.ascontiguousarray(array, dtype=np.float32)
+
+
+def as_fields(name: str, fields: NDArray[np.float32], dimensions: int) -> NDArray[np.float32]:
+    """Flat or dark fields as (n, rows, detector), beside projections of 2 or 3 dimensions.
+
+    Fields with one dimension less than the projections are a single one.
+    """
+    if fields.ndim == dimensions - 1:
+        fields = fields[np.newaxis]
+    if fields.ndim != dimensions:
+        raise UnreadableScan(
+            "wrong-shape",
+            f"the {name} fields have the shape {fields.shape}, {fields.ndim} axes, beside projections of {dimensions}; "
+            f"give {'(n, rows, detector) or (rows, detector)' if dimensions == 3 else '(n, detector) or (detector,)'}",
+        )
+    return fields[:, np.newaxis, :] if dimensions == 2 else fields
+
+
+def check_fields(name: str, shape: tuple[int, ...], of_view: Sequence[int]) -> None:
+    """Refuse fields (n, rows, detector) that are not of the views' (rows, detector): `wrong-shape`."""
+    if not shape[0]:
+        raise UnreadableScan(
+            "wrong-shape", f"the {name} fields have the shape {shape}: there are 0 of them, at least 1 is needed"
+        )
+    wrong = [
+        f"{mine} {what} where the views have {views}"
+        for what, mine, views in zip(("rows", "cells"), shape[1:], of_view, strict=True)
+        if mine != views
+    ]
+    if wrong:
+        raise UnreadableScan(
+            "wrong-shape",
+            f"the {name} fields have the shape {shape} as (n, rows, detector) and the views (rows, detector) = "
+            f"{tuple(of_view)}: {' and '.join(wrong)}; both need the same rows and cells",
+        )

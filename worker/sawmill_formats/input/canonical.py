@@ -1,0 +1,262 @@
+"""The one form every readable file is brought into."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sawmill_formats.errors import UnreadableScan
+from sawmill_formats.input.arrays import check_fields
+from sawmill_formats.input.averaged import AveragedRows
+from sawmill_formats.input.contents import Projections
+from sawmill_formats.input.plausible import (
+    LINE_INTEGRALS,
+    SampleRange,
+    SamplesOutside,
+    check_angles,
+    check_finite,
+    range_of_counts,
+)
+
+# Angles closer than this are the same direction: a millionth of a degree, in radians.
+SAME_DIRECTION_RAD = np.deg2rad(1e-6)
+
+
+@dataclass(frozen=True, eq=False)
+class CanonicalScan:
+    """A scan in a file that is open: checked when it was made, its projections as they are read.
+
+    Attributes
+    ----------
+    projections : Projections
+        Counts or line integrals, as `counts` says.
+    angles_rad : (views,) float64
+        Each view's own angle. The same direction may come again in a later turn, never in two successive views.
+    counts : bool
+        Whether the projections are detector counts; then there is at least one flat field.
+    flats, darks : (n, rows, detector) float32 or None
+        Counts without an object in the beam, and without a beam. Never beside line integrals.
+    detector_pitch_mm, row_pitch_mm : float or None
+        Distances between cells and between rows, where the file has them.
+    format : str
+        What the file turned out to be.
+    remarks : tuple of str
+        What was done to the data on reading, one sentence each.
+    rows_missing : bool
+        Whether views may lack rows at the top or the bottom: NaN in every cell.
+    unused : str or None
+        Values that could serve as pitch or distance, where the file does not state what they are.
+    others : tuple of Path
+        Further files that were read.
+    averaged : AveragedRows or None
+        Of a scan whose one row is a mean over rows: masked rays are NaN.
+
+    Raises
+    ------
+    UnreadableScan
+        When the parts do not agree with each other.
+    """
+
+    projections: Projections
+    angles_rad: NDArray[np.float64]
+    counts: bool
+    flats: NDArray[np.float32] | None
+    darks: NDArray[np.float32] | None
+    detector_pitch_mm: float | None
+    row_pitch_mm: float | None
+    format: str
+    remarks: tuple[str, ...]
+    rows_missing: bool = False
+    unused: str | None = None
+    others: tuple[Path, ...] = ()
+    averaged: AveragedRows | None = None
+
+    def __post_init__(self) -> None:
+        check_scan(self)
+
+    @cached_property
+    def sample_range(self) -> SampleRange:
+        """Between which values the samples lie: beside flat fields counts, else line integrals."""
+        return LINE_INTEGRALS if self.flats is None else range_of_counts(self.flats, self.darks)
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """(views, rows, detector)."""
+        views, *rows, cells = self.projections.shape
+        return views, rows[0] if rows else 1, cells
+
+    def block_shape(self, window_bytes: int) -> tuple[int, int]:
+        """The numbers of views and rows of a block that fills a window of memory.
+
+        All views of some rows where the file can be read so, else whole views, else a few of both: in whole pieces as
+        the file stores them, and never less than one.
+        """
+        views, rows, cells = self.shape
+        piece_views, piece_rows = (
+            min(n, most) for n, most in zip(self.projections.together, (views, rows), strict=True)
+        )
+        fitting = max(1, window_bytes // (4 * cells))
+        if views * piece_rows <= fitting:
+            return views, min(rows, _whole(fitting // views, piece_rows))
+        if piece_views * rows <= fitting:
+            return min(views, _whole(fitting // rows, piece_views)), rows
+        return min(views, max(piece_views, _whole(fitting // piece_rows, piece_views))), piece_rows
+
+    def blocks(self, window_bytes: int) -> Iterator["Block"]:
+        """Every sample once, checked, in blocks of `block_shape`, rows before views.
+
+        A block is let go of here when it is handed over, so that there is one in memory where its user does the same.
+
+        Raises
+        ------
+        UnreadableScan
+            Where the next block cannot be read or holds what no scan can, and after the last one where rows are missing
+            that cannot be.
+        """
+        views, rows, _ = self.shape
+        step_views, step_rows = self.block_shape(window_bytes)
+        missing = np.zeros((views, rows), bool)
+        outside = SamplesOutside(self.sample_range, math.prod(self.shape))
+        for first_view in range(0, views, step_views):
+            for first_row in range(0, rows, step_rows):
+                at = slice(first_view, min(first_view + step_views, views))
+                across = slice(first_row, min(first_row + step_rows, rows))
+                yield self._block(at, across, missing, outside)
+        if self.counts:
+            outside.check_signal()
+        for view in np.flatnonzero(missing.any(axis=1)):
+            _check_ends(int(view), missing[view])
+
+    def _block(self, views: slice, rows: slice, missing: NDArray[np.bool_], outside: SamplesOutside) -> "Block":
+        samples = self.projections.read(views, rows)
+        if self.counts and self.rows_missing:
+            samples[~samples.any(axis=2)] = np.nan
+        if self.averaged is None:
+            missing[views, rows] = self._missing_rows(samples, views.start, rows.start)
+        else:
+            self.averaged.mask(samples, views.start)
+        outside.add(samples, views.start, rows.start)
+        return Block(views, rows, samples)
+
+    def _missing_rows(self, samples: NDArray[np.float32], first_view: int, first_row: int) -> NDArray[np.bool_]:
+        """Which rows (views, rows) of a block are NaN in every cell, all else being finite."""
+        missing = np.zeros(samples.shape[:2], bool)
+        for view, image in enumerate(samples):
+            unusable = ~np.isfinite(image).all(axis=1)
+            if not unusable.any():
+                continue
+            missing[view, unusable] = np.isnan(image[unusable]).all(axis=1)
+            if missing[view].any() and not self.rows_missing:
+                raise self._lacking(first_view + view, first_row, missing[view])
+            present = np.where(missing[view][:, np.newaxis], np.float32(0.0), image)
+            check_finite("view", first_view + view, present, first_row)
+        return missing
+
+    def _lacking(self, view: int, first_row: int, missing: NDArray[np.bool_]) -> UnreadableScan:
+        if missing.size == self.shape[1] and missing.all():
+            return _lacking_throughout(view)
+        return UnreadableScan(
+            "not-finite",
+            f"view {view}, row {first_row + int(missing.argmax())} is NaN in every cell; where views lack rows, ask "
+            "for align_rows (--align-rows), which aligns them along the log",
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """Some views and rows of a scan, and their samples (views, rows, detector) float32."""
+
+    views: slice
+    rows: slice
+    samples: NDArray[np.float32]
+
+
+def _whole(fitting: int, piece: int) -> int:
+    return fitting // piece * piece
+
+
+def check_scan(scan: CanonicalScan) -> None:
+    """Refuse a scan whose parts do not agree, with one sentence that names the first thing wrong."""
+    _check_shapes(scan)
+    _check_angles(scan.angles_rad)
+    _check_kind(scan)
+    for name, fields in (("flat", scan.flats), ("dark", scan.darks)):
+        if fields is not None:
+            for index, image in enumerate(fields):
+                check_finite(name, index, image)
+    if scan.counts:
+        _ = scan.sample_range  # which the fields themselves must leave
+
+
+def _check_shapes(scan: CanonicalScan) -> None:
+    if 0 in scan.shape:
+        none = "" if scan.shape[0] else ": none of its images is a view (in NXtomo those of image_key 0)"
+        raise UnreadableScan(
+            "wrong-shape",
+            f"projections must be (views, rows, detector) and at least 1 of each, not of shape {scan.shape}{none}",
+        )
+    views, *of_view = scan.shape
+    if views < 3:
+        raise UnreadableScan("wrong-shape", f"a scan needs at least 3 views and this one has {views}")
+    if scan.shape[2] < 2:
+        raise UnreadableScan("wrong-shape", f"a view needs at least 2 cells and these have {scan.shape[2]}")
+    if scan.angles_rad.shape != (views,):
+        raise UnreadableScan(
+            "angles-mismatch", f"there are {scan.angles_rad.size} angles for {views} views; each view needs its own"
+        )
+    for name, fields in (("flat", scan.flats), ("dark", scan.darks)):
+        if fields is not None:
+            check_fields(name, fields.shape, of_view)
+
+
+def _check_angles(angles_rad: NDArray[np.float64]) -> None:
+    check_angles(np.rad2deg(angles_rad))
+    steps = np.diff(angles_rad)
+    standing = np.abs(np.remainder(steps + np.pi, 2 * np.pi) - np.pi) < SAME_DIRECTION_RAD
+    if standing.any():
+        view = int(np.argmax(standing))
+        raise UnreadableScan(
+            "angles-repeated",
+            f"views {view} and {view + 1} have the same direction ({np.rad2deg(angles_rad[view]):g} degrees); "
+            "the object must turn between two views",
+        )
+
+
+def _check_kind(scan: CanonicalScan) -> None:
+    if scan.counts and scan.flats is None:
+        raise UnreadableScan(
+            "flats-missing",
+            "counts need at least one flat field: images with image_key 1 in NXtomo, exchange/data_white in Data "
+            "Exchange, an array named flats in NPZ, MAT or HDF5, files named flat* in a ZIP; on the command line also "
+            "in a file of their own (--flats); or declare line integrals",
+        )
+    if not scan.counts and (scan.flats is not None or scan.darks is not None):
+        raise UnreadableScan(
+            "contradiction",
+            "the data were declared line integrals but the file carries flat or dark fields, as counts do; "
+            "declare counts, or upload the line integrals without those fields",
+        )
+
+
+def _check_ends(view: int, missing: NDArray[np.bool_]) -> None:
+    there = np.flatnonzero(~missing)
+    if not there.size:
+        raise _lacking_throughout(view)
+    between = missing[there[0] : there[-1]]
+    if between.any():
+        raise UnreadableScan(
+            "rows-missing",
+            f"view {view} lacks row {int(there[0] + between.argmax())} between others; only rows at the top or the "
+            "bottom can be missing",
+        )
+
+
+def _lacking_throughout(view: int) -> UnreadableScan:
+    return UnreadableScan(
+        "not-finite",
+        f"view {view} has no signal: NaN, or for counts 0, in every cell; leave it out, with its angle",
+    )

@@ -1,0 +1,121 @@
+"""Any HDF5 file: which layout it has, and plain datasets where it has none (MATLAB 7.3 files among them)."""
+
+from contextlib import ExitStack
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from sawmill_formats import nxtomo
+from sawmill_formats.errors import UnreadableScan, quoted
+from sawmill_formats.hdf5 import open_hdf5
+from sawmill_formats.input.arrays import Bounds
+from sawmill_formats.input.contents import FileContents, Projections
+from sawmill_formats.input.hdf5.exchange import DATA as EXCHANGE_DATA
+from sawmill_formats.input.hdf5.exchange import is_exchange, read_exchange
+from sawmill_formats.input.hdf5.guard import datasets, find, name_of, read_values
+from sawmill_formats.input.hdf5.nxtomo import find_entries, read_nxtomo
+from sawmill_formats.input.hdf5.projections import all_views, transposed
+from sawmill_formats.input.hdf5.storage import check_dataset
+from sawmill_formats.input.hdf5.texts import attribute, attribute_text
+from sawmill_formats.input.matlab.mat5 import MATLAB_NUMBERS
+from sawmill_formats.input.named_arrays import LONGEST_TEXT, ArrayInfo, NamedArrays, read_named_arrays
+from sawmill_formats.input.wanted import Wanted
+
+if TYPE_CHECKING:
+    from sawmill_formats.input.hdf5.links import LinkedFiles
+
+
+def read_hdf5(path: Path, wanted: Wanted, bounds: Bounds, files: ExitStack) -> FileContents:
+    """Read an HDF5 file of any layout, which stays open for its projections.
+
+    Raises
+    ------
+    UnreadableScan
+        When the file has no scan, several without a choice, or one that must not be read.
+    """
+    file = files.enter_context(open_hdf5(path))
+    try:
+        return _read(file, wanted, bounds)
+    except UnreadableScan as error:
+        if bounds.linked is None or not bounds.linked.missing or error.code != "dataset-missing":
+            raise
+        raise bounds.linked.missing[0] from error
+
+
+def _read(file: h5py.File, wanted: Wanted, bounds: Bounds) -> FileContents:
+    entry = _choose_entry(file, wanted.dataset, bounds.linked)
+    if entry is not None:
+        return read_nxtomo(entry, bounds)
+    if is_exchange(file, bounds.linked) and (wanted.dataset or EXCHANGE_DATA).strip("/") == EXCHANGE_DATA:
+        return read_exchange(file, bounds)
+    return _read_plain(file, wanted, bounds)
+
+
+def _choose_entry(file: h5py.File, dataset: str | None, linked: "LinkedFiles | None") -> h5py.Group | None:
+    entries = find_entries(file, linked)
+    if dataset is not None:
+        wanted = find(file, f"/{dataset}", linked)
+        if wanted is None:
+            return None
+        return next((entry for entry in entries if wanted in (entry, find(entry, nxtomo.DATA, linked))), None)
+    if len(entries) > 1:
+        names = ", ".join(name_of(entry).strip("'") for entry in entries)
+        raise UnreadableScan(
+            "dataset-ambiguous", f"the file holds several NXtomo entries ({names}); name the right one with dataset"
+        )
+    return entries[0] if entries else None
+
+
+def _read_plain(file: h5py.File, wanted: Wanted, bounds: Bounds) -> FileContents:
+    found, dataset = dict(datasets(file, bounds.linked)), wanted.dataset
+    named = None if dataset is None else find(file, f"/{dataset}", bounds.linked)
+    if dataset is not None and isinstance(named, h5py.Dataset):
+        found[dataset.strip("/")] = named  # by the name it was asked for, which may be a link's
+    matlab = any("MATLAB_class" in node.attrs for node in found.values())
+    arrays = NamedArrays(
+        format="mat-v7.3" if matlab else "hdf5",
+        infos={name: _info(node) for name, node in found.items()},
+        load=partial(_load, found, bounds.whole),
+        projections=partial(_projections, found, bounds),
+        text=partial(_text, found, bounds.whole),
+    )
+    remarks = ("The arrays were transposed: MATLAB stores the last axis first.",) if matlab else ()
+    return read_named_arrays(arrays, wanted, remarks)
+
+
+def _info(node: h5py.Dataset) -> ArrayInfo:
+    shape = node.shape or ()
+    matlab_class = attribute_text(node, "MATLAB_class")
+    numeric = node.dtype.kind in "iuf" and (matlab_class is None or matlab_class in MATLAB_NUMBERS)
+    return ArrayInfo(shape if matlab_class is None else shape[::-1], numeric, quoted(matlab_class or node.dtype.name))
+
+
+def _checked(found: dict[str, h5py.Dataset], bounds: Bounds, name: str) -> h5py.Dataset:
+    node, where = found[name], repr(quoted(name))
+    check_dataset(where, node, bounds)
+    if np.any(attribute(node, "MATLAB_empty")):
+        raise UnreadableScan("wrong-shape", f"{where} is empty; it must hold numbers")
+    return node
+
+
+def _projections(found: dict[str, h5py.Dataset], bounds: Bounds, name: str) -> Projections:
+    node = _checked(found, bounds, name)
+    return transposed(node) if "MATLAB_class" in node.attrs else all_views(node)
+
+
+def _load(found: dict[str, h5py.Dataset], bounds: Bounds, name: str) -> NDArray[Any]:
+    node = _checked(found, bounds, name)
+    values = read_values(node, np.float64 if name in {"angles_deg", "angles_rad"} else np.float32)
+    return values.T if "MATLAB_class" in node.attrs else values
+
+
+def _text(found: dict[str, h5py.Dataset], bounds: Bounds, name: str) -> str | None:
+    """A short text as MATLAB stores it: the codes of its characters."""
+    is_text = attribute_text(found[name], "MATLAB_class") == "char" and found[name].dtype.kind == "u"
+    if not is_text or (found[name].size or LONGEST_TEXT + 1) > LONGEST_TEXT:
+        return None
+    return "".join(map(chr, read_values(_checked(found, bounds, name)).reshape(-1)))

@@ -1,0 +1,228 @@
+"""HDF5 without its doors: nothing outside the file, nothing computed, nothing larger than what is stored.
+
+Everything here is decided from the file's structure, before any data are read.
+"""
+
+from collections.abc import Iterator
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import h5py
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from sawmill_formats.errors import UnreadableScan, quoted
+from sawmill_formats.hdf5_chunks import read_chunked
+from sawmill_formats.input.arrays import Bounds
+from sawmill_formats.input.hdf5.storage import check_dataset
+
+if TYPE_CHECKING:
+    from sawmill_formats.input.hdf5.links import LinkedFiles
+
+MOST_LINKS = 16
+MOST_MEMBERS = 10_000
+LONGEST_NAME_BYTES = 1024
+DEEPEST_GROUP = 8
+
+Node: TypeAlias = h5py.Group | h5py.Dataset
+
+
+def find(start: Node, path: str, linked: "LinkedFiles | None" = None) -> Node | None:
+    """Follow a path link by link; None where it leads to nothing.
+
+    Raises
+    ------
+    UnreadableScan
+        `external-storage` for a link into another file where links are not followed, `linked-file-missing` where they
+        are; `unsupported-storage` for links that run in a circle.
+    """
+    here, pending, links = start, _parts(path), 0
+    if path.startswith("/"):
+        here = start.file["/"]
+    while pending:
+        name = pending.pop(0)
+        key = _key(name)
+        if not isinstance(here, h5py.Group) or not here.id.links.exists(key):
+            return None
+        kind = here.id.links.get_info(key).type
+        if kind == h5py.h5l.TYPE_HARD:
+            here = here[key] if linked is None else _beside(here, key)
+            continue
+        links += 1
+        if links > MOST_LINKS:
+            raise UnreadableScan(
+                "unsupported-storage",
+                f"the links behind {quoted(path)!r} run in a circle; link straight to the data",
+            )
+        if kind == h5py.h5l.TYPE_SOFT:
+            target = text_of(here.id.links.get_val(key))
+            here = here.file["/"] if target.startswith("/") else here
+        elif kind == h5py.h5l.TYPE_EXTERNAL and linked is not None:
+            file, target = map(text_of, here.id.links.get_val(key))
+            here = linked.root(here, file, path)
+        else:
+            raise UnreadableScan(
+                "external-storage",
+                f"{quoted(path)!r} leads through an external link into another file; put all data into one file",
+            )
+        pending = _parts(target) + pending
+    return here
+
+
+def _beside(group: h5py.Group, key: bytes) -> Node:
+    """A member of a group; the files that it names are looked for beside its own, not where this process runs."""
+    if h5py.h5o.get_info(group.id, key).type != h5py.h5o.TYPE_DATASET:
+        return group[key]
+    access = h5py.h5p.create(h5py.h5p.DATASET_ACCESS)
+    access.set_efile_prefix(b"${ORIGIN}")
+    return h5py.Dataset(h5py.h5d.open(group.id, key, access))
+
+
+def children(group: h5py.Group, linked: "LinkedFiles | None" = None) -> Iterator[tuple[str, Node]]:
+    """Every member that exists, by name; of a name that is not UTF-8 the other bytes are surrogates.
+
+    Where links are followed, those that lead to no file are noted and passed over: nobody asked for them.
+
+    Raises
+    ------
+    UnreadableScan
+        `too-large` for more members, or a longer name, than are read.
+    """
+    for key, _ in members(group):
+        try:
+            node = find(group, text_of(key), linked)
+        except UnreadableScan as error:
+            if linked is None or error.code != "linked-file-missing":
+                raise
+            linked.missing.append(error)
+            continue
+        if node is not None:
+            yield text_of(key), node
+
+
+def members(group: h5py.Group) -> Iterator[tuple[bytes, int]]:
+    """The name of every member as it is stored, and the kind of its link (`h5py.h5l`), before it is opened.
+
+    Raises
+    ------
+    UnreadableScan
+        `too-large` for more members, or a longer name, than are read.
+    """
+    check_members(len(group))
+    for stored in group:
+        key = stored if isinstance(stored, bytes) else _key(stored)
+        if len(key) > LONGEST_NAME_BYTES:
+            raise UnreadableScan(
+                "too-large",
+                f"a name in the group {name_of(group)} has {len(key)} bytes; at most {LONGEST_NAME_BYTES} are read",
+            )
+        yield key, group.id.links.get_info(key).type
+
+
+def text_of(key: bytes) -> str:
+    """A name as it is stored; of one that is not UTF-8 the other bytes are surrogates."""
+    return key.decode("utf-8", "surrogateescape")
+
+
+def check_members(count: int) -> None:
+    """Refuse a file with this number of members, before they are opened: `too-large`."""
+    if count > MOST_MEMBERS:
+        raise UnreadableScan(
+            "too-large",
+            f"the file has more than {MOST_MEMBERS} groups and datasets; leave out what is no part of the scan",
+        )
+
+
+def name_of(node: Node) -> str:
+    """Where it is in its file, quoted."""
+    name = node.name
+    return repr(quoted(name.decode("utf-8", "replace") if isinstance(name, bytes) else str(name)))
+
+
+def datasets(file: h5py.File, linked: "LinkedFiles | None" = None) -> Iterator[tuple[str, h5py.Dataset]]:
+    """Every dataset of the file, and of those it leads to, with its path, each object once."""
+    seen: set[tuple[int, int]] = set()
+    members = 0
+
+    def walk(group: h5py.Group, prefix: str, depth: int) -> Iterator[tuple[str, h5py.Dataset]]:
+        nonlocal members
+        members += len(group)
+        check_members(members)
+        for name, node in children(group, linked):
+            info = h5py.h5o.get_info(node.id)
+            address = (info.fileno, info.addr)
+            if address in seen:
+                continue
+            seen.add(address)
+            if isinstance(node, h5py.Dataset):
+                yield prefix + name, node
+            elif isinstance(node, h5py.Group) and depth < DEEPEST_GROUP:
+                yield from walk(node, f"{prefix}{name}/", depth + 1)
+
+    yield from walk(file["/"], "", 1)
+
+
+def numbers(start: Node, path: str, bounds: Bounds) -> h5py.Dataset | None:
+    """The dataset of numbers at a path, checked and not yet read; None where there is nothing.
+
+    Raises
+    ------
+    UnreadableScan
+        `external-storage`, `unsupported-storage`, `wrong-type`, `wrong-shape`, `truncated-file` or `too-large`.
+    """
+    node = find(start, path, bounds.linked)
+    if node is None:
+        return None
+    where = repr(quoted(path))
+    if not isinstance(node, h5py.Dataset):
+        raise UnreadableScan("wrong-shape", f"{where} is a group; it must be a dataset of numbers")
+    check_dataset(where, node, bounds)
+    return node
+
+
+def read_values(dataset: h5py.Dataset, dtype: DTypeLike | None = None) -> NDArray[Any]:
+    """Read a checked dataset as a whole, in its own type or another one."""
+    # Zeros, here and below: what the library does not fill is no memory of this process.
+    result = np.zeros(dataset.shape, dataset.dtype if dtype is None else dtype)
+    if dataset.chunks is None:
+        dataset.read_direct(result)
+    else:
+        read_chunked(dataset, result, np.arange(len(dataset)))
+    return result
+
+
+def read_float32(dataset: h5py.Dataset, *parts: slice) -> NDArray[np.float32]:
+    """Read a checked dataset as float32; where parts are named, those of its axes, from the first on."""
+    if not parts:
+        return read_values(dataset, np.float32)
+    return read_images(dataset, np.arange(parts[0].start, parts[0].stop), *parts[1:])
+
+
+def read_images(dataset: h5py.Dataset, images: NDArray[np.intp], *parts: slice) -> NDArray[np.float32]:
+    """Images by their rising indices, run by run as float32, and of their axes the parts that are named."""
+    result = np.zeros((len(images), *_shape_of(dataset, (slice(0, 1), *parts))[1:]), dtype=np.float32)
+    if dataset.chunks is not None:
+        read_chunked(dataset, result, images, parts)
+        return result
+    for start, stop in _runs(images):
+        first = int(images[start])
+        dataset.read_direct(result, (slice(first, first + stop - start), *parts), np.s_[start:stop])
+    return result
+
+
+def _shape_of(dataset: h5py.Dataset, parts: tuple[slice, ...]) -> tuple[int, ...]:
+    return (*(part.stop - part.start for part in parts), *dataset.shape[len(parts) :])
+
+
+def _runs(images: NDArray[np.intp]) -> Iterator[tuple[int, int]]:
+    edges = np.flatnonzero(np.diff(images) != 1) + 1
+    bounds = [0, *edges.tolist(), len(images)]
+    return ((start, stop) for start, stop in pairwise(bounds) if stop > start)
+
+
+def _key(name: str) -> bytes:
+    return name.encode("utf-8", "surrogateescape")
+
+
+def _parts(path: str) -> list[str]:
+    return [part for part in path.split("/") if part not in {"", "."}]

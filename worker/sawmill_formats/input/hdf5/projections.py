@@ -1,0 +1,44 @@
+"""Projections in an HDF5 dataset, read block by block as it is stored."""
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from sawmill_formats.input.contents import Projections
+from sawmill_formats.input.hdf5.guard import read_float32, read_images
+
+
+def all_views(dataset: h5py.Dataset) -> Projections:
+    """Of a checked dataset (views, rows, detector) or (views, detector)."""
+    return chosen_views(dataset, np.arange(len(dataset)))
+
+
+def chosen_views(dataset: h5py.Dataset, images: NDArray[np.intp]) -> Projections:
+    """Of the images of a checked dataset with these rising indices."""
+
+    def read(views: slice, rows: slice) -> NDArray[np.float32]:
+        if dataset.ndim == 2:
+            return read_images(dataset, images[views])[:, np.newaxis]
+        return read_images(dataset, images[views], rows)
+
+    # Sources of a virtual dataset are a camera's images, as a rule: these are read as a whole.
+    virtual = (1, *dataset.shape[1:]) if dataset.is_virtual else None
+    return Projections((len(images), *dataset.shape[1:]), read, _together(virtual or dataset.chunks))
+
+
+def transposed(dataset: h5py.Dataset) -> Projections:
+    """Of a checked dataset whose axes are stored in reverse, (detector, rows, views) or (detector, views)."""
+
+    def read(views: slice, rows: slice) -> NDArray[np.float32]:
+        cells = slice(0, len(dataset))
+        if dataset.ndim == 2:
+            return np.ascontiguousarray(read_float32(dataset, cells, views).T[:, np.newaxis])
+        return np.ascontiguousarray(read_float32(dataset, cells, rows, views).T)
+
+    return Projections(dataset.shape[::-1], read, _together(None if dataset.chunks is None else dataset.chunks[::-1]))
+
+
+def _together(chunks: tuple[int, ...] | None) -> tuple[int, int]:
+    if chunks is None:
+        return 1, 1
+    return (chunks[0], chunks[1]) if len(chunks) == 3 else (chunks[0], 1)

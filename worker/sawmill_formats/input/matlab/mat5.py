@@ -1,0 +1,62 @@
+"""MATLAB files of version 5 (7.3 is HDF5)."""
+
+from contextlib import ExitStack
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sawmill_formats.errors import UnreadableScan, quoted
+from sawmill_formats.input.arrays import Bounds, as_float32, check_number_type, check_size
+from sawmill_formats.input.contents import FileContents, held
+from sawmill_formats.input.matlab.mat5_variables import Variable, list_variables, read_numbers, read_text
+from sawmill_formats.input.named_arrays import LONGEST_TEXT, ArrayInfo, NamedArrays, read_named_arrays
+from sawmill_formats.input.wanted import Wanted
+
+MATLAB_NUMBERS = frozenset(
+    {"double", "single", "int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "uint64"}
+)
+
+
+def read_mat5(path: Path, wanted: Wanted, bounds: Bounds, _: ExitStack) -> FileContents:
+    """Read the variables and fields of structs that are needed, and no others.
+
+    Raises
+    ------
+    UnreadableScan
+        When the file holds no projections, or they must not be read.
+    """
+    variables = list_variables(path, bounds.array)
+    load = partial(_load, path, variables, bounds)
+    arrays = NamedArrays(
+        format="mat-v5",
+        infos={
+            name: ArrayInfo(found.shape, found.kind in MATLAB_NUMBERS, found.kind) for name, found in variables.items()
+        },
+        load=load,
+        projections=lambda name: held(as_float32(load(name))),
+        text=partial(_text, path, variables, bounds),
+    )
+    return read_named_arrays(arrays, wanted)
+
+
+def _load(path: Path, variables: dict[str, Variable], bounds: Bounds, name: str) -> NDArray[Any]:
+    variable, where = variables[name], repr(quoted(name))
+    if variable.kind not in MATLAB_NUMBERS:
+        fields = ", or name a field of it by its path" if variable.kind == "struct" else ""
+        raise UnreadableScan(
+            "wrong-type", f"{where} is a MATLAB {variable.kind}; a scan is an array of real numbers{fields}"
+        )
+    check_number_type(where, np.dtype(np.complex128 if variable.is_complex else variable.kind))
+    itemsize = np.dtype(variable.kind).itemsize
+    check_size(where, variable.shape, itemsize, stored_bytes=variable.stored_bytes, max_bytes=bounds.piece)
+    return read_numbers(path, variable, bounds.array)
+
+
+def _text(path: Path, variables: dict[str, Variable], bounds: Bounds, name: str) -> str | None:
+    variable = variables[name]
+    if variable.kind != "char" or np.prod(variable.shape, dtype=float) > LONGEST_TEXT:
+        return None
+    return read_text(path, variable, bounds.array)

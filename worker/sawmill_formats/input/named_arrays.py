@@ -1,0 +1,190 @@
+"""Files that are bags of named arrays (NPZ, MAT, HDF5 without a known layout): which one is what."""
+
+import math
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from itertools import islice
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sawmill_formats.errors import UnreadableScan, quoted
+from sawmill_formats.input.arrays import as_float32, check_scan_dimensions
+from sawmill_formats.input.contents import FileAngles, FileContents, Projections
+from sawmill_formats.input.units import to_degrees
+from sawmill_formats.input.wanted import Wanted
+
+PROJECTION_NAMES = ("projections", "sinogram", "data", "arr")
+OTHER_NAMES = frozenset({"angles_deg", "angles_rad", "flats", "darks"})
+DEVIATIONS = "deviations"
+# What these are by their names, as words that follow the shape; the others' shapes speak for themselves.
+OF_OTHERS = {"flats": " of flat fields by its name", "darks": " of dark fields by its name"}
+MOST_NAMES_QUOTED = 12
+LONGEST_TEXT = 20
+# What bears such a name could serve, but only one who knows its meaning and unit can say so.
+ANGLES = re.compile("angle|theta", re.IGNORECASE)
+LENGTHS = re.compile("distance|pixel|pitch|spacing", re.IGNORECASE)
+
+
+@dataclass(frozen=True)
+class ArrayInfo:
+    """What is known of an array before it is read; `kind` names its type where that is no number."""
+
+    shape: tuple[int, ...]
+    numeric: bool
+    kind: str = ""
+
+
+@dataclass(frozen=True)
+class NamedArrays:
+    """A bag of arrays.
+
+    Attributes
+    ----------
+    format : str
+        What the file turned out to be.
+    infos : mapping of name to ArrayInfo
+        Every array, in the axis order in which `load` gives it.
+    load : function of a name
+        Reads one array after having checked its type and its size.
+    projections : function of a name
+        The same for the projections, which need not be read as a whole.
+    text : function of a name
+        A short text, None where it is none.
+    """
+
+    format: str
+    infos: Mapping[str, ArrayInfo]
+    load: Callable[[str], NDArray[Any]]
+    projections: Callable[[str], Projections]
+    text: Callable[[str], str | None] = lambda _: None
+
+
+def read_named_arrays(arrays: NamedArrays, wanted: Wanted, remarks: tuple[str, ...] = ()) -> FileContents:
+    """Take the projections (the one named, or the only candidate) and what stands beside them by name.
+
+    Raises
+    ------
+    UnreadableScan
+        `dataset-missing` or `dataset-ambiguous`, or whatever `load` refuses.
+    """
+    name = _named(arrays.infos, wanted.dataset) if wanted.dataset is not None else _only_candidate(arrays.infos, wanted)
+    shape = arrays.infos[name].shape
+    check_scan_dimensions(repr(quoted(name)), shape)
+    if wanted.fields is not None:
+        return FileContents(format=arrays.format, projections=arrays.projections(name))
+    angles = _angles(arrays)
+    views = shape[-1] if wanted.transpose else shape[0]
+    lists = [] if angles.deg is not None else _could_serve(arrays, name, ANGLES, views)
+    others = (
+        [] if lists or angles.deg is not None or wanted.transpose else _could_serve(arrays, name, ANGLES, shape[-1])
+    )
+    values = _could_serve(arrays, name, LENGTHS, 1)
+    unused = ", ".join(values) if values else None
+    return FileContents(
+        format=arrays.format,
+        projections=arrays.projections(name),
+        flats=_optional(arrays, "flats"),
+        darks=_optional(arrays, "darks"),
+        deviations=_optional(arrays, DEVIATIONS) if wanted.deviations else None,
+        angles_deg=angles.deg,
+        angles_unit=angles.unit,
+        angles_unusable=f"no name states meaning and unit of {', '.join(lists)}" if lists else None,
+        angles_of_last_axis=", ".join(others) if others else None,
+        unused=unused,
+        remarks=remarks if unused is None else (*remarks, f"No name states meaning and unit of {unused}: not used."),
+    )
+
+
+def _named(infos: Mapping[str, ArrayInfo], dataset: str) -> str:
+    name = dataset.strip("/")
+    if name not in infos:
+        raise UnreadableScan(
+            "dataset-missing", f"the file holds no array named {quoted(dataset)!r}; it holds {_listed(infos)}"
+        )
+    return name
+
+
+def _only_candidate(infos: Mapping[str, ArrayInfo], wanted: Wanted) -> str:
+    if wanted.fields is not None and wanted.fields in infos:
+        return wanted.fields
+    others = OTHER_NAMES | {DEVIATIONS} if wanted.deviations else OTHER_NAMES
+    possible = [name for name, info in infos.items() if name not in others and not _unfit(info, wanted.least_images)]
+    usual = [name for name in possible if name in PROJECTION_NAMES]
+    candidates = usual or possible
+    if not candidates:
+        raise UnreadableScan(
+            "dataset-missing",
+            "the file holds no array of (views, rows, detector) or (views, detector); it holds "
+            f"{_listed(infos, reasons=True)}",
+        )
+    if len(candidates) > 1:
+        raise UnreadableScan(
+            "dataset-ambiguous",
+            f"several arrays could be the projections ({_listed({name: infos[name] for name in candidates})}); "
+            "name the right one with dataset",
+        )
+    return candidates[0]
+
+
+def _unfit(info: ArrayInfo, least_views: int) -> str:
+    """Why an array cannot be projections, as words that follow its shape."""
+    if not info.numeric:
+        return f" of {info.kind or 'something else'}, not of real numbers"
+    if len(info.shape) not in {2, 3}:
+        return f" with {len(info.shape)} axes instead of 2 or 3"
+    if info.shape[0] < least_views:
+        return f" with {info.shape[0]} views, at least {least_views} are needed"
+    return f" with {info.shape[-1]} cells, at least 2 are needed" if info.shape[-1] < 2 else ""
+
+
+def _listed(infos: Mapping[str, ArrayInfo], *, reasons: bool = False) -> str:
+    names = [
+        f"{quoted(name)} {info.shape}{(OF_OTHERS.get(name) or _unfit(info, 3)) if reasons else ''}"
+        for name, info in islice(infos.items(), MOST_NAMES_QUOTED + 1)
+    ]
+    more = ", ..." if len(names) > MOST_NAMES_QUOTED else ""
+    return ", ".join(names[:MOST_NAMES_QUOTED]) + more if names else "no arrays"
+
+
+def _optional(arrays: NamedArrays, name: str) -> NDArray[np.float32] | None:
+    return as_float32(arrays.load(name)) if name in arrays.infos else None
+
+
+def _angles(arrays: NamedArrays) -> FileAngles:
+    given = [name for name in ("angles_deg", "angles_rad") if name in arrays.infos]
+    if not given:
+        return FileAngles()
+    if len(given) == 2:
+        raise UnreadableScan("contradiction", "the file holds angles_deg and angles_rad; leave one of them out")
+    values = np.asarray(arrays.load(given[0]), dtype=np.float64)
+    if values.size != max(values.shape, default=1):
+        raise UnreadableScan(
+            "wrong-shape", f"{given[0]} has the shape {values.shape}; it must be a list with one angle for each view"
+        )
+    unit = given[0].removeprefix("angles_")
+    return FileAngles(to_degrees(values.reshape(-1), unit), unit)
+
+
+def _could_serve(arrays: NamedArrays, projections: str, meant: re.Pattern[str], size: int) -> list[str]:
+    """What bears such a name in such a number of values, or is a text, with its values: not ours to interpret."""
+    names = (name for name in arrays.infos if name not in {projections, *OTHER_NAMES})
+    named = (name for name in names if meant.search(name.rpartition("/")[2]))
+    described = (_described(arrays, name) for name in named if _values_of(arrays.infos[name]) in {size, None})
+    return list(islice(filter(None, described), MOST_NAMES_QUOTED))
+
+
+def _values_of(info: ArrayInfo) -> int | None:
+    return math.prod(info.shape) if info.numeric else None
+
+
+def _described(arrays: NamedArrays, name: str) -> str | None:
+    if not arrays.infos[name].numeric:
+        text = arrays.text(name)
+        return None if text is None else f"{quoted(name)} ({quoted(text)!r})"
+    values = np.asarray(arrays.load(name), np.float64).reshape(-1)
+    if values.size == 1:
+        return f"{quoted(name)} ({values[0]:.7g})"
+    return f"{quoted(name)} ({values.size} values from {values[0]:g} to {values[-1]:g})"

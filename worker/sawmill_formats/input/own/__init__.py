@@ -1,0 +1,1 @@
+"""Files of our own that somebody brings back, read as a stranger's."""

@@ -1,0 +1,82 @@
+"""Whether a file that somebody names is a scan of our own, to be read as it is."""
+
+from contextlib import nullcontext, suppress
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from sawmill_formats import nxtomo
+from sawmill_formats.errors import UnreadableScan, library_errors_translated
+from sawmill_formats.hdf5 import open_hdf5
+from sawmill_formats.input.arrays import MAX_BYTES, Bounds
+from sawmill_formats.input.hdf5.guard import find, numbers, read_values
+from sawmill_formats.input.hdf5.texts import attribute, attribute_text, read_text
+from sawmill_formats.input.plausible import LARGEST_ANGLE_DEG
+from sawmill_formats.input.units import LARGEST_PITCH_MM, LEAST_PITCH_MM
+from sawmill_formats.nexus import CHUNK_BYTES
+from sawmill_formats.output.scan_layout import (
+    AIR_LEVEL,
+    ANGLES,
+    CELL_PITCH,
+    DATA,
+    DEVIATIONS,
+    ENTRY,
+    LINE_INTEGRALS,
+    PROVENANCE,
+    ROW_PITCH,
+    ROWS_PRESENT,
+    USABLE,
+)
+from sawmill_formats.output.scan_reader import open_scan
+
+
+def is_own_scan(path: Path) -> bool:
+    """Whether a file of any kind is one of `files.scan_writer.new_scan`, whole and with all of its data in it.
+
+    A damaged one is not: `reading_scan` reports what is wrong with it.
+    """
+    if not h5py.is_hdf5(path):
+        return False
+    with suppress(UnreadableScan), library_errors_translated("HDF5"):
+        with open_hdf5(path) as file:
+            own = _is_marked(file) and _is_whole(file)
+        with open_scan(path) if own else nullcontext():  # one that was repacked is read as any other file
+            return own
+    return False
+
+
+def _is_marked(file: h5py.File) -> bool:
+    data = find(file, DATA)
+    own = read_text(file, f"{ENTRY}/definition") == nxtomo.DEFINITION and find(file, PROVENANCE) is not None
+    return own and data is not None and attribute_text(data, "long_name") == LINE_INTEGRALS
+
+
+def _is_whole(file: h5py.File) -> bool:
+    bounds = Bounds(MAX_BYTES, CHUNK_BYTES)
+    data = numbers(file, DATA, bounds)
+    angles = numbers(file, ANGLES, bounds.whole)
+    x_pitch, y_pitch, air_level = (numbers(file, path, bounds) for path in (CELL_PITCH, ROW_PITCH, AIR_LEVEL))
+    if data is None or angles is None or x_pitch is None or data.dtype != np.float32 or data.ndim != 3:
+        return False
+    if not data.size or angles.shape != data.shape[:1] or not (np.abs(read_values(angles)) <= LARGEST_ANGLE_DEG).all():
+        return False
+    deviations = numbers(file, DEVIATIONS, bounds)
+    if deviations is not None and (deviations.dtype != np.float32 or deviations.shape != data.shape):
+        return False
+    if not _rows_present_are_whole(file, data.shape[:2], bounds.whole):
+        return False
+    pitches_are_distances = all(pitch is None or _is_distance(pitch) for pitch in (x_pitch, y_pitch))
+    return pitches_are_distances and (air_level is None or air_level.shape == data.shape[1:])
+
+
+def _is_distance(pitch: h5py.Dataset) -> bool:
+    return pitch.shape == () and bool(LEAST_PITCH_MM <= read_values(pitch) <= LARGEST_PITCH_MM)
+
+
+def _rows_present_are_whole(file: h5py.File, shape: tuple[int, ...], bounds: Bounds) -> bool:
+    present = numbers(file, ROWS_PRESENT, bounds)
+    if present is None:
+        return True
+    usable = np.asarray(attribute(present, USABLE))
+    return present.shape == shape and usable.shape == (2,) and bool(0 <= usable[0] < usable[1] <= shape[1])

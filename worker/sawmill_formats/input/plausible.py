@@ -1,0 +1,171 @@
+"""What the numbers of a scan can be: angles, counts and line integrals in the ranges that measurements have."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sawmill_formats.errors import UnreadableScan
+
+# 2 777 turns. At that angle double precision still tells directions 1e-10 degrees apart; no scan turns so long.
+LARGEST_ANGLE_DEG = 1e6
+# A detector measures less than 50: a transmission of exp(-50) is one quantum of 5e21. But files give line integrals in
+# units of their own, as the published log's 160 (mm of wood); this is a metre of it in micrometres.
+LARGEST_LINE_INTEGRAL = 1e6
+# Mean flat fields: from transmissions, whose flats are 1 or less, to the sum of hundreds of 32-bit images.
+LEAST_FLAT, LARGEST_FLAT = 1e-6, 1e12
+# Where a dark signal was taken off, noise leaves counts below 0; beyond this share of the flats that is no noise. What
+# is a million times above them is as far off as a transmission that is cut off (`LEAST_TRANSMISSION`, as `MOST_DEAD`).
+MOST_BELOW_ZERO, MOST_ABOVE_FLAT = 0.05, 1e6
+# Of the samples, as of dead cells (`tomography.preparing.line_integrals.MOST_DEAD`): a few cells at fault are no
+# fault of the scan, and are bridged.
+MOST_WILD = 0.2
+
+
+def check_angles(angles_deg: NDArray[np.float64]) -> None:
+    """Refuse angles that are no numbers, or beyond any turning: `not-finite` or `out-of-range`."""
+    usable = np.abs(angles_deg) <= LARGEST_ANGLE_DEG
+    if usable.all():
+        return
+    view = int(np.argmin(usable))
+    raise UnreadableScan(
+        "out-of-range" if np.isfinite(angles_deg[view]) else "not-finite",
+        f"the angle of view {view} is {angles_deg[view]:g} degrees; it must be a number between "
+        f"{-LARGEST_ANGLE_DEG:.0f} and {LARGEST_ANGLE_DEG:.0f}",
+    )
+
+
+@dataclass(frozen=True)
+class SampleRange:
+    """Between which values the samples of a scan lie.
+
+    Attributes
+    ----------
+    low, high : float
+        The least and the largest value.
+    unit, reason : str
+        What the values are, and where the range comes from, for the refusal.
+    most_outside : float
+        The share of samples that may lie outside; 0 where each of them is refused.
+    """
+
+    low: float
+    high: float
+    unit: str
+    reason: str
+    most_outside: float = 0.0
+
+
+LINE_INTEGRALS = SampleRange(
+    -LARGEST_LINE_INTEGRAL, LARGEST_LINE_INTEGRAL, "", "no line integral is larger, in whichever unit"
+)
+
+
+def check_finite(name: str, index: int, image: NDArray[np.float32], first_row: int = 0) -> None:
+    """Refuse an image (rows, cells) of which a value is NaN or infinite: `not-finite`, with its place."""
+    finite = np.isfinite(image)
+    if not finite.all():
+        row, cell = (int(i) for i in np.unravel_index(np.argmin(finite), image.shape))
+        raise UnreadableScan(
+            "not-finite",
+            f"{name} {index}, row {first_row + row}, cell {cell} is {image[row, cell]}; every value must be a finite "
+            "number that fits into 32-bit floating point",
+        )
+
+
+def range_of_counts(flats: NDArray[np.float32], darks: NDArray[np.float32] | None) -> SampleRange:
+    """The range of counts beside these flats and darks (fields, rows, detector), which are checked themselves.
+
+    Raises
+    ------
+    UnreadableScan
+        `out-of-range` where the fields are those of no detector.
+    """
+    level = _median_of_means(flats)
+    if not LEAST_FLAT <= level <= LARGEST_FLAT:
+        highest = float(flats.max())
+        raise UnreadableScan(
+            "out-of-range",
+            f"the median of the flat fields is {level:g} counts (the largest is {highest:g}); it must be between "
+            f"{LEAST_FLAT:g} and {LARGEST_FLAT:g}: take the flat fields with the beam on",
+        )
+    counts = SampleRange(
+        -MOST_BELOW_ZERO * level,
+        MOST_ABOVE_FLAT * level,
+        " counts",
+        f"flat fields of {level:g} counts leave no others",
+        MOST_WILD,
+    )
+    if darks is not None:
+        SamplesOutside(counts, darks.size, "dark").add(darks)
+    return counts
+
+
+def _median_of_means(fields: NDArray[np.float32]) -> float:
+    return float(np.median(fields.mean(axis=0, dtype=np.float64)))
+
+
+class SamplesOutside:
+    """The samples of a scan that lie outside of their range, counted as they are read.
+
+    Parameters
+    ----------
+    allowed : SampleRange
+    samples : int
+        The number of all samples.
+    name : str
+        What an image is called.
+    """
+
+    def __init__(self, allowed: SampleRange, samples: int, name: str = "view") -> None:
+        self._allowed, self._most, self._samples = allowed, allowed.most_outside * samples, samples
+        self._name, self._outside, self._first = name, 0, ""
+        self.largest = -np.inf
+
+    def add(self, images: NDArray[np.float32], first: int = 0, first_row: int = 0) -> None:
+        """Count those of images (images, rows, cells); missing samples, NaN, are none of them.
+
+        Raises
+        ------
+        UnreadableScan
+            `out-of-range`, when there are more than may be.
+        """
+        for index, image in enumerate(images, first):
+            # Two passes that allocate nothing; of a view that lacks rows both are NaN.
+            low, high = float(image.min()), float(image.max())
+            if not (low >= self._allowed.low and high <= self._allowed.high):
+                high = float(np.fmax.reduce(image, axis=None))
+                self._count(image, index, first_row)
+            self.largest = max(self.largest, high)
+
+    def _count(self, image: NDArray[np.float32], index: int, first_row: int) -> None:
+        outside = (image < self._allowed.low) | (image > self._allowed.high)
+        if not outside.any():
+            return
+        if not self._outside:
+            row, cell = (int(i) for i in np.unravel_index(np.argmax(outside), image.shape))
+            place = f"{self._name} {index}, row {first_row + row}, cell {cell}"
+            self._first = f"{place} is {image[row, cell]:g}{self._allowed.unit}"
+        self._outside += int(np.count_nonzero(outside))
+        if self._outside > self._most:
+            raise self._refusal()
+
+    def _refusal(self) -> UnreadableScan:
+        allowed = self._allowed
+        between = f"between {allowed.low:g} and {allowed.high:g}{allowed.unit} ({allowed.reason})"
+        if not allowed.most_outside:
+            return UnreadableScan("out-of-range", f"{self._first}; it must lie {between}")
+        return UnreadableScan(
+            "out-of-range",
+            f"{self._first} and at least {self._outside} of {self._samples} samples do not lie {between}; at most "
+            f"{allowed.most_outside:.0%} may, as cells at fault do: check their type, and what was taken off them",
+        )
+
+    def check_signal(self) -> None:
+        """Refuse counts that are nowhere above 0: `no-signal`."""
+        if self.largest <= 0.0:
+            raise UnreadableScan(
+                "no-signal",
+                f"all {self._samples} counts of the scan are 0 or less (the largest is {self.largest:g}); they must be "
+                "above 0 where the beam reaches the detector",
+            )

@@ -1,0 +1,308 @@
+"""The one way in: any file, with what its uploader gave beside it, to a canonical scan."""
+
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sawmill_formats.errors import UnreadableScan, library_errors_translated
+from sawmill_formats.input.angles import AngleList, AnglesGiven
+from sawmill_formats.input.arrays import MAX_BYTES, Bounds, as_fields
+from sawmill_formats.input.averaged import AveragedRows
+from sawmill_formats.input.canonical import CanonicalScan
+from sawmill_formats.input.contents import FileContents, Projections, reversed_axes
+from sawmill_formats.input.given_fields import with_fields
+from sawmill_formats.input.hdf5.links import LinkedFiles
+from sawmill_formats.input.recognising import recognise
+from sawmill_formats.input.wanted import Wanted
+
+ANGLE_TOLERANCE_DEG = 1e-6
+SINGLE_PRECISION = 2.0**-23
+PITCH_TOLERANCE = 1e-6
+# Of the free memory, for what is read as a whole; the rest is for a block at a time, and the libraries.
+MEMORY_SHARE = 0.9
+
+
+@contextmanager
+def reading_scan(
+    path: Path,
+    *,
+    counts: bool,
+    dataset: str | None = None,
+    angles_deg: AnglesGiven | None = None,
+    detector_pitch_mm: float | None = None,
+    row_pitch_mm: float | None = None,
+    rows_missing: bool = False,
+    averaged_rows: int | None = None,
+    transpose: bool = False,
+    flats: Path | None = None,
+    darks: Path | None = None,
+    follow_links: bool = False,
+    max_bytes: int = MAX_BYTES,
+    free_bytes: int | None = None,
+) -> Iterator[CanonicalScan]:
+    """Open a scan's file of any supported format, recognised by its content and never by its name.
+
+    The file stays open meanwhile: its projections are read by `CanonicalScan.blocks`.
+
+    Parameters
+    ----------
+    path : Path
+        The file, as it was uploaded.
+    counts : bool
+        Whether the data are detector counts; else they are line integrals. This is never guessed.
+    dataset : str, optional
+        Path or name of the projections, where the file holds several candidates.
+    angles_deg : AngleSteps or AngleList, optional
+        The views' angles, where the file carries none.
+    detector_pitch_mm, row_pitch_mm : float, optional
+        Known distances between cells and between rows; a file with other values is refused.
+    rows_missing : bool
+        Whether views may lack rows at the top or the bottom: NaN in every cell, of counts also zero. They become NaN.
+    averaged_rows : int, optional
+        The number of detector rows whose line integrals were averaged into the one row of the file.
+    transpose : bool
+        Whether the file has the axes in reverse order, (detector, views) or (detector, rows, views).
+    flats, darks : Path, optional
+        Files of the flat and of the dark fields, where the scan's file carries none.
+    follow_links : bool
+        Whether HDF5 may lead into other files, by links, as virtual datasets or as raw data: never those of an upload.
+    max_bytes : int
+        Largest size of one array, as float32 or as stored, whichever is more.
+    free_bytes : int, optional
+        The machine's free memory: what has to be read as a whole and does not fit is refused before it is read.
+
+    Raises
+    ------
+    UnreadableScan
+        When the file cannot be read, is not a scan, or contradicts what was given beside it.
+    """
+    if not counts and (flats or darks):
+        raise UnreadableScan(
+            "contradiction",
+            "flat and dark fields (--flats, --darks) belong to counts and the data were declared line integrals; "
+            "declare counts, or leave the fields out",
+        )
+    opened = reading_contents(
+        path,
+        dataset=dataset,
+        deviations=averaged_rows is not None,
+        transpose=transpose,
+        flats=flats,
+        darks=darks,
+        follow_links=follow_links,
+        max_bytes=max_bytes,
+        free_bytes=free_bytes,
+    )
+    with opened as contents:
+        yield canonical_scan(
+            contents,
+            counts=counts,
+            angles_deg=angles_deg,
+            detector_pitch_mm=detector_pitch_mm,
+            row_pitch_mm=row_pitch_mm,
+            rows_missing=rows_missing,
+            averaged_rows=averaged_rows,
+        )
+
+
+@contextmanager
+def reading_contents(
+    path: Path,
+    *,
+    dataset: str | None = None,
+    deviations: bool = False,
+    transpose: bool = False,
+    flats: Path | None = None,
+    darks: Path | None = None,
+    follow_links: bool = False,
+    max_bytes: int = MAX_BYTES,
+    free_bytes: int | None = None,
+) -> Iterator[FileContents]:
+    """Open a file for what it holds of a scan, and the files of the fields beside it; the rest is as in `reading_scan`.
+
+    Raises
+    ------
+    UnreadableScan
+        When a file cannot be read, or is not a scan.
+    """
+    recognised = recognise(path)
+    with ExitStack() as files:
+        linked = LinkedFiles(files) if follow_links else None
+        bounds = replace(reading_bounds(free_bytes, max_bytes), linked=linked)
+        with library_errors_translated(recognised.name):
+            contents = recognised.read(path, Wanted(dataset, deviations=deviations, transpose=transpose), bounds, files)
+        contents = with_fields(contents, flats, darks, bounds)
+        if transpose:
+            contents = _transposed(contents)
+        _check_piece(contents.projections, bounds.piece)
+        others = contents.others if linked is None else (*contents.others, *linked.paths)
+        yield replace(contents, projections=_translated(contents.projections, recognised.name), others=others)
+
+
+def reading_bounds(free_bytes: int | None, max_bytes: int = MAX_BYTES) -> Bounds:
+    """How much may be read with this much of free memory, or any amount."""
+    # Twice: for a moment an array is there as stored and as float32, and there are flat and dark fields.
+    piece = max_bytes if free_bytes is None else min(max_bytes, int(MEMORY_SHARE * free_bytes) // 2)
+    return Bounds(max_bytes, piece)
+
+
+def canonical_scan(
+    contents: FileContents,
+    *,
+    counts: bool,
+    angles_deg: AnglesGiven | None = None,
+    detector_pitch_mm: float | None = None,
+    row_pitch_mm: float | None = None,
+    rows_missing: bool = False,
+    averaged_rows: int | None = None,
+) -> CanonicalScan:
+    """What a file holds, compared with what was given beside it; parameters as in `reading_scan`.
+
+    Raises
+    ------
+    UnreadableScan
+        When they contradict each other, or the parts do not agree.
+    """
+    projections = contents.projections
+    dimensions = len(projections.shape)
+    angles, remarks = agree_on_angles(contents, angles_deg)
+    if counts and (contents.darks is None or not contents.darks.any()):
+        lacking = "There are no dark fields" if contents.darks is None else "All dark fields are 0"
+        remarks = (*remarks, f"{lacking}: the detector's offset was taken as zero.")
+    return CanonicalScan(
+        projections=projections,
+        angles_rad=np.deg2rad(angles),
+        counts=counts,
+        flats=None if contents.flats is None else as_fields("flat", contents.flats, dimensions),
+        darks=None if contents.darks is None else as_fields("dark", contents.darks, dimensions),
+        detector_pitch_mm=agree_on_pitch("detector_pitch_mm", contents.detector_pitch_mm, detector_pitch_mm),
+        row_pitch_mm=agree_on_pitch("row_pitch_mm", contents.row_pitch_mm, row_pitch_mm),
+        format=contents.format,
+        remarks=(*contents.remarks, *remarks),
+        rows_missing=rows_missing,
+        unused=contents.unused,
+        others=contents.others,
+        averaged=(
+            None if averaged_rows is None else AveragedRows.of(averaged_rows, projections.shape, contents.deviations)
+        ),
+    )
+
+
+def _transposed(contents: FileContents) -> FileContents:
+    """Put the axes of the projections and of all that has the same axes into our order."""
+    return replace(
+        contents,
+        projections=reversed_axes(contents.projections),
+        flats=_reversed(contents.flats),
+        darks=_reversed(contents.darks),
+        deviations=_reversed(contents.deviations),
+        transposed=True,
+        remarks=(*contents.remarks, "The axes were put into the reverse order, as was asked for."),
+    )
+
+
+def _reversed(array: NDArray[np.float32] | None) -> NDArray[np.float32] | None:
+    return None if array is None else np.ascontiguousarray(array.T)
+
+
+def _check_piece(projections: Projections, most_bytes: int) -> None:
+    """Refuse what the file stores in pieces that cannot be in memory twice, as stored and as float32."""
+    views, rows = (min(n, most) for n, most in zip(projections.together, projections.shape, strict=False))
+    needed = 4 * views * rows * projections.shape[-1]
+    if needed > most_bytes:
+        raise UnreadableScan(
+            "too-large",
+            f"the file stores its projections in pieces of {needed} bytes, where pieces of {most_bytes} fit into the "
+            "free memory; store them in smaller chunks",
+        )
+
+
+def _translated(projections: Projections, what: str) -> Projections:
+    def read(views: slice, rows: slice) -> NDArray[np.float32]:
+        with library_errors_translated(what):
+            return projections.read(views, rows)
+
+    return replace(projections, read=read)
+
+
+def agree_on_angles(contents: FileContents, given: AnglesGiven | None) -> tuple[NDArray[np.float64], tuple[str, ...]]:
+    """The views' angles (views,) in degrees, of the file or as given, and remarks.
+
+    Raises
+    ------
+    UnreadableScan
+        There are none, or both and they differ, or their number is that of the cells.
+    """
+    _check_axis("the file carries", None if contents.angles_deg is None else contents.angles_deg.size, contents)
+    _check_axis("there are", len(given.values_deg) if isinstance(given, AngleList) else None, contents)
+    swapped = contents.angles_of_last_axis
+    hint = None if swapped is None else f"{swapped} fits the cells, not the views: {_transposing(contents)}"
+    if given is None:
+        if contents.angles_deg is None:
+            reason = contents.angles_unusable or hint or "the file carries no angles"
+            raise UnreadableScan(
+                "angles-missing",
+                f"{reason}; give the angles as START:STEP in degrees, as in 0.5:1, or one for each view "
+                "(angles_deg, on the command line --angles-deg or --angles-file)",
+            )
+        return contents.angles_deg, ()
+    angles = given.expand(contents.projections.shape[0])
+    if contents.angles_deg is not None:
+        _check_same_angles(contents.angles_deg, angles)
+        return contents.angles_deg, ()
+    if contents.angles_unusable is not None:
+        return angles, (f"The angles given were used: {contents.angles_unusable}.",)
+    return angles, () if hint is None else (f"The angles given were used, but {hint}.",)
+
+
+def _check_axis(who: str, number: int | None, contents: FileContents) -> None:
+    """Refuse a number of angles that is that of the last axis and not that of the first."""
+    shape = contents.projections.shape
+    if number == shape[-1] != shape[0]:
+        raise UnreadableScan("angles-mismatch", f"{who} {number} angles, one for each cell: {_transposing(contents)}")
+
+
+def _transposing(contents: FileContents) -> str:
+    shape = contents.projections.shape
+    if contents.transposed:
+        return (
+            f"with transpose the file was read as {shape[0]} views of {shape[-1]} cells; if it holds {shape[-1]} views "
+            f"of {shape[0]} cells, leave transpose out (on the command line --transpose)"
+        )
+    return (
+        f"the file was read as {shape[0]} views of {shape[-1]} cells; if it holds {shape[-1]} views of {shape[0]} "
+        "cells, as MATLAB's radon writes them, give transpose (on the command line --transpose)"
+    )
+
+
+def _check_same_angles(in_file: NDArray[np.float64], given: NDArray[np.float64]) -> None:
+    if in_file.shape != given.shape:
+        raise UnreadableScan(
+            "angles-mismatch", f"the file carries {in_file.size} angles for {given.size} views; each view needs its own"
+        )
+    # A file may keep its angles in single precision, which is coarser than the tolerance near 360 degrees.
+    different = ~(np.abs(in_file - given) <= ANGLE_TOLERANCE_DEG + SINGLE_PRECISION * np.abs(given))
+    if different.any():
+        view = int(np.argmax(different))
+        raise UnreadableScan(
+            "contradiction",
+            f"the file says that view {view} is at {in_file[view]:.9g} degrees and the angles given say "
+            f"{given[view]:.9g}; leave the angles out or correct them",
+        )
+
+
+def agree_on_pitch(name: str, in_file: float | None, given: float | None) -> float | None:
+    """A distance in mm of the file or as given, or None; refused where both are there and differ."""
+    if in_file is None or given is None:
+        return in_file if given is None else given
+    if abs(in_file - given) > PITCH_TOLERANCE * abs(given):
+        raise UnreadableScan(
+            "contradiction",
+            f"the file says that {name} is {in_file:.9g} and {given:.9g} was given (by flag, or the "
+            "scanner's); correct one of them",
+        )
+    return in_file

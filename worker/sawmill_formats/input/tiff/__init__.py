@@ -1,0 +1,1 @@
+"""TIFF files, one or more views each."""

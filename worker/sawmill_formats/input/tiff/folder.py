@@ -1,0 +1,153 @@
+"""A folder of TIFF files, one or more views each, as a scanner or a camera leaves them on a disk."""
+
+import math
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from functools import partial
+from itertools import islice, pairwise
+from pathlib import Path
+
+from sawmill_formats.errors import UnreadableScan, library_errors_translated, quoted
+from sawmill_formats.input.arrays import Bounds
+from sawmill_formats.input.contents import FileContents
+from sawmill_formats.input.parts import Part, PartKind, form_of
+from sawmill_formats.input.tiff.pages import TiffPages, open_pages, opened_tiff, page_type
+from sawmill_formats.input.tiff.several_files import (
+    TiffFile,
+    checked_files,
+    image_kind,
+    is_tiff,
+    natural_key,
+    stacked,
+)
+from sawmill_formats.input.wanted import Wanted
+
+MOST_FILES = 100_000
+MOST_QUOTED = 10
+
+
+def read_folder(path: Path, wanted: Wanted, bounds: Bounds, _: ExitStack) -> FileContents:
+    """Read the TIFF files of a folder in natural order, each opened when its views are asked for.
+
+    Nothing is guessed from names: fields lie in another folder or file. Subfolders are not looked into.
+
+    Raises
+    ------
+    UnreadableScan
+        When there are no TIFF files, some that are called flat or dark fields beside others, or one that cannot be
+        read or is of another size.
+    """
+    if wanted.dataset is not None:
+        raise UnreadableScan("contradiction", f"a folder has no named arrays; leave out {quoted(wanted.dataset)!r}")
+    found = entries(path)
+    paths = [each for each in found if _is_image(each)]
+    if not paths:
+        raise UnreadableScan("unknown-format", "the folder holds no TIFF files; give the folder that holds the views")
+    _check_kinds(paths)
+    checked = checked_files("the folder", [_file(each) for each in paths], bounds)
+    names = [each.name for each in paths]
+    remarks = (*_ignored(found, paths), *_forms(names), *_gaps(names))
+    projections = stacked(checked, checked[0].shape[1], bounds)
+    return FileContents("folder-of-tiffs", projections, remarks=remarks, others=tuple(paths))
+
+
+def folder_parts(path: Path, _: Bounds) -> Iterator[Part]:
+    """The files and subfolders; of TIFF files what their first pages are."""
+    for each in entries(path):
+        name = quoted(each.name)
+        if each.is_dir():
+            yield Part(name, PartKind.GROUP, type="folder")
+        elif _is_image(each):
+            yield _image_part(each, name)
+        else:
+            yield Part(name, PartKind.FILE, type=quoted(each.suffix.lstrip(".")) or None, stored_bytes=_size(each))
+
+
+def entries(path: Path) -> list[Path]:
+    """Everything in a folder, view-2 before view-10.
+
+    Raises
+    ------
+    UnreadableScan
+        `too-large` for more files than are read.
+    """
+    found = list(islice(path.iterdir(), MOST_FILES + 1))
+    if len(found) > MOST_FILES:
+        raise UnreadableScan("too-large", f"the folder holds more than {MOST_FILES} files; give one of views alone")
+    return sorted(found, key=lambda each: natural_key(each.name))
+
+
+def _is_image(path: Path) -> bool:
+    return is_tiff(path.name) and path.is_file()
+
+
+def _size(path: Path) -> int:
+    """Bytes; 0 for a link that leads nowhere, which is then refused as what it is."""
+    return path.stat().st_size if path.exists() else 0
+
+
+def _file(path: Path) -> TiffFile:
+    return TiffFile(path.name, _size(path), partial(_opened, path))
+
+
+@contextmanager
+def _opened(path: Path, bounds: Bounds) -> Iterator[TiffPages]:
+    name = repr(quoted(path.name))
+    with library_errors_translated(name), open_pages(path, name, _size(path), bounds) as pages:
+        yield pages
+
+
+def _image_part(path: Path, name: str) -> Part:
+    with library_errors_translated(repr(name)), opened_tiff(path, repr(name), _size(path)) as tiff:
+        first, pages = tiff.pages[0], len(tiff.pages)
+        shape = first.shape if pages == 1 else (pages, *first.shape)
+        number_type, compression = page_type(first)
+    return Part(name, PartKind.FILE, shape, number_type, stored_bytes=_size(path), compression=compression)
+
+
+def _check_kinds(paths: Sequence[Path]) -> None:
+    """Refuse what may be fields among the views."""
+    kinds = [image_kind(each.name) for each in paths]
+    if len(set(kinds)) > 1:
+        other = next(each.name for each, kind in zip(paths, kinds, strict=True) if kind != "view")
+        raise UnreadableScan(
+            "contradiction",
+            f"the folder holds {quoted(other)!r} beside files that are not so called; put flat and dark fields into "
+            "folders of their own, and give these by --flats and --darks",
+        )
+
+
+def _ignored(found: Sequence[Path], taken: Sequence[Path]) -> Iterator[str]:
+    rest = set(found) - set(taken)
+    folders = sum(each.is_dir() for each in rest)
+    if folders:
+        yield f"{folders} subfolders were not looked into."
+    if len(rest) > folders:
+        yield f"{len(rest) - folders} files that are no TIFFs were ignored."
+
+
+def _forms(names: Sequence[str]) -> Iterator[str]:
+    forms = list(dict.fromkeys(map(form_of, names)))
+    if len(forms) > 1:
+        shown = ", ".join(quoted(form) for form in forms[:MOST_QUOTED])
+        yield f"The files' names have {len(forms)} forms ({shown}): all were taken as views, in natural order."
+
+
+def _gaps(names: Sequence[str]) -> Iterator[str]:
+    """Which numbers are left out, where one number alone tells the names of a sequence apart."""
+    columns = list(zip(*(map(int, re.findall(r"\d+", name)) for name in names), strict=False))
+    varying = [sorted(set(column)) for column in columns if len(set(column)) > 1]
+    if len(set(map(form_of, names))) > 1 or len(varying) != 1 or len(varying[0]) != len(names):
+        return
+    numbers = varying[0]
+    step = math.gcd(*(after - before for before, after in pairwise(numbers)))
+    there = len(range(numbers[0], numbers[-1] + 1, step))
+    if there > len(numbers):
+        held = set(numbers)
+        absent = islice((n for n in range(numbers[0], numbers[-1], step) if n not in held), MOST_QUOTED)
+        more = ", ..." if there - len(numbers) > MOST_QUOTED else ""
+        yield (
+            f"The numbers in the files' names leave out {', '.join(map(str, absent))}{more} ({there - len(numbers)} of "
+            f"{there}): each file was taken as the next view, and angles as START:STEP do not fit from there on."
+        )

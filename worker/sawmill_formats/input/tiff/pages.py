@@ -1,0 +1,241 @@
+"""Multi-page TIFF files: one view a page, or the sinogram of a single row as one page."""
+
+import math
+import re
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sawmill_formats.errors import UnreadableScan, quoted
+from sawmill_formats.input.arrays import (
+    HARMLESS_BYTES,
+    LARGEST_RATIO,
+    Bounds,
+    as_float32,
+    check_number_type,
+    check_size,
+)
+from sawmill_formats.input.contents import FileContents, Projections, held
+from sawmill_formats.input.tiff.page_chain import check_chain
+from sawmill_formats.input.unpacking import DEFLATE, PACKBITS, PACKBITS_MEMORY, check_packed, check_unpacks
+from sawmill_formats.input.wanted import Wanted
+
+if TYPE_CHECKING:
+    import tifffile
+
+UNCOMPRESSED = 1
+PACKINGS = {8: DEFLATE, 32946: DEFLATE, 32773: PACKBITS}
+READABLE_COMPRESSIONS = frozenset({UNCOMPRESSED, *PACKINGS})
+_LONGEST_DESCRIPTION = 4096
+# A tile that reaches beyond its page is unpacked as a whole: at most this number of times the page's pixels, or of a
+# small page the usual 256 x 256.
+MOST_TILE_PAGES, USUAL_TILE_PIXELS = 4, 256 * 256
+
+
+@dataclass(frozen=True, eq=False)
+class TiffPages:
+    """The pages of an open file, all checked and of one size; they are read when they are asked for.
+
+    Attributes
+    ----------
+    shape : (pages, rows, detector)
+    """
+
+    shape: tuple[int, int, int]
+    tiff: "tifffile.TiffFile"
+
+    def read(self, pages: slice, rows: slice) -> NDArray[np.float32]:
+        """(pages, rows, detector) float32 of some pages and some of their rows."""
+        block = np.empty((pages.stop - pages.start, rows.stop - rows.start, self.shape[2]), dtype=np.float32)
+        for index, image in enumerate(block, pages.start):
+            page = self.tiff.pages[index]
+            _check_unpacked(page, f"a strip or tile of page {index}")
+            # Zeros: the library leaves what it does not fill as it was.
+            stored = np.zeros(page.shape, page.dtype)
+            image[:] = as_float32(page.asarray(out=stored, maxworkers=1)[rows])
+        return block
+
+
+def read_tiff(path: Path, wanted: Wanted, bounds: Bounds, files: ExitStack) -> FileContents:
+    """Read a TIFF file, which stays open for its pages; a single page is the sinogram of one row.
+
+    Raises
+    ------
+    UnreadableScan
+        When a page cannot be an image of numbers.
+    """
+    if wanted.dataset is not None:
+        raise UnreadableScan(
+            "contradiction", f"a TIFF file has no named arrays; leave out dataset {quoted(wanted.dataset)!r}"
+        )
+    pages = files.enter_context(open_pages(path, "the file", path.stat().st_size, bounds))
+    count, rows, _ = pages.shape
+    if count == 1:
+        sinogram = held(pages.read(slice(0, 1), slice(0, rows))[0])
+        return FileContents("tiff", sinogram, remarks=("The single page was read as the sinogram of one row.",))
+    return FileContents("tiff", Projections(pages.shape, pages.read, (1, rows)))
+
+
+@contextmanager
+def opened_tiff(source: Path | BinaryIO, name: str, size_bytes: int) -> Iterator["tifffile.TiffFile"]:
+    """Open one TIFF of at least one page, the chain of its pages checked and nothing else of them.
+
+    Raises
+    ------
+    UnreadableScan
+        `wrong-shape`, `truncated-file` or `too-large`.
+    """
+    import tifffile  # noqa: PLC0415 - no other format waits for it
+
+    try:
+        opened = tifffile.TiffFile(source)
+    except tifffile.TiffFileError as error:
+        raise UnreadableScan(
+            "broken-file", f"{name} is incomplete or damaged (it does not begin as a TIFF file does); export it again"
+        ) from error
+    with opened as tiff:
+        if not tiff.pages:
+            raise UnreadableScan("wrong-shape", f"{name} has 0 pages; a scan has one for each view")
+        check_chain(tiff, name, size_bytes)
+        yield tiff
+
+
+@contextmanager
+def open_pages(source: Path | BinaryIO, name: str, size_bytes: int, bounds: Bounds) -> Iterator[TiffPages]:
+    """Open one TIFF and check all of its pages.
+
+    Only pages are looked at, never the series of OME or other dialects: those may name other files.
+    """
+    with opened_tiff(source, name, size_bytes) as tiff:
+        count = len(tiff.pages)
+        first = tiff.pages[0]
+        itemsize = _number_type(first, name).itemsize
+        for what, shape, most in (
+            (name, (count, *first.shape), bounds.array),
+            (f"a page of {name}", first.shape, bounds.piece),
+        ):
+            check_size(what, shape, itemsize, stored_bytes=size_bytes, max_bytes=most)
+        claimed = unpacked = 0
+        for index, page in enumerate(tiff.pages):
+            _check_page(page, f"page {index} of {name}", first.shape, size_bytes, bounds.piece)
+            claimed += sum(page.databytecounts)
+            if claimed > size_bytes:
+                raise UnreadableScan(
+                    "too-large",
+                    f"pages 0 to {index} of {name} claim to be stored in {claimed} bytes of its {size_bytes}: they "
+                    "share their data; store each page on its own",
+                )
+            unpacked += len(page.dataoffsets) * math.prod(page.chunks) * itemsize
+            if unpacked > max(HARMLESS_BYTES, LARGEST_RATIO * size_bytes):
+                raise UnreadableScan(
+                    "too-large",
+                    f"the strips or tiles of pages 0 to {index} of {name} unpack to {unpacked} bytes and the file has "
+                    f"{size_bytes}; above {HARMLESS_BYTES >> 20} MiB they may unpack to at most {LARGEST_RATIO} times "
+                    "as many: store the pages in strips",
+                )
+        if count == 1:
+            _check_nothing_follows(tiff.pages.first, name, size_bytes)
+        rows, cells = first.shape
+        yield TiffPages((count, rows, cells), tiff)
+
+
+def _check_nothing_follows(page: "tifffile.TiffPage", name: str, size_bytes: int) -> None:
+    """Refuse a file of one page behind which more images stand without pages of their own.
+
+    ImageJ writes stacks of more than 4 GiB so, and tifffile with `truncate`.
+    """
+    description = page.description[:_LONGEST_DESCRIPTION]
+    images = re.search(r"^images=([0-9]{1,9})$", description, re.MULTILINE) if page.is_imagej else None
+    stated = int(images[1]) if images else 2 if '"truncated": true' in description else 1
+    if stated > 1 and page.dataoffsets[0] + stated * page.nbytes <= size_bytes:
+        raise UnreadableScan(
+            "wrong-shape",
+            f"{name} has one page, and more images behind it that have none ({stated} or more in all, as ImageJ writes "
+            "more than 4 GiB); export it with a page for each view, as a BigTIFF",
+        )
+
+
+def page_type(page: "tifffile.TiffPage | tifffile.TiffFrame") -> tuple[str, str | None]:
+    """The type of a page's numbers and how they are compressed, in words."""
+    method = getattr(page.compression, "name", str(page.compression))
+    number_type = "unknown" if page.dtype is None else str(page.dtype.name)
+    return number_type, None if page.compression == UNCOMPRESSED else method.lower()
+
+
+def _number_type(page: "tifffile.TiffPage | tifffile.TiffFrame", where: str) -> np.dtype[Any]:
+    if page.dtype is None:
+        raise UnreadableScan(
+            "wrong-type", f"{where} is of no known type; a scan holds integers or floating-point numbers"
+        )
+    dtype: np.dtype[Any] = page.dtype
+    check_number_type(where, dtype)
+    return dtype
+
+
+def _check_page(
+    page: "tifffile.TiffPage | tifffile.TiffFrame", where: str, shape: tuple[int, ...], size_bytes: int, most_bytes: int
+) -> None:
+    itemsize = _number_type(page, where).itemsize
+    if len(page.shape) != 2 or page.shape != shape:
+        other = f" and page 0 {shape}" if page.shape != shape else ""
+        axes = "" if len(page.shape) == 2 else f": this has {len(page.shape)} axes"
+        raise UnreadableScan(
+            "wrong-shape",
+            f"{where} has the shape {page.shape}{other}; every page must be (rows, detector), grey, of one size{axes}",
+        )
+    if int(page.compression) not in READABLE_COMPRESSIONS:
+        method = getattr(page.compression, "name", page.compression)
+        raise UnreadableScan("unsupported-storage", f"{where} is compressed by {method}; use deflate or no compression")
+    stored = sum(page.databytecounts)
+    needed = math.prod(page.shape) * itemsize
+    ends = [offset + count for offset, count in zip(page.dataoffsets, page.databytecounts, strict=True)]
+    if max(ends, default=0) > size_bytes or (page.compression == UNCOMPRESSED and stored < needed):
+        raise UnreadableScan(
+            "truncated-file", f"{where} declares more data than the file of {size_bytes} bytes holds; export it again"
+        )
+    pieces = sum(count > 0 for count in page.databytecounts)
+    if pieces < math.prod(page.chunked):
+        raise UnreadableScan(
+            "truncated-file",
+            f"{where} has {pieces} of its {math.prod(page.chunked)} strips or tiles; export the file again",
+        )
+    pixels = math.prod(page.chunks)
+    if pixels > max(USUAL_TILE_PIXELS, MOST_TILE_PAGES * math.prod(page.shape)):
+        raise UnreadableScan(
+            "too-large",
+            f"{where} has the shape {page.shape} and tiles of {page.chunks}; a tile may have at most {MOST_TILE_PAGES} "
+            f"times the pixels of its page, or {USUAL_TILE_PIXELS}: store the pages in smaller tiles or in strips",
+        )
+    if page.compression != UNCOMPRESSED:
+        _check_strips(page, f"a strip or tile of {where}", itemsize, size_bytes, most_bytes)
+
+
+def _check_strips(
+    page: "tifffile.TiffPage | tifffile.TiffFrame", what: str, itemsize: int, size_bytes: int, most_bytes: int
+) -> None:
+    check_size(what, page.chunks, itemsize, stored_bytes=size_bytes, max_bytes=most_bytes)
+    declared = math.prod(page.chunks) * itemsize
+    if PACKINGS[int(page.compression)] is PACKBITS and declared * PACKBITS_MEMORY > most_bytes:
+        raise UnreadableScan(
+            "too-large",
+            f"{what} needs {declared * PACKBITS_MEMORY} bytes while PackBits is unpacked and at most {most_bytes} are "
+            "allowed or free; use deflate or no compression",
+        )
+    check_packed(what, max(page.databytecounts, default=0), declared)
+
+
+def _check_unpacked(page: "tifffile.TiffPage | tifffile.TiffFrame", what: str) -> None:
+    """Refuse a page of which a strip or tile unpacks to more than it declares; the library keeps all of it."""
+    packing = PACKINGS.get(int(page.compression))
+    if packing is None or page.dtype is None:
+        return
+    declared = math.prod(page.chunks) * page.dtype.itemsize
+    for offset, stored in zip(page.dataoffsets, page.databytecounts, strict=True):
+        if not packing.harmless(stored):
+            page.parent.filehandle.seek(offset)
+            check_unpacks(what, packing, page.parent.filehandle.read(stored), declared)

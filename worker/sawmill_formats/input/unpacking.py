@@ -1,0 +1,87 @@
+"""How far packed data unpack, found before any of them are kept."""
+
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sawmill_formats.errors import UnreadableScan
+from sawmill_formats.input.arrays import HARMLESS_BYTES
+
+# Data that cannot be packed grow by less than this in every packing that is read.
+MOST_GROWTH = 1.01
+PACKING_BYTES = 1024
+# Of what is deflated, at a time, where only its size is wanted.
+STEP_BYTES = 2**14
+
+
+@dataclass(frozen=True)
+class Packing:
+    """One way to pack.
+
+    Attributes
+    ----------
+    name : str
+    most : int
+        To how many times what is stored it unpacks at most.
+    unpacked : function of the packed data and a number of bytes
+        To how many bytes they unpack, or some number beyond the one that is given.
+    """
+
+    name: str
+    most: int
+    unpacked: Callable[[bytes, int], int]
+
+    def harmless(self, stored_bytes: int) -> bool:
+        """Whether this number of bytes cannot unpack to what does harm."""
+        return stored_bytes * self.most <= HARMLESS_BYTES
+
+
+def check_packed(what: str, stored_bytes: int, declared_bytes: int) -> None:
+    """Refuse what is stored in more bytes than packing makes of those declared, and so unpacks to more: `too-large`."""
+    if stored_bytes > _most(declared_bytes):
+        raise UnreadableScan(
+            "too-large", f"{what} declares {declared_bytes} bytes of data while the file stores {stored_bytes} for them"
+        )
+
+
+def check_unpacks(what: str, packing: Packing, packed: bytes, declared_bytes: int) -> None:
+    """Refuse packed data that unpack to more than is declared; nothing of them is kept: `too-large`."""
+    most = _most(declared_bytes)
+    if packing.unpacked(packed, most) > most:
+        raise UnreadableScan(
+            "too-large",
+            f"{what} declares {declared_bytes} bytes of data and unpacks to more ({packing.name}); export it again",
+        )
+
+
+def _most(declared_bytes: int) -> int:
+    return int(MOST_GROWTH * declared_bytes) + PACKING_BYTES
+
+
+def _deflated(packed: bytes, most: int) -> int:
+    inflater, inflated = zlib.decompressobj(), 0
+    for start in range(0, len(packed), STEP_BYTES):
+        inflated += len(inflater.decompress(packed[start : start + STEP_BYTES]))
+        if inflated > most:
+            break
+    return inflated
+
+
+def _packbits(packed: bytes, most: int) -> int:
+    from sawmill_formats.input._unpacked_numba import packbits_bytes  # noqa: PLC0415 - Numba, for such data only
+
+    return int(packbits_bytes(_bytes(packed), most))
+
+
+def _bytes(packed: bytes) -> NDArray[np.uint8]:
+    return np.frombuffer(packed, np.uint8)
+
+
+# Deflate: RFC 1951, 258 bytes of two bits. PackBits: 128 of two; the library's decoder keeps each byte as an object of
+# a list, eight bytes, and then as itself.
+DEFLATE = Packing("deflate", 1032, _deflated)
+PACKBITS_MEMORY = 9
+PACKBITS = Packing("PackBits", 64 * PACKBITS_MEMORY, _packbits)

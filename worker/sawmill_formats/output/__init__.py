@@ -1,0 +1,1 @@
+"""Our own files: their layout, their writers and their readers."""

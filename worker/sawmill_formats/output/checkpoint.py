@@ -1,0 +1,93 @@
+"""Checkpoints: the progress of a long computation as arrays in a file, for an attempt that begins again.
+
+A file is a seal (a mark, the checksum and the length of the rest) and an NPZ archive: the arrays, and as `origin` the
+JSON of what they were computed from. What a kill or a lost power left behind does not fit its seal.
+"""
+
+import json
+import struct
+import zlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sawmill_platform.whole_files import whole_file
+
+Arrays = Mapping[str, NDArray[Any]]
+
+_SEAL = struct.Struct("<8sIQ")
+_MARK = b"SAWKEPT1"
+_ORIGIN = "origin"
+_READ_BYTES = 2**20
+
+
+class UnusableCheckpoint(Exception):  # noqa: N818 - an outcome's name, as in `files.errors`
+    """A checkpoint that is damaged, or of another computation; the sentence tells which."""
+
+
+def write_checkpoint(path: Path, origin: Mapping[str, Any], arrays: Arrays) -> None:
+    """Write a checkpoint, whole or not at all.
+
+    Parameters
+    ----------
+    origin : mapping
+        JSON-able: whatever the arrays depend on.
+    arrays : mapping
+        Of numbers; no name is `origin`.
+
+    Raises
+    ------
+    OSError
+        It cannot be written, as on a full disk; nothing is left behind.
+    ValueError
+        An array holds Python objects.
+    """
+    with whole_file(path) as file:
+        file.write(bytes(_SEAL.size))
+        np.savez(file, allow_pickle=False, **{_ORIGIN: _packed(origin)}, **arrays)
+        length = file.tell() - _SEAL.size
+        checksum = _checksum(file)
+        file.seek(0)
+        file.write(_SEAL.pack(_MARK, checksum, length))
+
+
+def read_checkpoint(path: Path, origin: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
+    """The arrays of a checkpoint.
+
+    Raises
+    ------
+    UnusableCheckpoint
+        It is damaged, or was computed from another origin.
+    FileNotFoundError
+        There is none.
+    """
+    with path.open("rb") as file:
+        head = file.read(_SEAL.size)
+        length = path.stat().st_size - _SEAL.size
+        if len(head) < _SEAL.size or head != _SEAL.pack(_MARK, _checksum(file), length):
+            raise UnusableCheckpoint("it is damaged")
+        file.seek(_SEAL.size)
+        with np.load(file, allow_pickle=False) as stored:
+            arrays = {name: stored[name] for name in stored.files}
+    made_from = json.loads(arrays.pop(_ORIGIN).tobytes())
+    wanted = json.loads(_packed(origin).tobytes())
+    if made_from != wanted:
+        names = (made_from.keys() | wanted.keys()) - {name for name in made_from if made_from[name] == wanted.get(name)}
+        raise UnusableCheckpoint(f"it was computed from another {', '.join(sorted(names))}")
+    return arrays
+
+
+def _packed(origin: Mapping[str, Any]) -> NDArray[np.uint8]:
+    return np.frombuffer(json.dumps(origin).encode(), np.uint8)
+
+
+def _checksum(file: BinaryIO) -> int:
+    """Of all that follows the seal."""
+    file.seek(_SEAL.size)
+    checksum = 0
+    while part := file.read(_READ_BYTES):
+        checksum = zlib.crc32(part, checksum)
+    return checksum

@@ -1,0 +1,238 @@
+"""Our own HDF5 files, read as if a stranger had written them.
+
+The process that writes a result may have been taken over by the upload that it read. So only what our writers write is
+read: plain arrays and texts, found by hard links alone, stored in the file itself, in the shapes that are recorded.
+"""
+
+import math
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, TypeVar
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from sawmill_formats.errors import NotAsWritten, UnreadableScan, damage_reported, quoted, regular_status
+from sawmill_formats.hdf5 import open_hdf5
+from sawmill_formats.hdf5_chunks import CHECKSUM_BYTES, Chunks
+
+PACKED = (h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_FLETCHER32)
+CHECKED = (h5py.h5z.FILTER_FLETCHER32,)
+MOST_MEMBERS = 10_000
+# What a file holds beside its values: axes, texts, groups, and the index of its chunks.
+OTHER_BYTES = 64 * 2**20
+LONGEST_UNIT = 32
+
+Shape = tuple[int, ...]
+Found = TypeVar("Found", h5py.Dataset, NDArray[Any])
+
+
+@contextmanager
+def reading_own(path: Path) -> Iterator[h5py.File]:
+    """Open a result and read it in the block.
+
+    Raises
+    ------
+    DamagedResult
+        It is no HDF5 file of ours, or damaged.
+    FileNotFoundError
+        There is none.
+    """
+    regular_status(path)
+    with damage_reported(path.name), open_hdf5(path) as file:
+        yield file
+
+
+def group_at(file: h5py.File, path: str) -> h5py.Group | None:
+    """Find a group by hard links; None where there is nothing of this name."""
+    found = _found(file, path)
+    if found is not None and not isinstance(found, h5py.Group):
+        raise NotAsWritten(f"{path} is no group")
+    return found
+
+
+def dataset_at(
+    file: h5py.File, path: str, shape: Shape | None = None, filters: tuple[int, ...] | None = None
+) -> h5py.Dataset | None:
+    """Find a dataset by hard links, and check how it is stored; None where there is nothing of this name.
+
+    Parameters
+    ----------
+    shape
+        The one that it must have, and values that are numbers; None: any.
+    filters
+        Those through which its chunks are stored; None: it is stored in one piece.
+    """
+    found = _found(file, path)
+    if found is None:
+        return None
+    if not isinstance(found, h5py.Dataset) or found.is_virtual:
+        raise NotAsWritten(f"{path} is no dataset of its own")
+    if _check_stored(found) != filters:
+        raise NotAsWritten(f"{path} is not stored as results are")
+    if shape is not None and (found.shape != shape or found.dtype.kind not in "iuf"):
+        raise NotAsWritten(f"{path} is {found.dtype} of shape {found.shape} and not numbers of shape {shape}")
+    return found
+
+
+def needed(found: Found | None, path: str) -> Found:
+    """What was found, or a refusal of the file without it."""
+    if found is None:
+        raise NotAsWritten(f"it has no {path}")
+    return found
+
+
+def values_at(file: h5py.File, path: str, shape: Shape | None = None) -> NDArray[Any] | None:
+    """Read all values of a dataset that is stored in one piece; None where there is nothing of this name."""
+    dataset = dataset_at(file, path, shape)
+    return None if dataset is None else np.asarray(dataset[()])
+
+
+def values_of(file: h5py.File, path: str, shape: Shape | None = None) -> NDArray[Any]:
+    """As `values_at`, of a dataset that the file must have."""
+    return needed(values_at(file, path, shape), path)
+
+
+def unit_of(dataset: h5py.Dataset) -> str:
+    """Read the unit of a dataset's values."""
+    unit = dataset.attrs["units"]
+    text = unit.decode() if isinstance(unit, bytes) else unit
+    if not (isinstance(text, str) and len(text) <= LONGEST_UNIT and text.isascii() and text.isprintable()):
+        raise NotAsWritten(f"{_name_of(dataset)} has no unit that can be read")
+    return text
+
+
+def read_packed(dataset: h5py.Dataset, first: int, last: int) -> NDArray[Any]:
+    """Read values first..last of the first axis of `PACKED` chunks that span the others.
+
+    `Chunks` unpacks them: the library unpacks whatever a chunk holds, and compares its size afterwards.
+    """
+    length, *across = dataset.chunks
+    if across != list(dataset.shape[1:]):
+        raise NotAsWritten(f"{_name_of(dataset)} has chunks of {dataset.chunks}")
+    values, chunks = np.empty((last - first, *across), dataset.dtype), Chunks(dataset)
+    for start in range(first - first % length, last, length):
+        offset = (start, *(0 for _ in across))
+        check_chunk(dataset, offset)
+        try:
+            chunk = chunks.read(offset)
+        except UnreadableScan as error:
+            size_bytes = math.prod(dataset.chunks) * dataset.dtype.itemsize
+            what = f"a chunk of {_name_of(dataset)}"
+            raise NotAsWritten(f"{what} does not hold the {size_bytes} bytes of its values") from error
+        begin, end = max(start, first), min(start + length, last)
+        values[begin - first : end - first] = chunk[begin - start : end - start]
+    return values
+
+
+def check_chunk(dataset: h5py.Dataset, offset: Shape) -> None:
+    """Refuse a chunk that is not stored, or in another number of bytes than its values take."""
+    _check_bytes(dataset, [dataset.id.get_chunk_info_by_coord(offset)])
+
+
+def check_chunks(dataset: h5py.Dataset) -> None:
+    """Refuse a dataset with a chunk that `check_chunk` refuses."""
+    stored: list[h5py.h5d.StoreInfo] = []
+    dataset.id.chunk_iter(stored.append)
+    declared = math.prod(-(-length // of_chunk) for length, of_chunk in zip(dataset.shape, dataset.chunks, strict=True))
+    if len(stored) != declared:
+        raise NotAsWritten(f"{_name_of(dataset)} has {len(stored)} of its {declared} chunks")
+    _check_bytes(dataset, stored)
+
+
+def _check_bytes(dataset: h5py.Dataset, chunks: Iterable[h5py.h5d.StoreInfo]) -> None:
+    least = most = math.prod(dataset.chunks) * dataset.dtype.itemsize + CHECKSUM_BYTES
+    if dataset.compression is not None:
+        # Values that cannot be packed take a thousandth more.
+        least, most = CHECKSUM_BYTES + 1, most + most // 1000 + 64
+    for chunk in chunks:
+        if chunk.filter_mask or not least <= chunk.size <= most:
+            raise NotAsWritten(f"a chunk of {_name_of(dataset)} takes {chunk.size} bytes and not {least} to {most}")
+
+
+def check_members(file: h5py.File, path: Path, values_bytes: int) -> None:
+    """Refuse a file of which anything lies elsewhere or is not stored as our writers store it, whoever reads it.
+
+    Parameters
+    ----------
+    values_bytes
+        Of the values that the file is about, as they are in memory: it is hardly larger.
+    """
+    size_bytes, most_bytes = path.stat().st_size, int(1.05 * values_bytes) + OTHER_BYTES
+    if size_bytes > most_bytes:
+        raise NotAsWritten(f"it has {size_bytes} bytes, and at most {most_bytes} are due")
+    groups, seen, members = [file["/"]], {h5py.h5o.get_info(file.id).addr}, 0
+    while groups:
+        group = groups.pop()
+        members += len(group)
+        if members > MOST_MEMBERS:
+            raise NotAsWritten(f"it has more than {MOST_MEMBERS} groups and datasets")
+        for name in group:
+            found = _member(group, name)
+            address = h5py.h5o.get_info(found.id).addr
+            if address in seen:
+                continue
+            seen.add(address)
+            if isinstance(found, h5py.Group):
+                groups.append(found)
+            elif not isinstance(found, h5py.Dataset):
+                raise NotAsWritten(f"{_name_of(found)} is neither a group nor a dataset")
+            elif found.is_virtual:
+                _check_sources(found)
+            else:
+                _check_stored(found)
+                if found.chunks is not None:
+                    check_chunks(found)
+
+
+def _found(file: h5py.File, path: str) -> h5py.Group | h5py.Dataset | h5py.Datatype | None:
+    here = file["/"]
+    for name in path.split("/"):
+        if not isinstance(here, h5py.Group) or not here.id.links.exists(name.encode()):
+            return None
+        here = _member(here, name)
+    return here
+
+
+def _member(group: h5py.Group, name: str) -> h5py.Group | h5py.Dataset | h5py.Datatype:
+    if group.id.links.get_info(name.encode()).type != h5py.h5l.TYPE_HARD:
+        raise NotAsWritten(f"{quoted(name)} in {_name_of(group)} is a link to another place")
+    return group[name]
+
+
+def _check_stored(dataset: h5py.Dataset) -> tuple[int, ...] | None:
+    """Refuse values that lie in another file, and more of them than are stored.
+
+    Returns
+    -------
+    tuple of int or None
+        The filters of its chunks; None: it is stored in one piece.
+    """
+    layout = dataset.id.get_create_plist()
+    if layout.get_external_count():
+        raise NotAsWritten(f"{_name_of(dataset)} takes its values from other files")
+    shape, chunks = dataset.shape, dataset.chunks
+    if chunks is None:
+        declared = 0 if shape is None else math.prod(shape) * dataset.id.get_type().get_size()
+        stored = dataset.id.get_storage_size()
+        if stored < declared:
+            raise NotAsWritten(f"{_name_of(dataset)} declares {declared} bytes and stores {stored}")
+        return None
+    filters = tuple(layout.get_filter(place)[0] for place in range(layout.get_nfilters()))
+    if filters not in {PACKED, CHECKED} or any(most > length for length, most in zip(shape, chunks, strict=True)):
+        raise NotAsWritten(f"{_name_of(dataset)} is not stored as results are")
+    return filters
+
+
+def _check_sources(dataset: h5py.Dataset) -> None:
+    """Refuse a virtual dataset that takes anything from another file."""
+    layout = dataset.id.get_create_plist()
+    for place in range(layout.get_virtual_count()):
+        if layout.get_virtual_filename(place) != ".":
+            raise NotAsWritten(f"{_name_of(dataset)} takes its values from other files")
+
+
+def _name_of(found: h5py.Group | h5py.Dataset | h5py.Datatype) -> str:
+    return quoted(str(found.name).lstrip("/")) or "the file"

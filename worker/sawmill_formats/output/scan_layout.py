@@ -1,0 +1,22 @@
+"""Where things lie in the file of a scan of line integrals: NXtomo, and what is ours beside it."""
+
+from sawmill_formats import nxtomo
+
+ENTRY = "entry"
+DATA = f"{ENTRY}/{nxtomo.DATA}"
+CELL_PITCH = f"{ENTRY}/{nxtomo.CELL_PITCH}"
+ROW_PITCH = f"{ENTRY}/{nxtomo.ROW_PITCH}"
+ANGLES = f"{ENTRY}/{nxtomo.ANGLES}"
+# (rows, detector), counts: mean flat less mean dark field.
+AIR_LEVEL = f"{ENTRY}/{nxtomo.DETECTOR}/air_level"
+# (views, rows), 1 where a view has the row; only where views lack rows, which are NaN in the data. Its attribute: the
+# rows that enough views have, the first and the one after the last.
+ROWS_PRESENT, USABLE = f"{ENTRY}/{nxtomo.DETECTOR}/rows_present", "usable_rows"
+# (views, rows, detector): standard deviations of the line integrals (NXdetector's name), where they came with them or
+# rays were masked; 0 where none is known.
+DEVIATIONS = f"{ENTRY}/{nxtomo.DETECTOR}/data_errors"
+PROVENANCE = f"{ENTRY}/provenance"
+# (views,), rows: in the provenance.
+ROW_SHIFTS, ROW_SHIFT_DEVIATIONS = "row_shifts", "row_shifts_standard_deviation"
+# The data's `long_name`: how a scan of ours differs from NXtomo files of detector counts.
+LINE_INTEGRALS = "line integrals"

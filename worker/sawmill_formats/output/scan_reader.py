@@ -1,0 +1,262 @@
+"""Reading back the scans of `scan_writer`: whole, some rows and views, or one sinogram."""
+
+import math
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from sawmill_formats.errors import (
+    NotAsWritten,
+    OutOfRange,
+    check_index,
+    damage_reported,
+    library_errors_translated,
+)
+from sawmill_formats.hdf5 import open_hdf5
+from sawmill_formats.output.own_hdf5 import (
+    CHECKED,
+    check_chunk,
+    check_chunks,
+    check_members,
+    dataset_at,
+    needed,
+    reading_own,
+    values_at,
+    values_of,
+)
+from sawmill_formats.output.scan_layout import (
+    AIR_LEVEL,
+    ANGLES,
+    CELL_PITCH,
+    DATA,
+    DEVIATIONS,
+    ROW_PITCH,
+    ROWS_PRESENT,
+    USABLE,
+)
+
+Shape = tuple[int, int, int]
+
+
+@dataclass(frozen=True, eq=False)
+class StoredScan:
+    """A scan, or the rows and views of it that were asked for.
+
+    Attributes
+    ----------
+    line_integrals : (views, rows, detector) float32, dimensionless
+        NaN in every cell of the rows that a view lacks.
+    angles_rad : (views,) float64
+    air_level : (rows, detector) float32, counts, or None
+        Mean flat less mean dark field; None where the scan was given as line integrals.
+    detector_pitch_mm : float
+    row_pitch_mm : float or None
+    deviations : (views, rows, detector) float32, or None
+        Standard deviations of the line integrals, where they came with them or rays were masked; 0 is not known.
+    """
+
+    line_integrals: NDArray[np.float32]
+    angles_rad: NDArray[np.float64]
+    air_level: NDArray[np.float32] | None
+    detector_pitch_mm: float
+    row_pitch_mm: float | None
+    deviations: NDArray[np.float32] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class OpenScan:
+    """A file of `new_scan` held open: its values, and its rows as they are needed.
+
+    Attributes
+    ----------
+    shape : (views, rows, detector)
+        Of the whole scan.
+    angles_rad : (views,) float64
+    detector_pitch_mm : float
+    row_pitch_mm : float or None
+    data, air_level : dataset
+        The line integrals, and the air level of counts.
+    present : (views, rows) bool, or None
+        Which rows each view has, where some lack some: those are NaN in the data.
+    usable_rows : (first, one after the last) or None
+        The rows that enough views have, where some lack some.
+    deviations : dataset or None
+        The standard deviations of the line integrals, where they came with them or rays were masked; 0 is not known.
+    """
+
+    shape: tuple[int, int, int]
+    angles_rad: NDArray[np.float64]
+    detector_pitch_mm: float
+    row_pitch_mm: float | None
+    data: h5py.Dataset
+    air_level: h5py.Dataset | None
+    present: NDArray[np.bool_] | None = None
+    usable_rows: tuple[int, int] | None = None
+    deviations: h5py.Dataset | None = None
+
+    def rows(self, selected: slice | range, views: NDArray[np.integer] | None = None) -> NDArray[np.float32]:
+        """Line integrals (views, rows, detector) float32 of some rows, and of some views or all.
+
+        Raises
+        ------
+        UnreadableScan
+            Where they are damaged.
+        """
+        return _read(self.data, selected, views)
+
+    def deviations_of(
+        self, selected: slice | range, views: NDArray[np.integer] | None = None
+    ) -> NDArray[np.float32] | None:
+        """Standard deviations, as `rows` gives what they are of; None where they are not known."""
+        return None if self.deviations is None else _read(self.deviations, selected, views)
+
+
+def _read(dataset: h5py.Dataset, selected: slice | range, views: NDArray[np.integer] | None) -> NDArray[np.float32]:
+    # Chunks span the views, or many of them: reading all of a row's views and choosing afterwards costs little.
+    with library_errors_translated("HDF5"):
+        stack: NDArray[np.float32] = dataset[:, slice(selected.start, selected.stop, selected.step), :]
+    return stack if views is None or np.array_equal(views, np.arange(len(stack))) else stack[views]
+
+
+def check_scan(path: Path, shape: Shape) -> None:
+    """Check that scan.h5 holds the scan that is recorded, and nothing that leads elsewhere; no image is read.
+
+    Parameters
+    ----------
+    shape : (views, rows, detector)
+        As it is recorded.
+
+    Raises
+    ------
+    DamagedResult
+        It does not.
+    """
+    with reading_own(path) as file:
+        check_members(file, path, 2 * 4 * math.prod(shape))
+        _opened(file, shape)
+
+
+@contextmanager
+def open_scan(path: Path) -> Iterator[OpenScan]:
+    """Open a file that this product wrote; uploads go through `reading_scan`.
+
+    Raises
+    ------
+    DamagedResult
+        It is damaged, or another file.
+    """
+    with ExitStack() as files:
+        with damage_reported(path.name):
+            file = files.enter_context(open_hdf5(path))
+            opened = _opened(file, needed(dataset_at(file, DATA, filters=CHECKED), DATA).shape)
+            check_chunks(opened.data)
+        yield opened
+
+
+def _opened(file: h5py.File, shape: Shape) -> OpenScan:
+    views, rows, detector = shape
+    data = needed(dataset_at(file, DATA, shape, CHECKED), DATA)
+    present, usable_rows = _rows_present(file, (views, rows))
+    row_pitch = values_at(file, ROW_PITCH, ())
+    return OpenScan(
+        shape=shape,
+        angles_rad=np.deg2rad(values_of(file, ANGLES, (views,))),
+        detector_pitch_mm=float(values_of(file, CELL_PITCH, ())),
+        row_pitch_mm=None if row_pitch is None else float(row_pitch),
+        data=data,
+        air_level=dataset_at(file, AIR_LEVEL, (rows, detector)),
+        present=present,
+        usable_rows=usable_rows,
+        deviations=dataset_at(file, DEVIATIONS, shape),
+    )
+
+
+def _rows_present(
+    file: h5py.File, shape: tuple[int, int]
+) -> tuple[NDArray[np.bool_], tuple[int, int]] | tuple[None, None]:
+    present = dataset_at(file, ROWS_PRESENT, shape)
+    if present is None:
+        return None, None
+    first, last = (int(row) for row in present.attrs[USABLE])
+    if not 0 <= first < last <= shape[1]:
+        raise NotAsWritten(f"its usable rows are {first}:{last} of {shape[1]}")
+    return present[()].astype(bool), (first, last)
+
+
+def read_stored_scan(path: Path, rows: slice | None = None, views: NDArray[np.integer] | None = None) -> StoredScan:
+    """Read a file of `new_scan`, or part of it.
+
+    Parameters
+    ----------
+    path : Path
+        A file that this product wrote; uploads go through `reading_scan`.
+    rows : slice, optional
+        Detector rows, with step 1; all by default.
+    views : (n,) integers, optional
+        Views in the order given; all by default.
+    """
+    selected = rows or slice(None)
+    with open_scan(path) as scan:
+        return StoredScan(
+            line_integrals=scan.rows(selected, views),
+            angles_rad=scan.angles_rad if views is None else scan.angles_rad[views],
+            air_level=None if scan.air_level is None else scan.air_level[selected, :],
+            detector_pitch_mm=scan.detector_pitch_mm,
+            row_pitch_mm=scan.row_pitch_mm,
+            deviations=scan.deviations_of(selected, views),
+        )
+
+
+@dataclass(frozen=True)
+class Sinogram:
+    """One detector row of a scan.
+
+    Attributes
+    ----------
+    data : (views, detector) float32
+        Line integrals, dimensionless.
+    angles_deg : (views,) float64
+        Each view's angle.
+    pitch_mm
+        Distance between detector cells.
+    """
+
+    data: NDArray[np.float32]
+    angles_deg: NDArray[np.float64]
+    pitch_mm: float
+
+
+def sinogram(path: Path, shape: Shape, row: int) -> Sinogram:
+    """Read one detector row of scan.h5, of the views that have it.
+
+    Parameters
+    ----------
+    shape : (views, rows, detector)
+        As it is recorded.
+
+    Raises
+    ------
+    OutOfRange
+        The scan has no such row, or no view of it has.
+    DamagedResult
+        The file is damaged, or another one.
+    """
+    views, rows, _ = shape
+    check_index("row", row, rows)
+    with reading_own(path) as file:
+        scan = needed(dataset_at(file, DATA, shape, CHECKED), DATA)
+        for first in range(0, views, scan.chunks[0]):
+            check_chunk(scan, (first, row, 0))
+        data, angles_deg = scan[:, row, :], values_of(file, ANGLES, (views,)).astype(np.float64)
+        present = values_at(file, ROWS_PRESENT, (views, rows))
+        if present is not None:
+            there = present[:, row].astype(bool)
+            if not there.any():
+                raise OutOfRange("row-out-of-range", f"no view has row {row}: the views that show it lost it")
+            data, angles_deg = data[there], angles_deg[there]
+        return Sinogram(data=data, angles_deg=angles_deg, pitch_mm=float(values_of(file, CELL_PITCH, ())))

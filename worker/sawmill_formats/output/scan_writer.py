@@ -1,0 +1,264 @@
+"""Writing scans: line integrals as the product keeps them, and detector counts as a scanner would."""
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from sawmill_formats import nxtomo
+from sawmill_formats.hdf5 import whole_hdf5
+from sawmill_formats.nexus import CHUNK_BYTES, PACKED, new_entry, new_group, write_scalar
+from sawmill_formats.output.scan_layout import (
+    AIR_LEVEL,
+    DATA,
+    DEVIATIONS,
+    LINE_INTEGRALS,
+    PROVENANCE,
+    ROW_SHIFT_DEVIATIONS,
+    ROW_SHIFTS,
+    ROWS_PRESENT,
+    USABLE,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class RowsPresent:
+    """Which rows there are, where views lack some.
+
+    Attributes
+    ----------
+    of_views : (views, rows) bool
+        The others are NaN in the data.
+    usable : (first, one after the last)
+        The rows that enough views have.
+    """
+
+    of_views: NDArray[np.bool_]
+    usable: tuple[int, int]
+
+
+@dataclass(frozen=True, eq=False)
+class NewScan:
+    """A scan's file that is being written.
+
+    Attributes
+    ----------
+    data : dataset (views, rows, detector) float32
+        The line integrals, to be written and read in blocks.
+    """
+
+    data: h5py.Dataset
+
+    def note(
+        self,
+        *,
+        air_level: NDArray[np.float32] | None,
+        provenance: Mapping[str, str],
+        row_shifts: NDArray[np.float64] | None = None,
+        row_shift_deviations: NDArray[np.float64] | None = None,
+        rows_present: RowsPresent | None = None,
+        deviations: NDArray[np.float32] | None = None,
+    ) -> None:
+        """Write what is known when all line integrals are there.
+
+        Parameters
+        ----------
+        air_level, provenance, row_shifts
+            As of `write_scan`.
+        row_shift_deviations : (views,) float64, rows, or None
+            The standard deviation of each shift.
+        rows_present : RowsPresent or None
+            None where every view has all rows.
+        deviations : (views, detector) float32, or None
+            Standard deviations of the line integrals of the one row; None where they are not known.
+        """
+        if rows_present is not None:
+            self.data.file[ROWS_PRESENT] = rows_present.of_views.astype(np.uint8)
+            self.data.file[ROWS_PRESENT].attrs[USABLE] = rows_present.usable
+        if deviations is not None:
+            write_scalar(self.data.file, DEVIATIONS, deviations[:, np.newaxis], "1")
+        if air_level is not None:
+            write_scalar(self.data.file, AIR_LEVEL, air_level.astype(np.float32), "counts")
+        group = new_group(self.data.file, PROVENANCE, "NXcollection")
+        for name, text in provenance.items():
+            group[name] = text
+        if row_shifts is not None:
+            write_scalar(group, ROW_SHIFTS, row_shifts, "row")
+        if row_shift_deviations is not None:
+            write_scalar(group, ROW_SHIFT_DEVIATIONS, row_shift_deviations, "row")
+
+
+@contextmanager
+def new_scan(
+    path: Path,
+    shape: tuple[int, int, int],
+    *,
+    angles_rad: NDArray[np.float64],
+    detector_pitch_mm: float,
+    row_pitch_mm: float | None,
+    views_together: int | None = None,
+) -> Iterator[NewScan]:
+    """A new scan (views, rows, detector) of line integrals, one row of which can be read alone; whole or not at all.
+
+    Parameters
+    ----------
+    views_together : int, optional
+        The number of views of a row that are stored in one piece: all, by default.
+
+    Raises
+    ------
+    OSError
+        When the file cannot be written.
+    """
+    views, _, detector = shape
+    within_chunk = max(1, CHUNK_BYTES // (4 * detector))
+    with whole_hdf5(path) as file:
+        _new_images(
+            file,
+            shape,
+            np.dtype(np.float32),
+            chunks=(min(views_together or views, views, within_chunk), 1, detector),
+            units="1",
+            image_key=np.zeros(views, dtype=np.uint8),
+            angles_deg=np.rad2deg(angles_rad),
+            pitches_mm=(detector_pitch_mm, row_pitch_mm),
+            # Packing the noise of line integrals saves a fifth of the disk, and takes longer than reconstructing them.
+            storage={"fletcher32": True},
+        )
+        file[DATA].attrs["long_name"] = LINE_INTEGRALS
+        yield NewScan(file[DATA])
+
+
+def write_scan(
+    path: Path,
+    *,
+    line_integrals: NDArray[np.float32],
+    angles_rad: NDArray[np.float64],
+    detector_pitch_mm: float,
+    row_pitch_mm: float | None,
+    air_level: NDArray[np.float32] | None,
+    provenance: Mapping[str, str],
+    row_shifts: NDArray[np.float64] | None = None,
+) -> None:
+    """Write a scan of line integrals that are in memory.
+
+    Parameters
+    ----------
+    line_integrals : (views, rows, detector) float32, dimensionless
+    angles_rad : (views,) float64
+    detector_pitch_mm, row_pitch_mm : float
+        Distances between cells and between rows.
+    air_level : (rows, detector) float32, counts, or None
+        Mean flat less mean dark field: with it counts can be recovered from line integrals.
+    provenance : mapping of str to str
+        Where the data come from; written into the file.
+    row_shifts : (views,) float64, rows, or None
+        The shift of each view along the log; None where none was shifted.
+
+    Raises
+    ------
+    ValueError
+        When the shapes do not agree.
+    OSError
+        When the file cannot be written.
+    """
+    _check_stack("line_integrals", line_integrals, angles_rad)
+    views, rows, detector = line_integrals.shape
+    scan = new_scan(
+        path,
+        (views, rows, detector),
+        angles_rad=angles_rad,
+        detector_pitch_mm=detector_pitch_mm,
+        row_pitch_mm=row_pitch_mm,
+    )
+    with scan as written:
+        written.data[...] = line_integrals
+        written.note(air_level=air_level, provenance=provenance, row_shifts=row_shifts)
+
+
+def write_raw_scan(
+    path: Path,
+    *,
+    counts: NDArray[np.uint16] | NDArray[np.float32],
+    flats: NDArray[np.uint16] | NDArray[np.float32],
+    darks: NDArray[np.uint16] | NDArray[np.float32],
+    angles_rad: NDArray[np.float64],
+    detector_pitch_mm: float,
+    row_pitch_mm: float | None,
+) -> None:
+    """Write detector counts as a scanner would: dark fields, flat fields, then the views.
+
+    Parameters
+    ----------
+    counts : (views, rows, detector) uint16 or float32
+    flats, darks : (n, rows, detector), of the same type
+    angles_rad : (views,) float64
+    detector_pitch_mm, row_pitch_mm : float
+
+    Raises
+    ------
+    ValueError
+        When the shapes do not agree.
+    OSError
+        When the file cannot be written.
+    """
+    _check_stack("counts", counts, angles_rad)
+    fields = len(darks) + len(flats)
+    keys = [nxtomo.DARK] * len(darks) + [nxtomo.FLAT] * len(flats) + [nxtomo.PROJECTION] * len(counts)
+    with whole_hdf5(path) as file:
+        _new_images(
+            file,
+            (len(keys), *counts.shape[1:]),
+            counts.dtype,
+            chunks=(1, *counts.shape[1:]),
+            units="counts",
+            image_key=np.array(keys, dtype=np.uint8),
+            angles_deg=np.concatenate([np.zeros(fields), np.rad2deg(angles_rad)]),
+            pitches_mm=(detector_pitch_mm, row_pitch_mm),
+            storage=PACKED,
+        )
+        data, first = file[DATA], 0
+        for images in (darks, flats, counts):
+            data[first : first + len(images)] = images
+            first += len(images)
+
+
+def _check_stack(name: str, stack: NDArray[np.uint16] | NDArray[np.float32], angles_rad: NDArray[np.float64]) -> None:
+    if stack.ndim != 3 or angles_rad.shape != (len(stack),):
+        raise ValueError(
+            f"{name} must be (views, rows, detector) with one angle for each view, not of shape {stack.shape} "
+            f"with {angles_rad.shape} angles"
+        )
+
+
+def _new_images(
+    file: h5py.File,
+    shape: tuple[int, ...],
+    dtype: np.dtype[Any],
+    *,
+    chunks: tuple[int, int, int],
+    units: str,
+    image_key: NDArray[np.uint8],
+    angles_deg: NDArray[np.float64],
+    pitches_mm: tuple[float, float | None],
+    storage: Mapping[str, Any],
+) -> None:
+    entry = new_entry(file, nxtomo.DEFINITION)
+    new_group(entry, "instrument", "NXinstrument")
+    new_group(entry, nxtomo.DETECTOR, "NXdetector")
+    entry.create_dataset(nxtomo.DATA, shape, dtype, chunks=chunks, **storage).attrs["units"] = units
+    entry[nxtomo.IMAGE_KEY] = image_key
+    for path, pitch_mm in zip((nxtomo.CELL_PITCH, nxtomo.ROW_PITCH), pitches_mm, strict=True):
+        if pitch_mm is not None:
+            write_scalar(entry, path, pitch_mm, "mm")
+    new_group(entry, "sample", "NXsample")
+    write_scalar(entry, nxtomo.ANGLES, angles_deg, "deg")
+    links = new_group(entry, "data", "NXdata")
+    links.attrs["signal"] = "data"
+    for path in (nxtomo.DATA, nxtomo.IMAGE_KEY, nxtomo.ANGLES):
+        links[path.rpartition("/")[2]] = entry[path]

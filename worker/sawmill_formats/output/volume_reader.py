@@ -1,0 +1,270 @@
+"""Reading back the volumes of `volume_writer`: slices, side views, and what alpha was chosen from."""
+
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from sawmill_formats.errors import NotAsWritten, NotStored, check_index
+from sawmill_formats.output import volume_layout as layout
+from sawmill_formats.output.own_hdf5 import (
+    PACKED,
+    check_members,
+    dataset_at,
+    group_at,
+    needed,
+    read_packed,
+    reading_own,
+    unit_of,
+    values_at,
+    values_of,
+)
+
+Axis = Literal["x", "y"]
+Shape = tuple[int, int, int]
+# Of a rule for alpha.
+MOST_POINTS = 10_000
+
+
+@dataclass(frozen=True)
+class VolumeSlice:
+    """One slice of a reconstruction.
+
+    Attributes
+    ----------
+    data : (x, y) float32
+        Attenuation in `unit`.
+    index
+        Of the slice, from 0.
+    height_mm
+        Where it lies along the log; None where slices have no spacing.
+    pixel_mm
+        Distance between pixels.
+    first_pixel_mm : (x, y)
+        Where the centre of pixel [0, 0] lies.
+    unit
+        Of the data.
+    """
+
+    data: NDArray[np.float32]
+    index: int
+    height_mm: float | None
+    pixel_mm: float
+    first_pixel_mm: tuple[float, float]
+    unit: str
+
+    @property
+    def label(self) -> str:
+        """Which slice it is, and where it lies."""
+        return f"slice {self.index}" if self.height_mm is None else f"slice {self.index}, {self.height_mm:g} mm"
+
+
+@dataclass(frozen=True)
+class VolumeGrid:
+    """Where a volume's slices and pixels lie.
+
+    Attributes
+    ----------
+    shape : (slice, x, y)
+    pixel_mm
+        Distance between pixels.
+    first_pixel_mm : (x, y)
+        Where the centre of pixel [0, 0] lies.
+    first_height_mm, spacing_mm
+        Where slice 0 lies along the log, and the distance to the next one; None where slices have no spacing.
+    """
+
+    shape: tuple[int, int, int]
+    pixel_mm: float
+    first_pixel_mm: tuple[float, float]
+    first_height_mm: float | None
+    spacing_mm: float | None
+
+
+@dataclass(frozen=True)
+class SideView:
+    """The densest values of a reconstruction, looked at from the side.
+
+    Attributes
+    ----------
+    data : (slice, x or y) float32
+        The maximum over the other axis of each slice, in `unit`.
+    across
+        The axis that is left: x or y.
+    across_mm : (low, high)
+        Ends of the field along it.
+    along_mm : (low, high) or None
+        Ends of the log along its length; None where slices have no spacing.
+    unit
+        Of the data.
+    """
+
+    data: NDArray[np.float32]
+    across: str
+    across_mm: tuple[float, float]
+    along_mm: tuple[float, float] | None
+    unit: str
+
+
+def check_volume(path: Path, shape: Shape) -> None:
+    """Check that volume.h5 holds the volume that is recorded, and nothing that leads elsewhere; no slice is read.
+
+    Parameters
+    ----------
+    shape : (slice, x, y)
+        As it is recorded; so in every function here.
+
+    Raises
+    ------
+    DamagedResult
+        It does not; so does every function here.
+    """
+    with reading_own(path) as file:
+        check_members(file, path, 4 * math.prod(shape))
+        _grid(file, shape)
+        needed(_values(file, layout.VALUES, shape), layout.VALUES)
+        for along in get_args(Axis):
+            dataset_at(file, f"{layout.side_view(along)}/data", _side_shape(shape, along), PACKED)
+
+
+def volume_grid(path: Path, shape: Shape) -> VolumeGrid:
+    """Read where the slices and pixels of volume.h5 lie."""
+    with reading_own(path) as file:
+        return _grid(file, shape)[0]
+
+
+def _grid(file: h5py.File, shape: Shape) -> tuple[VolumeGrid, NDArray[np.float64] | None]:
+    """Where slices and pixels lie, and the height of each slice; None where slices have no spacing."""
+    z_mm = values_at(file, f"{layout.RECONSTRUCTION}/z", shape[:1])
+    x_mm = values_of(file, f"{layout.RECONSTRUCTION}/x", shape[1:2])
+    y_mm = values_of(file, f"{layout.RECONSTRUCTION}/y", shape[2:])
+    grid = VolumeGrid(
+        shape=shape,
+        pixel_mm=float(x_mm[1] - x_mm[0]),
+        first_pixel_mm=(float(x_mm[0]), float(y_mm[0])),
+        first_height_mm=None if z_mm is None else float(z_mm[0]),
+        spacing_mm=None if z_mm is None or len(z_mm) == 1 else float(z_mm[1] - z_mm[0]),
+    )
+    return grid, z_mm
+
+
+def _values(file: h5py.File, name: str, shape: Shape) -> h5py.Dataset | None:
+    return dataset_at(file, f"{layout.RECONSTRUCTION}/{name}", shape, PACKED)
+
+
+def volume_slice(path: Path, shape: Shape, index: int) -> VolumeSlice:
+    """Read one slice of volume.h5.
+
+    Raises
+    ------
+    OutOfRange
+        The volume has no such slice.
+    """
+    return next(volume_slices(path, shape, [index]))
+
+
+def volume_slices(path: Path, shape: Shape, indices: Iterable[int]) -> Iterator[VolumeSlice]:
+    """Read slices of volume.h5, one at a time.
+
+    Raises
+    ------
+    OutOfRange
+        The volume has no such slice.
+    """
+    with reading_own(path) as file:
+        yield from _slices(file, needed(_values(file, layout.VALUES, shape), layout.VALUES), indices)
+
+
+def _slices(file: h5py.File, values: h5py.Dataset, indices: Iterable[int]) -> Iterator[VolumeSlice]:
+    (grid, heights_mm), unit = _grid(file, values.shape), unit_of(values)
+    for index in indices:
+        check_index("slice", index, len(values))
+        yield VolumeSlice(
+            data=read_packed(values, index, index + 1)[0],
+            index=index,
+            height_mm=None if heights_mm is None else float(heights_mm[index]),
+            pixel_mm=grid.pixel_mm,
+            first_pixel_mm=grid.first_pixel_mm,
+            unit=unit,
+        )
+
+
+def deviation_slice(path: Path, shape: Shape, index: int) -> VolumeSlice:
+    """Read the standard deviation of each pixel of a slice of volume.h5.
+
+    Raises
+    ------
+    OutOfRange, NotStored
+        The volume has no such slice, or no standard deviations.
+    """
+    with reading_own(path) as file:
+        deviations = _values(file, layout.DEVIATION, shape)
+        if deviations is None:
+            raise NotStored("no-deviation", "this volume has no standard deviations: only earlier versions made them")
+        return next(_slices(file, deviations, [index]))
+
+
+def alpha_curve(path: Path) -> dict[str, NDArray[Any]]:
+    """Read what Tikhonov's alpha was chosen from, by column.
+
+    Raises
+    ------
+    NotStored
+        The volume was reconstructed by another method, or shows nothing.
+    """
+    with reading_own(path) as file:
+        group = group_at(file, layout.ALPHA_CURVE)
+        if group is None:
+            raise NotStored("no-alpha-curve", "no alpha was chosen: not by method tikhonov, or nothing there to see")
+        points = needed(dataset_at(file, f"{layout.ALPHA_CURVE}/alphas"), "alphas").shape
+        if len(points) != 1 or points[0] > MOST_POINTS:
+            raise NotAsWritten(f"its alphas have the shape {points}")
+        return {
+            name: values_of(file, f"{layout.ALPHA_CURVE}/{name}", () if name == "alpha" else points)
+            for name in layout.ALPHA_COLUMNS
+            if name in group
+        }
+
+
+def side_view(path: Path, shape: Shape, along: Axis) -> SideView:
+    """Read what volume.h5 shows when looked at along x or along y; the slices themselves are not read.
+
+    Raises
+    ------
+    NotStored
+        The volume was written before side views were stored.
+    """
+    with reading_own(path) as file:
+        view = layout.side_view(along)
+        side_shape = _side_shape(shape, along)
+        data = dataset_at(file, f"{view}/data", side_shape, PACKED)
+        if data is None:
+            raise NotStored("no-side-view", "this volume was written without side views: reconstruct the scan again")
+        across = "y" if along == "x" else "x"
+        across_mm = values_of(file, f"{view}/{across}", side_shape[1:])
+        along_mm = values_at(file, f"{view}/z", side_shape[:1])
+        pixel_mm = float(across_mm[1] - across_mm[0])
+        return SideView(
+            data=read_packed(data, 0, len(data)),
+            across=across,
+            across_mm=_ends(across_mm, pixel_mm),
+            # One slice alone has no spacing: it is shown as thick as its pixels are wide.
+            along_mm=None if along_mm is None else _ends(along_mm, pixel_mm),
+            unit=unit_of(data),
+        )
+
+
+def _side_shape(shape: Shape, along: Axis) -> tuple[int, int]:
+    slices, x, y = shape
+    return slices, y if along == "x" else x
+
+
+def _ends(centres_mm: NDArray[np.float64], only_mm: float) -> tuple[float, float]:
+    """Half a spacing beyond the first and the last; `only_mm` is the spacing of one alone."""
+    half = 0.5 * float(centres_mm[1] - centres_mm[0] if len(centres_mm) > 1 else only_mm)
+    return float(centres_mm[0]) - half, float(centres_mm[-1]) + half

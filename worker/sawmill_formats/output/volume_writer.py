@@ -1,0 +1,224 @@
+"""Writing reconstructed volumes: HDF5 as NXtomoproc and as VTKHDF."""
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from sawmill_formats.hdf5 import whole_hdf5
+from sawmill_formats.nexus import PACKED, new_entry, new_group, write_mapping, write_process, write_scalar
+from sawmill_formats.output import volume_layout as layout
+from sawmill_formats.output.vtk_hdf import describe_image
+from sawmill_formats.packing import pack, write_chunk
+
+# Slices a chunk of the side views: about as many as are written at a time.
+SIDE_VIEW_ROWS = 64
+
+
+@dataclass(frozen=True, eq=False)
+class PackedSlices:
+    """Slices as they are stored.
+
+    Attributes
+    ----------
+    chunks : tuple of bytes
+        One a slice.
+    along_x, along_y : (slices, y), (slices, x) float32
+        What is densest in each slice along x, and along y.
+    """
+
+    chunks: tuple[bytes, ...]
+    along_x: NDArray[np.float32]
+    along_y: NDArray[np.float32]
+
+    @classmethod
+    def of(cls, slices: NDArray[np.float32]) -> "PackedSlices":
+        """Pack slices (slices, x, y)."""
+        single = slices.astype(np.float32, copy=False)
+        return cls(tuple(map(pack, single)), single.max(axis=1), single.max(axis=2))
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """The same as arrays of numbers."""
+        chunks = {f"chunk_{n}": np.frombuffer(chunk, np.uint8) for n, chunk in enumerate(self.chunks)}
+        return {"along_x": self.along_x, "along_y": self.along_y, **chunks}
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, NDArray[Any]]) -> "PackedSlices":
+        """Back from `arrays`; others among them are left alone."""
+        along_x, along_y = arrays["along_x"], arrays["along_y"]
+        return cls(tuple(arrays[f"chunk_{n}"].tobytes() for n in range(len(along_x))), along_x, along_y)
+
+
+class NewVolume:
+    """A volume that is being written, from any thread."""
+
+    def __init__(self, file: h5py.File) -> None:
+        self._file, self._volume = file, file[layout.PLOT][layout.VALUES]
+        self._along_x, self._along_y = _new_side_views(file)
+
+    def write(self, first: int, slices: NDArray[np.float32]) -> None:
+        """Write slices (slices, x, y), and what is densest in them from the side."""
+        self.write_packed(first, PackedSlices.of(slices))
+
+    def write_packed(self, first: int, slices: PackedSlices) -> None:
+        """As `write`."""
+        for n, chunk in enumerate(slices.chunks, first):
+            write_chunk(self._volume, n, chunk)
+        written = np.s_[first : first + len(slices.chunks)]
+        self._along_x[written], self._along_y[written] = slices.along_x, slices.along_y
+
+    def note_method(self, report: Mapping[str, Any]) -> None:
+        """Write down what the method did; JSON-able, the units in the names."""
+        write_mapping(self._file[layout.RECONSTRUCTION], "method", report)
+
+    def note_alpha_curve(self, columns: Mapping[str, NDArray[np.float64]]) -> None:
+        """Write down what a rule for Tikhonov's alpha saw, a column each."""
+        group = new_group(self._file, layout.ALPHA_CURVE, "NXcollection")
+        for name, values in columns.items():
+            group[name] = values
+
+
+@contextmanager
+def new_reconstruction(
+    path: Path,
+    shape: tuple[int, int, int],
+    *,
+    pixel_mm: float,
+    row_pitch_mm: float | None,
+    unit: str,
+    geometry: Mapping[str, Any],
+    parameters: Mapping[str, Any],
+    software_version: str,
+    input_sha256: str,
+    centre_mm: tuple[float, float] = (0.0, 0.0),
+    first_slice_mm: float = 0.0,
+) -> Iterator[NewVolume]:
+    """Yield what writes slices of a volume into /entry/reconstruction/data, laid out as NXtomoproc and as VTKHDF.
+
+    The volume is stored once: in /entry/data, where NXtomoproc wants it; /VTKHDF has a virtual dataset of it.
+    The file is there when the block has ended well, and not before.
+
+    Parameters
+    ----------
+    shape : (slice, x, y)
+        Of the whole volume.
+    pixel_mm : float
+        Side of a pixel.
+    row_pitch_mm : float or None
+        Distance between slices; None where they have no spacing, then the slice axis counts them.
+    unit : str
+        Of the volume's values, as in `1/mm`.
+    geometry, parameters : mapping
+        JSON-able, the units in the names.
+    software_version, input_sha256 : str
+        What made the volume, and from which scan.
+    centre_mm : (x, y)
+        Middle of the slices, the rotation centre at (0, 0).
+    first_slice_mm : float
+        Where the first slice lies along the log.
+
+    Raises
+    ------
+    OSError
+        When the file cannot be written.
+    """
+    with whole_hdf5(path) as file:
+        entry = new_entry(file, layout.DEFINITION)
+        entry["title"] = "Attenuation of a log, in slices {} x {} x {}".format(*shape)
+        x_mm, y_mm = (_centres_mm(size, pixel_mm) + middle for size, middle in zip(shape[1:], centre_mm, strict=True))
+        along = np.arange(shape[0], dtype=np.float64)
+        if row_pitch_mm is not None:
+            along = first_slice_mm + along * row_pitch_mm
+        volume = _new_volume(entry, unit, along, x_mm, y_mm, spaced=row_pitch_mm is not None)
+        spacing_mm = (row_pitch_mm or 1.0, pixel_mm, pixel_mm)
+        describe_image(volume, "attenuation", (along, x_mm, y_mm), spacing_mm)
+        _write_origin(entry)
+        process = write_process(file, layout.RECONSTRUCTION, software_version, input_sha256)
+        # The scan's file had a name where it came from; here it is known by its checksum.
+        write_mapping(process, "parameters", {**parameters, "raw_file": f"sha256:{input_sha256}"})
+        process["parameters"].attrs["NX_class"] = "NXparameters"
+        for dataset in (volume, *(file[layout.PLOT][axis] for axis in file[layout.PLOT].attrs["axes"])):
+            _link_to_process(dataset)
+        file[layout.PROCESS] = process
+        write_mapping(entry, "geometry", geometry)
+        yield NewVolume(file)
+
+
+def _new_volume(
+    entry: h5py.Group,
+    unit: str,
+    along: NDArray[np.float64],
+    x_mm: NDArray[np.float64],
+    y_mm: NDArray[np.float64],
+    *,
+    spaced: bool,
+) -> h5py.Dataset:
+    data = new_group(entry.file, layout.PLOT, "NXdata")
+    entry.attrs["default"] = "data"
+    data.attrs["signal"] = "data"
+    data.attrs["axes"] = ["z" if spaced else "slice", "x", "y"]
+    data["title"] = entry["title"]
+    shape = len(along), len(x_mm), len(y_mm)
+    volume: h5py.Dataset = data.create_dataset(
+        layout.VALUES, shape, np.float32, chunks=(1, *shape[1:]), **PACKED, fletcher32=True
+    )
+    volume.attrs["units"] = unit
+    volume.attrs["long_name"] = f"attenuation ({unit})"
+    # NXtomoproc asks, in texts, how values became numbers: they are stored as they are.
+    volume.attrs["transform"], volume.attrs["offset"], volume.attrs["scaling"] = "none", "0", "1"
+    write_scalar(data, "x", x_mm, "mm")
+    write_scalar(data, "y", y_mm, "mm")
+    if spaced:
+        write_scalar(data, "z", along, "mm")
+        data["z"].attrs["long_name"] = "z, along the log (mm)"
+    else:
+        write_scalar(data, "slice", along, "1")
+        data["slice"].attrs["long_name"] = "slice"
+        # NXtomoproc requires a z, in whatever unit.
+        data["z"] = data["slice"]
+    return volume
+
+
+def _link_to_process(dataset: h5py.Dataset) -> None:
+    """Under its own name, by a hard link."""
+    name = dataset.name.rpartition("/")[2]
+    dataset.file[layout.RECONSTRUCTION][name] = dataset
+
+
+def _new_side_views(file: h5py.File) -> list[h5py.Dataset]:
+    """The maximum of each slice along x, (slice, y), and along y, (slice, x), still to be written."""
+    volume = file[layout.PLOT]
+    slice_axis, x, y = volume.attrs["axes"]
+    new_group(file, layout.SIDE_VIEWS, "NXcollection")
+    datasets = []
+    for along, across in ((x, y), (y, x)):
+        view = new_group(file, layout.side_view(along), "NXdata")
+        view.attrs["signal"] = "data"
+        view.attrs["axes"] = [slice_axis, across]
+        view["title"] = f"Densest along {along}"
+        for axis in (slice_axis, across):
+            view[axis] = volume[axis]
+        shape = len(volume[slice_axis]), len(volume[across])
+        chunks = min(shape[0], SIDE_VIEW_ROWS), shape[1]
+        data = view.create_dataset("data", shape, np.float32, chunks=chunks, **PACKED, fletcher32=True)
+        for name in ("units", "long_name"):
+            data.attrs[name] = volume["data"].attrs[name]
+        datasets.append(data)
+    return datasets
+
+
+def _centres_mm(count: int, spacing_mm: float) -> NDArray[np.float64]:
+    # Pixel centres at -half + (i + 1/2) h: docs/conventions.md#axes.
+    return (np.arange(count, dtype=np.float64) + 0.5 - count / 2) * spacing_mm
+
+
+def _write_origin(entry: h5py.Group) -> None:
+    """What NXtomoproc wants to know of the source and the sample."""
+    source = new_group(new_group(entry, "instrument", "NXinstrument"), "source", "NXsource")
+    source["type"], source["name"], source["probe"] = "Fixed Tube X-ray", "X-ray tube of the sawmill's scanner", "x-ray"
+    new_group(entry, "sample", "NXsample")["name"] = "log"

@@ -1,0 +1,1 @@
+"""A job service: job store, attempts, ledger, keys, files, uploads, webhooks and backups."""

@@ -1,0 +1,1 @@
+"""Contracts of the job service, and the base of every contract."""

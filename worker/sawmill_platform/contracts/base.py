@@ -1,0 +1,159 @@
+"""The base of every contract, and the few types that many of them share."""
+
+import re
+from datetime import datetime
+from typing import Annotated, Any, Generic, TypeVar
+
+from pydantic import (
+    AfterValidator,
+    AwareDatetime,
+    BaseModel,
+    ConfigDict,
+    Field,
+    StringConstraints,
+    ValidationError,
+)
+
+from sawmill_platform.contracts import patterns
+from sawmill_vocabulary import LARGEST_MM
+
+
+class Contract(BaseModel):
+    """A frozen model that refuses unknown fields and non-finite numbers."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, str_strip_whitespace=True)
+
+
+Identifier = Annotated[
+    str,
+    StringConstraints(pattern=r"^[a-z0-9][a-z0-9-]{0,63}$"),
+    Field(description="Lower-case letters, digits and hyphens.", examples=["example"]),
+]
+Name = Annotated[
+    str,
+    StringConstraints(min_length=1, max_length=200),
+    Field(description="One line that is not blank.", json_schema_extra={"pattern": patterns.NAME}),
+]
+PositiveMm = Annotated[float, Field(gt=0, le=LARGEST_MM)]
+ChosenViews = Annotated[int, Field(ge=3, le=100_000)]
+# The bound of a number whose field has no closer one.
+LARGEST_NUMBER = 10**12
+Time = Annotated[AwareDatetime, Field(description="RFC 3339, UTC.", examples=["2026-03-02T05:30:00Z"])]
+
+
+_SPAN = re.compile(r"([0-9]{1,9}):([0-9]{1,9})(?::([0-9]{1,9}))?")
+
+
+def parse_span(what: str, text: str) -> slice:
+    """A:B or A:B:STEP as a slice.
+
+    Raises
+    ------
+    ValueError
+        The text is neither, or names nothing.
+    """
+    found = _SPAN.fullmatch(text)
+    first, last, step = (None if part is None else int(part) for part in found.groups()) if found else (0, 0, None)
+    if first is None or last is None or first >= last or step == 0:
+        msg = f"{what} must be A:B with 0 <= A < B, as in 0:16, or A:B:STEP, as in 0:2500:10, not {text!r}"
+        raise ValueError(msg)
+    return slice(first, last, step)
+
+
+def parse_rows(rows: str) -> slice:
+    """The rows of A:B or A:B:STEP."""
+    return parse_span("rows", rows)
+
+
+def _check_stepped_rows(text: str) -> str:
+    parse_rows(text)
+    return text
+
+
+def _check_rows(text: str) -> str:
+    if parse_rows(text).step is not None:
+        msg = f"rows that are averaged must be A:B, without a step, not {text!r}"
+        raise ValueError(msg)
+    return text
+
+
+Rows = Annotated[
+    str,
+    AfterValidator(_check_rows),
+    Field(
+        description="Detector rows A:B with A < B, the first included, the last not.",
+        examples=["0:16"],
+        json_schema_extra={"pattern": patterns.ROWS},
+    ),
+]
+SteppedRows = Annotated[
+    str,
+    AfterValidator(_check_stepped_rows),
+    Field(
+        description="Detector rows A:B, the first included, the last not, or every STEP-th of them, A:B[:STEP].",
+        examples=["0:16", "0:2500:10"],
+        json_schema_extra={"pattern": patterns.STEPPED_ROWS},
+    ),
+]
+
+
+def complaint(error: ValidationError) -> str:
+    """A contract's first complaint."""
+    first = error.errors()[0]
+    # Pydantic has other words for a field that a dataclass does not have.
+    if first["type"] == "unexpected_keyword_argument":
+        return "Extra inputs are not permitted"
+    return first["msg"].removeprefix("Value error, ")
+
+
+def placed_complaint(error: ValidationError) -> str:
+    """A contract's first complaint, after the place of the value."""
+    place = ".".join(str(part) for part in error.errors()[0]["loc"])
+    return f"{place}: {complaint(error)}" if place else complaint(error)
+
+
+def check_range(value: tuple[float, float]) -> tuple[float, float]:
+    """Refuse what is no [low, high]."""
+    if not value[0] < value[1]:
+        msg = f"a range must be [low, high] with low < high, not {list(value)}"
+        raise ValueError(msg)
+    return value
+
+
+def _check_square(rows: list[list[float]]) -> list[list[float]]:
+    lengths = [len(row) for row in rows]
+    if not rows or lengths != [len(rows)] * len(rows):
+        msg = f"a covariance must have as many numbers in each row as it has rows, not {lengths} in {len(rows)} rows"
+        raise ValueError(msg)
+    return rows
+
+
+Covariance = Annotated[list[list[float]], AfterValidator(_check_square)]
+
+
+Item = TypeVar("Item")
+
+
+class Page(Contract, Generic[Item]):
+    """One page of a list, newest first; `next` is the cursor of the following page."""
+
+    model_config = ConfigDict(json_schema_extra={"description": "One page of a list, newest first."})
+
+    @classmethod
+    def model_parametrized_name(cls, params: tuple[Any, ...]) -> str:
+        """As pydantic asks for it: `ScanPage` for pages of `Scan`."""
+        return f"{params[0].__name__}Page"
+
+    items: list[Item] = Field(description="Those of this page, newest first.")
+    next: str | None = Field(
+        None,
+        description="Pass as `after` to get the following page; null on the last.",
+        examples=["1772429400000000.example"],
+    )
+
+
+class Stamped(Contract):
+    """What every stored resource carries."""
+
+    id: Identifier = Field(description="The resource's id, which the service gives.", examples=["example"])
+    created_at: datetime = Field(description="When it was created, RFC 3339, UTC.", examples=["2026-03-02T05:30:00Z"])

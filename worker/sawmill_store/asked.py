@@ -1,0 +1,178 @@
+"""Asks that a job answers: one store for every kind that declares itself (`sawmill_contracts/kinds.py`).
+
+A kind's rows stand in the table `asked`. The four kinds of the first versions keep tables of their own, so that no
+stored row had to move: `tables.OWN_TABLES` names them.
+"""
+
+from collections.abc import Collection, Mapping
+from datetime import datetime
+from types import MappingProxyType
+from typing import Any, Generic
+
+from sqlalchemy import Select, select
+from sqlalchemy.orm import Session
+
+from sawmill_contracts.jobs import JobState, Priority
+from sawmill_contracts.kinds import Answer, Ask, AskedKind
+from sawmill_platform.contracts.base import Page
+from sawmill_store.asked_rows import found_asked, read_asked
+from sawmill_store.database import Database
+from sawmill_store.files import FileStore
+from sawmill_store.paging import created_between, narrowed, new_id, read_page, refuse_taken
+from sawmill_store.places import Places
+from sawmill_store.queueing import queue_job
+from sawmill_store.references import looked_up
+from sawmill_store.scan_extent import refuse_beyond_scan
+from sawmill_store.tables import OWN_TABLES, Answered, JobRow, table_of
+
+NOTHING: Mapping[str, str] = MappingProxyType({})
+
+
+class Asked(Generic[Ask, Answer]):
+    """What was asked of one kind; every method is one transaction.
+
+    Parameters
+    ----------
+    database, files, places
+        Where the rows are, what jobs leave beside them, and how many may wait.
+    declared
+        The kind's declaration.
+    """
+
+    def __init__(self, database: Database, files: FileStore, places: Places, declared: AskedKind[Ask, Answer]) -> None:
+        self._database = database
+        self._files = files
+        self._places = places
+        self._declared = declared
+
+    def accept(
+        self,
+        ask: Ask,
+        *,
+        identifier: str | None = None,
+        job_id: str | None = None,
+        priority: Priority = Priority.WAITED_FOR,
+        given: Mapping[str, str] = NOTHING,
+    ) -> Answer:
+        """Queue a job, which waits while other jobs make what it refers to.
+
+        Parameters
+        ----------
+        ask
+            What is asked for.
+        identifier, job_id
+            Fixed ids; null for new ones.
+        priority
+            Which jobs go before it.
+        given
+            References that the ask itself does not hold, by the names of their columns, as `phantom_id`.
+
+        Raises
+        ------
+        NotFound
+            There is nothing that a reference names.
+        Conflict
+            What a reference names cannot be used, nothing is named where something must be, or an id is taken.
+        Invalid
+            The scan has been read, and lacks rows or views that are asked for.
+        QueueFull
+            As many jobs wait as may.
+        """
+        with self._database.write() as session:
+            row = self.queue(
+                session,
+                ask,
+                self._database.now(),
+                identifier=identifier,
+                job_id=job_id,
+                priority=priority,
+                given=given,
+            )
+            refuse_beyond_scan(session, row, ask)
+            return self._read(row)
+
+    def queue(
+        self,
+        session: Session,
+        ask: Ask,
+        now: datetime,
+        *,
+        identifier: str | None = None,
+        job_id: str | None = None,
+        priority: Priority = Priority.WAITED_FOR,
+        given: Mapping[str, str] = NOTHING,
+    ) -> Answered:
+        """Write a row and its job inside the caller's transaction; the rest is as in `accept`."""
+        declared = self._declared
+        table, identifier = table_of(declared.kind), identifier or new_id()
+        refuse_taken(session, table, declared.noun, identifier)
+        known, needs = looked_up(session, declared.references, ask.model_dump(mode="json") | dict(given))
+        options = declared.options.model_validate(
+            {name: known[name] for name in declared.options.model_fields if name in known}
+        )
+        job = queue_job(
+            session,
+            declared.kind,
+            identifier,
+            now,
+            short=declared.is_short(options),
+            scanner_id=known.get("scanner_id"),
+            needs=needs,
+            job_id=job_id,
+            priority=priority,
+        )
+        row = table(
+            id=identifier,
+            created_at=now,
+            options=options.model_dump(mode="json"),
+            job_id=job.id,
+            **{name: known[name] for name in table.own_columns() if name in known},
+        )
+        session.add(row)
+        session.flush()
+        session.refresh(row, ["job"])
+        self._places.take(session, job)
+        return row
+
+    def get(self, identifier: str) -> Answer:
+        """One of them, or `NotFound`."""
+        with self._database.read() as session:
+            return self._read(found_asked(session, self._declared, identifier))
+
+    def page(
+        self,
+        *,
+        state: JobState | None = None,
+        created_from: datetime | None = None,
+        created_before: datetime | None = None,
+        after: str | None = None,
+        limit: int = 50,
+        **references: str | None,
+    ) -> Page[Answer]:
+        """Newest first, narrowed by state, span of time and references' ids such as `scan_id`; null takes any."""
+        table = table_of(self._declared.kind)
+        columns = {getattr(table, name): wanted for name, wanted in references.items()}
+        statement = narrowed(_rows(self._declared, state), columns)
+        statement = created_between(statement, table, created_from, created_before)
+        with self._database.read() as session:
+            return read_page(session, statement, table, self._read, after=after, limit=limit)
+
+    def several(self, identifiers: Collection[str]) -> dict[str, Answer]:
+        """Those of these ids that there are."""
+        statement = _rows(self._declared).where(table_of(self._declared.kind).id.in_(identifiers))
+        with self._database.read() as session:
+            return {row.id: self._read(row) for row in session.scalars(statement)}
+
+    def _read(self, row: Answered) -> Answer:
+        return read_asked(self._declared, row)
+
+
+def _rows(declared: AskedKind[Any, Any], *states: JobState | None) -> Select[Any]:
+    """Of a kind, in any state or in one of these; jobs are looked up only where they decide."""
+    table, wanted = table_of(declared.kind), [state for state in states if state is not None]
+    statement = select(table)
+    if wanted or declared.kind not in OWN_TABLES:
+        statement = statement.join(table.job)
+    if declared.kind not in OWN_TABLES:
+        statement = statement.where(JobRow.kind == declared.kind)
+    return statement.where(JobRow.state.in_(wanted)) if wanted else statement

@@ -1,0 +1,30 @@
+"""Finding and reading the row of what was asked for."""
+
+from typing import Any
+
+from sqlalchemy.orm import Session
+
+from sawmill_contracts.kinds import Answer, AskedKind
+from sawmill_store.errors import NotFound
+from sawmill_store.tables import Answered, table_of
+
+
+def found_asked(session: Session, declared: AskedKind[Any, Any], identifier: str) -> Answered:
+    """The row with this id.
+
+    Raises
+    ------
+    NotFound
+        There is none of this kind.
+    """
+    row = session.get(table_of(declared.kind), identifier)
+    if row is None or row.job.kind is not declared.kind:
+        raise NotFound(declared.noun, identifier)
+    return row
+
+
+def read_asked(declared: AskedKind[Any, Answer], row: Answered) -> Answer:
+    """The row as its kind answers, with what its job's row has of it."""
+    columns = {column.key: getattr(row, column.key) for column in row.__table__.columns}
+    of_job = {name: getattr(row.job, name) for name in ("state", "failure")}
+    return declared.read(columns | of_job)

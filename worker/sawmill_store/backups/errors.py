@@ -1,0 +1,7 @@
+"""What a backup or a restore cannot do as things are."""
+
+from sawmill_store.errors import StorageError
+
+
+class Refused(StorageError):  # noqa: N818 - an outcome
+    """Something stands in its way; the sentence says what to change."""

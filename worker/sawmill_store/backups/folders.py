@@ -1,0 +1,81 @@
+"""A folder of backups: one is written at a time, and what a killed one left goes."""
+
+import fcntl
+import re
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import datetime
+from pathlib import Path
+
+from sawmill_store.backups.errors import Refused
+
+_NAME = re.compile(r"sawmill-\d{8}T\d{6}Z(-\d+)?")
+_PARTIAL = ".partial"
+_LOCK = ".sawmill-backups.lock"
+
+
+@contextmanager
+def alone_in(into: Path) -> Iterator[None]:
+    """Be the only one who writes backups into a folder.
+
+    Raises
+    ------
+    Refused
+        Somebody else does.
+    """
+    with (into / _LOCK).open("w") as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            raise Refused(f"another backup into {str(into)!r} is being written: wait for it") from error
+        for left in into.glob(f".sawmill-*{_PARTIAL}"):
+            shutil.rmtree(left)
+        yield
+
+
+def backups_in(into: Path) -> list[Path]:
+    """Those that are whole, the oldest first."""
+    return sorted(path for path in into.iterdir() if _NAME.fullmatch(path.name) and path.is_dir())
+
+
+def new_name(into: Path, taken_at: datetime) -> Path:
+    """For one that begins now."""
+    first = into / f"sawmill-{taken_at:%Y%m%dT%H%M%SZ}"
+    path, number = first, 1
+    while path.exists():
+        number += 1
+        path = first.with_name(f"{first.name}-{number}")
+    return path
+
+
+def partial_of(path: Path) -> Path:
+    """What a backup is called until it is whole, and while it is removed."""
+    return path.with_name(f".{path.name}{_PARTIAL}")
+
+
+def remove_older(into: Path, keep: int, taken: Path) -> list[Path]:
+    """Remove all backups but the newest ones; what shares files with them stays whole.
+
+    Parameters
+    ----------
+    taken
+        The one that was just taken: it stays and counts, also where a wrong clock has named others by later times.
+
+    Returns
+    -------
+    list of Path
+        What was removed.
+
+    Raises
+    ------
+    Refused
+        Another backup is being written there.
+    """
+    with alone_in(into):
+        others = [path for path in backups_in(into) if path.name != taken.name]
+        old = others[: max(len(others) + 1 - keep, 0)]
+        for path in old:
+            path.rename(partial_of(path))
+            shutil.rmtree(partial_of(path))
+    return old

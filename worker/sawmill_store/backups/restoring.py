@@ -1,0 +1,243 @@
+"""Restoring a backup into an empty data folder and an empty database, of either kind.
+
+Everything is put together in `restoring/` of the data folder, and no store opens as long as that is there. Then the
+files get their places, the rows are committed, and the folder goes. Who is killed before that gives the command again:
+where the rows were committed, nothing else is missing; otherwise it begins anew.
+"""
+
+import fcntl
+import shutil
+import sqlite3
+from collections.abc import Iterator
+from contextlib import closing, contextmanager, suppress
+from datetime import UTC, datetime
+from pathlib import Path
+from uuid import uuid4
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from sawmill_contracts.events import EventKind
+from sawmill_contracts.jobs import JobState
+from sawmill_platform.whole_files import flush, flushed_file_system
+from sawmill_store.backups.checking import Checked, Reporter, compare
+from sawmill_store.backups.copying import check_room_for, copy
+from sawmill_store.backups.errors import Refused
+from sawmill_store.backups.manifest import DATA, FOLDERS, Entry, Manifest, open_plain
+from sawmill_store.backups.row_contracts import refuse_unfit_row
+from sawmill_store.backups.rows import go_on_counting, read_rows
+from sawmill_store.database import Database, has_tables, is_known, newest_revision
+from sawmill_store.engines import make_engine
+from sawmill_store.errors import Damaged
+from sawmill_store.events import record, record_restored
+from sawmill_store.files import IDENTITY, RESTORING
+from sawmill_store.folder_identity import write_identity
+from sawmill_store.jobs import requeue
+from sawmill_store.settings import StorageSettings
+from sawmill_store.tables import JobRow
+from sawmill_vocabulary import ProgressCallback
+from sawmill_vocabulary.version import VERSION
+
+_LOCK = "lock"
+# What is in an empty data folder: of a disk of its own, and of who looks whether it is served.
+_NOTHING = {"lost+found", "serve.lock"}
+
+
+def check_empty(settings: StorageSettings) -> bool:
+    """Check that a restore may begin; what a killed one left may be there.
+
+    Returns
+    -------
+    bool
+        Whether a killed one had committed all rows.
+
+    Raises
+    ------
+    Refused
+        Something is there.
+    StorageUnavailable
+        The database does not answer.
+    """
+    folder, file = settings.data_folder, settings.database_file
+    left = (folder / RESTORING).exists()
+    more = sorted({path.name for path in folder.iterdir()} - _NOTHING) if folder.is_dir() and not left else []
+    if more:
+        msg = f"{str(folder)!r} is not empty ({', '.join(more[:3])}): a backup is restored into an empty folder alone"
+        raise Refused(msg)
+    is_filled = _is_filled(settings)
+    if is_filled and not (left and _is_emptied(folder / RESTORING / DATA)):
+        where = "the database of SAWMILL_DATABASE_URL" if file is None else repr(str(file))
+        raise Refused(f"{where} is not empty: a backup is restored into an empty database alone")
+    return is_filled
+
+
+def restore(backup: Path, settings: StorageSettings, on_progress: ProgressCallback) -> Manifest | None:
+    """Restore a backup, every sum compared.
+
+    Returns
+    -------
+    Manifest or None
+        Of the backup. None: an earlier command had put everything in its place before it was killed, and this one
+        did the rest.
+
+    Raises
+    ------
+    Refused
+        The folder or the database is not empty, another restore goes on, or the backup is of a later version.
+    Damaged
+        The backup is not as it was written: nothing is restored.
+    StorageFull, StorageUnavailable, OSError
+        The data folder or the database cannot be written to: nothing is restored.
+    """
+    checked, is_filled = _checked(backup), check_empty(settings)
+    folder = settings.data_folder.absolute()
+    with _alone_in(folder):
+        if is_filled:
+            manifest = None
+        else:
+            manifest = checked.manifest
+            _clear(folder, settings)
+            _restore(checked, folder, settings, on_progress)
+        shutil.rmtree(folder / RESTORING)
+    flush(folder)
+    return manifest
+
+
+@contextmanager
+def _alone_in(folder: Path) -> Iterator[None]:
+    """Keep stores of the folder from opening, also after this process was killed, and other restores away."""
+    (folder / RESTORING).mkdir(parents=True, exist_ok=True)
+    flush(folder)
+    with (folder / RESTORING / _LOCK).open("w") as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            raise Refused(f"another restore into {str(folder)!r} goes on: wait for it") from error
+        yield
+
+
+def _restore(backup: Checked, folder: Path, settings: StorageSettings, on_progress: ProgressCallback) -> None:
+    manifest, decided = backup.manifest, False
+    file = settings.database_file
+    to_url = settings.url if file is None else f"sqlite:///{_unfinished(file)}"
+    target = Database(make_engine(to_url, settings.database_password_file))
+    try:
+        with flushed_file_system(folder / RESTORING):
+            _copy_files(backup, folder / RESTORING / DATA, settings.disk_reserve_bytes, on_progress)
+        with target.filled(manifest.revision, lambda to: read_rows(to, backup.folder, manifest.tables)) as session:
+            refuse_unfit_row(session, backup.folder)
+            _take_jobs_back(session, backup)
+            write_identity(session, folder / RESTORING / DATA, uuid4().hex)
+            for path in (folder / RESTORING / DATA).iterdir():
+                path.rename(folder / path.name)
+            flush(folder)
+            # By the commit or SQLite's new name, which may have come through where an error follows: a retry finds out.
+            decided = True
+        target.engine.dispose()
+        if file is not None:
+            _put_in_place(_unfinished(file), file)
+    except BaseException:
+        target.engine.dispose()
+        if not decided:
+            _clear(folder, settings)
+            shutil.rmtree(folder / RESTORING)
+        raise
+
+
+def _unfinished(file: Path) -> Path:
+    """What SQLite's file is called until all rows are in it."""
+    return file.with_name(f"{file.name}.restoring")
+
+
+def _put_in_place(unfinished: Path, file: Path) -> None:
+    with closing(sqlite3.connect(unfinished)) as connection:
+        busy, *_ = connection.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()
+    if busy or file.exists():
+        raise Refused(f"another process uses {str(file)!r}: end it, and restore once more")
+    unfinished.with_name(f"{unfinished.name}.lock").unlink()
+    unfinished.rename(file)
+    flush(file.parent)
+
+
+def _is_filled(settings: StorageSettings) -> bool:
+    """Whether the database has tables; SQLite's file is not made for the question."""
+    if settings.database_file is not None:
+        return settings.database_file.exists()
+    database = Database(make_engine(settings.url, settings.database_password_file))
+    try:
+        with database.snapshot() as connection:
+            return has_tables(connection)
+    finally:
+        database.engine.dispose()
+
+
+def _is_emptied(data: Path) -> bool:
+    """Whether all files have got their places, as they have before rows are committed; rows are another's otherwise."""
+    return not any(data.glob("*"))
+
+
+def _clear(folder: Path, settings: StorageSettings) -> None:
+    """Remove what a restore has put together so far."""
+    for path in (*(folder / name for name in FOLDERS), folder / RESTORING / DATA):
+        if path.exists():
+            shutil.rmtree(path)
+    (folder / IDENTITY).unlink(missing_ok=True)
+    if (file := settings.database_file) is not None:
+        for path in file.parent.glob(f"{_unfinished(file).name}*"):
+            path.unlink()
+
+
+def _checked(backup: Path) -> Checked:
+    checked = Checked(backup)
+    if not is_known(checked.manifest.revision):
+        theirs = f"version {checked.manifest.version} with tables of revision {checked.manifest.revision}"
+        ours = f"version {VERSION}, knows revision {newest_revision()}"
+        msg = f"the backup was taken by {theirs}, and this program, {ours}: install version {checked.manifest.version}"
+        raise Refused(msg)
+    problems = list(checked.problems().values())
+    if problems:
+        more = f" (and {len(problems) - 1} more: sawmill restore --check names them)" if len(problems) > 1 else ""
+        raise Damaged(f"{problems[0]}{more}")
+    return checked
+
+
+def _copy_files(backup: Checked, into: Path, reserve_bytes: int, on_progress: ProgressCallback) -> None:
+    into.mkdir()
+    check_room_for(into, sum(_sizes(backup).values()), "the restored service", reserve_bytes=reserve_bytes)
+    report = Reporter(backup.entries, on_progress)
+    names = dict[tuple[int, str], Path]()
+    for entry in backup.entries:
+        target = into / entry.path
+        target.parent.mkdir(parents=True, exist_ok=True)
+        if entry.sha256 is None:
+            target.mkdir()
+            continue
+        status = backup.statuses[f"{DATA}/{entry.path}"]
+        if (twin := names.get((status.st_ino, entry.sha256))) is not None:
+            with suppress(OSError):  # no links: it is copied
+                target.hardlink_to(twin)
+                report(entry.size_bytes)
+                continue
+        _copy(backup.folder, entry, target, report)
+        if status.st_nlink > 1:
+            names[status.st_ino, entry.sha256] = target
+
+
+def _sizes(backup: Checked) -> dict[object, int]:
+    """By file, whatever its number of names."""
+    return {status.st_ino: status.st_size for status in backup.statuses.values()}
+
+
+def _copy(backup: Path, entry: Entry, target: Path, report: Reporter) -> None:
+    with open_plain(backup / DATA / entry.path) as reading:
+        compare(entry, copy(reading, target, report, mtime_ns=entry.mtime_ns))
+
+
+def _take_jobs_back(session: Session, backup: Checked) -> None:
+    """Queue what ran: its workers are not here."""
+    now = datetime.now(UTC)
+    record_restored(session, now, {"taken_at": backup.manifest.taken_at.isoformat(), "backup": backup.folder.name})
+    go_on_counting(session.connection())
+    for job in session.scalars(select(JobRow).where(JobRow.state == JobState.RUNNING)).all():
+        record(session, now, EventKind.GIVEN_BACK, job)
+        requeue(job)

@@ -1,0 +1,248 @@
+"""Rows read by the contracts with which the service answers, so that none is restored that it cannot answer with."""
+
+from collections.abc import Callable, Mapping
+from datetime import datetime
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+from pydantic import BaseModel, TypeAdapter, ValidationError
+from sqlalchemy import inspect, select, type_coerce
+from sqlalchemy.exc import NoResultFound
+from sqlalchemy.orm import Session
+from sqlalchemy.types import NullType
+
+from sawmill_contracts.alarms import Alarm, AlarmKind
+from sawmill_contracts.events import Event, EventKind
+from sawmill_contracts.jobs import JobKind, JobState
+from sawmill_contracts.kinds import AskedKind, declaration_of
+from sawmill_contracts.phantoms import PhantomState, StoredPhantom
+from sawmill_contracts.scanner_drift import PooledDrift
+from sawmill_contracts.scans import Scan, ScanState
+from sawmill_contracts.schedules import Schedule
+from sawmill_platform.contracts.base import placed_complaint
+from sawmill_store.alarms import read_alarm
+from sawmill_store.asked_rows import read_asked
+from sawmill_store.audit import read_audit_entry
+from sawmill_store.backups.manifest import ROWS
+from sawmill_store.backups.rows import line_of
+from sawmill_store.drift_charts import read_chart
+from sawmill_store.due_times import next_due
+from sawmill_store.errors import Damaged, Invalid
+from sawmill_store.event_reader import read_event
+from sawmill_store.history import read_entry
+from sawmill_store.jobs import read_job
+from sawmill_store.keys import read_key
+from sawmill_store.measurements import read_measurement
+from sawmill_store.phantoms import picture_of, read_phantom
+from sawmill_store.repeats import Answer, Kept, read_kept
+from sawmill_store.retention import read_retention
+from sawmill_store.scanners import read_scanner
+from sawmill_store.scans import read_scan
+from sawmill_store.schedules import read_schedule, read_schedule_run
+from sawmill_store.tables import (
+    ActivationRow,
+    AlarmRow,
+    Answered,
+    AskedRow,
+    AuditRow,
+    Base,
+    CalibrationRow,
+    DeliveryRow,
+    DriftChartRow,
+    DriftRow,
+    EventRow,
+    HistoryRow,
+    JobDependencyRow,
+    JobRow,
+    KeyRow,
+    MeasurementRow,
+    PhantomRow,
+    PlanRow,
+    ReconstructionRow,
+    RepeatRow,
+    RetentionRow,
+    ScannerRow,
+    ScanRow,
+    ScheduleRow,
+    ScheduleRunRow,
+    SenderRow,
+    UploadRow,
+    WebhookRow,
+    table_of,
+)
+from sawmill_store.uploads import read_upload
+from sawmill_store.webhooks import read_delivery, read_webhook
+
+_BATCH = 500
+# What reading a row raises where a value does not fit. A database that does not answer raises others.
+_UNFIT = (ArithmeticError, AttributeError, LookupError, TypeError, ValueError, NoResultFound, Invalid)
+_OBJECT = TypeAdapter(dict[str, object])
+_ANSWER = TypeAdapter(Answer)
+_OF_CLOCKS = {EventKind.CLOCK_OFF, EventKind.CLOCK_STEPPED}
+# What pages show of an open alarm.
+_OF_ALARMS = {
+    AlarmKind.NO_PHANTOM_SCAN: ("last_at", "limit_hours"),
+    AlarmKind.SCANNER_QUIET: ("last_at", "limit_hours"),
+    AlarmKind.PHANTOM_EXPIRED: ("phantom_id", "expired_on"),
+    AlarmKind.DRIFT: ("drift",),
+}
+
+Read = Callable[[Session, Any], object]
+
+
+def refuse_unfit_row(session: Session, folder: Path) -> None:
+    """Read all rows, whose tables are up to date, by their contracts.
+
+    Parameters
+    ----------
+    folder
+        The backup from which the rows came, for the line.
+
+    Raises
+    ------
+    Damaged
+        The service could not answer with a row.
+    """
+    for kind, read in READ.items():
+        if _refused(session, kind, read, _BATCH) is None:
+            continue
+        # Loading may refuse a value for a whole batch: the second time rows are loaded one by one.
+        number, error = _refused(session, kind, read, 1) or (0, None)
+        columns = inspect(kind).primary_key
+        keys = select(*(type_coerce(column, NullType()).label(column.name) for column in columns)).order_by(*columns)
+        key = dict(session.execute(keys.offset(number).limit(1)).mappings().one())
+        line = line_of(folder, kind.__tablename__, key)
+        made = f"the row {key} of {kind.__tablename__}, which was brought up to date,"
+        where = made if line is None else f"line {line} of {ROWS}/{kind.__tablename__}.jsonl"
+        raise Damaged(f"{where} is refused: {_complaint(error)}") from error
+
+
+def _refused(session: Session, kind: type[Base], read: Read, batch: int) -> tuple[int, Exception] | None:
+    """Read the rows of a table in the order of their keys: the number of rows before the first refused one, and why."""
+    rows = select(kind).order_by(*inspect(kind).primary_key).execution_options(yield_per=batch)
+    number = 0
+    try:
+        for row in session.scalars(rows):
+            answer = read(session, row)
+            if isinstance(answer, BaseModel):
+                answer.model_dump_json()  # some texts and nested values can be read and not be written
+            number += 1
+    except _UNFIT as error:
+        return number, error
+    return None
+
+
+def _complaint(error: Exception | None) -> str:
+    if isinstance(error, ValidationError):
+        return f"{placed_complaint(error)}, not {error.errors()[0]['input']!r:.100}"
+    return f"it lacks {error}" if isinstance(error, KeyError) else " ".join(str(error).split())
+
+
+class _DetailOfAttempt(BaseModel, strict=True):
+    """What pages show of the detail of an event of a job."""
+
+    peak_memory_bytes: int = 0
+
+
+class _DetailOfClock(BaseModel, strict=True):
+    """What pages show of the detail of an event of a clock."""
+
+    off_s: float
+
+
+def _read_event(_: Session, row: EventRow) -> Event:
+    shown = _DetailOfClock if row.what in _OF_CLOCKS else _DetailOfAttempt
+    shown.model_validate(row.detail or {})
+    return read_event(row)
+
+
+def _read_scan(_: Session, row: ScanRow) -> Scan:
+    _check_result(row.state is ScanState.READY, row.reading)
+    if row.reading is not None:
+        declaration_of(JobKind.INGEST).result.model_validate(row.reading)
+    return read_scan(row)
+
+
+def _read_phantom(_: Session, row: PhantomRow) -> StoredPhantom:
+    _check_result(row.state is PhantomState.READY, row.drawing)
+    if row.picture is not None:
+        picture_of(row)
+    return read_phantom(row)
+
+
+def _read_asked(_: Session, row: Answered) -> object:
+    declared = declaration_of(row.job.kind)
+    if not isinstance(declared, AskedKind) or not isinstance(row, table_of(declared.kind)):
+        msg = f"job_id: {row.job_id!r} is a job of the kind {row.job.kind}"
+        raise TypeError(msg)
+    if row.job.subject_id != row.id:
+        msg = f"job_id: {row.job_id!r} is a job of {row.job.subject_id!r}"
+        raise ValueError(msg)
+    _check_result(row.job.state is JobState.SUCCEEDED, row.result)
+    declared.options.model_validate(row.options)
+    return read_asked(declared, row)
+
+
+def _check_result(has_succeeded: bool, result: object) -> None:  # noqa: FBT001 - the first of two
+    if has_succeeded != (result is not None):
+        msg = "its job has succeeded, and it has no result" if has_succeeded else "it has a result without a success"
+        raise ValueError(msg)
+
+
+def _read_alarm(_: Session, row: AlarmRow) -> Alarm:
+    for name in _OF_ALARMS[row.what]:
+        if getattr(row, name) is None:
+            msg = f"{name}: an alarm {row.what} has one, not null"
+            raise ValueError(msg)
+    return read_alarm(row)
+
+
+def _read_chart(session: Session, row: DriftChartRow) -> PooledDrift:
+    _OBJECT.validate_python(row.state)
+    if row.alarm is not None:
+        datetime.fromisoformat(row.alarm["at"])
+    return read_chart(session, row)
+
+
+def _read_schedule(session: Session, row: ScheduleRow) -> Schedule:
+    next_due(row.cron, row.time_zone, row.created_at)
+    return read_schedule(session, row)
+
+
+def _read_repeat(_: Session, row: RepeatRow) -> Kept:
+    _ANSWER.validate_python(row.answer)
+    return read_kept(row)
+
+
+def _load(_: Session, row: Base) -> Base:
+    """Take a row that is loaded: its columns and foreign keys are all that there is to it."""
+    return row
+
+
+READ: Mapping[type[Base], Read] = MappingProxyType(
+    {
+        JobRow: lambda _, row: read_job(row),
+        JobDependencyRow: _load,
+        EventRow: _read_event,
+        ScannerRow: read_scanner,
+        PhantomRow: _read_phantom,
+        ScanRow: _read_scan,
+        UploadRow: lambda _, row: read_upload(row),
+        **dict.fromkeys((AskedRow, CalibrationRow, ReconstructionRow, DriftRow, PlanRow), _read_asked),
+        ActivationRow: _load,
+        MeasurementRow: lambda _, row: read_measurement(row),
+        DriftChartRow: _read_chart,
+        HistoryRow: lambda _, row: read_entry(row, None, stored=False),
+        ScheduleRow: _read_schedule,
+        ScheduleRunRow: lambda _, row: read_schedule_run(row),
+        AlarmRow: _read_alarm,
+        RetentionRow: lambda _, row: read_retention(row, row.changed_at),
+        KeyRow: lambda _, row: read_key(row),
+        WebhookRow: read_webhook,
+        DeliveryRow: lambda _, row: read_delivery(row),
+        SenderRow: _load,
+        RepeatRow: _read_repeat,
+        AuditRow: lambda _, row: read_audit_entry(row),
+    }
+)

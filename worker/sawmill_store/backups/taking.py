@@ -1,0 +1,169 @@
+"""Taking a backup while the service runs.
+
+Files are never changed once rows name them, but they may be removed. So the rows of one instant are read first, then
+what they name is copied; where something has gone meanwhile, both are done once more, and what was copied stays. Each
+look takes as long as what is new since the one before, so it ends soon. Nothing keeps the service from its work.
+"""
+
+import shutil
+import time
+from collections.abc import Mapping
+from contextlib import suppress
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import NamedTuple
+
+from sqlalchemy import inspect
+
+from sawmill_platform.whole_files import flush_names, flushed_file_system
+from sawmill_store.backups.errors import Refused
+from sawmill_store.backups.folders import alone_in, backups_in, new_name, partial_of
+from sawmill_store.backups.laying import Laying
+from sawmill_store.backups.manifest import (
+    DATA,
+    FILES,
+    ROWS,
+    Entry,
+    Manifest,
+    Table,
+    read_entries,
+    read_manifest,
+    summed,
+    write_entry,
+    write_manifest,
+)
+from sawmill_store.backups.named_files import Named, look_for, named_by
+from sawmill_store.backups.rows import write_rows
+from sawmill_store.database import Database, known_revision
+from sawmill_store.engines import make_engine
+from sawmill_store.errors import Damaged, StorageUnavailable
+from sawmill_store.files import refuse_half_restored
+from sawmill_store.folder_identity import check_identity
+from sawmill_store.settings import StorageSettings
+from sawmill_store.tables import DataFolderRow
+from sawmill_vocabulary import ProgressCallback
+from sawmill_vocabulary.version import VERSION
+
+_MOST_LOOKS = 20
+# For what is lacking because it is just being removed: its row goes with the next look.
+_PAUSE_S = 1.0
+
+
+class Taken(NamedTuple):
+    """A backup that is whole.
+
+    Attributes
+    ----------
+    path : Path
+        Its folder.
+    manifest : Manifest
+        What it is of.
+    copied_bytes : int
+        Of its files; the others are second names of an earlier backup's.
+    """
+
+    path: Path
+    manifest: Manifest
+    copied_bytes: int
+
+
+def take_backup(settings: StorageSettings, into: Path, on_progress: ProgressCallback) -> Taken:
+    """Take a backup into a folder that is there, under a name with its time.
+
+    Raises
+    ------
+    Refused
+        There is nothing to back up, the folder is not there or lies in the data folder, or another backup is taken.
+    StorageFull, StorageUnavailable
+        There is no room for it, the database does not answer, or the data folder is not the database's.
+    OSError
+        The folder cannot be written to, or the data folder not be read.
+    """
+    folder = settings.data_folder.absolute()
+    _check(settings, folder, into)
+    with alone_in(into):
+        path = new_name(into, datetime.now(UTC))
+        part = partial_of(path)
+        part.mkdir(mode=0o700)
+        database = Database(make_engine(settings.url, settings.database_password_file))
+        try:
+            with flushed_file_system(part):
+                laying = Laying(folder, part / DATA, _earlier(into), on_progress)
+                manifest = _fill(database, part, laying)
+        except BaseException:
+            shutil.rmtree(part)
+            raise
+        finally:
+            database.engine.dispose()
+        part.rename(path)
+        flush_names(into)
+    return Taken(path, manifest, laying.copied_bytes)
+
+
+def _check(settings: StorageSettings, folder: Path, into: Path) -> None:
+    refuse_half_restored(folder)
+    if not settings.is_made:
+        raise Refused(f"there is no service's data in {str(folder)!r}: give its folder with --data")
+    if not into.is_dir():
+        msg = f"there is no folder {str(into)!r}: make it once, on the disk that is to hold the backups"
+        raise Refused(msg)
+    if into.resolve().is_relative_to(folder.resolve()):
+        msg = f"{str(into)!r} lies in the data folder {str(folder)!r}: give a folder on another disk"
+        raise Refused(msg)
+
+
+def _earlier(into: Path) -> tuple[Path, Mapping[str, Entry]]:
+    """The newest backup of a folder that can be read, and its files by path."""
+    for path in reversed(backups_in(into)):
+        with suppress(Damaged):  # an older one will do; `restore --check` says what is wrong with it
+            manifest = read_manifest(path)
+            if summed(path / FILES) == manifest.files:
+                return path / DATA, {entry.path: entry for entry in read_entries(path)}
+    return into, {}
+
+
+def _fill(database: Database, part: Path, laying: Laying) -> Manifest:
+    lacking_before: list[str] = []
+    for _ in range(_MOST_LOOKS):
+        taken_at = datetime.now(UTC)
+        tables, revision, named = _look(database, part, laying.folder)
+        found, lacking = look_for(laying.folder, named)
+        went, unreadable = laying.lay(found)
+        lacking += unreadable
+        if not went and lacking in ([], lacking_before):
+            break
+        lacking_before = lacking
+        time.sleep(_PAUSE_S if lacking else 0.0)
+    else:
+        raise StorageUnavailable(f"files went away at each of {_MOST_LOOKS} looks at the data folder: try again later")
+    entries = laying.only(found)
+    with (part / FILES).open("xb") as file:
+        file.writelines(map(write_entry, entries))
+    manifest = Manifest(
+        version=VERSION,
+        revision=revision,
+        database="sqlite" if database.engine.dialect.name == "sqlite" else "postgresql",
+        taken_at=taken_at,
+        tables=tables,
+        files=summed(part / FILES),
+        number_of_files=len(entries),
+        bytes_of_files=sum(entry.size_bytes for entry in entries),
+        lacking=lacking,
+    )
+    write_manifest(part, manifest)
+    return manifest
+
+
+def _look(database: Database, part: Path, folder: Path) -> tuple[dict[str, Table], str, list[Named]]:
+    """Write the rows of this instant, and find what they name."""
+    if (part / ROWS).exists():
+        shutil.rmtree(part / ROWS)
+    with database.snapshot() as connection:
+        revision = known_revision(connection)
+        if revision is None:
+            raise Refused("the database has no tables: a first start of sawmill serve makes them")
+        names = inspect(connection).get_table_names()
+        if DataFolderRow.__tablename__ in names:
+            check_identity(connection, folder)
+        tables = write_rows(connection, part)
+        return tables, revision, named_by(connection, names)

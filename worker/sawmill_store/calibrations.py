@@ -1,0 +1,46 @@
+"""Calibrations: asked for and answered as every kind is, and made a scanner's active one."""
+
+from sawmill_contracts import calibrations
+from sawmill_contracts.calibrations import CalibrationAsk, CalibrationSucceeded, CalibrationUnfinished
+from sawmill_contracts.scanners import StoredScanner
+from sawmill_store.activations import activate
+from sawmill_store.asked import Asked
+from sawmill_store.database import Database
+from sawmill_store.errors import Conflict
+from sawmill_store.files import FileStore
+from sawmill_store.paging import found, hold
+from sawmill_store.places import Places
+from sawmill_store.scanners import read_scanner
+from sawmill_store.tables import CalibrationRow, ScannerRow
+
+
+class Calibrations(Asked[CalibrationAsk, CalibrationUnfinished | CalibrationSucceeded]):
+    """Every method is one transaction."""
+
+    def __init__(self, database: Database, files: FileStore, places: Places) -> None:
+        super().__init__(database, files, places, calibrations.DECLARATION)
+
+    def activate(self, calibration_id: str, reason: str) -> StoredScanner:
+        """Make a calibration its scanner's active one, or go back to an older one.
+
+        Parameters
+        ----------
+        calibration_id
+            One that has succeeded, whatever its verdict: the technician decides.
+        reason
+            Who or what activates it, for the history.
+
+        Raises
+        ------
+        NotFound, Conflict
+            There is none, or it has no result.
+        """
+        with self._database.write() as session:
+            row = found(session, CalibrationRow, "calibration", calibration_id)
+            if row.result is None:
+                msg = f"calibration {calibration_id!r} is {row.job.state}; only one that succeeded can be activated"
+                raise Conflict("calibration-without-result", msg)
+            scanner = found(session, ScannerRow, "scanner", row.scanner_id, lock=True)
+            hold(session, CalibrationRow, "calibration", row.id)
+            activate(session, scanner.id, row.id, reason, self._database.now())
+            return read_scanner(session, scanner)

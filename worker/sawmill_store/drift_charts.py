@@ -1,0 +1,266 @@
+"""Charts of scanners' drift checks: each check that counts goes into its chart once, in the order of their ends.
+
+What a chart is, only the science knows (`use_cases/drift_following.py`): it is handed in. A chart has the first looks
+of its activation, as many as its row says, and goes on with the next ones. Checks that wait for it are marked in their
+own rows. The computing is done between two transactions: nobody waits for it.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Any, cast
+
+from sqlalchemy import Select, select, update
+from sqlalchemy.orm import Session
+
+from sawmill_contracts.choices import DriftMethod
+from sawmill_contracts.drift_baselines import KnownBaseline
+from sawmill_contracts.scanner_drift import (
+    POOLED_LOOKS,
+    CountedLook,
+    Follow,
+    Followed,
+    Pool,
+    PooledDrift,
+    ScannerDrift,
+)
+from sawmill_store.activations import active_since
+from sawmill_store.database import Database
+from sawmill_store.drift_looks import lock_scanner
+from sawmill_store.paging import found
+from sawmill_store.tables import ActivationRow, DriftChartRow, MeasurementRow, ScannerRow
+
+# Looks at a time: less than 0.1 s of computing, and a hundredth of a second with the write lock.
+PORTION = 100
+_DAY_S = 86_400.0
+
+
+@dataclass(frozen=True)
+class _Portion:
+    """The next looks of a chart.
+
+    Attributes
+    ----------
+    chart : (activation's number, number of looks) or None
+        What there was of the chart when they were read.
+    state, charted
+        Of the chart, and how many looks are in it; empty: it has to be begun.
+    before, looks
+        The newest looks that it has, and the next ones, oldest first; none where the chart is of a later activation.
+    numbers
+        Of the measurements that these are.
+    is_awaited
+        Whether the newest of them waits. Else the chart is being begun anew.
+    """
+
+    scanner_id: str
+    method: DriftMethod
+    activation_number: int
+    chart: tuple[int, int] | None
+    state: dict[str, Any]
+    charted: int
+    before: list[CountedLook]
+    looks: list[CountedLook]
+    numbers: list[int]
+    is_awaited: bool
+
+
+class DriftCharts:
+    """Every method is one transaction; `follow` is one to read and one to write."""
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+
+    def waiting(self) -> list[str]:
+        """The scanners of which checks wait for their chart."""
+        with self._database.read() as session:
+            waiting = select(MeasurementRow.scanner_id).where(MeasurementRow.awaits_chart.is_not(None)).distinct()
+            return sorted(session.scalars(waiting))
+
+    def follow(self, scanner_id: str, follow: Follow) -> bool:
+        """Put the next looks of a scanner into their chart, once each however many processes do so.
+
+        A chart that `follow` cannot read is begun anew, with its first looks next time.
+
+        Returns
+        -------
+        bool
+            Whether there was any.
+        """
+        with self._database.read() as session:
+            portion = _next_portion(session, scanner_id)
+        if portion is None:
+            return False
+        followed = follow(portion.state, portion.method, portion.before, portion.looks) if portion.looks else None
+        with self._database.write() as session:
+            lock_scanner(session, scanner_id)
+            chart = session.get(DriftChartRow, (scanner_id, portion.method))
+            # Else another process has put them in meanwhile.
+            if _place(chart) == portion.chart:
+                _write_portion(session, chart, portion, followed)
+        return True
+
+    def of_scanner(self, scanner_id: str) -> ScannerDrift:
+        """Its charts since the active calibration, or `NotFound`."""
+        with self._database.read() as session:
+            found(session, ScannerRow, "scanner", scanner_id)
+            active = active_since(session, scanner_id)
+            if active is None:
+                return ScannerDrift(charts=[])
+            return ScannerDrift(charts=[read_chart(session, chart) for chart in _charts(session, active)])
+
+
+def known_baselines(session: Session, scanner_id: str, calibration_id: str) -> tuple[KnownBaseline, ...]:
+    """Of a scanner's charts since it has this calibration, one for each method; none where another one is active."""
+    active = active_since(session, scanner_id)
+    if active is None or active.calibration_id != calibration_id:
+        return ()
+    known = [chart.baseline for chart in _charts(session, active) if chart.baseline is not None]
+    return tuple(KnownBaseline.model_validate(each) for each in known)
+
+
+def _charts(session: Session, active: ActivationRow) -> Sequence[DriftChartRow]:
+    its = DriftChartRow.scanner_id == active.scanner_id, DriftChartRow.activation_number == active.number
+    return session.scalars(select(DriftChartRow).where(*its).order_by(DriftChartRow.method)).all()
+
+
+def _next_portion(session: Session, scanner_id: str) -> _Portion | None:
+    """Of the chart that the oldest look waits for; None: none waits."""
+    its = MeasurementRow.scanner_id == scanner_id, MeasurementRow.awaits_chart.is_not(None)
+    oldest = session.scalars(select(MeasurementRow).where(*its).order_by(MeasurementRow.number).limit(1)).first()
+    if oldest is None or oldest.method is None or oldest.activation_number is None:
+        return None
+    activation = session.get_one(ActivationRow, oldest.activation_number)
+    chart = session.get(DriftChartRow, (scanner_id, oldest.method))
+    state, charted, rows = {}, 0, list[MeasurementRow]()
+    if chart is not None and chart.activation_number == activation.number:
+        state, charted = chart.state, chart.looks if chart.state else 0
+    before = min(charted, POOLED_LOOKS)
+    if chart is None or chart.activation_number <= activation.number:
+        looks = _looks(activation.number, oldest.method).order_by(MeasurementRow.number)
+        # By an index alone: a hundred thousand are passed over in some milliseconds.
+        numbers = looks.with_only_columns(MeasurementRow.number).offset(charted - before).limit(before + PORTION)
+        rows = list(session.scalars(looks.where(MeasurementRow.number.in_(numbers))))
+    counted = [_counted(row, activation.activated_at) for row in rows]
+    return _Portion(
+        scanner_id,
+        cast("DriftMethod", oldest.method),
+        activation.number,
+        _place(chart),
+        state,
+        charted,
+        counted[:before],
+        counted[before:],
+        [row.number for row in rows[before:]],
+        any(row.awaits_chart for row in rows[-1:]),
+    )
+
+
+def _place(chart: DriftChartRow | None) -> tuple[int, int] | None:
+    return None if chart is None else (chart.activation_number, chart.looks)
+
+
+def _looks(activation_number: int, method: str) -> Select[MeasurementRow]:
+    """Since an activation by a method."""
+    of_chart = MeasurementRow.activation_number == activation_number, MeasurementRow.method == method
+    return select(MeasurementRow).where(*of_chart)
+
+
+def _write_portion(session: Session, chart: DriftChartRow | None, portion: _Portion, followed: Followed | None) -> None:
+    if chart is not None and chart.activation_number > portion.activation_number:
+        late = MeasurementRow.activation_number == portion.activation_number, MeasurementRow.method == portion.method
+        session.execute(update(MeasurementRow).where(*late).values(awaits_chart=None))
+    elif followed is None:
+        # PostgreSQL reads each statement's own moment: a portion without checks may be one that was put in meanwhile.
+        if chart is not None and (portion.looks or _is_waiting(session, portion)):
+            chart.state, chart.looks = {}, 0
+    else:
+        if chart is not None and chart.activation_number < portion.activation_number:
+            session.delete(chart)
+            session.flush()
+            chart = None
+        pools = zip(portion.numbers, followed.pools, strict=True)
+        session.execute(update(MeasurementRow), [_pooled(number, pool) for number, pool in pools])
+        if chart is None:
+            about = {"scanner_id": portion.scanner_id, "activation_number": portion.activation_number}
+            chart = DriftChartRow(**about, method=portion.method)
+            session.add(chart)
+        _write(chart, followed, portion)
+
+
+def _is_waiting(session: Session, portion: _Portion) -> bool:
+    """Tell whether a drift check still waits for the chart of a portion."""
+    waiting = _looks(portion.activation_number, portion.method).where(MeasurementRow.awaits_chart.is_not(None))
+    return session.scalar(select(waiting.exists())) is True
+
+
+def _write(chart: DriftChartRow, followed: Followed, portion: _Portion) -> None:
+    """While a chart is begun anew it goes on to report what it found."""
+    chart.state = followed.state
+    chart.looks = portion.charted + len(portion.looks)
+    chart.changed_at = portion.looks[-1].at
+    if portion.is_awaited:
+        chart.finding = followed.finding.model_dump(mode="json")
+    if followed.baseline is not None:
+        chart.baseline = followed.baseline.model_dump(mode="json")
+    if followed.alarm is not None and chart.alarm is None:
+        finding, found_at = followed.alarm
+        chart.alarm = {"at": found_at.isoformat(), "finding": finding.model_dump(mode="json")}
+
+
+def _pooled(number: int, pool: Pool) -> dict[str, Any]:
+    """Of one measurement, which waits no longer."""
+    return {
+        "number": number,
+        "awaits_chart": None,
+        "pooled_looks": pool.looks,
+        "pooled_cor_column_mm": pool.cor_column_mm,
+        "pooled_cor_column_standard_deviation_mm": pool.cor_column_standard_deviation_mm,
+        "pooled_tilt_deg": math.degrees(pool.tilt_rad),
+        "pooled_tilt_standard_deviation_deg": math.degrees(pool.tilt_standard_deviation_rad),
+    }
+
+
+def _counted(row: MeasurementRow, since: datetime) -> CountedLook:
+    """Of a drift check that counts: all of these are known of it."""
+    column, tilt = row.cor_column_standard_deviation_mm or 0.0, math.radians(row.tilt_standard_deviation_deg or 0.0)
+    cross = math.radians(row.cor_column_tilt_covariance_mm_deg or 0.0)
+    return CountedLook(
+        at=row.at,
+        days=(row.at - since).total_seconds() / _DAY_S,
+        cor_column_mm=row.cor_column_mm,
+        tilt_rad=math.radians(row.tilt_deg),
+        cor_column_change_mm=row.cor_column_change_mm or 0.0,
+        tilt_change_rad=math.radians(row.tilt_change_deg or 0.0),
+        covariance=((column**2, cross), (cross, tilt**2)),
+    )
+
+
+def _newest_look(session: Session, chart: DriftChartRow) -> MeasurementRow:
+    charted = _looks(chart.activation_number, chart.method).where(MeasurementRow.pooled_looks.is_not(None))
+    return session.scalars(charted.order_by(MeasurementRow.number.desc()).limit(1)).one()
+
+
+def read_chart(session: Session, chart: DriftChartRow) -> PooledDrift:
+    """What a chart has found since its activation."""
+    activation, newest = session.get_one(ActivationRow, chart.activation_number), _newest_look(session, chart)
+    pooled = {name: getattr(newest, name) for name in PooledDrift.model_fields if name.startswith("pooled_")}
+    zero = None if chart.baseline is None else KnownBaseline.model_validate(chart.baseline)
+    calibrated_mm = newest.cor_column_mm - (newest.cor_column_change_mm or 0.0)
+    calibrated_deg = newest.tilt_deg - (newest.tilt_change_deg or 0.0)
+    return PooledDrift.model_validate(
+        pooled
+        | {
+            "method": chart.method,
+            "calibration_id": activation.calibration_id,
+            "since": activation.activated_at,
+            "looks": chart.looks,
+            "last_at": chart.changed_at,
+            "baseline": zero,
+            "baseline_cor_column_mm": zero and calibrated_mm + zero.cor_column_offset_mm,
+            "baseline_tilt_deg": zero and calibrated_deg + math.degrees(zero.tilt_offset_rad),
+            "finding": chart.finding,
+            "alarm": chart.alarm and chart.alarm["finding"],
+        }
+    )

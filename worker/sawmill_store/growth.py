@@ -1,0 +1,72 @@
+"""How fast stored files grow, and when the disk is full by that and the rules of retention."""
+
+from collections.abc import Iterable
+from datetime import datetime, timedelta
+from math import inf
+from typing import NamedTuple
+
+from sqlalchemy import func
+from sqlalchemy.orm import Session
+
+from sawmill_contracts.retention import RetentionRules
+from sawmill_store.retained import STOCKS, Stock
+
+SEEN = timedelta(days=7)
+
+
+class Growth(NamedTuple):
+    """Of what is stored.
+
+    Attributes
+    ----------
+    bytes_a_day : float
+        That came, by the last week.
+    full_in_days : float or None
+        Until the disk is full at that rate. None: the rules hold it, or nothing comes.
+    """
+
+    bytes_a_day: float
+    full_in_days: float | None
+
+
+class Filling(NamedTuple):
+    """What one kind adds: bytes a day, up to as many as the rules still let it have."""
+
+    bytes_a_day: float
+    up_to_bytes: float
+
+
+def fillings(session: Session, rules: RetentionRules, now: datetime) -> list[Filling]:
+    """Of the kinds that have files."""
+    return [_filling(session, stock, rules, now) for stock in STOCKS.values() if stock.has_bytes]
+
+
+def _filling(session: Session, stock: Stock, rules: RetentionRules, now: datetime) -> Filling:
+    created_at = stock.table.created_at
+    stored, oldest_at = session.execute(
+        stock.select(stock.all_bytes, func.min(created_at), until=created_at <= now)
+    ).one()
+    came = session.scalar(stock.select(stock.all_bytes, until=created_at > now - SEEN)) or 0
+    seen = SEEN if oldest_at is None else min(SEEN, max(timedelta(days=1), now - oldest_at))
+    a_day = came / (seen / timedelta(days=1))
+    days, most = rules.days_of(stock.kind), rules.bytes_of(stock.kind)
+    limit = min(inf if days is None else a_day * days, inf if most is None else most)
+    return Filling(a_day, max(0.0, limit - stored))
+
+
+def growth_of(kinds: Iterable[Filling], free_bytes: float) -> Growth:
+    """All of them on one disk with that much room."""
+    growing = sorted((each for each in kinds if each.bytes_a_day > 0.0), key=_grows_for_days)
+    total = sum(each.bytes_a_day for each in growing)
+    at_days, a_day, left = 0.0, total, max(0.0, free_bytes)
+    for each in growing:
+        until_days = _grows_for_days(each)
+        if left <= a_day * (until_days - at_days):
+            return Growth(total, at_days + left / a_day)
+        left -= a_day * (until_days - at_days)
+        at_days, a_day = until_days, a_day - each.bytes_a_day
+    return Growth(total, None)
+
+
+def _grows_for_days(filling: Filling) -> float:
+    return filling.up_to_bytes / filling.bytes_a_day

@@ -1,0 +1,74 @@
+"""What a job works on, from the rows as they are now: the worker has the database, the attempt's process has none."""
+
+from typing import Any
+
+from sqlalchemy.orm import Session
+
+from sawmill_contracts import calibrations
+from sawmill_contracts.calibrations import Calibration
+from sawmill_contracts.handed_over import HandedOver
+from sawmill_contracts.jobs import JobKind
+from sawmill_contracts.kinds import AskedKind, declaration_of
+from sawmill_contracts.scans import ScanState
+from sawmill_store.asked_rows import found_asked, read_asked
+from sawmill_store.drift_charts import known_baselines
+from sawmill_store.files import SCAN_FILE, FileStore
+from sawmill_store.paging import found
+from sawmill_store.phantoms import picture_of, read_phantom
+from sawmill_store.scanners import read_scanner
+from sawmill_store.scans import read_scan
+from sawmill_store.tables import JobRow, PhantomRow, ScannerRow, ScanRow
+
+
+def handed_over(session: Session, files: FileStore, job: JobRow) -> HandedOver:
+    """What a job works on.
+
+    Raises
+    ------
+    NotFound
+        What it refers to was deleted since it was asked for, as a plan's phantom, which a plan does not keep.
+    """
+    kept = files.kept_with(job.id)
+    declared = declaration_of(job.kind)
+    if isinstance(declared, AskedKind):
+        return HandedOver(kept=kept, **_of_asked(session, files, declared, job.subject_id))
+    file = files.upload(job.kind, job.subject_id)
+    if job.kind is JobKind.TRACE_PHANTOM:
+        picture = picture_of(found(session, PhantomRow, "phantom", job.subject_id))
+        return HandedOver(kept=kept, file=file, picture=picture)
+    scan = found(session, ScanRow, "scan", job.subject_id)
+    scanner = read_scanner(session, found(session, ScannerRow, "scanner", scan.scanner_id))
+    return HandedOver(kept=kept, file=file, scan=read_scan(scan), scanner=scanner)
+
+
+def _of_asked(session: Session, files: FileStore, declared: AskedKind[Any, Any], subject_id: str) -> dict[str, Any]:
+    """Fields of `HandedOver`, by the references that the row has."""
+    asked = read_asked(declared, found_asked(session, declared, subject_id))
+    fields: dict[str, Any] = {"asked_json": asked.model_dump_json()}
+    if hasattr(asked, "scan_id"):
+        scan = found(session, ScanRow, "scan", asked.scan_id)
+        fields["scan"] = read_scan(scan)
+        if scan.state is ScanState.READY:
+            fields["file"] = files.results(JobKind.INGEST, scan.id) / SCAN_FILE
+    if hasattr(asked, "phantom_id"):
+        fields["phantom"] = read_phantom(found(session, PhantomRow, "phantom", asked.phantom_id))
+    if declared.upload is not None:
+        fields["file"] = files.upload(declared.kind, subject_id)
+    if not hasattr(asked, "scanner_id"):
+        return fields
+    scanner = read_scanner(session, found(session, ScannerRow, "scanner", asked.scanner_id))
+    fields["scanner"] = scanner
+    if hasattr(asked, "calibration_id"):
+        fields["calibration"] = _calibration(session, asked.calibration_id)
+        if declared.kind is JobKind.DRIFT:
+            fields["baselines"] = known_baselines(session, asked.scanner_id, asked.calibration_id)
+    elif hasattr(asked, "scan_id"):
+        fields["active"] = _calibration(session, scanner.active_calibration_id)
+    return fields
+
+
+def _calibration(session: Session, calibration_id: str | None) -> Calibration | None:
+    if calibration_id is None:
+        return None
+    declared = calibrations.DECLARATION
+    return read_asked(declared, found_asked(session, declared, calibration_id))

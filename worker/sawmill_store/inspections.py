@@ -1,0 +1,104 @@
+"""Inspections: uploads that are looked at before they become scans."""
+
+from sawmill_contracts.audit import AuditAction
+from sawmill_contracts.events import EventKind
+from sawmill_contracts.inspections import DECLARATION, Inspection, InspectionAsk, InspectionOptions
+from sawmill_contracts.jobs import JobKind, Priority
+from sawmill_store.arriving import Received
+from sawmill_store.asked import Asked
+from sawmill_store.asked_rows import found_asked, read_asked
+from sawmill_store.audit import write_audit
+from sawmill_store.database import Database
+from sawmill_store.errors import Conflict
+from sawmill_store.events import announce
+from sawmill_store.files import FileStore
+from sawmill_store.paging import new_id
+from sawmill_store.places import Places
+from sawmill_store.uploading import kept_upload
+
+
+class Inspections(Asked[InspectionAsk, Inspection]):
+    """As of every kind that is asked for, and their files; every method is one transaction."""
+
+    def __init__(self, database: Database, files: FileStore, places: Places) -> None:
+        super().__init__(database, files, places, DECLARATION)
+
+    def accept_file(
+        self,
+        options: InspectionOptions,
+        received: Received,
+        *,
+        name: str = "file",
+        identifier: str | None = None,
+        priority: Priority = Priority.WAITED_FOR,
+    ) -> Inspection:
+        """Keep an upload and queue the job that inspects it.
+
+        Parameters
+        ----------
+        options
+            What its uploader gives with the file.
+        received
+            From `FileStore.receive`. When this method raises, the upload is discarded.
+        name
+            What the file is called in the answer.
+        identifier
+            A fixed id; null for a new one.
+        priority
+            Which jobs go before it.
+
+        Raises
+        ------
+        Conflict
+            The id is taken.
+        QueueFull
+            As many jobs wait as may.
+        """
+        file = InspectionAsk(
+            **options.model_dump(),
+            name=name,
+            size_bytes=received.size_bytes,
+            sha256=received.sha256,
+        )
+        identifier = identifier or new_id()
+        with kept_upload(self._files, received, JobKind.INSPECT, identifier) as keep, self._database.write() as session:
+            now = self._database.now()
+            row = self.queue(session, file, now, identifier=identifier, priority=priority)
+            keep(session, now)
+            return read_asked(self._declared, row)
+
+    def received_again(self, identifier: str) -> Received:
+        """The inspected file as if it had been sent once more; `accept` or `discard` must follow, as after an upload.
+
+        Raises
+        ------
+        NotFound, Conflict
+            There is no such inspection, or its file has been removed.
+        """
+        file = self.get(identifier).options
+        again = self._files.receive_again(JobKind.INSPECT, identifier, size_bytes=file.size_bytes, sha256=file.sha256)
+        if again is None:
+            msg = f"the file of inspection {identifier!r} has been removed, a day after it came: send it again"
+            raise Conflict("inspection-expired", msg)
+        return again
+
+    def delete(self, identifier: str) -> None:
+        """Remove an inspection, and its file after the commit; scans made of it keep theirs.
+
+        Raises
+        ------
+        NotFound, Conflict
+            There is none, or its job has not ended.
+        """
+        with self._database.write() as session:
+            row = found_asked(session, self._declared, identifier)
+            if not row.job.state.ended:
+                msg = f"job {row.job_id!r} still inspects the file of {identifier!r}; cancel it or wait for it"
+                raise Conflict("inspection-in-use", msg)
+            known = {"sha256": row.options["sha256"]}
+            now = self._database.now()
+            write_audit(session, now, AuditAction.INSPECTION_DELETED, identifier, known)
+            announce(session, now, EventKind.INSPECTION_DELETED, "inspection", identifier)
+            session.delete(row)
+        self._files.remove(self._files.results(JobKind.INSPECT, identifier))
+        self._files.remove_upload(JobKind.INSPECT, identifier)

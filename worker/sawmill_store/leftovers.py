@@ -1,0 +1,204 @@
+"""What kills and failed commits leave in the data folder: found by comparing it with the rows, removed after a grace.
+
+Files get their names before the commit that makes them known, so what no row knows may be known a moment later. It goes
+when it has been unknown at two looks, a grace apart by the observer's own clock, and is unknown still while nobody can
+be about to commit it (`lock_files_of`).
+"""
+
+import re
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import datetime
+from functools import partial
+from itertools import islice
+from pathlib import Path
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from sawmill_contracts.jobs import JobKind, JobState
+from sawmill_store import named_by_rows
+from sawmill_store.database import Database, lock_files_of
+from sawmill_store.files import UNFINISHED, FileStore
+from sawmill_store.named_by_rows import Ids
+from sawmill_store.tables import JobRow
+
+NAMES_A_ROUND = 500
+_TEMPORARY_NAME = re.compile(r"[0-9a-f]{32}")
+_SUBJECT_NAME = re.compile(r"[a-z0-9][a-z0-9-]{0,63}")
+# Of a job and a number; those of the first versions had no third part.
+_ATTEMPT_NAME = re.compile(r"([a-z0-9][a-z0-9-]*?)-(\d+)(?:-[0-9a-f]{32})?")
+
+Known = Callable[[Session, Sequence[str]], set[str]]
+
+
+@dataclass(frozen=True)
+class _Place:
+    """A folder, the names of ours in it, and which of them rows know; `changes`: left over is what does not change."""
+
+    folder: Path
+    name: re.Pattern[str]
+    known: Known
+    changes: bool = False
+
+    def names(self) -> Iterator[str]:
+        try:
+            yield from (path.name for path in self.folder.iterdir() if self.name.fullmatch(path.name))
+        except FileNotFoundError:
+            return
+
+
+class Leftovers:
+    """Removes them a few at a time, so that no round takes long however many folders there are.
+
+    Parameters
+    ----------
+    database, files
+        Several processes may look after the same ones.
+    grace_s
+        How long a name must have been unknown.
+    now_s
+        The observer's clock, which never goes back.
+    """
+
+    def __init__(
+        self, database: Database, files: FileStore, *, grace_s: float, now_s: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._database = database
+        self._files = files
+        self._grace_s = grace_s
+        self._now_s = now_s
+        self._places = _places(files.folder, database.now)
+        self._batches = self._look()
+        self._rests_until_s = now_s()
+        # By path: when it was first seen, and how it looked.
+        self._seen: dict[Path, tuple[float, object]] = {}
+        self._seen_again: dict[Path, tuple[float, object]] = {}
+
+    def remove_some(self) -> list[Path]:
+        """Look at the next names, at most `NAMES_A_ROUND`; four times a grace, all have been looked at.
+
+        Returns
+        -------
+        list of Path
+            What was removed.
+
+        Raises
+        ------
+        StorageFull, StorageUnavailable
+            The rows cannot be read.
+        OSError
+            Something could not be removed; the rest of the round's was.
+        """
+        left, removed = NAMES_A_ROUND, list[Path]()
+        while left > 0 and self._now_s() >= self._rests_until_s:
+            batch = next(self._batches, None)
+            if batch is None:
+                self._end_look()
+                break
+            place, names = batch
+            left -= len(names)
+            removed += self._remove(place, self._ripe(place, names))
+        return removed
+
+    def _look(self) -> Iterator[tuple[_Place, list[str]]]:
+        for place in self._places:
+            names = place.names()
+            while batch := list(islice(names, NAMES_A_ROUND)):
+                yield place, batch
+
+    def _end_look(self) -> None:
+        self._seen, self._seen_again = self._seen_again, {}
+        self._batches = self._look()
+        self._rests_until_s = self._now_s() + 0.25 * self._grace_s
+
+    def _ripe(self, place: _Place, names: Sequence[str]) -> list[str]:
+        with self._database.read() as session:
+            unknown = set(names) - place.known(session, names)
+        return [name for name in sorted(unknown) if self._stood_still(place, place.folder / name)]
+
+    def _stood_still(self, place: _Place, path: Path) -> bool:
+        look = _look_of(path) if place.changes else None
+        first_s, before = self._seen.get(path, (self._now_s(), None))
+        if path not in self._seen or before != look:
+            first_s = self._now_s()
+        self._seen_again[path] = (first_s, look)
+        return path in self._seen and before == look and self._now_s() - first_s >= self._grace_s
+
+    def _remove(self, place: _Place, names: Sequence[str]) -> list[Path]:
+        if not names:
+            return []
+        aside, errors = dict[Path, Path | None](), list[OSError]()
+        with self._database.write() as session:
+            mine = [name for name in names if lock_files_of(session, name, wait=False)]
+            known = place.known(session, mine)
+            for path in (place.folder / name for name in mine if name not in known):
+                with noted(errors):
+                    aside[path] = self._files.set_aside(path)
+        # Outside the transaction, for that may take long.
+        for parting in filter(None, aside.values()):
+            with noted(errors):
+                self._files.delete(parting)
+        if errors:
+            raise errors[0]
+        return [path for path, parting in aside.items() if parting is not None]
+
+
+@contextmanager
+def noted(errors: list[OSError]) -> Iterator[None]:
+    """One that cannot be removed does not keep the others."""
+    try:
+        yield
+    except OSError as error:
+        errors.append(error)
+
+
+def _places(folder: Path, now: Callable[[], datetime]) -> list[_Place]:
+    return [
+        *(_Place(folder / name, _TEMPORARY_NAME, _nothing, changes=True) for name in ("incoming", "removed")),
+        _Place(folder / "attempts", _ATTEMPT_NAME, _running_attempts),
+        _Place(folder / "kept", _SUBJECT_NAME, _among(named_by_rows.unfinished_jobs)),
+        _Place(folder / UNFINISHED, _SUBJECT_NAME, _among(named_by_rows.unused_uploads)),
+        *(
+            _Place(folder / "uploads" / kind.plural, _SUBJECT_NAME, _among(partial(named_by_rows.uploaded, kind, now)))
+            for kind in named_by_rows.UPLOADED
+        ),
+        *(
+            _Place(folder / kind.plural, _SUBJECT_NAME, _among(partial(named_by_rows.succeeded, kind)))
+            for kind in JobKind
+        ),
+    ]
+
+
+def _nothing(_session: Session, _names: Sequence[str]) -> set[str]:
+    return set()
+
+
+def _among(ids: Callable[[], Ids]) -> Known:
+    def known(session: Session, names: Sequence[str]) -> set[str]:
+        statement = ids()
+        (identifier,) = statement.selected_columns
+        return set(session.scalars(statement.where(identifier.in_(names))))
+
+    return known
+
+
+def _running_attempts(session: Session, names: Sequence[str]) -> set[str]:
+    parts = {name: match.groups() for name in names if (match := _ATTEMPT_NAME.fullmatch(name))}
+    jobs = {job_id for job_id, _ in parts.values()}
+    running = session.execute(
+        select(JobRow.id, JobRow.attempt).where(JobRow.id.in_(jobs), JobRow.state == JobState.RUNNING)
+    )
+    attempts = {(job_id, str(attempt)) for job_id, attempt in running}
+    return {name for name, part in parts.items() if part in attempts}
+
+
+def _look_of(path: Path) -> object:
+    """What changes when somebody writes to it, or None when it has gone."""
+    try:
+        status = path.stat()
+    except FileNotFoundError:
+        return None
+    return status.st_mtime_ns, status.st_size

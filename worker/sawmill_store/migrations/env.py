@@ -1,0 +1,13 @@
+"""Alembic's entry; the connection and its transaction belong to `Database.upgrade`."""
+
+from alembic import context
+
+from sawmill_store.tables import Base
+
+context.configure(
+    connection=context.config.attributes["connection"],
+    target_metadata=Base.metadata,
+    render_as_batch=True,
+    compare_type=True,
+)
+context.run_migrations()

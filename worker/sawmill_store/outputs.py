@@ -1,0 +1,113 @@
+"""What a job of each kind leaves in its folder, checked by its supervisor before anybody else reads it.
+
+The process that wrote it has read a stranger's upload and may have been taken over. No science is imported here.
+"""
+# ruff: noqa: PLC0415 - a worker at rest does not hold h5py
+
+import os
+from collections.abc import Callable, Mapping
+from itertools import islice
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+from sawmill_contracts.calibrations import CalibrationResult
+from sawmill_contracts.handed_over import HandedOver
+from sawmill_contracts.jobs import JobKind
+from sawmill_contracts.kinds import declaration_of
+from sawmill_contracts.reconstructions import Reconstruction, ReconstructionResult
+from sawmill_contracts.scans import ScanReading, ScanShape
+from sawmill_formats.errors import DamagedResult, NotAsWritten, damage_reported, quoted, regular_status
+from sawmill_platform.contracts.base import parse_rows
+from sawmill_store.errors import InvalidOutput
+
+
+def check_output(kind: JobKind, given: HandedOver, result: dict[str, Any], folder: Path) -> None:
+    """Refuse a folder that holds anything but the file of its kind, or a file that does not fit the result.
+
+    Parameters
+    ----------
+    kind, given, result
+        Of the job, what it worked on, and what it answered.
+
+    Raises
+    ------
+    InvalidOutput
+        One sentence tells what is wrong.
+    pydantic.ValidationError
+        The result is not what jobs of this kind answer with.
+    """
+    answer = declaration_of(kind).result.model_validate(result)
+    try:
+        _check_files(kind, given, answer, folder)
+    except PermissionError as error:
+        raise InvalidOutput("the job left files that nobody may read") from error
+
+
+def _check_files(kind: JobKind, given: HandedOver, answer: Any, folder: Path) -> None:  # noqa: ANN401 - by its kind
+    name, check = _FILES[kind] or (None, None)
+    with os.scandir(folder) as entries:
+        found = [entry.name for entry in islice(entries, 2)]
+    if found != ([] if name is None else [name]):
+        raise InvalidOutput(f"the job left the files {quoted(str(found))}, and {name or 'none'} is due")
+    if name is None or check is None:
+        return
+    try:
+        with damage_reported(name):
+            if regular_status(folder / name).st_nlink > 1:
+                raise NotAsWritten("it has a second name elsewhere")
+            check(folder / name, given, answer)
+    except DamagedResult as error:
+        raise InvalidOutput(f"the job left a {name} that jobs of its kind do not write: {error.reason}") from error
+
+
+def _check_scan(path: Path, given: HandedOver, reading: ScanReading) -> None:
+    from sawmill_formats.output.scan_reader import check_scan
+
+    cells = None if given.scanner is None else given.scanner.constants.num_detector_pixels
+    if reading.shape.detector != cells:
+        raise NotAsWritten(f"the answer is of {reading.shape.detector} detector cells, and the scanner has {cells}")
+    check_scan(path, reading.shape.lengths)
+
+
+def _check_calibration(path: Path, given: HandedOver, result: CalibrationResult) -> None:
+    from sawmill_formats.output.calibration_file import check_calibration
+
+    shape, _ = _scan_of(given)
+    if result.views > shape.views:
+        raise NotAsWritten(f"the answer is of {result.views} views, and the scan has {shape.views}")
+    check_calibration(path, (result.views, shape.detector))
+
+
+def _check_volume(path: Path, given: HandedOver, result: ReconstructionResult) -> None:
+    from sawmill_formats.output.volume_reader import check_volume
+
+    options = Reconstruction.model_validate_json(given.asked_json or "").options
+    shape, usable = _scan_of(given)
+    rows = usable if options.rows is None else parse_rows(options.rows)
+    due = (len(range(shape.rows)[rows]), options.size, options.size)
+    if result.shape != due:
+        raise NotAsWritten(f"the answer is of the shape {result.shape}, and {due} was asked for")
+    check_volume(path, due)
+
+
+def _scan_of(given: HandedOver) -> tuple[ScanShape, slice]:
+    """Its shape, and the rows that enough views have."""
+    scan = given.scan
+    assert scan is not None  # noqa: S101 - of a kind that refers to one
+    assert scan.shape is not None  # noqa: S101 - a job without it had failed
+    return scan.shape, slice(*(scan.usable_rows or (0, scan.shape.rows)))
+
+
+# The one file that a job of each kind leaves, and what checks it; null: it leaves none.
+_FILES: Mapping[JobKind, tuple[str, Callable[[Path, HandedOver, Any], None]] | None] = MappingProxyType(
+    {
+        JobKind.INGEST: ("scan.h5", _check_scan),
+        JobKind.CALIBRATE: ("result.h5", _check_calibration),
+        JobKind.RECONSTRUCT: ("volume.h5", _check_volume),
+        JobKind.DRIFT: None,
+        JobKind.PLAN: None,
+        JobKind.INSPECT: None,
+        JobKind.TRACE_PHANTOM: None,
+    }
+)

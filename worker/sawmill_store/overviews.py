@@ -1,0 +1,100 @@
+"""What is newest of every scanner, found for all of them at once: pages and metrics show it."""
+
+from typing import Any, NamedTuple
+
+from sqlalchemy import ScalarSelect, Select, select
+from sqlalchemy.orm import aliased
+
+from sawmill_contracts.jobs import JobState
+from sawmill_contracts.scanners import StoredScanner
+from sawmill_store.activations import active_calibration
+from sawmill_store.database import Database
+from sawmill_store.scanners import scanner_with
+from sawmill_store.tables import CalibrationRow, DriftRow, JobRow, ScannerRow, ScanRow
+
+_WITH_A_FATE = (JobState.SUCCEEDED, JobState.FAILED)
+
+
+class Overview(NamedTuple):
+    """Ids of what is newest of one scanner; None: there is none.
+
+    `ended_id` is the newest calibration that succeeded or failed, `succeeded_id` the newest that succeeded, `drift_id`
+    the newest drift check that succeeded or failed, `seen_id` the newest that could tell whether the scanner has moved
+    since the active calibration. `scan_id` is the newest scan. `calibrating` tells that the newest calibration has not
+    ended.
+    """
+
+    scanner: StoredScanner
+    ended_id: str | None
+    succeeded_id: str | None
+    drift_id: str | None
+    seen_id: str | None
+    scan_id: str | None
+    calibrating: bool
+
+
+class Overviews:
+    """Every method is one transaction."""
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+
+    def read(self, *, scanner_id: str | None = None, limit: int = 200) -> list[Overview]:
+        """Of the newest scanners, or of one alone."""
+        statement = select(
+            ScannerRow,
+            _active_calibration().label("active_id"),
+            _newest(CalibrationRow, *_WITH_A_FATE).label("ended_id"),
+            _newest(CalibrationRow, JobState.SUCCEEDED).label("succeeded_id"),
+            _newest(DriftRow, *_WITH_A_FATE).label("drift_id"),
+            _newest_that_saw().label("seen_id"),
+            _of_scanner(select(ScanRow.id), ScanRow, ScanRow.created_at).label("scan_id"),
+            _state_of_newest_calibration().label("state"),
+        )
+        newest_first = statement.order_by(ScannerRow.created_at.desc(), ScannerRow.id.desc()).limit(limit)
+        if scanner_id is not None:
+            newest_first = newest_first.where(ScannerRow.id == scanner_id)
+        with self._database.read() as session:
+            return [_read(*row) for row in session.execute(newest_first)]
+
+
+def _active_calibration() -> ScalarSelect[Any]:
+    return active_calibration(ScannerRow.id).correlate(ScannerRow).scalar_subquery()
+
+
+def _newest_that_saw() -> ScalarSelect[Any]:
+    """A check that failed, that was too uncertain or that compared with another calibration is passed over."""
+    of_active = select(DriftRow.id).where(DriftRow.calibration_id == _active_calibration())
+    saw = of_active.where(DriftRow.result["within_tolerance"].as_boolean().is_not(None))
+    return _of_scanner(saw, DriftRow, DriftRow.created_at)
+
+
+def _newest(table: type[CalibrationRow | DriftRow], *states: JobState) -> ScalarSelect[Any]:
+    in_state = select(table.id).join(JobRow, JobRow.id == table.job_id).where(JobRow.state.in_(states))
+    return _of_scanner(in_state, table, table.created_at)
+
+
+def _state_of_newest_calibration() -> ScalarSelect[Any]:
+    newest = aliased(CalibrationRow)
+    states = select(JobRow.state).join(newest, newest.job_id == JobRow.id)
+    return _of_scanner(states, newest, newest.created_at)
+
+
+def _of_scanner(statement: Select[Any], table: Any, order: Any) -> ScalarSelect[Any]:  # noqa: ANN401 - aliases too
+    """The first column of the scanner's newest row; an index by scanner and time finds it."""
+    mine = statement.where(table.scanner_id == ScannerRow.id)
+    return mine.order_by(order.desc()).limit(1).correlate(ScannerRow).scalar_subquery()
+
+
+def _read(
+    row: ScannerRow,
+    active_id: str | None,
+    ended_id: str | None,
+    succeeded_id: str | None,
+    drift_id: str | None,
+    seen_id: str | None,
+    scan_id: str | None,
+    state: JobState | None,
+) -> Overview:
+    calibrating = state is not None and not state.ended
+    return Overview(scanner_with(row, active_id), ended_id, succeeded_id, drift_id, seen_id, scan_id, calibrating)

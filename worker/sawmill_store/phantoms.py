@@ -1,0 +1,246 @@
+"""Phantoms: built in, drawn, or traced from a picture by a job."""
+
+from collections.abc import Mapping
+
+from sqlalchemy import func, select
+
+from sawmill_contracts import phantoms
+from sawmill_contracts.audit import AuditAction
+from sawmill_contracts.events import EventKind
+from sawmill_contracts.jobs import JobKind, Priority
+from sawmill_contracts.phantoms import (
+    MeasurementsAsk,
+    PhantomDrawing,
+    PhantomPicture,
+    PhantomState,
+    StoredPhantom,
+)
+from sawmill_platform.contracts.base import Page
+from sawmill_store.arriving import Received
+from sawmill_store.audit import write_audit
+from sawmill_store.database import Database, lock_for_setup
+from sawmill_store.errors import Conflict, Invalid
+from sawmill_store.events import announce
+from sawmill_store.files import FileStore
+from sawmill_store.paging import found, new_id, read_page, refuse_taken
+from sawmill_store.places import Places
+from sawmill_store.queueing import queue_job
+from sawmill_store.references import check_usable
+from sawmill_store.tables import PhantomRow, ScanRow
+from sawmill_store.uploading import kept_upload
+from sawmill_store.uses import kept_by
+
+
+class Phantoms:
+    """Every method is one transaction."""
+
+    def __init__(self, database: Database, files: FileStore, places: Places) -> None:
+        self._database = database
+        self._files = files
+        self._places = places
+
+    def seed_built_in(self, drawings: Mapping[str, PhantomDrawing]) -> None:
+        """Put in the built-in phantoms, or bring them up to date; safe when several processes start together."""
+        with self._database.write() as session:
+            lock_for_setup(session)
+            for phantom_id, drawing in drawings.items():
+                known = session.get(PhantomRow, phantom_id)
+                if known is None:
+                    session.add(self._drawn(phantom_id, drawing, built_in=True))
+                else:
+                    known.name, known.drawing = drawing.name, drawing.model_dump(mode="json")
+
+    def create(self, drawing: PhantomDrawing, *, phantom_id: str | None = None) -> StoredPhantom:
+        """Add a drawn phantom, which is ready at once.
+
+        Raises
+        ------
+        Conflict
+            The id is taken.
+        """
+        row = self._drawn(phantom_id or new_id(), drawing, built_in=False)
+        with self._database.write() as session:
+            refuse_taken(session, PhantomRow, "phantom", row.id)
+            session.add(row)
+            announce(session, row.created_at, EventKind.PHANTOM_CREATED, "phantom", row.id)
+            return read_phantom(row)
+
+    def measure(self, phantom_id: str, measured: MeasurementsAsk) -> StoredPhantom:
+        """Add a phantom as it is measured now; the one before stays as it is, for what refers to it.
+
+        Raises
+        ------
+        NotFound, Conflict
+            There is no such phantom, or it has no drawing.
+        Invalid
+            What was measured contradicts the drawing.
+        """
+        with self._database.write() as session:
+            before = found(session, PhantomRow, "phantom", phantom_id)
+            if before.drawing is None:
+                msg = f"phantom {phantom_id!r} is {before.state} and has no drawing to measure"
+                raise Conflict("phantom-without-drawing", msg)
+            drawing = PhantomDrawing.model_validate(before.drawing)
+            try:
+                drawing = drawing.measured_anew(phantom_id, measured.measurements, stretched=measured.stretch_drawing)
+            except ValueError as error:
+                raise Invalid("measurement-of-another-phantom", str(error)) from error
+            row = self._drawn(new_id(), drawing, built_in=False)
+            session.add(row)
+            announce(session, row.created_at, EventKind.PHANTOM_CREATED, "phantom", row.id)
+            return read_phantom(row)
+
+    def followers(self) -> dict[str, str]:
+        """The ids of phantoms that were measured anew, each with that of the newest phantom made so."""
+        follows = PhantomRow.drawing["follows"].as_string().label("follows")
+        followed = select(follows, PhantomRow.id).where(follows.is_not(None)).order_by(PhantomRow.created_at)
+        with self._database.read() as session:
+            return {row.follows: row.id for row in session.execute(followed)}
+
+    def replaced(self) -> set[str]:
+        """The ids of phantoms whose place one measured anew has taken; never a built-in one."""
+        # A mill may have several bodies of that drawing, of which one was measured.
+        built_in = select(PhantomRow.id).where(PhantomRow.built_in)
+        with self._database.read() as session:
+            stay = set(session.scalars(built_in))
+        return self.followers().keys() - stay
+
+    def accept_picture(
+        self,
+        picture: PhantomPicture,
+        received: Received,
+        *,
+        phantom_id: str | None = None,
+        priority: Priority = Priority.WAITED_FOR,
+    ) -> StoredPhantom:
+        """Keep an uploaded PNG and queue the job that traces it.
+
+        Raises
+        ------
+        Conflict
+            The id is taken. The upload is discarded.
+        QueueFull
+            As many jobs wait as may.
+        """
+        row = PhantomRow(
+            id=phantom_id or new_id(),
+            created_at=self._database.now(),
+            name=picture.name,
+            built_in=False,
+            state=PhantomState.TRACING,
+            picture=picture.model_dump(mode="json"),
+        )
+        with (
+            kept_upload(self._files, received, JobKind.TRACE_PHANTOM, row.id) as keep,
+            self._database.write() as session,
+        ):
+            refuse_taken(session, PhantomRow, "phantom", row.id)
+            job = queue_job(
+                session,
+                JobKind.TRACE_PHANTOM,
+                row.id,
+                row.created_at,
+                short=phantoms.DECLARATION.is_short(received.size_bytes),
+                scanner_id=None,
+                priority=priority,
+            )
+            row.job_id = job.id
+            session.add(row)
+            session.flush()
+            self._places.take(session, job)
+            keep(session, row.created_at)
+        return read_phantom(row)
+
+    def get(self, phantom_id: str) -> StoredPhantom:
+        """One phantom, or `NotFound`."""
+        with self._database.read() as session:
+            return read_phantom(found(session, PhantomRow, "phantom", phantom_id))
+
+    def usable(self, phantom_id: str) -> StoredPhantom:
+        """One that a calibration may use.
+
+        Raises
+        ------
+        NotFound, Conflict
+            There is no such phantom, or its picture was refused.
+        """
+        with self._database.read() as session:
+            row = found(session, PhantomRow, "phantom", phantom_id)
+            check_usable(row)
+            return read_phantom(row)
+
+    def picture(self, phantom_id: str) -> PhantomPicture:
+        """What its uploader gave with the picture, or `NotFound`; `Conflict` where it was drawn and has none."""
+        with self._database.read() as session:
+            return picture_of(found(session, PhantomRow, "phantom", phantom_id))
+
+    def page(self, *, after: str | None = None, limit: int = 50) -> Page[StoredPhantom]:
+        """All phantoms, newest first."""
+        with self._database.read() as session:
+            return read_page(session, select(PhantomRow), PhantomRow, read_phantom, after=after, limit=limit)
+
+    def delete(self, phantom_id: str) -> None:
+        """Remove a phantom that nothing refers to, and its files after the commit.
+
+        Raises
+        ------
+        NotFound, Conflict
+            There is none, or it is built in, being traced, or used by a scan or a calibration.
+        """
+        with self._database.write() as session:
+            row = found(session, PhantomRow, "phantom", phantom_id, lock=True)
+            if row.built_in:
+                raise Conflict("phantom-built-in", f"phantom {phantom_id!r} is built in and stays")
+            if row.state is PhantomState.TRACING:
+                msg = f"phantom {phantom_id!r} is still being traced; cancel job {row.job_id!r} first"
+                raise Conflict("phantom-in-use", msg)
+            scans = session.scalar(select(func.count()).where(ScanRow.phantom_id == phantom_id)) or 0
+            for plural, used in [("scans", scans), *kept_by(session, "phantom_id", phantom_id)]:
+                if used:
+                    msg = f"phantom {phantom_id!r} is used by {plural}; a used phantom stays"
+                    raise Conflict("phantom-in-use", msg)
+            now = self._database.now()
+            write_audit(session, now, AuditAction.PHANTOM_DELETED, phantom_id, row.drawing)
+            announce(session, now, EventKind.PHANTOM_DELETED, "phantom", phantom_id)
+            session.delete(row)
+        self._files.remove(self._files.results(JobKind.TRACE_PHANTOM, phantom_id))
+        self._files.remove_upload(JobKind.TRACE_PHANTOM, phantom_id)
+
+    def _drawn(self, phantom_id: str, drawing: PhantomDrawing, *, built_in: bool) -> PhantomRow:
+        return PhantomRow(
+            id=phantom_id,
+            created_at=self._database.now(),
+            name=drawing.name,
+            built_in=built_in,
+            state=PhantomState.READY,
+            drawing=drawing.model_dump(mode="json"),
+        )
+
+
+def read_phantom(row: PhantomRow) -> StoredPhantom:
+    """The phantom of a row."""
+    return StoredPhantom.model_validate(
+        {
+            "id": row.id,
+            "created_at": row.created_at,
+            "name": row.name,
+            "built_in": row.built_in,
+            "state": row.state,
+            "reason": row.reason,
+            "drawing": row.drawing,
+            "job_id": row.job_id,
+        }
+    )
+
+
+def picture_of(row: PhantomRow) -> PhantomPicture:
+    """What its uploader gave with the picture, for the job that traces it.
+
+    Raises
+    ------
+    Conflict
+        It was drawn and has no picture.
+    """
+    if row.picture is None:
+        raise Conflict("phantom-without-picture", f"phantom {row.id!r} was drawn, it has no picture")
+    return PhantomPicture.model_validate(row.picture)

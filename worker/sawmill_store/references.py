@@ -1,0 +1,130 @@
+"""Looking up what an ask refers to, inside the transaction that accepts it (`contracts.kinds.Reference`)."""
+
+from collections.abc import Callable, Iterable, Mapping
+from types import MappingProxyType
+from typing import Any
+
+from sqlalchemy.orm import Session
+
+from sawmill_contracts.jobs import JobState
+from sawmill_contracts.kinds import Reference
+from sawmill_contracts.phantoms import PhantomState
+from sawmill_contracts.scans import ScanState
+from sawmill_store.activations import active_calibration_id
+from sawmill_store.errors import Conflict
+from sawmill_store.paging import found, hold
+from sawmill_store.tables import CalibrationRow, Json, PhantomRow, ScannerRow, ScanRow
+
+
+def looked_up(session: Session, references: Iterable[Reference], asked: Mapping[str, Any]) -> tuple[Json, list[str]]:
+    """Find what is referred to.
+
+    Parameters
+    ----------
+    references
+        Of the kind, in the order in which they are looked up.
+    asked
+        The ask's fields, and the references that were given beside it.
+
+    Returns
+    -------
+    tuple
+        The fields with every reference filled in, and the jobs to wait for.
+
+    Raises
+    ------
+    NotFound, Conflict
+        There is no such thing, it cannot be used, or none is named where one must be.
+    """
+    known = dict(asked)
+    needs = [_LOOK_UP[reference](session, known) for reference in references]
+    return known, [job_id for job_id in needs if job_id is not None]
+
+
+def _scan(session: Session, known: Json) -> str | None:
+    """Locked until the transaction ends, so that it cannot be deleted meanwhile."""
+    scan = found(session, ScanRow, "scan", known["scan_id"], lock=True)
+    if scan.state is ScanState.REFUSED:
+        raise Conflict("scan-refused", f"scan {scan.id!r} was refused and cannot be used: {scan.reason}")
+    known["scanner_id"] = scan.scanner_id
+    return scan.job_id if scan.state is ScanState.INGESTING else None
+
+
+def _scanner(session: Session, known: Json) -> None:
+    found(session, ScannerRow, "scanner", known["scanner_id"])
+
+
+def _phantom(session: Session, known: Json) -> str | None:
+    phantom_id = known["phantom_id"] or _phantom_of_scan(session, known["scan_id"])
+    phantom = found(session, PhantomRow, "phantom", phantom_id, lock=True)
+    check_usable(phantom)
+    known["phantom_id"] = phantom_id
+    return phantom.job_id if phantom.state is PhantomState.TRACING else None
+
+
+def check_usable(phantom: PhantomRow) -> None:
+    """Raise `Conflict` for a phantom whose picture was refused."""
+    if phantom.state is PhantomState.REFUSED:
+        msg = f"phantom {phantom.id!r} was refused and cannot be used: {phantom.reason}"
+        raise Conflict("phantom-refused", msg)
+
+
+def _phantom_of_scan(session: Session, scan_id: str) -> str:
+    phantom_id = found(session, ScanRow, "scan", scan_id).phantom_id
+    if phantom_id is None:
+        raise Conflict("phantom-not-named", f"scan {scan_id!r} names no phantom: name the one it shows, as phantom_id")
+    return phantom_id
+
+
+def _calibration(session: Session, known: Json) -> str | None:
+    """The one asked for, or the active one of the scan's scanner; it may still be computed."""
+    if known.get("theta") is not None:
+        known["calibration_id"] = None
+        return None
+    scan_id, scanner_id = known["scan_id"], known["scanner_id"]
+    calibration_id = known["calibration_id"] or active_calibration_id(session, scanner_id)
+    if calibration_id is None:
+        instead = ", or give theta" if "theta" in known else ""
+        msg = f"scanner {scanner_id!r} has no active calibration: name one as calibration_id{instead}"
+        raise Conflict("no-active-calibration", msg)
+    calibration = found(session, CalibrationRow, "calibration", calibration_id)
+    if calibration.scanner_id != scanner_id:
+        msg = (
+            f"calibration {calibration_id!r} is of scanner {calibration.scanner_id!r}, "
+            f"but scan {scan_id!r} is of scanner {scanner_id!r}"
+        )
+        raise Conflict("scanner-mismatch", msg)
+    state = calibration.job.state
+    if state in _WITHOUT_RESULT:
+        msg = f"calibration {calibration_id!r} {_WITHOUT_RESULT[state]} and has no geometry to use"
+        raise Conflict("calibration-without-result", msg)
+    hold(session, CalibrationRow, "calibration", calibration_id)
+    known["calibration_id"] = calibration_id
+    return None if state.ended else calibration.job_id
+
+
+_WITHOUT_RESULT = {JobState.FAILED: "failed", JobState.CANCELLED: "was cancelled"}
+
+
+def _theta(session: Session, known: Json) -> None:
+    if known["theta"] is not None:
+        return
+    scanner_id = known["scanner_id"]
+    calibration_id = active_calibration_id(session, scanner_id)
+    if calibration_id is None:
+        msg = f"scanner {scanner_id!r} has no active calibration whose theta could be taken: give theta"
+        raise Conflict("no-active-calibration", msg)
+    result = found(session, CalibrationRow, "calibration", calibration_id).result
+    assert result is not None  # noqa: S101 - only a calibration with a result can be activated
+    known["theta"] = result["theta"]
+
+
+_LOOK_UP: Mapping[Reference, Callable[[Session, Json], str | None]] = MappingProxyType(
+    {
+        Reference.SCAN: _scan,
+        Reference.SCANNER: _scanner,
+        Reference.PHANTOM: _phantom,
+        Reference.CALIBRATION: _calibration,
+        Reference.THETA: _theta,
+    }
+)

@@ -1,0 +1,200 @@
+"""The rules of retention: kept as one row, tried before they hold, and put into force with a confirmed number."""
+
+from collections.abc import Sequence
+from datetime import datetime, timedelta
+from typing import Any
+
+from sqlalchemy import Select, and_, func, null, select
+from sqlalchemy.orm import Session
+
+from sawmill_contracts.audit import AuditAction
+from sawmill_contracts.events import EventKind
+from sawmill_contracts.retention import (
+    Going,
+    KindPreview,
+    Removed,
+    Retention,
+    RetentionAsk,
+    RetentionKind,
+    RetentionPreview,
+    RetentionRules,
+    Staying,
+    rule_name,
+)
+from sawmill_store.acting import actor
+from sawmill_store.audit import changed, write_audit
+from sawmill_store.database import Database, lock_for_setup
+from sawmill_store.errors import Conflict
+from sawmill_store.events import announce
+from sawmill_store.growth import Growth, fillings, growth_of
+from sawmill_store.protected import Protection, none_of, protections
+from sawmill_store.retained import STOCKS, Stock, last_old_event, reach_of
+from sawmill_store.tables import EventRow, RetentionRow
+
+THE_ROW = 1
+RULES = "rules"
+SUBJECT = "retention"
+# So long nobody looked after the rules, or the clock has leapt: then days wait for a person.
+LONGEST_GAP = timedelta(days=30)
+# The time that a person has to confirm the number of a preview: scans become too old every few seconds.
+CONFIRMED_WITHIN = timedelta(hours=1)
+_FIRST, _FIRST_IDS = 10, 3
+
+
+class RetentionStore:
+    """Every method is one transaction, `replace` two."""
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+
+    def get(self) -> Retention:
+        """The rules in force, and what has gone by rules so far."""
+        with self._database.read() as session:
+            return read_retention(session.get(RetentionRow, THE_ROW), self._database.now())
+
+    def preview(self, rules: RetentionRules) -> RetentionPreview:
+        """List what would go by rules within the time for a confirmation, and what they reach that would stay."""
+        with self._database.read() as session:
+            return _preview(session, rules, self._database.now() + CONFIRMED_WITHIN)
+
+    def growth(self, free_bytes: float) -> Growth:
+        """How fast files come, and when they fill a disk with so much room under the rules in force."""
+        with self._database.read() as session:
+            rules = rules_of(session.get(RetentionRow, THE_ROW))
+            return growth_of(fillings(session, rules, self._database.now()), free_bytes)
+
+    def replace(self, ask: RetentionAsk) -> Retention:
+        """Put rules into force, if they remove no more than was confirmed.
+
+        Raises
+        ------
+        Conflict
+            They would remove more.
+        """
+        rules = RetentionRules(**{name: getattr(ask, name) for name in RetentionRules.model_fields})
+        with self._database.read() as session:
+            shown = _preview(session, rules, self._database.now())
+        if shown.number > ask.remove_at_most:
+            raise _unconfirmed(shown, ask.remove_at_most)
+        with self._database.write() as session:
+            lock_for_setup(session)
+            row = session.get(RetentionRow, THE_ROW, with_for_update=True)
+            before, after = (each.model_dump(mode="json") for each in (rules_of(row), rules))
+            if row is None:
+                row = RetentionRow(number=THE_ROW, removed={})
+                session.add(row)
+            now = self._database.now()
+            row.rules, row.changed_at, row.changed_by = after, now, actor().name
+            row.revision = (row.revision or 0) + 1
+            row.followed_at = None
+            difference = changed(before, after)
+            write_audit(session, now, AuditAction.RETENTION_CHANGED, RULES, difference)
+            announce(session, now, EventKind.RETENTION_CHANGED, SUBJECT, RULES)
+            return read_retention(row, now)
+
+
+def rules_of(row: RetentionRow | None) -> RetentionRules:
+    """Those of the row; none where there is none."""
+    return RetentionRules() if row is None else RetentionRules.model_validate(row.rules)
+
+
+def waits_since(row: RetentionRow, now: datetime) -> datetime | None:
+    """When days were counted last, where that is so long ago that a person must confirm the rules; None: it is not."""
+    last = row.followed_at or row.changed_at
+    return last if now - last > LONGEST_GAP else None
+
+
+def read_retention(row: RetentionRow | None, now: datetime) -> Retention:
+    """The rules and what went by them; none where there is no row."""
+    removed = {} if row is None else row.removed
+    return Retention(
+        rules=rules_of(row),
+        changed_at=None if row is None else row.changed_at,
+        changed_by=None if row is None else row.changed_by,
+        days_wait_since=None if row is None else waits_since(row, now),
+        removed=[
+            Removed(kind=kind, number=number, freed_bytes=freed_bytes)
+            for kind in RetentionKind
+            for number, freed_bytes in [removed.get(kind.value, (0, 0))]
+        ],
+    )
+
+
+def _preview(session: Session, rules: RetentionRules, at: datetime) -> RetentionPreview:
+    ruled = set(rules.kinds())
+    kinds = [_of_kind(session, kind, rules, at) if kind in ruled else _nothing_of(kind) for kind in RetentionKind]
+    return RetentionPreview(at=at, rules=rules, number=sum(kind.number for kind in kinds), kinds=kinds)
+
+
+def _unconfirmed(shown: RetentionPreview, confirmed: int) -> Conflict:
+    removed = ", ".join(f"{kind.number} {kind.kind}" for kind in shown.kinds if kind.number)
+    detail = f"these rules would remove {shown.number} ({removed}), and {confirmed} are confirmed: nothing was changed"
+    return Conflict("retention-unconfirmed", detail)
+
+
+def _nothing_of(kind: RetentionKind) -> KindPreview:
+    return KindPreview(kind=kind, number=0, bytes=None, oldest_at=None, newest_at=None, first=[], stays=[])
+
+
+def _of_kind(session: Session, kind: RetentionKind, rules: RetentionRules, at: datetime) -> KindPreview:
+    stock = STOCKS.get(kind)
+    return _of_events(session, rules, at) if stock is None else _of_stock(session, stock, rules, at)
+
+
+def _of_stock(session: Session, stock: Stock, rules: RetentionRules, at: datetime) -> KindPreview:
+    table, reach = stock.table, reach_of(session, stock, rules, at)
+    stay = protections(session, stock.kind)
+    beyond = reach.beyond(stock)
+    goes = and_(beyond, none_of(stay))
+    sized = stock.all_bytes if stock.has_bytes else null()
+    totals = stock.select(func.count(), sized, func.min(table.created_at), func.max(table.created_at), until=goes)
+    number, size, oldest_at, newest_at = session.execute(totals).one()
+    columns = (table.id, table.created_at, table.stored_bytes if stock.has_bytes else null())
+    first = session.execute(stock.select(*columns, until=goes).order_by(table.created_at, table.id).limit(_FIRST))
+    return KindPreview(
+        kind=stock.kind,
+        number=number,
+        bytes=size,
+        oldest_at=oldest_at,
+        newest_at=newest_at,
+        first=[
+            Going(id=identifier, created_at=created_at, bytes=each, by=reach.rule_of(stock.kind, created_at))
+            for identifier, created_at, each in first
+        ],
+        stays=_staying(session, stay, stock.select(table.id, until=beyond).order_by(table.created_at, table.id)),
+    )
+
+
+def _of_events(session: Session, rules: RetentionRules, at: datetime) -> KindPreview:
+    last, stay = last_old_event(session, rules, at), protections(session, RetentionKind.EVENTS)
+    beyond = EventRow.number <= last
+    goes = and_(beyond, none_of(stay))
+    number = session.scalar(select(func.count()).select_from(EventRow).where(goes)) or 0
+    oldest = select(EventRow.number, EventRow.at).where(goes).order_by(EventRow.number).limit(_FIRST)
+    first = [
+        Going(id=str(each), created_at=happened_at, bytes=None, by=rule_name(RetentionKind.EVENTS, "days"))
+        for each, happened_at in session.execute(oldest)
+    ]
+    newest_at = session.scalar(select(EventRow.at).where(goes).order_by(EventRow.number.desc()).limit(1))
+    return KindPreview(
+        kind=RetentionKind.EVENTS,
+        number=number,
+        bytes=None,
+        oldest_at=first[0].created_at if first else None,
+        newest_at=newest_at,
+        first=first,
+        stays=_staying(session, stay, select(EventRow.number).where(beyond).order_by(EventRow.number)),
+    )
+
+
+def _staying(session: Session, stay: Sequence[Protection], beyond: Select[Any]) -> list[Staying]:
+    """By reason: how many, and the oldest, of the ids of what the rules reach, the oldest first."""
+    found = []
+    for because, condition in stay:
+        kept = beyond.where(condition)
+        counted = kept.with_only_columns(func.count(), maintain_column_froms=True).order_by(None)
+        number = session.scalar(counted) or 0
+        if number:
+            first = session.scalars(kept.limit(_FIRST_IDS))
+            found.append(Staying(because=because, number=number, first_ids=[str(each) for each in first]))
+    return found

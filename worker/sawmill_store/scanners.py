@@ -1,0 +1,144 @@
+"""Scanners and which calibration each of them uses."""
+
+from collections.abc import Iterable
+from datetime import datetime
+
+from sqlalchemy import delete, func, select
+from sqlalchemy.orm import Session
+
+from sawmill_contracts.audit import AuditAction
+from sawmill_contracts.events import EventKind
+from sawmill_contracts.scanners import ScannerSpec, StoredScanner
+from sawmill_platform.contracts.base import Page
+from sawmill_store.activations import active_calibration_id
+from sawmill_store.alarms import close_alarms
+from sawmill_store.audit import changed, write_audit
+from sawmill_store.database import Database
+from sawmill_store.entering import changes_in_words
+from sawmill_store.errors import Conflict, Invalid
+from sawmill_store.events import announce
+from sawmill_store.paging import found, new_id, read_page, refuse_taken
+from sawmill_store.tables import (
+    HistoryRow,
+    MeasurementRow,
+    ScannerRow,
+    ScanRow,
+    ScheduleRow,
+)
+from sawmill_store.uses import kept_by
+
+
+class Scanners:
+    """Every method is one transaction."""
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+
+    def create(self, spec: ScannerSpec, *, scanner_id: str | None = None) -> StoredScanner:
+        """Add a scanner.
+
+        Raises
+        ------
+        Conflict
+            The id is taken.
+        """
+        row = ScannerRow(id=scanner_id or new_id(), created_at=self._database.now(), spec=spec.model_dump(mode="json"))
+        with self._database.write() as session:
+            refuse_taken(session, ScannerRow, "scanner", row.id)
+            session.add(row)
+            write_audit(session, row.created_at, AuditAction.SCANNER_CREATED, row.id, {"name": spec.name})
+            _announce(session, row.created_at, EventKind.SCANNER_CREATED, row.id)
+            return read_scanner(session, row)
+
+    def get(self, scanner_id: str) -> StoredScanner:
+        """One scanner, or `NotFound`."""
+        with self._database.read() as session:
+            return read_scanner(session, found(session, ScannerRow, "scanner", scanner_id))
+
+    def page(self, *, after: str | None = None, limit: int = 50) -> Page[StoredScanner]:
+        """All scanners, newest first."""
+        with self._database.read() as session:
+            return read_page(
+                session,
+                select(ScannerRow),
+                ScannerRow,
+                lambda row: read_scanner(session, row),
+                after=after,
+                limit=limit,
+            )
+
+    def names(self) -> dict[str, str]:
+        """Of all scanners by their ids, in the order of the names."""
+        with self._database.read() as session:
+            rows = session.execute(select(ScannerRow.id, ScannerRow.spec)).all()
+        return dict(sorted(((identifier, spec["name"]) for identifier, spec in rows), key=lambda item: item[1]))
+
+    def ids_of(self, names: Iterable[str]) -> set[str]:
+        """Return the ids of scanners that are given by id or name; a name that several have means all of these.
+
+        Raises
+        ------
+        Invalid
+            There is no such scanner.
+        """
+        name_of, ids = self.names(), set[str]()
+        for name in names:
+            named = {name} & name_of.keys() or {each for each in name_of if name_of[each] == name}
+            if not named:
+                known = ", ".join(map(repr, name_of.values())) or "none"
+                raise Invalid("scanner-not-found", f"there is no scanner of the id or name {name!r}; by name: {known}")
+            ids |= named
+        return ids
+
+    def update(self, scanner_id: str, spec: ScannerSpec) -> StoredScanner:
+        """Replace its description; existing results keep the constants they were made with."""
+        with self._database.write() as session:
+            row = found(session, ScannerRow, "scanner", scanner_id, lock=True)
+            before, row.spec = row.spec, spec.model_dump(mode="json")
+            difference = changed(before, row.spec)
+            now = self._database.now()
+            write_audit(session, now, AuditAction.SCANNER_CHANGED, scanner_id, difference)
+            _announce(session, now, EventKind.SCANNER_CHANGED, scanner_id, changes_in_words(difference))
+            return read_scanner(session, row)
+
+    def delete(self, scanner_id: str) -> None:
+        """Remove a scanner that nothing refers to.
+
+        Raises
+        ------
+        NotFound, Conflict
+            There is none, or scans, results, schedules or measurements refer to it.
+        """
+        with self._database.write() as session:
+            row = found(session, ScannerRow, "scanner", scanner_id, lock=True)
+            scans = session.scalar(select(func.count()).where(ScanRow.scanner_id == scanner_id)) or 0
+            schedules = session.scalar(select(func.count()).where(ScheduleRow.scanner_id == scanner_id)) or 0
+            kept = kept_by(session, "scanner_id", scanner_id)
+            measured = select(func.count()).where(MeasurementRow.scanner_id == scanner_id)
+            measurements = ("measurements", session.scalar(measured) or 0)
+            for plural, used in [("scans", scans), *kept, ("schedules", schedules), measurements]:
+                if used:
+                    msg = f"scanner {scanner_id!r} is used by {used} {plural}; a used scanner stays"
+                    raise Conflict("scanner-in-use", msg)
+            now = self._database.now()
+            write_audit(session, now, AuditAction.SCANNER_DELETED, scanner_id, row.spec)
+            close_alarms(session, now, scanner_id)
+            _announce(session, now, EventKind.SCANNER_DELETED, scanner_id)
+            session.execute(delete(HistoryRow).where(HistoryRow.scanner_id == scanner_id))
+            session.delete(row)
+
+
+def _announce(session: Session, now: datetime, what: EventKind, scanner_id: str, why: str | None = None) -> None:
+    announce(session, now, what, "scanner", scanner_id, scanner_id=scanner_id, why=why)
+
+
+def read_scanner(session: Session, row: ScannerRow) -> StoredScanner:
+    """The scanner as it stands, its active calibration included."""
+    return scanner_with(row, active_calibration_id(session, row.id))
+
+
+def scanner_with(row: ScannerRow, active_id: str | None) -> StoredScanner:
+    """The scanner of a row whose active calibration is known."""
+    return StoredScanner.model_validate(
+        {**row.spec, "id": row.id, "created_at": row.created_at, "active_calibration_id": active_id}
+    )

@@ -1,0 +1,188 @@
+"""Scans: uploads, and what the job that reads them found."""
+
+from collections.abc import Collection
+from datetime import datetime
+
+from sqlalchemy import func, select
+
+from sawmill_contracts import scans
+from sawmill_contracts.audit import AuditAction
+from sawmill_contracts.events import EventKind
+from sawmill_contracts.jobs import JobKind, Priority
+from sawmill_contracts.scans import Scan, ScanSpec, ScanState
+from sawmill_platform.contracts.base import Page
+from sawmill_store.arriving import Received
+from sawmill_store.audit import write_audit
+from sawmill_store.database import Database
+from sawmill_store.errors import Conflict
+from sawmill_store.events import announce
+from sawmill_store.files import FileStore
+from sawmill_store.paging import created_between, found, narrowed, new_id, read_page, refuse_taken
+from sawmill_store.places import Places
+from sawmill_store.queueing import queue_job
+from sawmill_store.tables import PhantomRow, ScannerRow, ScanRow
+from sawmill_store.uploading import kept_upload
+from sawmill_store.uses import unfinished_job_about
+
+_COLUMNS = {"scanner_id", "phantom_id"}
+
+
+class Scans:
+    """Every method is one transaction."""
+
+    def __init__(self, database: Database, files: FileStore, places: Places) -> None:
+        self._database = database
+        self._files = files
+        self._places = places
+
+    def accept(
+        self,
+        spec: ScanSpec,
+        received: Received,
+        *,
+        scan_id: str | None = None,
+        priority: Priority = Priority.WAITED_FOR,
+    ) -> Scan:
+        """Keep an upload and queue the job that reads it.
+
+        Parameters
+        ----------
+        spec
+            What the uploader gives with the file.
+        received
+            From `FileStore.receive`. When this method raises, the upload is discarded.
+        scan_id
+            A fixed id; null for a new one.
+        priority
+            Which jobs go before it.
+
+        Raises
+        ------
+        NotFound, Conflict
+            There is no such scanner or phantom, or the id is taken.
+        QueueFull
+            As many jobs wait as may.
+        """
+        row = ScanRow(
+            id=scan_id or new_id(),
+            created_at=self._database.now(),
+            scanner_id=spec.scanner_id,
+            phantom_id=spec.phantom_id,
+            spec=spec.model_dump(mode="json", exclude=_COLUMNS),
+            state=ScanState.INGESTING,
+            size_bytes=received.size_bytes,
+            sha256=received.sha256,
+        )
+        with kept_upload(self._files, received, JobKind.INGEST, row.id) as keep, self._database.write() as session:
+            refuse_taken(session, ScanRow, "scan", row.id)
+            found(session, ScannerRow, "scanner", spec.scanner_id, lock=True)
+            if spec.phantom_id is not None:
+                found(session, PhantomRow, "phantom", spec.phantom_id, lock=True)
+            job = queue_job(
+                session,
+                JobKind.INGEST,
+                row.id,
+                row.created_at,
+                short=scans.DECLARATION.is_short(received.size_bytes),
+                scanner_id=spec.scanner_id,
+                priority=priority,
+            )
+            row.job_id = job.id
+            session.add(row)
+            session.flush()
+            self._places.take(session, job)
+            keep(session, row.created_at)
+        return read_scan(row)
+
+    def check(self, spec: ScanSpec) -> None:
+        """Refuse before a file is sent what `accept` would refuse after it.
+
+        Raises
+        ------
+        NotFound
+            There is no such scanner or phantom.
+        QueueFull
+            As many jobs wait as may.
+        StorageUnavailable
+            The database does not answer, or could not take the scan.
+        """
+        self._database.check_writable()
+        with self._database.read() as session:
+            found(session, ScannerRow, "scanner", spec.scanner_id)
+            if spec.phantom_id is not None:
+                found(session, PhantomRow, "phantom", spec.phantom_id)
+        self._places.check()
+
+    def get(self, scan_id: str) -> Scan:
+        """One scan, or `NotFound`."""
+        with self._database.read() as session:
+            return read_scan(found(session, ScanRow, "scan", scan_id))
+
+    def several(self, scan_ids: Collection[str]) -> dict[str, Scan]:
+        """Those that there are, by their ids."""
+        with self._database.read() as session:
+            rows = session.scalars(select(ScanRow).where(ScanRow.id.in_(scan_ids)))
+            return {row.id: read_scan(row) for row in rows}
+
+    def page(
+        self,
+        *,
+        scanner_id: str | None = None,
+        state: ScanState | None = None,
+        created_from: datetime | None = None,
+        created_before: datetime | None = None,
+        after: str | None = None,
+        limit: int = 50,
+    ) -> Page[Scan]:
+        """Scans, newest first, of a span of time where one is given."""
+        statement = narrowed(select(ScanRow), {ScanRow.scanner_id: scanner_id, ScanRow.state: state})
+        statement = created_between(statement, ScanRow, created_from, created_before)
+        with self._database.read() as session:
+            return read_page(session, statement, ScanRow, read_scan, after=after, limit=limit)
+
+    def uploaded_bytes(self) -> int:
+        """Of all scans as they were uploaded."""
+        with self._database.read() as session:
+            return session.scalar(select(func.sum(ScanRow.size_bytes))) or 0
+
+    def delete(self, scan_id: str) -> None:
+        """Remove a scan, and its files after the commit; calibrations and reconstructions made from it stay.
+
+        Raises
+        ------
+        NotFound, Conflict
+            There is none, or a job that needs it has not ended.
+        """
+        with self._database.write() as session:
+            row = found(session, ScanRow, "scan", scan_id, lock=True)
+            reading = None if row.state is not ScanState.INGESTING else row.job_id
+            busy = reading or unfinished_job_about(session, scan_id)
+            if busy is not None:
+                msg = f"scan {scan_id!r} is needed by job {busy!r}, which has not ended; cancel it or wait for it"
+                raise Conflict("scan-in-use", msg)
+            known = {"scanner_id": row.scanner_id, "sha256": row.sha256}
+            now = self._database.now()
+            write_audit(session, now, AuditAction.SCAN_DELETED, scan_id, known)
+            announce(session, now, EventKind.SCAN_DELETED, "scan", scan_id, scanner_id=row.scanner_id)
+            session.delete(row)
+        self._files.remove(self._files.results(JobKind.INGEST, scan_id))
+        self._files.remove_upload(JobKind.INGEST, scan_id)
+
+
+def read_scan(row: ScanRow) -> Scan:
+    """The scan of a row."""
+    return Scan.model_validate(
+        {
+            **row.spec,
+            **(row.reading or {}),
+            "id": row.id,
+            "created_at": row.created_at,
+            "scanner_id": row.scanner_id,
+            "phantom_id": row.phantom_id,
+            "state": row.state,
+            "reason": row.reason,
+            "size_bytes": row.size_bytes,
+            "sha256": row.sha256,
+            "job_id": row.job_id,
+        }
+    )

@@ -1,0 +1,278 @@
+"""Schedules: exactly once for each due time, however many processes look."""
+
+from contextlib import suppress
+from datetime import datetime
+from typing import Any
+
+import structlog
+from pydantic import ValidationError
+from sqlalchemy import select, update
+from sqlalchemy.orm import Session
+
+from sawmill_contracts.audit import AuditAction
+from sawmill_contracts.calibrations import CalibrationAsk
+from sawmill_contracts.drifts import DriftAsk
+from sawmill_contracts.events import EventKind
+from sawmill_contracts.schedules import Schedule, ScheduleRun, ScheduleSpec
+from sawmill_platform.contracts.base import Page, placed_complaint
+from sawmill_store.acting import Actor, acting_as
+from sawmill_store.asked import Asked
+from sawmill_store.audit import changed, write_audit
+from sawmill_store.database import Database
+from sawmill_store.due_times import latest_due, next_due
+from sawmill_store.entering import changes_in_words
+from sawmill_store.errors import Invalid, StorageError, StorageFull, StorageUnavailable
+from sawmill_store.events import announce
+from sawmill_store.paging import found, narrowed, new_id, read_page, refuse_taken
+from sawmill_store.scheduled import queue_due
+from sawmill_store.tables import ScannerRow, ScheduleRow, ScheduleRunRow
+
+# Of a due time at which nothing was queued, by its outcome.
+_WHY_NOT = {
+    "no-new-phantom-scan": "there was no new scan of a phantom",
+    "no-new-log-scan": "there was no new scan of a log that a drift check could use",
+    "no-active-calibration": "the scanner has no active calibration to compare a log with",
+}
+
+
+class Schedules:
+    """Every method is one transaction, `run_due` one for each due schedule.
+
+    Parameters
+    ----------
+    database
+        Where the rows are.
+    calibrations, drifts
+        Where due schedules ask.
+    """
+
+    def __init__(
+        self, database: Database, calibrations: Asked[CalibrationAsk, Any], drifts: Asked[DriftAsk, Any]
+    ) -> None:
+        self._database = database
+        self._calibrations = calibrations
+        self._drifts = drifts
+        self._looked_at: datetime | None = None
+
+    def create(self, spec: ScheduleSpec, *, schedule_id: str | None = None) -> Schedule:
+        """Add a schedule.
+
+        Raises
+        ------
+        Invalid, NotFound, Conflict
+            The cron expression or its time zone is wrong, there is no such scanner, or the id is taken.
+        """
+        now = self._database.now()
+        row = ScheduleRow(id=schedule_id or new_id(), created_at=now)
+        _describe(row, spec, now)
+        with self._database.write() as session:
+            refuse_taken(session, ScheduleRow, "schedule", row.id)
+            found(session, ScannerRow, "scanner", spec.scanner_id, lock=True)
+            session.add(row)
+            write_audit(session, now, AuditAction.SCHEDULE_CREATED, row.id, spec.model_dump(mode="json"))
+            _announce(session, now, EventKind.SCHEDULE_CREATED, row)
+            session.flush()
+            return read_schedule(session, row)
+
+    def get(self, schedule_id: str) -> Schedule:
+        """One schedule, or `NotFound`."""
+        with self._database.read() as session:
+            return read_schedule(session, found(session, ScheduleRow, "schedule", schedule_id))
+
+    def page(self, *, scanner_id: str | None = None, after: str | None = None, limit: int = 50) -> Page[Schedule]:
+        """Schedules, newest first."""
+        statement = narrowed(select(ScheduleRow), {ScheduleRow.scanner_id: scanner_id})
+        with self._database.read() as session:
+            return read_page(
+                session, statement, ScheduleRow, lambda row: read_schedule(session, row), after=after, limit=limit
+            )
+
+    def update(self, schedule_id: str, spec: ScheduleSpec) -> Schedule:
+        """Replace a schedule; it is due next at the first time of its expression from now on.
+
+        A due time that has come and has not run stays where cron, time zone and `enabled` do; otherwise it is missed.
+        """
+        with self._database.write() as session:
+            row = found(session, ScheduleRow, "schedule", schedule_id, lock=True)
+            found(session, ScannerRow, "scanner", spec.scanner_id, lock=True)
+            before, now = _spec(row), self._database.now()
+            pending = row.next_due_at if row.next_due_at is not None and row.next_due_at <= now else None
+            same_times = spec.enabled and (spec.cron, spec.time_zone) == (row.cron, row.time_zone)
+            _describe(row, spec, now)
+            row.missed = False
+            if pending is not None and same_times:
+                row.next_due_at = pending
+            elif pending is not None:
+                _announce_missed(session, row, now, pending, "the schedule was changed before it ran")
+            difference = changed(before, _spec(row))
+            write_audit(session, now, AuditAction.SCHEDULE_CHANGED, schedule_id, difference)
+            _announce(session, now, EventKind.SCHEDULE_CHANGED, row, why=changes_in_words(difference))
+            session.flush()
+            return read_schedule(session, row)
+
+    def delete(self, schedule_id: str) -> None:
+        """Remove a schedule and the list of its runs; the calibrations stay."""
+        with self._database.write() as session:
+            row = found(session, ScheduleRow, "schedule", schedule_id, lock=True)
+            now = self._database.now()
+            write_audit(session, now, AuditAction.SCHEDULE_DELETED, schedule_id, _spec(row))
+            _announce(session, now, EventKind.SCHEDULE_DELETED, row)
+            session.delete(row)
+
+    def runs(self, schedule_id: str, *, limit: int = 50) -> list[ScheduleRun]:
+        """The outcomes of its due times, newest first."""
+        with self._database.read() as session:
+            found(session, ScheduleRow, "schedule", schedule_id)
+            return _runs(session, schedule_id, limit)
+
+    def run_due(self) -> list[ScheduleRun]:
+        """Run every schedule whose time has come, and move it on to its next time.
+
+        A schedule that was due several times while nothing ran is run once, for the latest of them. One that cannot
+        be run is announced as missed when that begins, with the reason, and keeps none of the others from running.
+
+        Raises
+        ------
+        StorageFull, StorageUnavailable
+            Nothing can be written; what is due stays so.
+        """
+        now = self._database.now()
+        self._set_back(now)
+        due = select(ScheduleRow.id).where(ScheduleRow.enabled, ScheduleRow.next_due_at <= now)
+        with self._database.read() as session:
+            identifiers = session.scalars(due).all()
+        runs = (self._run_or_miss(identifier, now) for identifier in identifiers)
+        return [run for run in runs if run is not None]
+
+    def _set_back(self, now: datetime) -> None:
+        """At the first look, and after the clock was put back: no due time stays behind one that comes before it."""
+        if self._looked_at is None or now < self._looked_at:
+            ahead = select(ScheduleRow).where(ScheduleRow.enabled, ScheduleRow.next_due_at > now)
+            with self._database.write() as session:
+                for row in session.scalars(ahead).all():
+                    with suppress(Invalid):  # which is announced when it is due
+                        _moved_on(session, row, now)
+        self._looked_at = now
+
+    def _run_or_miss(self, schedule_id: str, now: datetime) -> ScheduleRun | None:
+        with acting_as(Actor(f"schedule {schedule_id}", of_service=True)):
+            try:
+                return self._run(schedule_id, now)
+            except (StorageFull, StorageUnavailable):
+                raise
+            except Exception as error:  # noqa: BLE001 - the log and the event say it, and the others are due as well
+                structlog.get_logger().exception("schedule-not-run", schedule_id=schedule_id)
+                self._miss(schedule_id, now, _in_words(error))
+                return None
+
+    def _run(self, schedule_id: str, now: datetime) -> ScheduleRun | None:
+        with self._database.write() as session:
+            row = session.get(ScheduleRow, schedule_id)
+            if row is None or row.next_due_at is None or row.next_due_at > now:
+                return None
+            first_due_at = row.next_due_at
+            if not _moved_on(session, row, now):
+                return None
+            due_at = latest_due(row.cron, row.time_zone, now)
+            if _ran_already(session, schedule_id, due_at):
+                return None
+            outcome = queue_due(session, self._calibrations, self._drifts, row, now)
+            run = ScheduleRun(due_at=due_at, **outcome._asdict())
+            session.add(ScheduleRunRow(schedule_id=schedule_id, **run.model_dump()))
+            why_not = _WHY_NOT.get(run.outcome)
+            if first_due_at < due_at:
+                reasons = ["nothing ran schedules then", *([] if why_not is None else [f"later {why_not}"])]
+                _announce_missed(session, row, now, first_due_at, "; ".join(reasons))
+            elif why_not is not None and not row.missed:
+                _announce_missed(session, row, now, due_at, why_not)
+            row.missed = why_not is not None
+            return run
+
+    def _miss(self, schedule_id: str, now: datetime, reason: str) -> None:
+        """Announce a due time that cannot be run, unless the schedule was missed before it as well, and move on."""
+        with self._database.write() as session:
+            row = session.get(ScheduleRow, schedule_id, with_for_update=True)
+            if row is None or row.next_due_at is None or row.next_due_at > now:
+                return
+            due_at = row.next_due_at
+            with suppress(Invalid):  # it stays due: another machine may know its time zone
+                _moved_on(session, row, now)
+            if not row.missed:
+                _announce_missed(session, row, now, due_at, reason)
+                row.missed = True
+
+
+def _in_words(error: Exception) -> str:
+    if isinstance(error, ValidationError):
+        return f"its options are not right: {placed_complaint(error)}"
+    return str(error) if isinstance(error, StorageError) else f"{type(error).__name__}: {error}"
+
+
+def _announce(
+    session: Session,
+    now: datetime,
+    what: EventKind,
+    row: ScheduleRow,
+    detail: dict[str, Any] | None = None,
+    why: str | None = None,
+) -> None:
+    announce(session, now, what, "schedule", row.id, scanner_id=row.scanner_id, detail=detail, why=why)
+
+
+def _announce_missed(session: Session, row: ScheduleRow, now: datetime, due_at: datetime, reason: str) -> None:
+    _announce(session, now, EventKind.SCHEDULE_MISSED, row, {"due_at": due_at.isoformat(), "reason": reason})
+
+
+def _describe(row: ScheduleRow, spec: ScheduleSpec, now: datetime) -> None:
+    next_due_at = next_due(spec.cron, spec.time_zone, now)
+    row.scanner_id, row.kind, row.cron, row.time_zone = spec.scanner_id, spec.kind, spec.cron, spec.time_zone
+    row.enabled, row.on_pass = spec.enabled, spec.on_pass
+    row.options = spec.options.model_dump(mode="json")
+    row.drift_options = spec.drift_options.model_dump(mode="json")
+    row.next_due_at = next_due_at if spec.enabled else None
+
+
+def _spec(row: ScheduleRow) -> dict[str, Any]:
+    return {name: getattr(row, name) for name in ScheduleSpec.model_fields}
+
+
+def _moved_on(session: Session, row: ScheduleRow, now: datetime) -> bool:
+    """Compare and set: of several processes at once, one moves the schedule on."""
+    moved = session.scalar(
+        update(ScheduleRow)
+        .where(ScheduleRow.id == row.id, ScheduleRow.enabled, ScheduleRow.next_due_at == row.next_due_at)
+        .values(next_due_at=next_due(row.cron, row.time_zone, now))
+        .returning(ScheduleRow.id)
+        .execution_options(synchronize_session=False)
+    )
+    return moved is not None
+
+
+def _ran_already(session: Session, schedule_id: str, due_at: datetime) -> bool:
+    # After an edit, or when the clock was put back.
+    statement = select(ScheduleRunRow.number).where(
+        ScheduleRunRow.schedule_id == schedule_id, ScheduleRunRow.due_at == due_at
+    )
+    return session.scalar(statement) is not None
+
+
+def _runs(session: Session, schedule_id: str, limit: int) -> list[ScheduleRun]:
+    rows = session.scalars(
+        select(ScheduleRunRow)
+        .where(ScheduleRunRow.schedule_id == schedule_id)
+        .order_by(ScheduleRunRow.due_at.desc())
+        .limit(limit)
+    )
+    return [read_schedule_run(row) for row in rows]
+
+
+def read_schedule_run(row: ScheduleRunRow) -> ScheduleRun:
+    """The run of a row."""
+    return ScheduleRun.model_validate({name: getattr(row, name) for name in ScheduleRun.model_fields})
+
+
+def read_schedule(session: Session, row: ScheduleRow) -> Schedule:
+    """The schedule of a row, with its last run."""
+    last = _runs(session, row.id, 1)
+    known = {name: getattr(row, name) for name in Schedule.model_fields if name != "last_run"}
+    return Schedule.model_validate(known | {"last_run": last[0] if last else None})

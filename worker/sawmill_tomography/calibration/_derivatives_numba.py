@@ -1,0 +1,328 @@
+"""Kernel of the joint fit. It only loops; `normal_equations.py` documents and allocates.
+
+All derivatives of one view stay in the processor's cache: their inner products leave it, not the derivatives.
+"""
+
+import math
+
+import numpy as np
+from numba import njit, prange
+
+from sawmill_tomography.calibration.scan_model import Term
+from sawmill_tomography.projection._analytic_numba import (
+    _FAST,
+    PARAMETERS,
+    ROWS,
+    ROWS_AT_ONCE,
+    _view,
+    products_of_rows,
+)
+
+# The views of a block are taken by one thread one after another, whatever the number of threads: so are their sums.
+BLOCK = 16
+
+TERMS = len(Term)
+_GAIN, _OFFSET = int(Term.GAIN), int(Term.OFFSET)
+_HARDENING, _CUBIC = int(Term.HARDENING), int(Term.HARDENING_CUBIC)
+_GRADIENT_X, _GRADIENT_Y = int(Term.GRADIENT_X), int(Term.GRADIENT_Y)
+_ASPECT, _CORNERS, _BLUR, _EXPOSURE = int(Term.ASPECT), int(Term.CORNERS), int(Term.BLUR), int(Term.EXPOSURE)
+_SLOPE, _CURVATURE, _SCATTER = int(Term.SLOPE), int(Term.CURVATURE), int(Term.SCATTER)
+
+
+@njit(fastmath=_FAST)
+def _of_line_integrals(raw, gain, cosine, sine, sizes, chain, row):
+    """Fill the rows up to the exposure's from those of `_view`, before blur."""
+    cells = raw.shape[1]
+    square, cubic, by_x, by_y = sizes[_HARDENING], sizes[_CUBIC], sizes[_GRADIENT_X], sizes[_GRADIENT_Y]
+    for m in range(cells):
+        length = raw[PARAMETERS, m]
+        chain[m] = gain * (1.0 + 2.0 * square * length + 3.0 * cubic * length * length)
+        row[_OFFSET, m] = 1.0
+    for p in range(PARAMETERS):
+        for m in range(cells):
+            row[p, m] = raw[p, m] * chain[m]
+    for m in range(cells):
+        length = raw[PARAMETERS, m]
+        row[_HARDENING, m] = gain * length * length
+        row[_CUBIC, m] = gain * length * length * length
+    for m in range(cells):
+        row[_GRADIENT_X, m] = gain * (cosine * raw[8, m] - sine * raw[9, m])
+        row[_GRADIENT_Y, m] = gain * (sine * raw[8, m] + cosine * raw[9, m])
+    for m in range(cells):
+        length = raw[PARAMETERS, m]
+        bent = length + square * length * length + cubic * length * length * length
+        x, y = cosine * raw[8, m] - sine * raw[9, m], sine * raw[8, m] + cosine * raw[9, m]
+        row[_GAIN, m] = bent + by_x * x + by_y * y
+    for p in range(2):
+        for m in range(cells):
+            row[_ASPECT + p, m] = raw[10 + p, m] * chain[m]
+
+
+@njit(fastmath=_FAST)
+def _exposure(start, end, raw, gain, sizes, from_counts, row):
+    """Fill the row of the exposure from the lengths (cells,) at both points that stand for it."""
+    square, cubic = sizes[_HARDENING], sizes[_CUBIC]
+    for m in range(start.size):
+        one, two, length = start[m], end[m], raw[PARAMETERS, m]
+        bent_one = one + square * one * one + cubic * one * one * one
+        bent_two = two + square * two * two + cubic * two * two * two
+        bent = length + square * length * length + cubic * length * length * length
+        row[_EXPOSURE, m] = gain * (0.5 * (bent_one + bent_two) - bent)
+        start[m] = 0.5 * gain * (bent_one - bent_two)
+    if from_counts:
+        for m in range(start.size):
+            if start[m] != 0.0:
+                row[_EXPOSURE, m] -= _log_cosh(start[m])
+
+
+@njit(fastmath=_FAST)
+def _log_cosh(x):
+    """ln(cosh(x)); of small arguments the first terms of its series."""
+    y = x * x
+    if y > 0.01:
+        return math.log(math.cosh(x))
+    return y * (1.0 / 2.0 - y * (1.0 / 12.0 - y * (1.0 / 45.0 - y * (17.0 / 2520.0 - y * 31.0 / 14175.0))))
+
+
+@njit(fastmath=_FAST)
+def _soften(line, taps, padded):
+    """Blur a line (cells,) in place; its ends are reflected."""
+    cells, reach = line.size, taps.size // 2
+    for m in range(cells + 2 * reach):
+        at = (m - reach) % (2 * cells)
+        padded[m] = line[min(at, 2 * cells - 1 - at)]
+    for m in range(cells):
+        line[m] = 0.0
+    for j in range(taps.size):
+        for m in range(cells):
+            line[m] += taps[j] * padded[m + j]
+
+
+@njit(fastmath=_FAST)
+def _blur_rows(exposed, taps, from_counts, row):
+    """Blur the rows, or what they make of the intensities."""
+    cells = exposed.size
+    padded, intensity = np.empty(cells + taps.size), np.ones(cells)
+    if from_counts:
+        for m in range(cells):
+            intensity[m] = math.exp(-exposed[m])
+    soft = intensity.copy()
+    _soften(soft, taps, padded)
+    for p in range(_EXPOSURE + 1):
+        if p not in (_OFFSET, _BLUR):
+            for m in range(cells):
+                row[p, m] *= intensity[m]
+            _soften(row[p], taps, padded)
+            for m in range(cells):
+                row[p, m] /= soft[m]
+
+
+@njit(fastmath=_FAST)
+def _by_blur(blurred, from_counts, row):
+    """Fill the row of the squared width: half the second difference; of intensities, less the squared first one."""
+    cells = blurred.size
+    for m in range(cells):
+        before, after = blurred[max(m - 1, 0)], blurred[min(m + 1, cells - 1)]
+        first = 0.5 * (after - before) if from_counts else 0.0
+        row[_BLUR, m] = 0.5 * (after - 2.0 * blurred[m] + before - first * first)
+
+
+@njit(fastmath=_FAST)
+def _of_intensities(around, wide, lagging, beside, row):
+    """Divide the rows by the intensity that is measured, and fill those of what is added to a cell's own."""
+    cells = row.shape[1]
+    if beside.any():
+        for p in range(_SLOPE):
+            for m in range(cells):
+                row[p, m] /= 1.0 + beside[m]
+    for m in range(cells):
+        row[_SCATTER, m] = -around[m] / (1.0 + beside[m])
+        row[_SCATTER + 1, m] = -wide[m] / (1.0 + beside[m])
+        row[_SCATTER + 2, m] = -lagging[m] / (1.0 + beside[m])
+
+
+@njit(parallel=True, cache=True, fastmath=_FAST)
+def inner_products(
+    geometry,
+    turned,
+    corner_edges,
+    gain,
+    sizes,
+    exposed,
+    blurred,
+    taps,
+    intensities,
+    weights,
+    residual,
+    stripes,
+    kept_terms,
+    products,
+):
+    """Fill what leaves the views.
+
+    geometry : as of the kernels of the analytic projection, as a tuple
+    turned : (2, views) angles of the two points that stand for a view's exposure
+    corner_edges : (edges, 5) of what a corner loses, of the density by which its derivative is taken
+    gain : (views, 1); sizes : (terms,)
+    exposed, blurred : (views, cells)
+    taps : (2 n + 1,) of the blur; empty where there is none
+    intensities : four times (views, cells): what scatters from around and from the whole view, what lags, and what is
+        added of these; (0, cells) where the line integrals were not made from counts
+    weights, residual : (views, cells); stripes (cells,) are what all views share of the residual
+    kept_terms : terms whose weighted rows are kept
+    products : grams (views, terms, terms), scores (views, terms), sums (blocks, terms, cells) of the weighted rows,
+        kept (kept terms, views, cells), neighbours (views, 2): sum and sum of squares of neighbours' products
+    """
+    edges, discs, frame, t_x, t_y, angles, u_first, pitch, rays = geometry
+    grams, scores, sums, kept, neighbours = products
+    views, cells = residual.shape
+    around, wide, lagging, beside = intensities
+    from_counts = len(beside) > 0
+    count = TERMS if from_counts else _SCATTER
+    for block in prange(sums.shape[0]):
+        raw, row = np.empty((ROWS, cells)), np.zeros((TERMS + ROWS_AT_ONCE, cells))
+        of_rows = np.empty((count + 1, count + 1))
+        lengths, chain, left, right = np.empty((3, ROWS, cells)), np.empty(cells), np.empty(8), np.empty(8)
+        for kk in range(block * BLOCK, min((block + 1) * BLOCK, views)):
+            k = np.int64(kk)
+            raw[:] = 0.0
+            _view(k, edges, discs, frame, t_x, t_y, angles, u_first, pitch, cells, rays, raw, 2, left, right)
+            beta = angles[k] + frame[0]
+            _of_line_integrals(raw, gain[k, 0], math.cos(beta), math.sin(beta), sizes, chain, row)
+            lengths[:, PARAMETERS] = 0.0
+            for end in range(2):
+                at = lengths[end]
+                _view(k, edges, discs, frame, t_x, t_y, turned[end], u_first, pitch, cells, rays, at, 0, left, right)
+            _exposure(lengths[0, PARAMETERS], lengths[1, PARAMETERS], raw, gain[k, 0], sizes, from_counts, row)
+            at = lengths[2]
+            _view(k, corner_edges, discs[:0], frame, t_x, t_y, angles, u_first, pitch, cells, rays, at, 0, left, right)
+            for m in range(cells):
+                row[_CORNERS, m] = at[PARAMETERS, m] * chain[m]
+            if taps.size > 0:
+                _blur_rows(exposed[k], taps, from_counts, row)
+            _by_blur(blurred[k], from_counts, row)
+            for m in range(cells):
+                across = (m + 0.5) / cells - 0.5
+                row[_SLOPE, m] = across
+                row[_CURVATURE, m] = across * across
+            if from_counts:
+                _of_intensities(around[k], wide[k], lagging[k], beside[k], row)
+            for m in range(cells):
+                chain[m] = math.sqrt(weights[k, m])
+                row[count, m] = chain[m] * (residual[k, m] - stripes[m])
+            for p in range(count):
+                for m in range(cells):
+                    row[p, m] *= chain[m]
+                    sums[block, p, m] += chain[m] * row[p, m]
+            for n in range(kept_terms.size):
+                for m in range(cells):
+                    kept[n, k, m] = chain[m] * row[kept_terms[n], m]
+            total = squares = 0.0
+            for m in range(cells - 1):
+                product = row[count, m] * row[count, m + 1]
+                total += product
+                squares += product * product
+            neighbours[k, 0], neighbours[k, 1] = total, squares
+            products_of_rows(row, count + 1, of_rows)
+            for p in range(count):
+                scores[k, p] = of_rows[count, p]
+                for q in range(count):
+                    grams[k, p, q] = of_rows[p, q]
+
+
+@njit(cache=True, fastmath=_FAST)
+def combine(terms, shapes, grams, scores, grams_of_columns, scores_of_columns):
+    """Fill grams (views, n, n) and scores (views, n) of columns, each the sum of some terms times shapes.
+
+    terms : (n, parts)
+    shapes : (n, parts, views); 0 for a part that is none
+    """
+    views, count = grams.shape[0], grams.shape[1]
+    n, parts = terms.shape
+    line = np.empty(count)
+    for k in range(views):
+        for i in range(n):
+            line[:] = 0.0
+            score = 0.0
+            for part in range(parts):
+                term, shape = terms[i, part], shapes[i, part, k]
+                score += shape * scores[k, term]
+                for t in range(count):
+                    line[t] += shape * grams[k, term, t]
+            scores_of_columns[k, i] = score
+            for j in range(i + 1):
+                total = 0.0
+                for part in range(parts):
+                    total += shapes[j, part, k] * line[terms[j, part]]
+                grams_of_columns[k, i, j] = grams_of_columns[k, j, i] = total
+
+
+@njit(cache=True, fastmath=_FAST)
+def whiten(grams, of_base, scores, base, first, white, carried, change, white_scores, information):
+    """Fill each view's scores (views, n) and grams (views, n, n) of n combinations of columns next to others.
+
+    of_base : (views, base, columns), the rows of `base` in grams (views, columns, columns)
+    white : (own, n) of the columns from `first` on; carried : (base, n) of the base's, taken away
+    change : (n,), after which the scores are
+    """
+    own, n = white.shape
+    columns = grams.shape[2]
+    line = np.empty(columns)
+    for k in range(grams.shape[0]):
+        for q in range(n):
+            line[:] = 0.0
+            score = 0.0
+            for i in range(own):
+                score += white[i, q] * scores[k, first + i]
+                for column in range(columns):
+                    line[column] += white[i, q] * grams[k, first + i, column]
+            for i in range(base.size):
+                score -= carried[i, q] * scores[k, base[i]]
+                for column in range(columns):
+                    line[column] -= carried[i, q] * of_base[k, i, column]
+            white_scores[k, q] = score
+            for p in range(n):
+                total = 0.0
+                for i in range(own):
+                    total += white[i, p] * line[first + i]
+                for i in range(base.size):
+                    total -= carried[i, p] * line[base[i]]
+                information[k, q, p] = total
+                white_scores[k, q] -= total * change[p]
+
+
+@njit(cache=True, fastmath=_FAST)
+def largest_power(scores, information, diagonal, blocks):
+    """Return the largest sum of squares of scores (views, n): of single views, or of blocks of neighbouring ones.
+
+    Those of single views are (diagonal - information)^-1 scores, by Gauss's elimination.
+    """
+    views, n = scores.shape
+    matrix, solved, largest = np.empty((n, n)), np.empty(n), 0.0
+    for k in range(views):
+        for i in range(n):
+            solved[i] = scores[k, i]
+            for j in range(n):
+                matrix[i, j] = (diagonal if i == j else 0.0) - information[k, i, j]
+        for i in range(n):
+            for j in range(i + 1, n):
+                factor = matrix[j, i] / matrix[i, i]
+                solved[j] -= factor * solved[i]
+                for q in range(i, n):
+                    matrix[j, q] -= factor * matrix[i, q]
+        for i in range(n - 1, -1, -1):
+            for j in range(i + 1, n):
+                solved[i] -= matrix[i, j] * solved[j]
+            solved[i] /= matrix[i, i]
+            largest += solved[i] * solved[i]
+    for count in blocks:
+        if count < views:
+            power = 0.0
+            for block in range(count):
+                for i in range(n):
+                    total = 0.0
+                    for k in range(block * views // count, (block + 1) * views // count):
+                        total += scores[k, i]
+                    power += total * total
+            largest = max(largest, power)
+    return largest

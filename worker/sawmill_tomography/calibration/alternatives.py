@@ -1,0 +1,129 @@
+"""The hypotheses and first angles that compete with the best fit, and how far behind it they are."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from sawmill_tomography.calibration.fit import Fit, OnStep, refine, unheard
+from sawmill_tomography.calibration.misfit import COARSE_VIEWS
+from sawmill_tomography.calibration.task import CalibrationTask, Hypothesis
+from sawmill_tomography.geometry.geometry import angle_difference
+from sawmill_vocabulary import Handedness, Rotation
+
+# Hypotheses whose coarse residual is within this factor of the best one's are fitted to all the data and compared.
+CONTENDER = 3.0
+# Fits whose first angles differ by less are the same one.
+SAME_ANGLE = math.radians(5.0)
+ITERATIONS = 60
+# Relative residuals below this are rounding.
+LEAST_RESIDUAL = 1e-12
+
+
+class RankedFit(NamedTuple):
+    """A fit to all the data, under its hypothesis."""
+
+    hypothesis: Hypothesis
+    fit: Fit
+
+
+@dataclass(frozen=True)
+class HypothesisReport:
+    """One of the four hypotheses, and how much of the sinogram it leaves unexplained."""
+
+    handedness: Handedness
+    rotation: Rotation
+    relative_residual: float
+
+
+@dataclass(frozen=True)
+class TurnedAlternative:
+    """The best fit of the same hypothesis with the phantom turned."""
+
+    by_deg: float
+    relative_residual: float
+
+
+@dataclass(frozen=True)
+class Alternatives:
+    """What else was fitted to the scan.
+
+    Attributes
+    ----------
+    hypotheses : tuple of HypothesisReport
+        Each once, best first.
+    turned : TurnedAlternative or None
+        None where no other first angle was found.
+    independent_samples : float or None
+        Samples of the sinogram, less those that only repeat their neighbours. None from a method without error bars.
+    """
+
+    hypotheses: tuple[HypothesisReport, ...]
+    turned: TurnedAlternative | None = None
+    independent_samples: float | None = None
+
+    def log_likelihood_behind(self, relative_residual: float) -> float | None:
+        """The best one's log-likelihood less that of a fit with this residual; None where it is not known."""
+        if self.independent_samples is None:
+            return None
+        best = self.hypotheses[0].relative_residual
+        return self.independent_samples * math.log(max(relative_residual, LEAST_RESIDUAL) / max(best, LEAST_RESIDUAL))
+
+
+def fit_hypotheses(
+    task: CalibrationTask, coarse: Mapping[Hypothesis, Sequence[Fit]], on_step: OnStep = unheard
+) -> list[RankedFit]:
+    """Fit to all the data what may be the best, and measure what cannot be on some; best first, one a first angle."""
+    least = min((fit.relative_residual for fits in coarse.values() for fit in fits), default=0.0)
+    fitted: list[RankedFit] = []
+    for hypothesis, starts in coarse.items():
+        data = task.full_data(hypothesis.rotation)
+        for number, start in enumerate(starts):
+            contends = start.relative_residual <= CONTENDER * least
+            if number > 0 and not contends:
+                continue
+            # The coarse residual has its noise averaged away: what cannot win is still measured on all the cells.
+            fit = refine(
+                task.phantoms[hypothesis.handedness],
+                data if contends else data.every(max(1, len(data.sinogram) // COARSE_VIEWS)),
+                start.frame,
+                position_mm=start.position_mm,
+                max_iterations=ITERATIONS if contends else 0,
+                on_step=on_step,
+            )
+            if fit is not None:
+                fitted.append(RankedFit(hypothesis, fit))
+    return _one_of_each_angle(fitted)
+
+
+def by_hypothesis(ranked: Sequence[RankedFit]) -> dict[Hypothesis, list[Fit]]:
+    """The fits of each hypothesis, in their order."""
+    fits: dict[Hypothesis, list[Fit]] = {}
+    for hypothesis, fit in ranked:
+        fits.setdefault(hypothesis, []).append(fit)
+    return fits
+
+
+def alternatives_of(ranked: Sequence[RankedFit], independent_samples: float) -> Alternatives:
+    """What competes with the first of these fits."""
+    reports: dict[Hypothesis, HypothesisReport] = {}
+    for hypothesis, fit in ranked:
+        reports.setdefault(hypothesis, HypothesisReport(*hypothesis, fit.relative_residual))
+    best = ranked[0]
+    turned = [fit for hypothesis, fit in ranked[1:] if hypothesis == best.hypothesis]
+    rival = (
+        TurnedAlternative(math.degrees(_apart(best.fit, turned[0])), turned[0].relative_residual) if turned else None
+    )
+    return Alternatives(tuple(reports.values()), rival, independent_samples)
+
+
+def _one_of_each_angle(fitted: list[RankedFit]) -> list[RankedFit]:
+    ranked: list[RankedFit] = []
+    for hypothesis, fit in sorted(fitted, key=lambda one: one.fit.relative_residual):
+        if all(hypothesis != better.hypothesis or _apart(fit, better.fit) > SAME_ANGLE for better in ranked):
+            ranked.append(RankedFit(hypothesis, fit))
+    return ranked
+
+
+def _apart(a: Fit, b: Fit) -> float:
+    return abs(angle_difference(a.frame.psi_rad, b.frame.psi_rad))

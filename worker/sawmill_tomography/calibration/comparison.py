@@ -1,0 +1,136 @@
+"""A new calibration against the active one: how far the rays moved, how the scale changed, and the likely cause."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+from sawmill_tomography.calibration.calibration import CalibratedGeometry
+from sawmill_tomography.calibration.movement import likely_cause
+from sawmill_tomography.calibration.scale import TWO_SIDED_95
+from sawmill_tomography.geometry.geometry import FloatArray, GeometryError, Scanner, SourceFrame, angle_difference
+from sawmill_tomography.geometry.ray_error import RayError, ray_error, scale_deviation
+
+
+@dataclass(frozen=True)
+class ChangeLimits:
+    """What may change between two calibrations; None: the first angle may be any."""
+
+    ray_change_mm: float
+    angle_change_deg: float | None
+    log_radius_mm: float
+    scale_change_percent: float
+
+
+@dataclass(frozen=True)
+class GeometryChange:
+    """Differences new - active, whether they are within the limits, and one sentence.
+
+    Attributes
+    ----------
+    ray_change_mm : float
+        RMS, one common rotation and one common scale taken out.
+    scale_change_percent : float
+        Change of that common scale.
+    scale_change_uncertainty_percent : float or None
+        With 95 %, from both covariances; None where neither has one.
+    """
+
+    ray_change_mm: float
+    scale_change_percent: float
+    scale_change_uncertainty_percent: float | None
+    angle_change_deg: float
+    cor_column_change_mm: float
+    source_distance_change_mm: float
+    tilt_change_deg: float
+    within_tolerance: bool
+    reason: str
+
+
+def compare(
+    scanner: Scanner, active: CalibratedGeometry, new: CalibratedGeometry, limits: ChangeLimits
+) -> GeometryChange:
+    """Differences new - active, and whether they are within the limits."""
+    moved = _moved(scanner, active, new, limits.log_radius_mm)
+    covariance = _covariance(active, new)
+    spread = None if covariance is None else _scale_spread_percent(scanner, new.frame, covariance, limits.log_radius_mm)
+    change = GeometryChange(
+        ray_change_mm=moved.rms_mm,
+        scale_change_percent=100.0 * moved.scale_change,
+        scale_change_uncertainty_percent=spread,
+        angle_change_deg=math.degrees(angle_difference(new.frame.psi_rad, active.frame.psi_rad)),
+        cor_column_change_mm=new.frame.cor_column_mm - active.frame.cor_column_mm,
+        source_distance_change_mm=new.frame.source_distance_mm - active.frame.source_distance_mm,
+        tilt_change_deg=math.degrees(new.frame.tilt_rad - active.frame.tilt_rad),
+        within_tolerance=True,
+        reason="",
+    )
+    found = next(_complaints(scanner, active, new, change, limits), None)
+    return replace(change, within_tolerance=found is None, reason=found or _quiet(change, limits))
+
+
+def _complaints(
+    scanner: Scanner, active: CalibratedGeometry, new: CalibratedGeometry, change: GeometryChange, limits: ChangeLimits
+) -> Iterator[str]:
+    """A sentence for each limit that the change exceeds, the gravest first."""
+    if new.rotation is not active.rotation:
+        yield "the log turns the other way than at the active calibration: check the drive's direction"
+    moved_mm, resized = change.ray_change_mm, abs(change.scale_change_percent) > limits.scale_change_percent
+    if moved_mm > limits.ray_change_mm or resized:
+        cause = likely_cause(
+            scanner,
+            active.frame,
+            new.frame,
+            _covariance(active, new),
+            allowed_mm=limits.ray_change_mm,
+            radius_mm=limits.log_radius_mm,
+        )
+        if moved_mm > limits.ray_change_mm:
+            yield f"the rays moved {moved_mm:.2f} mm RMS where {limits.ray_change_mm:.2f} mm is allowed: {cause}"
+        if resized:
+            yield f"{_described_scale(change)} where {limits.scale_change_percent:.2g} % is allowed: {cause}"
+    if limits.angle_change_deg is not None and abs(change.angle_change_deg) > limits.angle_change_deg:
+        yield (
+            f"the first angle changed by {change.angle_change_deg:+.3f} degrees and the rays did not move: the phantom "
+            "was mounted turned, or the encoder's zero moved"
+        )
+
+
+def _quiet(change: GeometryChange, limits: ChangeLimits) -> str:
+    """What to report where every limit is held: a change of scale beyond its uncertainty too."""
+    within = f"the rays moved {change.ray_change_mm:.3f} mm RMS, within the {limits.ray_change_mm:.2f} mm allowed"
+    spread = change.scale_change_uncertainty_percent
+    if spread is None or abs(change.scale_change_percent) <= spread:
+        return within
+    return (
+        f"{within}; {_described_scale(change)}, as when the phantom dried or swelled, was exchanged, or source or "
+        "turntable moved along the beam"
+    )
+
+
+def _described_scale(change: GeometryChange) -> str:
+    spread = change.scale_change_uncertainty_percent
+    known = "" if spread is None else f" +- {spread:.2g} %"
+    return f"the scale changed by {change.scale_change_percent:+.3f}{known or ' %'}"
+
+
+def _moved(scanner: Scanner, active: CalibratedGeometry, new: CalibratedGeometry, radius_mm: float) -> RayError:
+    try:
+        return ray_error(scanner, active.frame, new.frame, radius_mm=radius_mm)
+    except GeometryError:  # the active rays no longer meet the log: they moved by more than its radius
+        scale = new.frame.source_distance_mm / active.frame.source_distance_mm - 1.0
+        return RayError(radius_mm, radius_mm, scale)
+
+
+def _scale_spread_percent(
+    scanner: Scanner, frame: SourceFrame, covariance: FloatArray, radius_mm: float
+) -> float | None:
+    try:
+        return 100.0 * TWO_SIDED_95 * scale_deviation(scanner, frame, covariance, radius_mm=radius_mm)
+    except GeometryError:  # the new rays do not meet the log
+        return None
+
+
+def _covariance(active: CalibratedGeometry, new: CalibratedGeometry) -> FloatArray | None:
+    """Of the change; None where neither calibration has error bars."""
+    known = [one.covariance for one in (active, new) if one.covariance is not None]
+    return sum(known[1:], known[0]) if known else None

@@ -1,0 +1,74 @@
+"""A covariance that keeps apart what is held exactly and what the scan leaves unknown, and what follows from it."""
+
+import math
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from sawmill_tomography.calibration.fit_parameters import FRAME, Parameter
+from sawmill_tomography.geometry.geometry import FloatArray, Scanner, SourceFrame, Theta, to_vector
+
+# The source shift is resolved from zero when R exceeds r_S by more standard deviations.
+RESOLVED = 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class Covariance:
+    """Of the fit's parameters, in the order of `Parameter`.
+
+    Attributes
+    ----------
+    values : (n, n) float64
+        Of the first n parameters. Rows and columns of `held` and of `unknown` parameters are zero.
+    held : frozenset of Parameter
+        Known exactly: held at a given value during the fit.
+    unknown : frozenset of Parameter
+        Not determined by the scan: any value explains it as well.
+    """
+
+    values: FloatArray
+    held: frozenset[Parameter] = field(default=frozenset())
+    unknown: frozenset[Parameter] = field(default=frozenset())
+
+    @property
+    def determined(self) -> list[Parameter]:
+        """The parameters that have a variance, in their order."""
+        return [p for p in Parameter if p < len(self.values) and p not in self.held | self.unknown]
+
+    @property
+    def of_frame(self) -> "Covariance":
+        """Of the geometry's five alone; a copy."""
+        return replace(self, values=self.values[FRAME, FRAME].copy())
+
+
+def frame_deviation(frame: SourceFrame, covariance: FloatArray) -> FloatArray:
+    """Standard deviations of (psi, R, SDD, u_c, tau, M), (6,), from the covariance (5, 5) of the first five."""
+    r, sdd = frame.source_distance_mm, frame.source_to_detector_mm
+    slope = np.array([0.0, -sdd / (r * r), 1.0 / r, 0.0, 0.0])
+    magnification = math.sqrt(max(float(slope @ covariance @ slope), 0.0))
+    return np.append(np.sqrt(np.diag(covariance)), magnification)
+
+
+def theta_covariance(scanner: Scanner, frame: SourceFrame, theta: Theta, covariance: FloatArray) -> FloatArray | None:
+    """The covariance of theta to first order, (5, 5); None where h_S is not resolved from zero."""
+    r, r_s = frame.source_distance_mm, scanner.source_to_cor_mm
+    spread = math.sqrt(float(covariance[Parameter.R, Parameter.R]))
+    if spread == 0.0 or r - r_s <= RESOLVED * spread:
+        return None
+    sign = 1 if theta.source_shift_mm >= 0.0 else -1
+    vector = to_vector(frame)
+    # A step in R must stay well above r_S, where h_S has a square-root branch point.
+    steps = np.array([1e-6, min(1e-4, 1e-3 * (r - r_s)), 1e-3, 1e-3, 1e-6])
+    columns = []
+    for index, step in enumerate(steps):
+        ends = []
+        for direction in (1.0, -1.0):
+            moved = vector.copy()
+            moved[index] += direction * step
+            ends.append(to_vector(SourceFrame.from_vector(moved).theta(r_s, source_shift_sign=sign)))
+        change = ends[0] - ends[1]
+        change[0] = math.remainder(change[0], 2.0 * math.pi)
+        columns.append(change / (2.0 * step))
+    slope = np.stack(columns, -1)
+    propagated: FloatArray = slope @ covariance @ slope.T
+    return propagated

@@ -1,0 +1,61 @@
+"""The error bars of a calibration: the covariance, and the ray error that it predicts."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sawmill_tomography.calibration.covariance import Covariance, frame_deviation, theta_covariance
+from sawmill_tomography.calibration.scatter import Scatter
+from sawmill_tomography.geometry.geometry import FloatArray, Scanner, SourceFrame, Theta
+from sawmill_tomography.geometry.ray_error import PredictedRayError, predicted_ray_error
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorBars:
+    """What is known of the errors.
+
+    Attributes
+    ----------
+    covariance : Covariance
+        Of the geometry's five unknowns.
+    theta_covariance : (5, 5) float64 or None
+        Of theta; None where the source shift is not resolved.
+    predicted_ray_error : PredictedRayError
+        Inside the log's disc.
+    inflation : float
+        Factor by which the residual's correlation within views inflated the covariance; 1 for white noise.
+    deviation_ratio : float
+        The standard deviations against those for white noise of the residual's RMS.
+    source_shift_resolved : bool
+        Whether the source shift differs from zero by more than its uncertainty.
+    """
+
+    covariance: Covariance
+    theta_covariance: FloatArray | None
+    predicted_ray_error: PredictedRayError
+    inflation: float
+    deviation_ratio: float
+    source_shift_resolved: bool
+
+    @property
+    def theta_deviation(self) -> FloatArray | None:
+        """Standard deviations of theta, (5,); None where it has no covariance."""
+        return None if self.theta_covariance is None else np.sqrt(np.diag(self.theta_covariance))
+
+    def frame_deviation(self, frame: SourceFrame) -> FloatArray:
+        """Standard deviations of (psi, R, SDD, u_c, tau, M), (6,); zero where held or unknown."""
+        return frame_deviation(frame, self.covariance.values)
+
+
+def error_bars(scanner: Scanner, frame: SourceFrame, theta: Theta, scatter: Scatter, radius_mm: float) -> ErrorBars:
+    """From the scatter of the parameters."""
+    covariance = scatter.covariance.of_frame
+    of_theta = theta_covariance(scanner, frame, theta, covariance.values)
+    return ErrorBars(
+        covariance=covariance,
+        theta_covariance=of_theta,
+        predicted_ray_error=predicted_ray_error(scanner, frame, covariance.values, radius_mm=radius_mm),
+        inflation=scatter.inflation,
+        deviation_ratio=scatter.deviation_ratio,
+        source_shift_resolved=of_theta is not None,
+    )

@@ -1,0 +1,53 @@
+"""Angles that scatter from view to view."""
+
+import math
+
+import numpy as np
+
+from sawmill_tomography.calibration.normal_equations import System
+from sawmill_tomography.calibration.scan_model import Term
+from sawmill_tomography.geometry.geometry import FloatArray
+
+REMEDY = "look at the encoder and the drive"
+# The scatter is none of noise when it is larger by this number of standard deviations, with this number of views; none
+# of the model when neighbouring views share less than this share of it, and what is seen of u_c beside it scatters by
+# less than this share of it; most views have it, and it explains most of what is no noise.
+MEDIAN_OF_CHI_SQUARED, IN_MOST, EXPLAINED = 0.455, 0.3, 0.4
+DEVIATIONS, FEWEST_VIEWS, SHARED, BESIDE = 8.0, 20, 0.3, 0.1
+
+
+def sentence(deviation_rad: float) -> str:
+    """What is reported of it."""
+    return f"the angles scatter from view to view, by {math.degrees(deviation_rad):.2g} degrees"
+
+
+def angle_scatter(system: System, change: FloatArray, variance: float) -> float:
+    """The variance of the views' angles, rad^2; 0 where noise, or a model that is wrong, explains what is seen."""
+    psi, u_c = (next(i for i, c in enumerate(system.columns) if c.term is term) for term in (Term.PSI, Term.U_C))
+    grams, scores = system.grams, system.scores - system.grams @ change
+    own = grams[:, psi, psi]
+    seen = own > 1e-9 * own.max()
+    if seen.sum() < FEWEST_VIEWS or variance <= 0.0:
+        return 0.0
+    own, cross, score = own[seen], grams[seen, psi, u_c], scores[seen, psi]
+    unit = score / np.sqrt(own * variance)
+    beyond = float((unit**2 - 1.0).sum())
+    neighbours = float((unit[1:] * unit[:-1]).sum())
+    left = scores[seen, u_c] - cross / own * score
+    along = grams[seen, u_c, u_c]
+    # Where turning and shifting the view have the same effect, only rounding remains.
+    apart = np.maximum(along - cross**2 / own, np.finfo(np.float64).eps * along.max())
+    beside = float((left**2 / (apart * variance) - 1.0).sum())
+    # One in which an edge lies along the rays may hold most of it, where a model is finer than the scan.
+    usual = float(np.median(unit**2)) / MEDIAN_OF_CHI_SQUARED - 1.0
+    chance = DEVIATIONS * math.sqrt(2.0 * unit.size)
+    structured = system.structured - float(change @ system.score)
+    if (
+        beyond < chance
+        or beyond * variance < EXPLAINED * structured
+        or usual * unit.size < IN_MOST * beyond
+        or abs(neighbours) > SHARED * beyond
+        or beside > max(BESIDE * beyond, 0.5 * chance)
+    ):
+        return 0.0
+    return float((score**2 - own * variance).sum() / (own**2).sum())

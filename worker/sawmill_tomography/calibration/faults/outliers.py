@@ -1,0 +1,66 @@
+"""Samples that the model cannot explain: dead and hot cells, corrupt views. They lose weight."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sawmill_tomography.calibration.faults.finding import AdjustedFit, Finding
+from sawmill_tomography.geometry.geometry import FloatArray
+from sawmill_tomography.statistics.robust import robust_deviation
+from sawmill_vocabulary import Adjustment
+
+# In robust standard deviations: beyond it a sample loses weight.
+OUTLIER = 4.0
+# The shadow proper, as a share of its depth.
+SHADOW = 0.02
+# Outliers are reweighted when they hold this share of the residual's power.
+OUTLIER_POWER = 0.25
+# They are a fault of the scan, and no model error, when most of their power (FAULT_SHARE) lies in cells, or in views,
+# of which more than the share WHOLE is outlying (tests/tomography/calibration/test_adjust.py).
+WHOLE, FAULT_SHARE = 0.2, 0.7
+# The first fit was still pulled by the outliers.
+ROUNDS = 2
+
+
+def _adjust(now: AdjustedFit) -> AdjustedFit:
+    current, share = now, 0.0
+    used = np.ones_like(now.data.sinogram) if now.data.weights is None else now.data.weights
+    for _ in range(ROUNDS):
+        residual = current.data.sinogram - current.model
+        deviation = _deviation(current, residual, used)
+        if deviation == 0.0:
+            return now
+        size, power = np.abs(residual) / deviation, used * residual**2
+        outlying = size > OUTLIER
+        if power[outlying].sum() < OUTLIER_POWER * power.sum() or not _is_a_fault(power * outlying, outlying):
+            break
+        weighted = replace(current.data, weights=used * np.where(outlying, (OUTLIER / size) ** 2, 1.0))
+        again = now.refitted(weighted, current.fit)
+        if again is None:
+            break
+        current, share = replace(now, data=weighted, fit=again), float(outlying[used > 0.0].mean())
+    if share == 0.0:
+        return now
+    return now.after(current.data, current.fit, f"{share:.2%} of the samples are outliers and lost weight")
+
+
+def _deviation(now: AdjustedFit, residual: FloatArray, used: FloatArray) -> float:
+    """The residual's robust standard deviation in the shadow, at least what the phantom's size tolerance leaves.
+
+    Air does not count: it may be free of noise, and is the most of a sinogram.
+    """
+    depth = float(np.ptp(now.model))
+    shadowed = residual[(now.model > now.fit.offset + SHADOW * depth) & (used > 0.0)]
+    deviation = robust_deviation(shadowed - np.median(shadowed)) if shadowed.size else 0.0
+    return max(deviation, now.phantom.size_tolerance * depth)
+
+
+def _is_a_fault(power: FloatArray, outlying: NDArray[np.bool_]) -> bool:
+    """Whether outliers are whole cells or whole views, as faults are; elsewhere the model is wrong."""
+    cells = power[:, outlying.mean(axis=0) > WHOLE].sum()
+    views = power[outlying.mean(axis=1) > WHOLE].sum()
+    return bool(max(cells, views) > FAULT_SHARE * power.sum())
+
+
+OUTLIERS = Finding(Adjustment.OUTLIERS, _adjust)

@@ -1,0 +1,89 @@
+"""Cells, views and samples without a usable signal, found before anything is fitted.
+
+They get no weight; for the search, cells and samples are bridged from their neighbours and views left out.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sawmill_tomography.geometry.geometry import FloatArray
+from sawmill_tomography.sinograms.bridging import bridge, bridged_samples
+from sawmill_tomography.sinograms.faulty_cells import faulty_cells
+
+# A view with this share of its samples outside the range of the others is corrupt.
+VIEW_SHARE = 0.01
+
+
+@dataclass(frozen=True)
+class Screening:
+    """What may be used.
+
+    Attributes
+    ----------
+    cells : (cells,) bool
+    views : (views,) bool
+    hidden : (views, cells) bool or None
+        Samples that see something else than the phantom; None where none does.
+    """
+
+    cells: NDArray[np.bool_]
+    views: NDArray[np.bool_]
+    hidden: NDArray[np.bool_] | None = None
+
+    @cached_property
+    def weights(self) -> FloatArray | None:
+        """(views, cells) float64, 0 where nothing may be used; None where everything may."""
+        if self.cells.all() and self.views.all() and self.hidden is None:
+            return None
+        weights = np.outer(self.views, self.cells).astype(np.float64)
+        if self.hidden is not None:
+            weights[self.hidden] = 0.0
+        return weights
+
+    @property
+    def adjustments(self) -> tuple[str, ...]:
+        """One sentence for each thing left out."""
+        sentences = []
+        if not self.cells.all():
+            sentences.append(f"{int((~self.cells).sum())} detector cells without a usable signal were left out")
+        if not self.views.all():
+            sentences.append(f"{int((~self.views).sum())} corrupt views were left out")
+        return tuple(sentences)
+
+    def bridged(self, sinogram: FloatArray) -> FloatArray:
+        """The sinogram with the cells and samples left out interpolated along the detector."""
+        if self.cells.all() and self.hidden is None:
+            return sinogram
+        filled = sinogram.copy()
+        bridge(filled, ~self.cells)
+        return filled if self.hidden is None else np.asarray(bridged_samples(filled, self.hidden), np.float64)
+
+
+def screen(sinogram: FloatArray, *, cells: bool = True, views: bool = True) -> Screening:
+    """Look at a sinogram (views, detector) before it is used: at its cells, its views, or both."""
+    usable_views = ~_corrupt_views(sinogram) if views else np.ones(len(sinogram), bool)
+    if usable_views.sum() < 3:
+        usable_views[:] = True
+    usable_cells = ~_faulty_cells(sinogram[usable_views]) if cells else np.ones(sinogram.shape[1], bool)
+    if usable_cells.sum() < 8:
+        usable_cells[:] = True
+    return Screening(usable_cells, usable_views)
+
+
+def _corrupt_views(sinogram: FloatArray) -> NDArray[np.bool_]:
+    # Hot cells stand in every view: the highest hundredth is theirs.
+    low, high = np.median(np.quantile(sinogram, [0.02, 0.99], axis=1), axis=1).tolist()
+    span = high - low
+    outside = ((sinogram < low - 0.3 * span) | (sinogram > high + span)).mean(axis=1)
+    flat = np.ptp(sinogram, axis=1) < 0.02 * span
+    corrupt: NDArray[np.bool_] = (outside > np.median(outside) + VIEW_SHARE) | flat
+    return corrupt
+
+
+def _faulty_cells(sinogram: FloatArray) -> NDArray[np.bool_]:
+    # A phantom has no structure of single cells, and loses little with a sound cell beside a hot one.
+    median = np.median(np.ascontiguousarray(sinogram.T), axis=1)
+    return faulty_cells(sinogram, median, recheck=False, most_faulty=1.0)

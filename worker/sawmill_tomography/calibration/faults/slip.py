@@ -1,0 +1,65 @@
+"""A phantom that slips, or an angle that jumps, at some view."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from sawmill_tomography.calibration.elimination import scaled_inverse
+from sawmill_tomography.calibration.faults.effect import Effect
+from sawmill_tomography.calibration.normal_equations import Column
+from sawmill_tomography.calibration.scan_model import POSE, ScanModel
+from sawmill_tomography.geometry.geometry import FloatArray
+from sawmill_vocabulary import Adjustment
+
+# A slip is known by this number of views, and this share of them, before and after it.
+FEWEST_VIEWS, SHARE_OF_VIEWS = 3, 1 / 24
+# One that moves the phantom by less than this share of what it turns its rim by is one of the angles.
+TURN_ALONE = 0.1
+
+
+def slip_at(view: int) -> Effect:
+    """From this view on."""
+
+    def columns(model: ScanModel) -> tuple[Column, ...]:
+        after = (np.arange(len(model.data.angles_rad)) >= view).astype(np.float64)
+        return tuple(Column(((term, after),)) for term in POSE)
+
+    def sentence(model: ScanModel, sizes: FloatArray) -> str:
+        turn, *move = sizes
+        by_mm, by_deg = math.hypot(*move), math.degrees(abs(turn))
+        if by_mm < TURN_ALONE * abs(turn) * model.drawing.radius_mm:
+            return f"the angles jump at view {view}, by {by_deg:.2g} degrees"
+        return f"the phantom moved at view {view}, by {by_mm:.2g} mm and {by_deg:.2g} degrees"
+
+    return Effect(
+        Adjustment.SLIP,
+        columns,
+        sentence,
+        "fasten the phantom on the turntable, look at the drive and its encoder, and repeat the scan",
+    )
+
+
+def likeliest_slip(columns: Sequence[Column], grams: FloatArray, scores: FloatArray) -> int | None:
+    """The view at which a slip explains most beside the columns of a fit; None of too few views.
+
+    Parameters
+    ----------
+    columns : sequence of Column
+        Those of `POSE`, in all views alike, among them.
+    grams : (views, columns, columns); scores : (views, columns)
+        Of each view. Stripes are left out of account: what is subtracted for them belongs to no view.
+    """
+    views = len(scores)
+    fewest = max(FEWEST_VIEWS, round(SHARE_OF_VIEWS * views))
+    if views < 2 * fewest:
+        return None
+    pose = [next(i for i, column in enumerate(columns) if column.term is term) for term in POSE]
+    inverse = scaled_inverse(grams.sum(axis=0))
+    of_pose = grams[:, pose]
+    rest = scores[:, pose] - of_pose @ (inverse @ scores.sum(axis=0))
+    after = np.cumsum(rest[::-1], axis=0)[::-1][fewest : views - fewest + 1]
+    cross = np.cumsum(of_pose[::-1], axis=0)[::-1][fewest : views - fewest + 1]
+    matrix = cross[:, :, pose] - cross @ inverse @ np.swapaxes(cross, 1, 2)
+    solved = (np.linalg.pinv(matrix, rcond=1e-9, hermitian=True) @ after[..., None])[..., 0]
+    return fewest + int(np.einsum("nt,nt->n", after, solved).argmax())

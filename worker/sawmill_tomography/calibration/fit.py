@@ -1,0 +1,210 @@
+"""Least squares on the sinogram: Levenberg-Marquardt with gain and background eliminated.
+
+min over (psi, R, SDD, u_c, tau, t_x, t_y) of || g * proj(phantom at t) + b - y ||^2, g and b in closed form (variable
+projection with Kaufman's derivative; Golub and Pereyra 2003). Every inner product that this needs comes from the
+per-view Gram matrices of `analytic.gram`, so no derivative is ever stored.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sawmill_tomography.calibration.covariance import Covariance
+from sawmill_tomography.calibration.elimination import reduce, scaled_inverse
+from sawmill_tomography.calibration.fit_parameters import RAYS, GramTerm, Parameter
+from sawmill_tomography.calibration.sinogram_data import SinogramData
+from sawmill_tomography.geometry.geometry import FloatArray, GeometryError, SourceFrame, to_vector, wrap_angle
+from sawmill_tomography.phantoms.phantom import Phantom
+
+
+@dataclass(frozen=True)
+class FittedModel:
+    """A geometry with the gain and offset that explain most of the scan at it.
+
+    Attributes
+    ----------
+    position_mm : (float, float)
+        Where the phantom stood, x and y.
+    residual_rms, relative_residual : float
+        In the sinogram's unit, and against the RMS of the sinogram without its mean.
+    """
+
+    frame: SourceFrame
+    position_mm: tuple[float, float]
+    gain: float
+    offset: float
+    residual_rms: float
+    relative_residual: float
+
+    def to_vector(self) -> FloatArray:
+        """The seven unknowns, (7,), in the order of `Parameter`."""
+        return np.concatenate([to_vector(self.frame), self.position_mm])
+
+
+@dataclass(frozen=True)
+class Fit(FittedModel):
+    """Where least squares ended.
+
+    Attributes
+    ----------
+    covariance : Covariance
+        Of the seven unknowns for white noise of the residual's size.
+    """
+
+    covariance: Covariance
+    converged: bool
+    iterations: int
+
+
+# A fit ends where a step would gain less than this share of one sample's variance, a tenth of a standard deviation, or
+# of this share of the data's power, where that is larger.
+NO_GAIN, ROUNDING = 0.01, 1e-14
+# A step that lowers the sum of squares by less than this share of it is slow.
+SLOW = 0.2
+
+# Called at each step of fits, whose number is not known beforehand.
+OnStep = Callable[[], None]
+
+
+def unheard() -> None:
+    """For those who need not know of steps."""
+
+
+@dataclass(frozen=True)
+class _Normal:
+    """The normal equations after gain and offset are eliminated."""
+
+    rss: float
+    gain: float
+    offset: float
+    hessian: FloatArray
+    gradient: FloatArray
+
+
+def _eliminate(grams: FloatArray) -> _Normal | None:
+    """Project what is linear out of derivatives and data; None where the model shows nothing."""
+    try:
+        schur, solved = reduce(grams, [*Parameter, GramTerm.DATA])
+    except np.linalg.LinAlgError:  # the model is zero, or the same everywhere
+        return None
+    gain, offset = solved[:, -1].tolist()
+    if not (np.isfinite(schur).all() and gain > 0.0):
+        return None
+    return _Normal(
+        rss=max(float(schur[-1, -1]), 0.0),
+        gain=gain,
+        offset=offset,
+        hessian=gain * gain * schur[:-1, :-1],
+        gradient=gain * schur[:-1, -1],
+    )
+
+
+def _normal_equations(phantom: Phantom, data: SinogramData, x: FloatArray) -> _Normal | None:
+    """At a vector x (7,) in the order of `Parameter`; None where no such geometry exists or it shows nothing."""
+    if not np.isfinite(x).all() or abs(x[Parameter.TILT]) > 1.4 or not 0.0 < x[Parameter.R] < x[Parameter.SDD]:
+        return None
+    try:
+        return _eliminate(data.gram(phantom, x))
+    except GeometryError:  # the phantom would reach the source
+        return None
+
+
+def refine(
+    phantom: Phantom,
+    data: SinogramData,
+    start: SourceFrame,
+    *,
+    position_mm: tuple[float, float] = (0.0, 0.0),
+    fixed_source_distance: bool = False,
+    max_iterations: int = 60,
+    hopeless: float = math.inf,
+    on_step: OnStep = unheard,
+) -> Fit | None:
+    """Go from an initial guess in the right basin to its minimum.
+
+    Parameters
+    ----------
+    phantom : Phantom
+        As this hypothesis of handedness sees it.
+    start : SourceFrame
+        Where to begin; with `fixed_source_distance` R stays there.
+    hopeless : float
+        The relative residual above which the fit ends with its first slow step.
+    on_step : callable
+        Called at each iteration.
+
+    Returns
+    -------
+    Fit or None
+        None where the guess explains nothing: no shadow on the detector, or a gain that is not positive.
+    """
+    centre = float(np.average(data.sinogram, weights=data.weights))
+    centred = replace(data, sinogram=data.sinogram - centre)
+    held = frozenset({Parameter.R}) if fixed_source_distance else frozenset[Parameter]()
+    free = np.array([p for p in Parameter if p not in held])
+    x = np.concatenate([to_vector(start), position_mm])
+    now = _normal_equations(phantom, centred, x)
+    if now is None:
+        return None
+    samples, mean_square = data.samples, float(np.average(centred.sinogram**2, weights=data.weights))
+    power, identity = mean_square * samples, np.eye(free.size)
+    damping, converged, iterations = 1e-3, False, 0
+    while iterations < max_iterations:
+        iterations += 1
+        on_step()
+        hessian, gradient = now.hessian[free][:, free], now.gradient[free]
+        try:
+            step = np.linalg.solve(hessian * (1.0 + damping * identity), gradient)
+        except np.linalg.LinAlgError:  # a direction the data do not see at all: damp harder
+            step = np.full(free.size, np.nan)
+        if damping < 1.0 and float(step @ gradient) <= NO_GAIN / samples * max(now.rss, ROUNDING * power):
+            converged = True
+            break
+        trial = x.copy()
+        trial[free] += step
+        then = _normal_equations(phantom, centred, trial)
+        if then is not None and then.rss <= now.rss:
+            slow = then.rss > (1.0 - SLOW) * now.rss
+            x, now, damping = trial, then, max(damping * 0.1, 1e-12)
+            if slow and now.rss > hopeless**2 * power:
+                break
+        else:
+            damping = max(damping * 10.0, 1e-9)
+            if damping > 1e8:
+                converged = then is not None and abs(then.rss - now.rss) <= 1e-9 * now.rss
+                break
+    return _fit(centred, x, now, held, centre, mean_square, converged=converged, iterations=iterations)
+
+
+def _fit(
+    data: SinogramData,
+    x: FloatArray,
+    normal: _Normal,
+    held: frozenset[Parameter],
+    centre: float,
+    mean_square: float,
+    *,
+    converged: bool,
+    iterations: int,
+) -> Fit:
+    count = data.samples
+    determinable = [p for p in Parameter if p not in held]
+    free = np.array(determinable)
+    degrees = max(count - free.size - 2, 1.0)
+    covariance = np.zeros((len(Parameter), len(Parameter)))
+    inverse = scaled_inverse(normal.hessian[np.ix_(free, free)], least=1e-15)
+    covariance[np.ix_(free, free)] = inverse * normal.rss / degrees
+    residual_rms = math.sqrt(normal.rss / count)
+    return Fit(
+        frame=SourceFrame.from_vector((wrap_angle(x[Parameter.PSI]), *x[RAYS])),
+        position_mm=(float(x[Parameter.T_X]), float(x[Parameter.T_Y])),
+        gain=normal.gain,
+        offset=normal.offset + centre,
+        covariance=Covariance(covariance, held, frozenset(p for p in determinable if not covariance[p, p] > 0.0)),
+        residual_rms=residual_rms,
+        relative_residual=residual_rms / math.sqrt(mean_square) if mean_square > 0.0 else math.inf,
+        converged=converged,
+        iterations=iterations,
+    )

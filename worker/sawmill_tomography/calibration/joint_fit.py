@@ -1,0 +1,379 @@
+"""The geometry and every effect that the scan shows, fitted together by generalised least squares.
+
+Gauss and Newton's steps from the plain fit. At each point every effect of `faults.adjustments` is tested by its own
+pattern; one that chance does not explain joins the fit. What is beyond chance but not fitted adds its bias to the
+covariance.
+"""
+
+import math
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from sawmill_tomography.calibration.covariance import Covariance
+from sawmill_tomography.calibration.faults.adjustments import ALIKE, EFFECTS
+from sawmill_tomography.calibration.faults.angle_jitter import angle_scatter
+from sawmill_tomography.calibration.faults.deformation import DEFORMATION
+from sawmill_tomography.calibration.faults.effect import Effect
+from sawmill_tomography.calibration.faults.finding import AdjustedFit
+from sawmill_tomography.calibration.faults.inconsistent_views import (
+    inconsistent_views,
+    sentence,
+    without_views,
+)
+from sawmill_tomography.calibration.faults.intensity_averaging import averaging
+from sawmill_tomography.calibration.faults.slip import likeliest_slip, slip_at
+from sawmill_tomography.calibration.faults.view_gain import views_differ
+from sawmill_tomography.calibration.fit import Fit, OnStep, unheard
+from sawmill_tomography.calibration.fit_parameters import Parameter
+from sawmill_tomography.calibration.normal_equations import Column, System, ViewGrams
+from sawmill_tomography.calibration.scan_model import ScanModel, Term
+from sawmill_tomography.calibration.selection import Beside, EffectTest
+from sawmill_tomography.calibration.steps import BY_ANGLES, ROUNDING, is_small, moved, off_by, stepped
+from sawmill_tomography.geometry.geometry import FloatArray, wrap_angle
+from sawmill_vocabulary import Adjustment, TrueAxis
+
+ROUNDS = 12
+VIEW_ROUNDS = 3
+# Effects join in the first rounds, this number of them in each: what they explain together is only known to first
+# order.
+JOINING, MOST_AT_ONCE = 6, 2
+# A fit that ends before a step is small is good enough where the next one would move the geometry by no more than this
+# many of its standard deviations, squared.
+TOLERABLE = 25.0
+MOST_SLIPS = 2
+
+
+@dataclass(eq=False)
+class Fitted:
+    """An effect in the fit, or tried.
+
+    Attributes
+    ----------
+    trials : float
+        Number of places at which it was looked for.
+    declined : bool
+        It is not to join: other effects explained it, or it was not to be fitted.
+    sizes : (columns,) float64
+        Of its columns.
+    places : list of int
+        Of its columns in the system at hand.
+    """
+
+    effect: Effect
+    columns: tuple[Column, ...]
+    trials: float = 1.0
+    declined: bool = False
+    sizes: FloatArray = field(init=False)
+    places: list[int] = field(init=False, default_factory=list)
+
+    def __post_init__(self) -> None:
+        """Nothing yet."""
+        self.sizes = np.zeros(len(self.columns))
+
+
+@dataclass(frozen=True, eq=False)
+class OtherReading:
+    """An effect that explains what a fitted one does, so that the scan does not tell which of them is there.
+
+    Attributes
+    ----------
+    sizes : (columns,) float64
+        Of the other effect's columns, if it were fitted in the other's place.
+    bias : (base,) float64
+        Change of all else that is fitted if it were.
+    """
+
+    fitted: Fitted
+    other: Fitted
+    sizes: FloatArray
+    bias: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class JointFit:
+    """Where it ended.
+
+    Attributes
+    ----------
+    fitted : effects in the fit.
+    system : System
+        At the end, of all columns; `used` are those fitted, `change` the last step's.
+    beyond_chance : effects that are beyond chance and not fitted, and the test of each.
+    other_reading : OtherReading or None
+        None where no fitted effect may stand for another.
+    angle_variance : float
+        By which the views' angles scatter, rad^2; 0 where they do not.
+    """
+
+    model: ScanModel
+    fitted: tuple[Fitted, ...]
+    system: System
+    used: list[int]
+    change: FloatArray
+    variance: float
+    beyond_chance: tuple[tuple[Fitted, EffectTest], ...]
+    other_reading: OtherReading | None
+    angle_variance: float
+    converged: bool
+    rounds: int
+
+    @property
+    def biases(self) -> list[FloatArray]:
+        """What the fitted columns would be off by, the geometry's first, for each effect that may be there instead."""
+        beyond_chance = [test.bias for _, test in self.beyond_chance]
+        return beyond_chance if self.other_reading is None else [*beyond_chance, self.other_reading.bias]
+
+    @property
+    def aspect(self) -> float:
+        """By how much the phantom is longer in x than in y, if that is what the scan shows; a share."""
+        other = self.other_reading
+        if other is not None and other.other.effect is DEFORMATION:
+            return float(other.sizes[0])
+        return self.model.size(Term.ASPECT)
+
+    def without(self, one: Fitted) -> tuple[list[Column], FloatArray]:
+        """The other columns, and what they would be off by if an effect were not fitted."""
+        columns = self.system.columns
+        rest = [i for i in self.used if i not in one.places]
+        off = self.system.inverse(rest) @ self.system.normal[np.ix_(rest, one.places)] @ one.sizes
+        return [columns[i] for i in rest], off
+
+
+def fit_jointly(prepared: AdjustedFit, without: Collection[Adjustment] = (), on_step: OnStep = unheard) -> JointFit:
+    """From the plain fit; effects in `without` are tested, and not fitted."""
+    fitter = _JointFitter(prepared, frozenset(without))
+    while fitter.rounds < ROUNDS and not fitter.round():
+        on_step()
+    return fitter.result()
+
+
+def fit_consistent_views(
+    prepared: AdjustedFit, without: Collection[Adjustment] = (), on_step: OnStep = unheard
+) -> tuple[AdjustedFit, JointFit]:
+    """As `fit_jointly`, without the few views that the fit to the others does not explain."""
+    joint = fit_jointly(prepared, without, on_step)
+    found = np.zeros(len(prepared.data.sinogram), bool)
+    for _ in range(VIEW_ROUNDS if Adjustment.OUTLIERS not in without else 0):
+        odd = inconsistent_views(joint.model.residual, joint.model.data.sinogram, joint.model.data.weights) & ~found
+        remaining = without_views(prepared, found | odd) if odd.any() else None
+        if remaining is None:
+            break
+        found |= odd
+        joint = fit_jointly(remaining, without, on_step)
+    if not found.any():
+        return prepared, joint
+    remaining = replace(prepared, adjustments=(*prepared.adjustments, sentence(int(found.sum()))))
+    return replace(remaining, data=joint.model.data), joint
+
+
+class _JointFitter:
+    """The model on its way, the effects in it and those that wait."""
+
+    def __init__(self, prepared: AdjustedFit, without: frozenset[Adjustment]) -> None:
+        start, views = prepared.fit, len(prepared.data.sinogram)
+        self.without = without
+        self.model = ScanModel(
+            prepared.phantom,
+            prepared.data,
+            prepared.from_counts,
+            start.to_vector(),
+            np.full((views, 1), start.gain),
+            np.full((views, 1), start.offset),
+            np.zeros((views, 3)),
+        )
+        held = {Term(p) for p in start.covariance.held}
+        self.base = [Column.of(term) for term in Term if term <= Term.OFFSET and term not in held]
+        self.waiting = [
+            Fitted(effect, columns, declined=effect.adjustment in without)
+            for effect in EFFECTS
+            if (columns := effect.columns(self.model))
+        ]
+        self.fitted: list[Fitted] = []
+        self.averaging = prepared.averaging
+        self.angle_variance, self.variance, self.converged = 0.0, 0.0, False
+        self.rounds = 0
+
+    def round(self) -> bool:
+        """One step, after the effects that stand out have joined; whether the fit has ended."""
+        self.rounds += 1
+        grams, free = self._linearised()
+        system, tried, used = self._system(grams, free)
+        joined, tests = self._join(system, tried, used)
+        change = np.zeros(len(system.columns))
+        change[used] = system.inverse(used) @ system.score[used]
+        remaining = max(system.power - float(change @ system.score), 0.0)
+        self.variance = remaining / max(system.samples - len(used), 1.0)
+        small = is_small(self.model, system, used, change, self.variance)
+        may_rise = BY_ANGLES if small or self.angle_variance > 0.0 else ROUNDING
+        self.model, share = stepped(self.model, system.columns, change, grams, may_rise=may_rise)
+        for one in self.fitted:
+            one.sizes = one.sizes + share * change[one.places]
+        self.last = system, tried, used, change, tests
+        self.converged = off_by(system, used, change) <= TOLERABLE * self.variance
+        if share == 0.0:
+            return True
+        if share < 1.0 or joined or not small:
+            return False
+        self.converged = self._settled(system, used, change)
+        return self.converged
+
+    def result(self) -> JointFit:
+        """Where it ended."""
+        system, tried, used, change, tests = self.last
+        allowed = [one for one in tried if one.effect.adjustment not in self.without]
+        other = _other_reading(system, used, self.fitted, allowed)
+        beyond = tuple(
+            (one, test)
+            for one, test in tests
+            if (other is None or one is not other.other) and test.is_beyond_chance(one.trials)
+        )
+        return JointFit(
+            self.model,
+            tuple(self.fitted),
+            system,
+            used,
+            change,
+            self.variance,
+            beyond,
+            other,
+            self.angle_variance,
+            converged=self.converged,
+            rounds=self.rounds,
+        )
+
+    def _linearised(self) -> tuple[ViewGrams, list[Column]]:
+        """The derivatives' inner products, random effects of the views taken out, and the columns always fitted."""
+        grams = ViewGrams(self.model)
+        if not self.model.view_gain and Adjustment.VIEW_GAIN not in self.without and views_differ(grams):
+            self.model = self.model.with_view_gains(grams.weights)
+            grams = ViewGrams(self.model)
+        if self.angle_variance > 0.0:
+            grams.project_out([Term.PSI], self.variance / self.angle_variance)
+        if self.model.view_gain:
+            grams.project_out([Term.GAIN, Term.OFFSET], 0.0)
+            return grams, [column for column in self.base if column.term not in (Term.GAIN, Term.OFFSET)]
+        of_offset, of_sample = grams.offset_variance()
+        if of_offset > 0.0:
+            grams.project_out([Term.OFFSET], of_sample / of_offset)
+        return grams, self.base
+
+    def _system(self, grams: ViewGrams, free: list[Column]) -> tuple[System, list[Fitted], list[int]]:
+        """Normal equations of all columns; the effects to be tried, the likeliest slip among them; what is fitted."""
+        tried = list(self.waiting)
+        base = [*free, *(column for one in self.fitted for column in one.columns)]
+        used = list(range(len(base)))
+        slips = sum(one.effect.adjustment is Adjustment.SLIP for one in self.fitted)
+        view = likeliest_slip(base, *grams.of_columns(base)) if slips < MOST_SLIPS else None
+        if view is not None:
+            slip, trials = slip_at(view), float(len(grams.scores))
+            declined = Adjustment.SLIP in self.without
+            tried.append(Fitted(slip, slip.columns(self.model), trials, declined=declined))
+        system = grams.system([*base, *(column for one in tried for column in one.columns)])
+        first = len(free)
+        for one in (*self.fitted, *tried):
+            one.places = list(range(first, first := first + len(one.columns)))
+        return system, tried, used
+
+    def _join(
+        self, system: System, tried: Sequence[Fitted], used: list[int]
+    ) -> tuple[list[Fitted], list[tuple[Fitted, EffectTest]]]:
+        """Those that join, each time the one that explains most, and the tests of the rest; `used` grows by columns."""
+        joined: list[Fitted] = []
+        while True:
+            beside = Beside(system, used)
+            tests = [(one, beside.tested(one.places)) for one in tried if one not in joined]
+            worth = [(test.power, one) for one, test in tests if not one.declined and test.is_fitted(one.trials)]
+            if not worth or len(joined) == MOST_AT_ONCE or self.rounds > JOINING:
+                break
+            _, best = max(worth, key=lambda pair: pair[0])
+            joined.append(best)
+            used += best.places
+        self.fitted += joined
+        self.waiting = [one for one in self.waiting if one not in joined]
+        return joined, tests
+
+    def _settled(self, system: System, used: list[int], change: FloatArray) -> bool:
+        """Whether every effect is still needed, angles scatter no more, and intensities are averaged as modelled."""
+        dropped = [one for one in self.fitted if not _needed(system, used, one)]
+        for one in dropped:
+            self.model = moved(self.model, one.columns, -one.sizes)
+            self.fitted.remove(one)
+            self.waiting.append(Fitted(one.effect, one.columns, one.trials, declined=True))
+        if dropped:
+            return False
+        if self.angle_variance == 0.0 and Adjustment.ANGLE_JITTER not in self.without:
+            self.angle_variance = angle_scatter(system, change, self.variance)
+            if self.angle_variance > 0.0:
+                return False
+        if self.averaging is None or not self.fitted:
+            return True
+        self.model, self.averaging = _averaged_anew(self.model, self.averaging), None
+        return False
+
+
+def _averaged_anew(model: ScanModel, before: FloatArray) -> ScanModel:
+    """With the averaging of intensities of the model as it is now."""
+    data = model.data
+    position = model.pose[:, 1:] + model.x[[Parameter.T_X, Parameter.T_Y]]
+    turned = replace(data, angles_rad=data.angles_rad + model.pose[:, 0])
+    added = averaging(model.phantom, turned, model.frame, position_mm=position, gain=model.gain)
+    return replace(model, data=replace(data, sinogram=data.sinogram - before + added))
+
+
+def _needed(system: System, used: list[int], one: Fitted) -> bool:
+    """Whether an effect is still far beyond chance beside the others."""
+    rest = [i for i in used if i not in one.places]
+    return Beside(system.without(one.places, one.sizes), rest).tested(one.places).is_fitted(one.trials)
+
+
+def _other_reading(
+    system: System, used: list[int], fitted: Sequence[Fitted], tried: Sequence[Fitted]
+) -> OtherReading | None:
+    """Find what may be there instead of a fitted effect: the other of `ALIKE`, if it leaves nothing of that effect."""
+    pair = [one for one in (*fitted, *tried) if one.effect in ALIKE]
+    one = next((one for one in pair if one in fitted), None)
+    other = next((one for one in pair if one not in fitted), None)
+    if one is None or other is None:
+        return None
+    rest = [i for i in used if i not in one.places]
+    system = system.without(one.places, one.sizes)
+    if Beside(system, [*rest, *other.places]).tested(one.places).is_fitted():
+        return None
+    beside = Beside(system, rest)
+    instead = beside.tested(other.places)
+    return OtherReading(one, other, instead.sizes, instead.bias - beside.tested(one.places).bias)
+
+
+def as_fit(joint: JointFit, covariance: Covariance, true_axis: TrueAxis | None, source_to_cor_mm: float) -> Fit:
+    """What is reported of it; its millimetres are those of the drawing's true axis, or of the mean of both.
+
+    Where the true axis would put the source nearer than r_S, the source stays there.
+    """
+    model, data = joint.model, joint.model.data
+    rms = math.sqrt(float(np.average(model.residual**2, weights=data.weights)))
+    centred = data.sinogram - float(np.average(data.sinogram, weights=data.weights))
+    total = math.sqrt(float(np.average(centred**2, weights=data.weights)))
+    half = 0.5 * model.size(Term.ASPECT)
+    longer = {"x": 1.0 + half, "y": 1.0 - half, None: 1.0}[true_axis]
+    distance = model.frame.source_distance_mm
+    scale = max(1.0 / longer, min(source_to_cor_mm / distance, 1.0))
+    return Fit(
+        frame=replace(model.frame, psi_rad=wrap_angle(model.frame.psi_rad), source_distance_mm=scale * distance),
+        position_mm=(scale * float(model.x[Parameter.T_X]), scale * float(model.x[Parameter.T_Y])),
+        gain=float(model.gain.mean()) / scale,
+        offset=float(model.offset.mean()),
+        residual_rms=rms,
+        relative_residual=rms / total if total > 0.0 else math.inf,
+        covariance=covariance,
+        converged=joint.converged or _within(joint, covariance),
+        iterations=joint.rounds,
+    )
+
+
+def _within(joint: JointFit, covariance: Covariance) -> bool:
+    """Whether the last step moved no parameter of the geometry by more than a standard deviation of its error bars."""
+    deviations = np.sqrt(np.diag(covariance.values))
+    changes = zip(joint.system.columns, joint.change.tolist(), strict=True)
+    return all(abs(size) <= deviations[column.parameter] for column, size in changes if column.parameter is not None)

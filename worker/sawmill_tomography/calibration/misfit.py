@@ -1,0 +1,133 @@
+"""A coarse, normalised sinogram misfit of initial guesses in the source frame.
+
+The first angle is not searched: for each guess (R, ln M, u_c, tau) the phantom is projected once at a table of
+turns, and the turn that correlates best with all views is looked up, for each sense of rotation. Gain and background
+drop out of the correlation.
+"""
+
+import math
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from sawmill_tomography.calibration._search_numba import best_turn
+from sawmill_tomography.calibration.initial_guesses import WIDEST_TILT
+from sawmill_tomography.calibration.task import Hypothesis
+from sawmill_tomography.geometry.geometry import (
+    TAU,
+    FloatArray,
+    GeometryError,
+    Scanner,
+    SourceFrame,
+    Theta,
+    ThetaBounds,
+    bounds_array,
+)
+from sawmill_tomography.phantoms.phantom import Phantom
+from sawmill_tomography.projection import analytic
+from sawmill_tomography.projection.analytic import DetectorCells
+from sawmill_vocabulary import Handedness, Rotation
+
+TURNS = 120
+COARSE_VIEWS = 40
+COARSE_CELLS = 64
+# Without bounds: source shifts up to 0.6 r_S, and whatever magnification and tilt a scanner may have.
+WIDEST_SHIFT = math.hypot(1.0, 0.6)
+MAGNIFICATIONS = (1.02, 6.0)
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A geometry under one of the four hypotheses, and how badly it correlates (1 - correlation)."""
+
+    misfit: float
+    frame: SourceFrame
+
+    @property
+    def relative_residual(self) -> float:
+        """What the best gain and background leave of the coarse sinogram: sqrt(1 - correlation^2)."""
+        return math.sqrt(max(self.misfit * (2.0 - self.misfit), 0.0))
+
+
+@dataclass
+class CoarseMisfit:
+    """1 - correlation of a coarse sinogram with the phantom's projection, the first angle looked up."""
+
+    phantoms: dict[Handedness, Phantom]
+    rotations: tuple[Rotation, ...]
+    sinogram: FloatArray
+    angles_rad: FloatArray
+    cells: DetectorCells
+    evaluations: int = 0
+
+    def __post_init__(self) -> None:
+        """Prepare what no candidate changes."""
+        self.table_rad = np.arange(TURNS) * TAU / TURNS
+        self._first = np.round(self.angles_rad * TURNS / TAU).astype(np.int64) % TURNS
+        self._sum = float(self.sinogram.sum())
+        self._square = float((self.sinogram**2).sum())
+        self._signs = np.array([1 if rotation is Rotation.AS_GIVEN else -1 for rotation in self.rotations])
+        self._correlation = np.empty(len(self.rotations))
+        self._turn = np.empty(len(self.rotations), np.int64)
+
+    def __call__(self, vector: FloatArray) -> dict[Hypothesis, Candidate]:
+        """Each hypothesis at (R, ln M, u_c, tau), the first angle the best one; empty where no scanner can be."""
+        r, log_magnification, u_c, tau = (float(value) for value in vector)
+        sdd = r * math.exp(log_magnification)
+        self.evaluations += 1
+        candidates = {}
+        for handedness, phantom in self.phantoms.items():
+            frame = SourceFrame(0.0, r, sdd, u_c, tau)
+            if not analytic.clears(phantom.radius_mm, frame):
+                continue
+            model = analytic.project(phantom, self.cells, frame, self.table_rad)
+            best_turn(
+                model, self.sinogram, self._first, self._signs, self._sum, self._square, self._correlation, self._turn
+            )
+            for index, rotation in enumerate(self.rotations):
+                misfit = 1.0 - float(self._correlation[index])
+                psi = float(self._turn[index]) * TAU / TURNS
+                candidates[Hypothesis(handedness, rotation)] = Candidate(misfit, SourceFrame(psi, r, sdd, u_c, tau))
+        return candidates
+
+
+def coarse_data(
+    scanner: Scanner, sinogram: FloatArray, angles_rad: FloatArray
+) -> tuple[FloatArray, FloatArray, DetectorCells]:
+    """Views at regular intervals, and cells averaged, down to about 40 x 64: (sinogram, angles, cells)."""
+    binned = max(1, scanner.num_detector_pixels // COARSE_CELLS)
+    cells = DetectorCells.of(scanner, binned=binned)
+    step = max(1, sinogram.shape[0] // COARSE_VIEWS)
+    rows = sinogram[::step, : cells.count * binned]
+    return rows.reshape(rows.shape[0], cells.count, binned).mean(axis=2), angles_rad[::step], cells
+
+
+def search_box(scanner: Scanner, bounds: ThetaBounds | None, phantom: Phantom) -> FloatArray:
+    """Ranges of (R, ln M, u_c, tau), (4, 2): those that the bounds of theta allow, or wherever a scanner can be.
+
+    Raises
+    ------
+    GeometryError
+        If no geometry inside the bounds shows the centre of rotation on the detector.
+    """
+    half = 0.5 * scanner.num_detector_pixels * scanner.detector_pitch_mm
+    r_s = scanner.source_to_cor_mm
+    if bounds is None:
+        return np.array([(r_s, WIDEST_SHIFT * r_s), np.log(MAGNIFICATIONS), (-half, half), (-WIDEST_TILT, WIDEST_TILT)])
+    rows = []
+    grid = [np.linspace(low, high, 13) for low, high in bounds_array(bounds)[1:]]
+    for vector in product(*grid):
+        try:
+            frame = Theta.from_vector((0.0, *vector)).source_frame(r_s)
+        except GeometryError:  # a corner of the box that no scanner can be in
+            continue
+        if abs(frame.cor_column_mm) < half and analytic.clears(phantom.radius_mm, frame):
+            rows.append((frame.source_distance_mm, math.log(frame.magnification), frame.cor_column_mm, frame.tilt_rad))
+    if not rows:
+        raise GeometryError(
+            "no geometry inside the bounds puts the centre of rotation on the detector: check bounds, "
+            "source_to_cor_mm, num_detector_pixels and detector_pitch_mm"
+        )
+    box = np.array(rows)
+    return np.stack([box.min(axis=0), box.max(axis=0)], -1)

@@ -1,0 +1,142 @@
+"""What moved between two calibrations of a scanner: the simplest cause that explains the change of its geometry."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sawmill_tomography.calibration.fit_parameters import RAYS, Parameter
+from sawmill_tomography.geometry.geometry import FloatArray, GeometryError, Scanner, SourceFrame, to_vector
+from sawmill_tomography.geometry.ray_error import ray_error, scale_ray_error
+
+# What a cause does not explain must be within this number of standard deviations (Mahalanobis).
+SIGNIFICANT = 3.5
+# A change that moves the rays by less than this share of what is allowed is no movement, however precisely it is known.
+NEGLIGIBLE = 0.15
+
+
+@dataclass(frozen=True)
+class _Cause:
+    """Directions of (R, SDD, u_c, tau) in which it moves a scanner, and how such a change is described."""
+
+    directions: tuple[tuple[float, float, float, float], ...]
+    described: Callable[[FloatArray], str]
+
+
+def _cor(change: FloatArray) -> str:
+    return (
+        f"the COR moved {change[Parameter.U_C]:+.2f} mm on the detector and the tilt did not: "
+        "look at the turntable, not the detector, unless the detector slid along its own line"
+    )
+
+
+def _tilt(change: FloatArray) -> str:
+    return (
+        f"the detector's tilt changed by {math.degrees(change[Parameter.TILT]):+.3f} degrees and nothing else: "
+        "look at the detector's mount"
+    )
+
+
+def _stand(change: FloatArray) -> str:
+    return (
+        f"the detector moved {change[Parameter.SDD]:+.2f} mm along the beam and the source did not: "
+        "look at the detector's stand"
+    )
+
+
+def _scale(change: FloatArray) -> str:
+    return (
+        f"the source distance changed by {change[Parameter.R]:+.2f} mm and nothing else, as it does when the "
+        "phantom's size is not the stated one: check which phantom was scanned and measure it, then look at the "
+        "turntable along the beam"
+    )
+
+
+def _source(change: FloatArray) -> str:
+    return (
+        f"the source moved {change[Parameter.R]:+.2f} mm along the beam, against turntable and detector "
+        "alike: look at the source's mount"
+    )
+
+
+def _knocked(change: FloatArray) -> str:
+    return (
+        f"the COR moved {change[Parameter.U_C]:+.2f} mm on the detector and the tilt changed by "
+        f"{math.degrees(change[Parameter.TILT]):+.3f} degrees: the detector was knocked; look at its mount"
+    )
+
+
+def _several(change: FloatArray) -> str:
+    return (
+        f"the COR moved {change[Parameter.U_C]:+.2f} mm on the detector, the tilt changed by "
+        f"{math.degrees(change[Parameter.TILT]):+.3f} degrees, the source distance by {change[Parameter.R]:+.2f} mm "
+        f"and the distance from source to detector by {change[Parameter.SDD]:+.2f} mm: the scanner was moved, "
+        "or another phantom was scanned"
+    )
+
+
+# The simplest first: one thing that moved before two.
+_CAUSES = (
+    (
+        _Cause(((0.0, 0.0, 1.0, 0.0),), _cor),
+        _Cause(((0.0, 0.0, 0.0, 1.0),), _tilt),
+        _Cause(((0.0, 1.0, 0.0, 0.0),), _stand),
+        _Cause(((1.0, 0.0, 0.0, 0.0),), _scale),
+        _Cause(((1.0, 1.0, 0.0, 0.0),), _source),
+    ),
+    (_Cause(((0.0, 0.0, 1.0, 0.0), (0.0, 0.0, 0.0, 1.0)), _knocked),),
+)
+
+
+def likely_cause(
+    scanner: Scanner,
+    before: SourceFrame,
+    after: SourceFrame,
+    covariance: FloatArray | None,
+    *,
+    allowed_mm: float,
+    radius_mm: float,
+) -> str:
+    """One sentence: what moved, and where to look.
+
+    Parameters
+    ----------
+    covariance : (5, 5) float64 or None
+        Of the change of (psi, R, SDD, u_c, tau): the sum of both calibrations'. None where they have none.
+    allowed_mm, radius_mm : float
+        RMS ray distance up to which nothing moved, and the disc in which it is counted.
+    """
+    change = to_vector(after) - to_vector(before)
+    spread = np.diag(_negligible(scanner, before, allowed_mm, radius_mm) ** 2)
+    if covariance is not None:
+        spread += covariance[RAYS, RAYS]
+    for causes in _CAUSES:
+        remaining = [_remaining(change[RAYS], spread, np.array(cause.directions).T) for cause in causes]
+        best = int(np.argmin(remaining))
+        if remaining[best] < SIGNIFICANT:
+            return causes[best].described(change)
+    return _several(change)
+
+
+def _negligible(scanner: Scanner, frame: SourceFrame, allowed_mm: float, radius_mm: float) -> FloatArray:
+    """Changes of (R, SDD, u_c, tau), each alone, that move the rays, by shape and scale, by a negligible share."""
+    steps = {"source_distance_mm": 1.0, "source_to_detector_mm": 1.0, "cor_column_mm": 0.1, "tilt_rad": 1e-3}
+    sizes = []
+    for name, step in steps.items():
+        moved = replace(frame, **{name: getattr(frame, name) + step})
+        try:
+            shape = ray_error(scanner, frame, moved, radius_mm=radius_mm)
+            scale_mm = scale_ray_error(scanner, frame, shape.scale_change, radius_mm=radius_mm)
+            sizes.append(NEGLIGIBLE * allowed_mm * step / math.hypot(shape.rms_mm, scale_mm))
+        except GeometryError:  # these rays do not meet the log: no change has a known size
+            sizes.append(step)
+    return np.array(sizes)
+
+
+def _remaining(change: FloatArray, spread: FloatArray, directions: FloatArray) -> float:
+    """How many standard deviations of a change remain when it may go in these directions (4, k) as far as it likes."""
+    weight = np.linalg.inv(spread)
+    amount = np.linalg.solve(directions.T @ weight @ directions, directions.T @ weight @ change)
+    rest = change - directions @ amount
+    return math.sqrt(max(float(rest @ weight @ rest), 0.0))

@@ -1,0 +1,247 @@
+"""Generalised least squares at one point of the forward model: inner products of its derivatives and its residual.
+
+Samples weigh by their noise. Stripes, which a flat field of few frames leaves in every view alike, are noise that the
+cells share over the views: a random effect of each cell (Robinson 1991), estimated and projected out in part. An angle
+of each view that scatters is one too.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from sawmill_tomography.calibration._derivatives_numba import BLOCK, combine, inner_products
+from sawmill_tomography.calibration.elimination import scaled_inverse, unit_scale
+from sawmill_tomography.calibration.faults.structure import beyond_chance
+from sawmill_tomography.calibration.fit_parameters import Parameter
+from sawmill_tomography.calibration.sample_noise import sample_noise
+from sawmill_tomography.calibration.scan_model import POSE, ScanModel, Term
+from sawmill_tomography.geometry.geometry import FloatArray
+from sawmill_tomography.statistics.robust import robust_deviation
+
+# Terms that may change from view to view, or be taken out of each.
+KEPT = (*POSE, Term.GAIN, Term.OFFSET)
+# Offsets of views scatter where they do by this number of standard deviations of what noise brings about.
+SCATTERS = 4.0
+
+# A cell whose mean stands out by more standard deviations says nothing by it: what it shares over the views, against a
+# sample's variance, is taken to be this large.
+ODD, ALONE = 6.0, 1e6
+
+# A part of a column: a term's derivative, in all views alike or times a shape (views,).
+Part = tuple[Term, FloatArray | None]
+
+
+@dataclass(frozen=True, eq=False)
+class Column:
+    """One unknown: the sum of its parts."""
+
+    parts: tuple[Part, ...]
+
+    @classmethod
+    def of(cls, term: Term) -> "Column":
+        """A term, in all views alike."""
+        return cls(((term, None),))
+
+    @property
+    def term(self) -> Term | None:
+        """The term that it is, in all views alike; None for a change of the pose from view to view."""
+        (term, shape), *_ = self.parts
+        return term if shape is None else None
+
+    @property
+    def parameter(self) -> Parameter | None:
+        """The parameter of the plain fit that it is; None for all others."""
+        return Parameter(self.term) if self.term is not None and self.term <= Term.T_Y else None
+
+
+class ViewGrams:
+    """Every view's inner products of the derivatives by all terms, with each other and with the residual.
+
+    Attributes
+    ----------
+    grams : (views, terms, terms) float64
+    scores : (views, terms) float64
+    samples : float
+        Number of samples, by the data's weights.
+    power : float
+        Weighted sum of squares of the residual, stripes taken out.
+    objective_at_model : float
+        `objective` of the model's residual.
+    structured : float
+        As much of `power` as neighbouring cells share.
+    """
+
+    def __init__(self, model: ScanModel) -> None:
+        data, residual = model.data, model.residual
+        noise = sample_noise(data, residual, model.prediction)
+        self.weights = noise.weights
+        # The logarithm of noisy counts is too large, in the mean by half its variance.
+        self.log_bias = 0.5 * noise.variance if model.from_counts else None
+        self.samples = float(data.samples)
+        self._count = self.weights.sum(axis=0)
+        residual = self._unbiased(residual)
+        squares, products = self._squares(residual)
+        self._stripes(squares, products)
+        self.power = self.objective_at_model = squares - float(self.stripes @ products)
+        (views, cells), terms = residual.shape, len(Term)
+        self.grams, self.scores = np.zeros((views, terms, terms)), np.zeros((views, terms))
+        # The weighted derivatives of `KEPT` (kept, views, cells), and how much of them was taken out of each term's.
+        self._weighted, self._taken = np.empty((len(KEPT), views, cells)), np.zeros((terms, len(KEPT), views))
+        sums, neighbours = np.zeros((-(-views // BLOCK), terms, cells)), np.empty((views, 2))
+        inner_products(
+            model.kernel_arguments,
+            model.data.angles_rad + model.pose[:, 0] + model.exposure_angle_rad * np.array([[-1.0], [1.0]]),
+            model.corner_edges,
+            model.gain,
+            np.array([model.size(term) for term in Term]),
+            model.exposed,
+            model.blurred,
+            model.taps,
+            (*model.halos, model.lagging, model.beside) if model.from_counts else (np.empty((0, cells)),) * 4,
+            self.weights,
+            residual,
+            self.stripes,
+            np.array(KEPT),
+            (self.grams, self.scores, sums, self._weighted, neighbours),
+        )
+        self._sums = sums.sum(axis=0)
+        count = views * (cells - 1)
+        mean, square = (neighbours.sum(axis=0) / count).tolist()
+        self.structured = beyond_chance(mean, math.sqrt(max(square - mean * mean, 0.0)), count) * count
+
+    def _unbiased(self, residual: FloatArray) -> FloatArray:
+        return residual if self.log_bias is None else residual - self.log_bias
+
+    def _squares(self, residual: FloatArray) -> tuple[float, FloatArray]:
+        """The weighted sum of squares of a residual, and each cell's weighted sum (cells,)."""
+        weighted = self.weights * residual
+        return float(np.einsum("km,km->", weighted, residual)), weighted.sum(axis=0)
+
+    def _stripes(self, squares: float, products: FloatArray) -> None:
+        """The stripes (cells,) as far as noise explains no more, and how much of a cell's sum they share."""
+        seen = self._count > 0.0
+        count = np.where(seen, self._count, 1.0)
+        mean = products / count
+        steps = np.diff(mean)[seen[1:] & seen[:-1]]
+        variance = squares / max(self.samples, 1.0)
+        between = 0.5 * robust_deviation(steps - np.median(steps)) ** 2 if steps.size > 8 else 0.0
+        ratio = max(between - variance / float(count.mean()), 0.0) / variance if variance > 0.0 else 0.0
+        ratios = np.full(count.size, ratio)
+        if steps.size > 8 and variance > 0.0:
+            expected = np.sqrt(variance * (ratio + 1.0 / count))
+            ratios[np.abs(mean - np.median(mean[seen])) > ODD * expected] = ALONE
+        self._share = np.where(seen, ratios / (1.0 + ratios * count), 0.0)
+        self.stripes = self._share * count * mean
+
+    def gain_evidence(self) -> tuple[float, float]:
+        """What a gain and an offset of each view would explain of the residual, and how many of them views show."""
+        own = [Term.GAIN, Term.OFFSET]
+        grams, scores = self.grams[:, own][:, :, own], self.scores[:, own]
+        inverse = np.linalg.pinv(grams, rcond=1e-9, hermitian=True)
+        return float(np.einsum("ki,kij,kj->", scores, inverse, scores)), float((grams[:, 0, 0] > 0.0).sum())
+
+    def offset_variance(self) -> tuple[float, float]:
+        """By which the views' offsets scatter beyond noise, as where each has its own air level; a sample's variance.
+
+        By the method of moments (Robinson 1991); 0 where noise explains what is seen.
+        """
+        variance = self.power / max(self.samples, 1.0)
+        own, scores = self.grams[:, Term.OFFSET, Term.OFFSET], self.scores[:, Term.OFFSET]
+        beyond = float((scores**2 - own * variance).sum())
+        chance = SCATTERS * variance * math.sqrt(2.0 * float((own**2).sum()))
+        return (beyond / float((own**2).sum()) if beyond > chance else 0.0), variance
+
+    def project_out(self, terms: Sequence[Term], precision: float) -> None:
+        """Take an unknown of each view out: terms that are free in each view (precision 0), or scatter about 0.
+
+        `precision` is the variance of a sample against that of the unknowns.
+        """
+        own = list(terms)
+        within = self.grams[:, own][:, :, own] + precision * np.eye(len(own))
+        inverse = np.linalg.pinv(within, rcond=1e-12, hermitian=True)
+        share = self.grams[:, :, own] @ inverse
+        self.power -= float(np.einsum("ki,kij,kj->", self.scores[:, own], inverse, self.scores[:, own]))
+        rows = np.array([[float(kept is term) for kept in KEPT] for term in terms])
+        self._taken = self._taken + np.einsum("kto,oek->tek", share, rows[..., None] - self._taken[own])
+        self.scores = self.scores - (share @ self.scores[:, own, None])[..., 0]
+        self.grams = self.grams - share @ self.grams[:, own]
+
+    def objective(self, residual: FloatArray) -> float:
+        """What generalised least squares minimises, views' random effects apart, of another residual."""
+        squares, products = self._squares(self._unbiased(residual))
+        return squares - float((self._share * products) @ products)
+
+    def of_columns(self, columns: Sequence[Column]) -> tuple[FloatArray, FloatArray]:
+        """Every view's inner products of these columns (views, n, n), and with the residual (views, n)."""
+        views, n, parts = len(self.scores), len(columns), max(len(column.parts) for column in columns)
+        terms, shapes = np.zeros((n, parts), np.int64), np.zeros((n, parts, views))
+        for number, column in enumerate(columns):
+            for place, (term, shape) in enumerate(column.parts):
+                terms[number, place], shapes[number, place] = term, 1.0 if shape is None else shape
+        grams, scores = np.empty((views, n, n)), np.empty((views, n))
+        combine(terms, shapes, self.grams, self.scores, grams, scores)
+        return grams, scores
+
+    def system(self, columns: Sequence[Column]) -> "System":
+        """The normal equations of these columns."""
+        grams, scores = self.of_columns(columns)
+        sums, of_kept = np.zeros((len(columns), self._count.size)), np.zeros((len(columns), len(KEPT), len(scores)))
+        for number, column in enumerate(columns):
+            for term, shape in column.parts:
+                of_kept[number] -= self._taken[term] if shape is None else shape * self._taken[term]
+                if shape is None:
+                    sums[number] += self._sums[term]
+                else:
+                    of_kept[number, KEPT.index(term)] += shape
+        for kept, rows in enumerate(self._weighted):
+            some = of_kept[:, kept].any(axis=1)
+            sums[some] += of_kept[some, kept] @ rows
+        normal = grams.sum(axis=0) - (sums * self._share) @ sums.T
+        return System(
+            tuple(columns), grams, scores, scores.sum(axis=0), normal, self.power, self.structured, self.samples
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class System:
+    """Normal equations of some columns.
+
+    Attributes
+    ----------
+    grams : (views, n, n); scores : (views, n)
+        Of each view.
+    score : (n,); normal : (n, n)
+        Their sums, less what stripes make of them.
+    power : float
+        Of the residual.
+    structured : float
+        As much of it as neighbouring cells share.
+    """
+
+    columns: tuple[Column, ...]
+    grams: FloatArray
+    scores: FloatArray
+    score: FloatArray
+    normal: FloatArray
+    power: float
+    structured: float
+    samples: float
+
+    def without(self, places: Sequence[int], sizes: FloatArray) -> "System":
+        """To first order, as if the columns in these places were not in the model with these sizes."""
+        own = list(places)
+        by = self.normal[:, own] @ sizes
+        power = self.power + float(sizes @ (2.0 * self.score[own] + by[own]))
+        return replace(self, scores=self.scores + self.grams[:, :, own] @ sizes, score=self.score + by, power=power)
+
+    @cached_property
+    def scale(self) -> FloatArray:
+        """What makes the diagonal one."""
+        return unit_scale(self.normal)
+
+    def inverse(self, used: Sequence[int]) -> FloatArray:
+        """Of the normal matrix of some columns; what they do not determine has no variance."""
+        return scaled_inverse(self.normal[np.ix_(used, used)])

@@ -1,0 +1,291 @@
+"""The published calibration: differential evolution on the correlation of FBP images (arXiv 2206.14444).
+
+J(theta) = -max(<X_ref, FBP_theta>, <mirror X_ref, FBP_theta>), best/1/bin, crossover 0.7, mutation dithered in
+[0.5, 1]. It is here to be compared with; it gives no error bars.
+"""
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+import sawmill_vocabulary as vocabulary
+from sawmill_tomography.calibration.alternatives import Alternatives, HypothesisReport
+from sawmill_tomography.calibration.calibration import Calibration, Timing, choose_theta
+from sawmill_tomography.calibration.errors import CalibrationError
+from sawmill_tomography.calibration.fit import FittedModel
+from sawmill_tomography.calibration.judgement import Degree, Judgement, Remark, combined
+from sawmill_tomography.calibration.recalling import Evaluations, RecallingObjective
+from sawmill_tomography.calibration.refusals import NOT_FOUND
+from sawmill_tomography.calibration.scale import scale_uncertainty
+from sawmill_tomography.calibration.search import SearchCallback, SearchReport
+from sawmill_tomography.calibration.source_distance import SourceDistance
+from sawmill_tomography.calibration.task import CalibrationTask, Hypothesis
+from sawmill_tomography.geometry.geometry import (
+    FanBeamGeometry,
+    FloatArray,
+    GeometryError,
+    Theta,
+    ThetaBounds,
+    bounds_array,
+)
+from sawmill_tomography.geometry.image_grid import ImageGrid
+from sawmill_tomography.projection import analytic
+from sawmill_tomography.projection.analytic import DetectorCells
+from sawmill_tomography.projection.projector import Projector
+from sawmill_tomography.reconstruction.fbp import fbp
+from sawmill_vocabulary import (
+    CalibrationStatus,
+    FilterName,
+    Handedness,
+    PaperCorrelation,
+    PaperStop,
+    Rotation,
+    Weighting,
+)
+
+# Spread of the tight stop, as a share of the objective of a perfect image.
+TIGHT = 1e-6
+SCIPY_DEFAULT_TOL = 0.01
+
+AnyFloats = NDArray[np.floating[Any]]
+Pair = tuple[AnyFloats, AnyFloats]
+
+
+@dataclass(frozen=True)
+class PaperOptions:
+    """Switches of the published search.
+
+    Attributes
+    ----------
+    objective
+        "image" correlates the FBP with the drawing; "projection" correlates sinograms, reported as worse.
+    stop
+        "published" is SciPy's default (0.01 of the mean, then a polish); "tight" waits until the population agrees.
+    field_mm
+        Side of the image; the published drawing's is 400 mm.
+    """
+
+    objective: vocabulary.PaperObjective = "image"
+    weighting: Weighting = "none"
+    correlation: PaperCorrelation = "unnormalised"
+    stop: PaperStop = "published"
+    max_generations: int = 1000
+    image_size: int = 256
+    field_mm: float = 400.0
+    filter_name: FilterName = FilterName.HANN
+
+
+def remove_background(sinogram: FloatArray) -> FloatArray:
+    """The sinogram less its air level, the median of its lowest tenth of range: a constant background biases J."""
+    low, high = np.percentile(sinogram, [1.0, 99.0])
+    air = sinogram[sinogram <= low + 0.1 * (high - low)]
+    return sinogram - float(np.median(air))
+
+
+class PaperObjective:
+    """J(theta) for one sense of rotation; lower is better."""
+
+    def __init__(self, task: CalibrationTask, rotation: Rotation, options: PaperOptions) -> None:
+        self._task, self._options = task, options
+        self._angles = rotation.apply(task.angles_rad)
+        self._data = remove_background(task.sinogram)
+        self._grid = ImageGrid(options.image_size, options.field_mm)
+        self._phantoms = task.phantoms
+        self._references = {
+            h: phantom.rasterise(options.image_size, options.field_mm) for h, phantom in self._phantoms.items()
+        }
+
+    @property
+    def scale(self) -> float:
+        """-J of a perfect answer."""
+        if self._options.correlation == "normalised":
+            return 1.0
+        if self._options.objective == "projection":
+            return float((self._data**2).sum())
+        return float(max((reference**2).sum() for reference in self._references.values()))
+
+    def __call__(self, vector: FloatArray) -> float:
+        """J at (alpha0, r_D, h_S, h_D, alpha_D); 0, no correlation, where no such scanner can be."""
+        return -max(self.correlations(Theta.from_vector(vector)).values())
+
+    def correlations(self, theta: Theta) -> dict[Handedness, float]:
+        """The correlation with the phantom as drawn and from behind."""
+        try:
+            pairs = self._image_pairs(theta) if self._options.objective == "image" else self._sinogram_pairs(theta)
+        except GeometryError:  # the search box of theta holds scanners whose source stands inside the field
+            return dict.fromkeys(self._phantoms, 0.0)
+        return {h: self._correlation(a, b) for h, (a, b) in pairs.items()}
+
+    def _image_pairs(self, theta: Theta) -> dict[Handedness, Pair]:
+        geometry = FanBeamGeometry(self._task.scanner, theta, self._angles)
+        image = fbp(
+            Projector(geometry, self._grid),
+            self._data,
+            filter_name=self._options.filter_name,
+            weighting=self._options.weighting,
+        ).image
+        return {h: (reference, image) for h, reference in self._references.items()}
+
+    def _sinogram_pairs(self, theta: Theta) -> dict[Handedness, Pair]:
+        frame = theta.source_frame(self._task.scanner.source_to_cor_mm)
+        cells = DetectorCells.of(self._task.scanner)
+        return {h: (analytic.project(p, cells, frame, self._angles), self._data) for h, p in self._phantoms.items()}
+
+    def _correlation(self, a: AnyFloats, b: AnyFloats) -> float:
+        product = float(np.vdot(a, b))
+        if self._options.correlation == "unnormalised":
+            return product
+        norm = float(np.linalg.norm(a) * np.linalg.norm(b))
+        return product / norm if norm > 0.0 else 0.0
+
+
+def calibrate_as_published(
+    task: CalibrationTask,
+    *,
+    options: PaperOptions | None = None,
+    seed: int = 7,
+    progress: SearchCallback | None = None,
+    earlier: Evaluations | None = None,
+    on_computed: Callable[[RecallingObjective], None] | None = None,
+) -> Calibration:
+    """The published search, seeded. The rotation is taken as given unless the task says otherwise.
+
+    Parameters
+    ----------
+    earlier : Evaluations, optional
+        Of the same search, which was ended: it goes on from there to the same answer, bit for bit.
+    on_computed : callable, optional
+        Called after each evaluation of the objective with what has them all.
+
+    Raises
+    ------
+    CalibrationError
+        If no scanner can be at theta's best value.
+    """
+    started = time.perf_counter()
+    chosen = options or PaperOptions()
+    rotation = task.rotation or Rotation.AS_GIVEN
+    objective = PaperObjective(task, rotation, chosen)
+    asked = RecallingObjective(objective, earlier, on_computed)
+    bounds = bounds_array(task.bounds or ThetaBounds())
+
+    history: list[tuple[int, float]] = []
+
+    def report(intermediate_result: object) -> None:
+        best = getattr(intermediate_result, "fun", math.nan)
+        SearchReport.note(history, asked.count, float(best))
+        if progress is not None and not asked.recalls:
+            progress(getattr(intermediate_result, "nit", 0), chosen.max_generations, best)
+
+    tight = chosen.stop == "tight"
+    outcome = scipy.optimize.differential_evolution(
+        asked,
+        scipy.optimize.Bounds(bounds[:, 0], bounds[:, 1]),
+        strategy="best1bin",
+        recombination=0.7,
+        mutation=(0.5, 1.0),
+        maxiter=chosen.max_generations,
+        rng=np.random.default_rng(seed),
+        callback=report,
+        tol=0.0 if tight else SCIPY_DEFAULT_TOL,
+        atol=TIGHT * objective.scale if tight else 0.0,
+    )
+    SearchReport.note(history, asked.count, float(outcome.fun))  # the polish comes after the last generation
+    search = SearchReport(
+        "differential-evolution on FBP correlation"
+        if chosen.objective == "image"
+        else "differential-evolution on sinogram correlation",
+        seed,
+        asked.count,
+        int(outcome.nit),
+        float(outcome.fun),
+        bool(outcome.success),
+        str(outcome.message),
+        tuple(history),
+    )
+    return _answer(task, Theta.from_vector(outcome.x), rotation, objective, search, started)
+
+
+def _answer(
+    task: CalibrationTask,
+    theta: Theta,
+    rotation: Rotation,
+    objective: PaperObjective,
+    search: SearchReport,
+    started: float,
+) -> Calibration:
+    found = time.perf_counter()
+    correlations = objective.correlations(theta)
+    handedness = max(correlations, key=lambda h: correlations[h])
+    data = task.full_data(rotation)
+    frame = theta.source_frame(task.scanner.source_to_cor_mm)
+    try:
+        fitted = {h: _explain(task, h, rotation, theta) for h in task.phantoms}
+    except GeometryError as error:
+        raise CalibrationError("no-geometry", str(error)) from error
+    gain, offset, model = fitted[handedness]
+    residual = data.sinogram - model
+    spread = float(data.sinogram.std())
+    rms = float(np.sqrt(np.mean(residual**2)))
+    reported, twin = choose_theta(task.scanner, frame, task.bounds or ThetaBounds())
+    ended = time.perf_counter()
+    hypotheses = sorted(
+        (HypothesisReport(h, rotation, float((data.sinogram - m).std()) / spread) for h, (_, _, m) in fitted.items()),
+        key=lambda report: report.handedness is not handedness,
+    )
+    return Calibration(
+        task=task,
+        hypothesis=Hypothesis(handedness, rotation),
+        theta=reported,
+        theta_twin=twin,
+        fit=FittedModel(frame, (0.0, 0.0), gain, offset, rms, rms / spread),
+        model=model,
+        residual=residual,
+        source_distance=SourceDistance(frame.source_distance_mm),
+        scale=scale_uncertainty(task.scanner, frame, task.phantom, None, task.radius_mm(handedness, (0.0, 0.0))),
+        error_bars=None,
+        alternatives=Alternatives(tuple(hypotheses)),
+        adjustments=(),
+        judgement=_judgement(hypotheses[0].relative_residual, rotation_given=task.rotation is not None),
+        search=search,
+        timing=Timing(ended - started, found - started, 0.0, 0.0),
+    )
+
+
+def _judgement(unexplained: float, *, rotation_given: bool) -> Judgement:
+    remarks = [
+        Remark(
+            Degree.WATCH,
+            "the published search gives no error bars: its theta is not known to be within tolerance",
+            CalibrationStatus.WITHOUT_ERROR_BARS,
+        )
+    ]
+    if unexplained >= NOT_FOUND:
+        reason = f"its theta leaves {unexplained:.0%} of the sinogram unexplained: it did not find the phantom"
+        remarks.insert(0, Remark(Degree.FAIL, reason, CalibrationStatus.NOT_CONVERGED))
+    if not rotation_given:
+        reason = "it takes the rotation as given: use --rotation reversed for a scanner that turns the other way"
+        remarks.append(Remark(Degree.WATCH, reason))
+    return combined(remarks)
+
+
+def _explain(
+    task: CalibrationTask, handedness: Handedness, rotation: Rotation, theta: Theta
+) -> tuple[float, float, FloatArray]:
+    """Gain, offset and the model sinogram that explain most of the data at theta."""
+    data = task.full_data(rotation)
+    frame = theta.source_frame(task.scanner.source_to_cor_mm)
+    shadow = analytic.project(
+        task.phantoms[handedness], data.cells, frame, data.angles_rad, rays_per_cell=data.rays_per_cell
+    )
+    centred = shadow - shadow.mean()
+    power = float((centred**2).sum())
+    gain = float((centred * data.sinogram).sum()) / power if power > 0.0 else 0.0
+    offset = float(data.sinogram.mean()) - gain * float(shadow.mean())
+    return gain, offset, gain * shadow + offset

@@ -1,0 +1,52 @@
+"""Which rows of a stack show the phantom, those between two jumps that it explains best, and which another body."""
+
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sawmill_tomography.geometry.geometry import FloatArray
+
+# A step from row to row is a jump when it is this many times the usual one, and this share of the shadow itself.
+JUMP, JUMP_SHARE = 4.0, 0.1
+# Rows that are compared are averaged over cells and taken at this number of views: jumps are coarse.
+VIEWS, CELLS = 60, 64
+# A row with less than this share of the phantom's shadow shows air; one that correlates better than this with the
+# phantom's shows the phantom.
+LEAST_SHADOW, SAME_BODY = 0.25, 0.99
+
+
+def segments(stack: NDArray[np.floating]) -> list[slice]:
+    """Runs of rows without a jump between them, longest first.
+
+    Parameters
+    ----------
+    stack : (views, rows, detector) float
+        Line integrals; NaN in rows that a view lacks. A phantom is the same in all its rows; where it ends, everything
+        changes at once.
+    """
+    rows = stack.shape[1]
+    coarse = _coarse(stack)
+    steps = np.sqrt(np.nanmean((coarse[1:] - coarse[:-1]) ** 2, axis=1))
+    depth = float(np.median(np.nanstd(coarse, axis=1)))
+    usual = float(np.median(steps)) if steps.size else 0.0
+    jumps = np.flatnonzero(steps > max(JUMP * usual, JUMP_SHARE * depth)) + 1
+    edges = [0, *jumps.tolist(), rows]
+    runs = [slice(first, last) for first, last in pairwise(edges)]
+    return sorted(runs, key=lambda run: run.start - run.stop)
+
+
+def shows_another_body(sinogram: FloatArray, phantom: FloatArray) -> bool:
+    """Whether a row shows neither air nor the phantom, and has no value that is not finite."""
+    if not np.isfinite(sinogram).all() or sinogram.std() < LEAST_SHADOW * phantom.std():
+        return False
+    return float(np.corrcoef(sinogram.ravel(), phantom.ravel())[0, 1]) < SAME_BODY
+
+
+def _coarse(stack: NDArray[np.floating]) -> FloatArray:
+    """(rows, samples): views at regular intervals, cells averaged."""
+    views, rows, cells = stack.shape
+    binned = max(1, cells // CELLS)
+    some = np.asarray(stack[:: max(1, views // VIEWS), :, : cells // binned * binned], np.float64)
+    means: FloatArray = some.reshape(len(some), rows, -1, binned).mean(axis=3).transpose(1, 0, 2).reshape(rows, -1)
+    return means

@@ -1,0 +1,93 @@
+"""Why a scan has no calibration, each with its cure."""
+
+import numpy as np
+
+from sawmill_tomography.calibration.errors import CalibrationError
+from sawmill_tomography.calibration.fit import Fit
+from sawmill_tomography.geometry.geometry import FloatArray, Scanner
+from sawmill_tomography.phantoms.phantom import Phantom, PhantomError
+
+# A fit that leaves more than this of the sinogram unexplained has not found the phantom: the right phantom seen
+# from the wrong side leaves 0.11 to 0.3, an empty scan 1.
+NOT_FOUND = 0.25
+# A source that far away or near, against source_to_cor_mm, is no scanner's: the fit ran off, or a unit is wrong.
+FARTHEST, NEAREST = 2.0, 0.5
+# A sinogram whose values differ by less is none in any unit, and its squares would leave the range of numbers.
+LEAST_RANGE = 1e-30
+# The seven unknowns and gain and background cannot come from fewer.
+FEWEST_VIEWS = 3
+
+
+def refuse_round(phantom: Phantom) -> None:
+    """Refuse a phantom that looks the same from every side."""
+    if phantom.is_round:
+        raise PhantomError(
+            f"the phantom {phantom.name!r} cannot calibrate: it looks the same from every side, so a scan shows "
+            "neither its first angle nor from which end it was seen, and hardly how far the source is; use a phantom "
+            "with corners, or with holes off its centre"
+        )
+
+
+def refuse_unusable(scanner: Scanner, sinogram: FloatArray, angles_rad: FloatArray) -> None:
+    """Refuse data that do not belong together, or show nothing."""
+    if sinogram.ndim != 2 or sinogram.shape[1] != scanner.num_detector_pixels:
+        raise CalibrationError(
+            "wrong-shape",
+            f"the sinogram has shape {sinogram.shape}, but the scanner has {scanner.num_detector_pixels} "
+            "detector cells: it must be (views, detector)",
+        )
+    if angles_rad.shape != sinogram.shape[:1]:
+        raise CalibrationError(
+            "angles-mismatch",
+            f"there are {sinogram.shape[0]} views and {angles_rad.size} angles: each view needs its own",
+        )
+    if sinogram.shape[0] < FEWEST_VIEWS:
+        raise CalibrationError(
+            "too-few-views", f"{sinogram.shape[0]} views cannot calibrate: give at least {FEWEST_VIEWS}"
+        )
+    if not np.isfinite(sinogram).all() or not np.isfinite(angles_rad).all():
+        raise CalibrationError("not-finite", "the sinogram or its angles hold NaN or infinite values: remove them")
+    if 0.0 < np.ptp(sinogram) < LEAST_RANGE:
+        raise CalibrationError(
+            "flat-scan",
+            f"the values of the sinogram differ by {np.ptp(sinogram):.3g} at most: give line integrals in a unit "
+            "in which they do not vanish",
+        )
+    if np.ptp(sinogram) == 0.0:
+        raise CalibrationError(
+            "flat-scan",
+            f"every value of the sinogram is {sinogram[0, 0]:.6g}: nothing was scanned; check that the source was on, "
+            "and which dataset and rows were read",
+        )
+
+
+def refuse_unfound(scanner: Scanner, phantom: Phantom, best: Fit | None, unexplained: float) -> None:
+    """Refuse a scan that the best fit, which leaves this share of it, does not explain as this phantom."""
+    width = scanner.num_detector_pixels * scanner.detector_pitch_mm
+    if unexplained > NOT_FOUND and 2.0 * phantom.radius_mm > width:
+        raise CalibrationError(
+            "phantom-outside-field",
+            f"the phantom {phantom.name!r} reaches {phantom.radius_mm:.4g} mm from the centre of rotation, "
+            f"and the detector is {width:.4g} mm wide: check the phantom's size or picture width, or use a smaller one",
+        )
+    if best is None or unexplained > NOT_FOUND:
+        raise CalibrationError(
+            "phantom-not-found",
+            f"the phantom {phantom.name!r} was not found: the best geometry leaves {unexplained:.0%} of the "
+            "sinogram unexplained; check that the scan (and its rows) shows this phantom, its size, the angles and the "
+            "scanner's constants",
+        )
+
+
+def refuse_other_scanner(scanner: Scanner, source_distance_mm: float) -> None:
+    """Refuse a source distance of the free fit, every effect fitted, that is no scanner's with this r_S.
+
+    Without its effects a fit may be as far off: hardening in a nearly round phantom makes R three times as long.
+    """
+    if not NEAREST < source_distance_mm / scanner.source_to_cor_mm < FARTHEST:
+        raise CalibrationError(
+            "phantom-not-found",
+            f"the best geometry puts the source at {source_distance_mm:.4g} mm where source_to_cor_mm is "
+            f"{scanner.source_to_cor_mm:.6g}: check that constant, the phantom's size (in mm), and the handedness "
+            "and rotation if they were given",
+        )

@@ -1,0 +1,116 @@
+"""What a scan was found to be beyond the plain model: the effects fitted, and what the residual holds beside noise."""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sawmill_tomography.calibration.faults import angle_jitter, view_gain
+from sawmill_tomography.calibration.faults.adjustments import ALIKE
+from sawmill_tomography.calibration.faults.structure import Structure, find_structure
+from sawmill_tomography.calibration.fit_parameters import FRAME, Parameter
+from sawmill_tomography.calibration.joint_fit import JointFit
+from sawmill_tomography.calibration.normal_equations import Column
+from sawmill_tomography.calibration.scatter import Scatter
+from sawmill_tomography.geometry.geometry import FloatArray, Scanner
+from sawmill_tomography.geometry.ray_error import ray_error_of_bias
+from sawmill_vocabulary import Adjustment
+
+
+@dataclass(frozen=True)
+class FoundEffect:
+    """An effect that is far beyond chance.
+
+    Attributes
+    ----------
+    adjustment : Adjustment
+        What switches its fit off.
+    sentence : str
+        What was found.
+    remedy : str
+        What to do about it; empty where nothing need be done.
+    ray_error_mm : float
+        RMS ray error that it causes where it is not fitted.
+    fitted : bool
+    """
+
+    adjustment: Adjustment
+    sentence: str
+    remedy: str
+    ray_error_mm: float
+    fitted: bool
+
+
+@dataclass(frozen=True)
+class ResidualAnalysis:
+    """What was found in the scan.
+
+    Attributes
+    ----------
+    effects : tuple of FoundEffect
+        In the order in which they were found.
+    structure : Structure or None
+        What the residual still holds; None where it is white noise.
+    """
+
+    effects: tuple[FoundEffect, ...] = ()
+    structure: Structure | None = None
+
+    @property
+    def phantom_moved(self) -> bool:
+        """Whether the phantom slipped or crept during the scan."""
+        return any(effect.adjustment in {Adjustment.SLIP, Adjustment.CREEP} for effect in self.effects)
+
+
+def analyse_residual(joint: JointFit, scatter: Scatter, scanner: Scanner, radius_mm: float) -> ResidualAnalysis:
+    """The effects fitted, and the structure in what they leave."""
+    effects = (*_fitted(joint, scanner, radius_mm), *_not_fitted(joint, scanner, radius_mm))
+    if not scatter.structured:
+        return ResidualAnalysis(effects)
+    model = joint.model
+    used = 1.0 if model.data.weights is None else model.data.weights > 0.0
+    return ResidualAnalysis(effects, find_structure(model.residual * used, model.prediction))
+
+
+def _fitted(joint: JointFit, scanner: Scanner, radius_mm: float) -> Iterator[FoundEffect]:
+    if joint.model.view_gain:
+        yield FoundEffect(Adjustment.VIEW_GAIN, view_gain.SENTENCE, "", 0.0, fitted=True)
+    if joint.angle_variance > 0.0:
+        deviation = math.sqrt(joint.angle_variance)
+        moved_mm = deviation * joint.model.drawing.radius_mm
+        yield FoundEffect(
+            Adjustment.ANGLE_JITTER, angle_jitter.sentence(deviation), angle_jitter.REMEDY, moved_mm, fitted=True
+        )
+    for one in joint.fitted:
+        columns, off = joint.without(one)
+        readings = [(one.effect, one.sizes)]
+        if joint.other_reading is not None and joint.other_reading.fitted is one:
+            readings.append((joint.other_reading.other.effect, joint.other_reading.sizes))
+            readings.sort(key=lambda reading: ALIKE.index(reading[0]))
+        sentence = ", or ".join(effect.sentence(joint.model, sizes) for effect, sizes in readings)
+        yield FoundEffect(
+            one.effect.adjustment,
+            sentence if len(readings) == 1 else f"{sentence} (this scan does not tell which)",
+            ", and ".join(effect.remedy for effect, _ in readings),
+            _off_mm(joint, columns, off, scanner, radius_mm),
+            fitted=True,
+        )
+
+
+def _not_fitted(joint: JointFit, scanner: Scanner, radius_mm: float) -> Iterator[FoundEffect]:
+    columns = [joint.system.columns[i] for i in joint.used]
+    for one, test in joint.beyond_chance:
+        if test.is_fitted(one.trials):
+            sentence = one.effect.sentence(joint.model, test.sizes)
+            off_mm = _off_mm(joint, columns, test.bias, scanner, radius_mm)
+            yield FoundEffect(one.effect.adjustment, sentence, one.effect.remedy, off_mm, fitted=False)
+
+
+def _off_mm(joint: JointFit, columns: Sequence[Column], off: FloatArray, scanner: Scanner, radius_mm: float) -> float:
+    """The RMS ray error of columns that are off by as much."""
+    bias = np.zeros(len(Parameter))
+    for column, moved in zip(columns, off, strict=True):
+        if column.parameter is not None:
+            bias[column.parameter] = moved
+    return ray_error_of_bias(scanner, joint.model.frame, bias[FRAME], radius_mm=radius_mm)

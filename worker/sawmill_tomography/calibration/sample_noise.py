@@ -1,0 +1,60 @@
+"""How noisy samples are, and what the logarithm of noisy counts is off by."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sawmill_tomography.calibration.sinogram_data import SinogramData
+from sawmill_tomography.geometry.geometry import FloatArray
+from sawmill_tomography.statistics.robust import DEVIATION_OF_MEDIAN
+
+# Levels of the model in each of which noise is alike, and the number of samples that are enough to measure it.
+LEVELS, ENOUGH = 8, 50
+# Noise is measured on about this number of samples. A level's is at least this share of the mean: air may have none.
+MEASURED, LEAST_NOISE = 20_000, 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class SampleNoise:
+    """The noise of each sample.
+
+    Attributes
+    ----------
+    variance : (views, cells) float64
+        0 everywhere of an exact scan.
+    weights : (views, cells) float64
+        One over the variance times the weights that samples have; 1 in the mean where not 0.
+    """
+
+    variance: FloatArray
+    weights: FloatArray
+
+
+def sample_noise(data: SinogramData, residual: FloatArray, model: FloatArray) -> SampleNoise:
+    """Noise goes by what is measured, as that of photons does.
+
+    From cell to cell noise is not shared, and what a model lacks is: the noise is that of neighbours' differences.
+    """
+    low, high = float(model.min()), float(model.max())
+    per_level = LEVELS * (1.0 - 1e-9) / max(high - low, np.finfo(np.float64).tiny)
+    views = slice(None, None, max(1, residual.size // MEASURED))
+    steps, values = np.abs(np.diff(residual[views], axis=1)), model[views, 1:]
+    at = ((values - low) * per_level).astype(np.uint8)
+    known, variance = [], []
+    for one in range(LEVELS):
+        here = (at == one) & (steps > 0.0)
+        if np.count_nonzero(here) >= ENOUGH:
+            known.append(float(values[here].mean()))
+            variance.append(0.5 * (DEVIATION_OF_MEDIAN * float(np.median(steps[here]))) ** 2)
+    if not known:  # of an exact scan nothing is noise
+        weights = np.ones_like(residual) if data.weights is None else data.weights
+        return SampleNoise(np.zeros_like(residual), weights)
+    # Of photons the logarithm of the variance is a straight line of the line integral.
+    of_sample = np.interp(model, known, np.log(variance))
+    np.exp(of_sample, out=of_sample)
+    weights = np.maximum(of_sample, LEAST_NOISE * float(of_sample.mean()))
+    np.divide(1.0, weights, out=weights)
+    if data.weights is not None:
+        weights *= data.weights
+    weights *= np.count_nonzero(weights) / weights.sum()
+    return SampleNoise(of_sample, weights)

@@ -1,0 +1,317 @@
+"""The one forward model: what the detector measures of a phantom, with every effect that may be fitted.
+
+The plain model is gain times the drawing's line integrals, and an offset. What a scan may be beyond it is a `Term`: its
+size is 0 where nothing was found. Effects of the beam and the detector act on intensities where the line integrals were
+made from counts, and on the line integrals themselves elsewhere.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from enum import IntEnum
+from functools import cached_property
+
+import numpy as np
+import scipy
+
+from sawmill_tomography.calibration.fit_parameters import FRAME, Parameter
+from sawmill_tomography.calibration.rounded_corners import with_rounded_corners
+from sawmill_tomography.calibration.sinogram_data import SinogramData
+from sawmill_tomography.geometry.geometry import TAU, FloatArray, SourceFrame
+from sawmill_tomography.phantoms.phantom import Phantom
+from sawmill_tomography.projection import analytic
+from sawmill_tomography.sinograms.scattered_radiation import halo
+
+
+class Term(IntEnum):
+    """An unknown of the forward model: its place among the derivatives. The first seven are those of `Parameter`."""
+
+    PSI = Parameter.PSI
+    R = Parameter.R
+    SDD = Parameter.SDD
+    U_C = Parameter.U_C
+    TILT = Parameter.TILT
+    T_X = Parameter.T_X
+    T_Y = Parameter.T_Y
+    GAIN = 7
+    OFFSET = 8
+    # Of the line integral p: p^2 and p^3.
+    HARDENING = 9
+    HARDENING_CUBIC = 10
+    # Of the density, per mm.
+    GRADIENT_X = 11
+    GRADIENT_Y = 12
+    ASPECT = 13
+    SHEAR = 14
+    # The square of the corners' radius, mm^2.
+    CORNERS = 15
+    # The square of the blur's standard deviation, in cells.
+    BLUR = 16
+    # The square of the share of a step over which a view is exposed.
+    EXPOSURE = 17
+    # Across the detector, from end to end: odd, and even.
+    SLOPE = 18
+    CURVATURE = 19
+    # Shares of the intensity: from around, from the whole view, from the view before. Without counts they are nothing.
+    SCATTER = 20
+    SCATTER_WIDE = 21
+    LAG = 22
+
+
+# The largest sizes of those that cannot be negative: 15 mm, 8 cells, a whole step.
+LARGEST = {Term.CORNERS: 225.0, Term.BLUR: 64.0, Term.EXPOSURE: 1.0}
+POSE = (Term.PSI, Term.T_X, Term.T_Y)
+# The step in the squared radius of corners, mm^2, over which their effect is differentiated.
+CORNER_STEP = 9.0
+
+
+@dataclass(frozen=True, eq=False)
+class ScanModel:
+    """The model at one point.
+
+    Attributes
+    ----------
+    drawing : Phantom
+        As this hypothesis of handedness sees it.
+    x : (7,) float64
+        In the order of `Parameter`.
+    gain, offset : (views, 1) float64
+    sizes : mapping of Term to float
+        Of the terms behind OFFSET; absent ones are 0.
+    pose : (views, 3) float64
+        What is added to (psi, t_x, t_y) in each view, in radians and mm.
+    view_gain : bool
+        Whether each view has a gain and an offset of its own.
+    """
+
+    drawing: Phantom
+    data: SinogramData
+    from_counts: bool
+    x: FloatArray
+    gain: FloatArray
+    offset: FloatArray
+    pose: FloatArray
+    sizes: Mapping[Term, float] = field(default_factory=dict)
+    view_gain: bool = False
+
+    def size(self, term: Term) -> float:
+        """Of an effect, 0 where it is not in the model."""
+        return self.sizes.get(term, 0.0)
+
+    @property
+    def frame(self) -> SourceFrame:
+        """The geometry."""
+        return SourceFrame.from_vector(self.x[FRAME])
+
+    @cached_property
+    def phantom(self) -> Phantom:
+        """As deformed as the model has it."""
+        rounded = with_rounded_corners(self.drawing, math.sqrt(self.size(Term.CORNERS)))
+        return rounded.deformed(self.size(Term.ASPECT), self.size(Term.SHEAR))
+
+    @cached_property
+    def clears(self) -> bool:
+        """Whether such a geometry exists."""
+        x = self.x
+        if not np.isfinite(x).all() or abs(x[Parameter.TILT]) > 1.4 or not 0.0 < x[Parameter.R] < x[Parameter.SDD]:
+            return False
+        reach = self.phantom.radius_mm + float(np.hypot(*(self.pose[:, 1:] + x[5:]).T).max())
+        return analytic.clears(reach, self.frame)
+
+    @cached_property
+    def exposure_angle_rad(self) -> float:
+        """Half the distance of the two points that stand for a view exposed over a whole step."""
+        turned = np.sort(np.mod(self.data.angles_rad, TAU))
+        return float(np.median(np.diff(turned))) / math.sqrt(12.0)
+
+    @property
+    def kernel_arguments(self) -> tuple[object, ...]:
+        """What the kernels of the analytic projection take first."""
+        return analytic.kernel_arguments(
+            self.phantom,
+            self.data.cells,
+            self.frame,
+            self.data.angles_rad + self.pose[:, 0],
+            self.pose[:, 1:] + self.x[5:],
+            self.data.rays_per_cell,
+        )
+
+    def project(self, *, turned: float = 0.0) -> FloatArray:
+        """Line integrals of the drawing alone, in mm."""
+        return analytic.project(
+            self.phantom,
+            self.data.cells,
+            self.frame,
+            self.data.angles_rad + self.pose[:, 0] + turned,
+            position_mm=self.pose[:, 1:] + self.x[5:],
+            rays_per_cell=self.data.rays_per_cell,
+        )
+
+    @cached_property
+    def deformations(self) -> FloatArray:
+        """`analytic.project_with_deformations`, (12, views, cells)."""
+        return analytic.project_with_deformations(
+            self.phantom,
+            self.data.cells,
+            self.frame,
+            self.data.angles_rad + self.pose[:, 0],
+            position_mm=self.pose[:, 1:] + self.x[5:],
+            rays_per_cell=self.data.rays_per_cell,
+        )
+
+    def _line_integrals(self, lengths: FloatArray) -> FloatArray:
+        """After gain and offset: of wood whose density slopes, and beams that harden."""
+        shape = lengths
+        square, cubic = self.size(Term.HARDENING), self.size(Term.HARDENING_CUBIC)
+        if square or cubic:
+            shape = lengths + square * lengths**2 + cubic * lengths**3
+        if self.size(Term.GRADIENT_X) or self.size(Term.GRADIENT_Y):
+            x, y = self.deformations[8:10]
+            shape = shape + self.size(Term.GRADIENT_X) * x + self.size(Term.GRADIENT_Y) * y
+        integrals: FloatArray = self.gain * shape
+        integrals += self.offset
+        return integrals
+
+    @cached_property
+    def lengths(self) -> FloatArray:
+        """`project` of the phantom in the poses of the views, (views, cells)."""
+        return self.project()
+
+    @cached_property
+    def sharp(self) -> FloatArray:
+        """(views, cells), before exposure, blur, scatter, lag and the flat field act."""
+        return self._line_integrals(self.lengths)
+
+    @cached_property
+    def exposure(self) -> FloatArray:
+        """What the exposure over a whole step adds."""
+        start, end = (self._line_integrals(self.project(turned=way * self.exposure_angle_rad)) for way in (-1.0, 1.0))
+        if self.from_counts:
+            np.exp(np.negative(start, out=start), out=start)
+            np.exp(np.negative(end, out=end), out=end)
+        start += end
+        start *= 0.5
+        if self.from_counts:
+            np.negative(np.log(start, out=start), out=start)
+        start -= self.sharp
+        return start
+
+    @cached_property
+    def exposed(self) -> FloatArray:
+        """After the exposure's turn."""
+        share = self.size(Term.EXPOSURE)
+        return self.sharp + share * self.exposure if share else self.sharp
+
+    @cached_property
+    def taps(self) -> FloatArray:
+        """The blur of neighbouring cells, both sides; none where there is no blur."""
+        square = self.size(Term.BLUR)
+        if not square:
+            return np.empty(0)
+        taps = analytic.blur_taps(math.sqrt(square))
+        both: FloatArray = np.concatenate([taps[:0:-1], taps])
+        return both
+
+    @cached_property
+    def blurred(self) -> FloatArray:
+        """After the blur."""
+        return self._blur(self.exposed) if self.taps.size else self.exposed
+
+    def _blur(self, integrals: FloatArray) -> FloatArray:
+        soft: FloatArray = np.exp(-integrals) if self.from_counts else integrals
+        soft = scipy.ndimage.correlate1d(soft, self.taps, axis=1, mode="reflect")
+        return -np.log(soft) if self.from_counts else soft
+
+    @cached_property
+    def halos(self) -> tuple[FloatArray, FloatArray]:
+        """What scatters into each cell from around it, and from the whole view, against the cell's own intensity."""
+        intensity = np.exp(-self.blurred)
+        return halo(intensity) / intensity, intensity.mean(axis=1, keepdims=True) / intensity
+
+    @cached_property
+    def lagging(self) -> FloatArray:
+        """The intensity of the view before, less the view's own, against it."""
+        before = np.concatenate([self.blurred[:1], self.blurred[:-1]])
+        late: FloatArray = np.expm1(self.blurred - before)
+        return late
+
+    @cached_property
+    def beside(self) -> FloatArray:
+        """The intensity that scatter and lag add, against the cell's own; at least none but 5 %."""
+        around, wide = (self.size(Term.SCATTER), self.size(Term.SCATTER_WIDE))
+        total = np.zeros_like(self.blurred)
+        if around or wide:
+            total += around * self.halos[0] + wide * self.halos[1]
+        if self.size(Term.LAG):
+            total += self.size(Term.LAG) * self.lagging
+        return np.maximum(total, -0.95)
+
+    @cached_property
+    def across(self) -> FloatArray:
+        """The detector from -1/2 to 1/2, (cells,)."""
+        return (np.arange(self.data.cells.count) + 0.5) / self.data.cells.count - 0.5
+
+    @property
+    def _acts_beside(self) -> bool:
+        return any(self.size(term) for term in (Term.SCATTER, Term.SCATTER_WIDE, Term.LAG))
+
+    @cached_property
+    def prediction(self) -> FloatArray:
+        """The model sinogram (views, cells) in the data's unit."""
+        model = self.blurred
+        if self._acts_beside:
+            model = model - np.log1p(self.beside)
+        if self.size(Term.SLOPE) or self.size(Term.CURVATURE):
+            model = model + self.size(Term.SLOPE) * self.across + self.size(Term.CURVATURE) * self.across**2
+        return model
+
+    @cached_property
+    def residual(self) -> FloatArray:
+        """What it leaves of the sinogram."""
+        return self.data.sinogram - self.prediction
+
+    @property
+    def corner_edges(self) -> FloatArray:
+        """Edges (edges, 5) of what corners lose; their line integrals are the derivative by the squared radius."""
+        square = self.size(Term.CORNERS)
+        with_more = with_rounded_corners(self.drawing, math.sqrt(square + CORNER_STEP))
+        without = with_rounded_corners(self.drawing, math.sqrt(square))
+        known = len(self.drawing.shapes)
+        pieces = (
+            *with_more.shapes[known:],
+            *(replace(shape, density=-shape.density) for shape in without.shapes[known:]),
+        )
+        if not pieces:
+            return np.empty((0, 5))
+        cut_off = replace(self.drawing, shapes=pieces).deformed(self.size(Term.ASPECT), self.size(Term.SHEAR))
+        return cut_off.edges * [1.0, 1.0, 1.0, 1.0, 1.0 / CORNER_STEP]
+
+    def with_view_gains(self, weights: FloatArray) -> "ScanModel":
+        """With each view's gain and offset by weighted linear regression of what is measured."""
+        # What the model has beside gain and offset stays as it is.
+        shape = (self.sharp - self.offset) / self.gain
+        target = self.residual + self.sharp
+        total = np.maximum(weights.sum(axis=1, keepdims=True), 1e-300)
+        centre = (weights * shape).sum(axis=1, keepdims=True) / total
+        level = (weights * target).sum(axis=1, keepdims=True) / total
+        power = (weights * (shape - centre) ** 2).sum(axis=1, keepdims=True)
+        cross = (weights * (shape - centre) * target).sum(axis=1, keepdims=True)
+        seen = power > 1e-9 * power.max()
+        gain = np.where(seen, cross / np.where(seen, power, 1.0), self.gain)
+        return replace(self, gain=gain, offset=level - gain * centre, view_gain=True)
+
+    def moved(self, scalars: Mapping[Term, float], pose: FloatArray) -> "ScanModel":
+        """With these changes of x, gain, offset and sizes, and of the pose of each view."""
+        x, sizes = self.x.copy(), dict(self.sizes)
+        gain, offset = self.gain, self.offset
+        for term, change in scalars.items():
+            if term < Term.GAIN:
+                x[term] += change
+            elif term is Term.GAIN:
+                gain = gain + change
+            elif term is Term.OFFSET:
+                offset = offset + change
+            else:
+                size = self.size(term) + change
+                sizes[term] = min(max(size, 0.0), LARGEST[term]) if term in LARGEST else size
+        return replace(self, x=x, gain=gain, offset=offset, sizes=sizes, pose=self.pose + pose)

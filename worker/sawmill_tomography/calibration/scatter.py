@@ -1,0 +1,143 @@
+"""How far the residual is from white noise, and how much the parameters scatter for it."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from sawmill_tomography.calibration.covariance import Covariance
+from sawmill_tomography.calibration.errors import CalibrationError
+from sawmill_tomography.calibration.fit_parameters import RAYS, Parameter
+from sawmill_tomography.calibration.joint_fit import JointFit
+from sawmill_tomography.geometry.geometry import FloatArray
+
+# White noise scatters the estimate of the inflation itself; within this number of its standard deviations it is 1.
+WHITE = 3.0
+# What is wrong with a model turns with the phantom: it shows in the slowest harmonics of the views' scores, of
+# which two are enough to measure it and few enough to lie close to the mean itself.
+HARMONICS = 2
+# Student's t at 97.5 % for the two or four degrees of freedom of one or two harmonics, against the normal 1.96.
+STUDENT = (4.303 / 1.96, 2.776 / 1.96)
+# An eigenvalue of the scaled normal equations below this is zero within rounding: the scan does not determine it.
+SINGULAR = 1e-11
+# Of what the residual holds beside noise each parameter takes one of this number of shares by chance
+# (benchmarks/mill.py).
+SHARES = 400.0
+# An undetermined combination of parameters moves the rays when this much of it is R, SDD, u_c and tau.
+RAYS_SHARE = 1e-3
+RAY_PARAMETERS = list(Parameter)[RAYS]
+
+
+@dataclass(frozen=True)
+class Scatter:
+    """How much the parameters scatter.
+
+    Attributes
+    ----------
+    covariance : Covariance
+        Of the seven unknowns, inflated by what the residual holds beside white noise.
+    inflation : float
+        Factor by which correlation within the views inflates it; 1 for white noise.
+    deviation_ratio : float
+        The standard deviations against those for white noise of the residual's RMS (RMS over the parameters).
+    structured : bool
+        Whether the residual is more than white noise.
+    """
+
+    covariance: Covariance
+    inflation: float
+    deviation_ratio: float
+    structured: bool
+
+
+@dataclass(frozen=True)
+class _Scores:
+    """Each view's derivative times residual (views, unknowns), by angle, where the unknowns have the Gram matrix 1.
+
+    What stripes take from the information is no view's, so it is not taken from this Gram matrix. `free` are the
+    parameters, in the order of the first rows of `unscale` (all unknowns, unknowns).
+    """
+
+    white: FloatArray
+    unscale: FloatArray
+    free: list[Parameter]
+
+
+def parameter_scatter(joint: JointFit) -> Scatter:
+    """The covariance that the residual warrants.
+
+    Four things inflate it. What the residual holds beside noise: each parameter takes one share of it by chance.
+    Residuals that are correlated within a view: the views' scores are compared with what independent cells would give,
+    the mean eigenvalue of the cluster-robust covariance against the classical one (Liang and Zeger 1986). Residuals
+    that go on from view to view, as those of a wrong drawing or of a knot do: the power of the scores' slowest
+    harmonics over the turn is added as the covariance of their mean (a long-run variance; Newey and West 1987 with the
+    periodogram's lowest ordinates for a kernel). And effects that are beyond chance but not fitted, or that may be
+    there instead of a fitted one: each one's bias.
+
+    Raises
+    ------
+    CalibrationError
+        If the views do not determine the geometry at all.
+    """
+    _refuse_undetermined(joint)
+    scores = _scores(joint)
+    views, unknowns = scores.white.shape
+    noise, count = joint.variance, len(scores.free)
+    plain = joint.system.inverse(joint.used)[:count, :count] * noise
+    of_free = plain
+    inflation, structured = 1.0, False
+    if noise > 0.0:
+        remaining = max(joint.system.structured - float(joint.change @ joint.system.score), 0.0)
+        shared = remaining / (SHARES * noise)
+        if views > unknowns:
+            clustered = float((scores.white**2).sum()) * views / (views - unknowns) / (unknowns * noise)
+            inflation = clustered if clustered > 1.0 + WHITE * math.sqrt(2.0 / (views - unknowns)) else 1.0
+        number = min(HARMONICS, (views - 1) // 2)
+        waves = np.fft.rfft(scores.white, axis=0)[1 : number + 1]
+        slow = float((np.abs(waves) ** 2).sum()) / (number * unknowns * noise)
+        inflation = max(inflation, shared)
+        structured = inflation > 1.0 or slow > 1.0 + WHITE * math.sqrt(1.0 / (number * unknowns))
+        of_free = plain * inflation
+        if structured:
+            back = (waves @ scores.unscale.T)[:, :count] * STUDENT[number - 1]
+            of_free = of_free + np.real(back.conj().T @ back) / number
+    for bias in joint.biases:
+        of_free = of_free + np.outer(bias[:count], bias[:count])
+    values = np.zeros((len(Parameter), len(Parameter)))
+    values[np.ix_(scores.free, scores.free)] = of_free
+    held = frozenset(Parameter) - frozenset(scores.free)
+    unknown = frozenset(p for p in scores.free if not values[p, p] > 0.0)
+    ratio = np.diag(of_free) / np.where(np.diag(plain) > 0.0, np.diag(plain), 1.0)
+    return Scatter(Covariance(values, held, unknown), inflation, math.sqrt(float(ratio.mean())), structured)
+
+
+def _refuse_undetermined(joint: JointFit) -> None:
+    """Refuse a scan that does not determine the rays."""
+    system, used = joint.system, joint.used
+    free = _free(joint)
+    scale = system.scale[used]
+    values, vectors = np.linalg.eigh(system.normal[np.ix_(used, used)] * np.outer(scale, scale))
+    lost = values <= SINGULAR * values[-1]
+    undetermined = vectors[[place for place, p in enumerate(free) if p in RAY_PARAMETERS], :][:, lost]
+    if (undetermined**2).sum() > RAYS_SHARE:
+        raise CalibrationError(
+            "too-few-views",
+            f"the {len(system.scores)} views do not determine the geometry: other scanners would show the same; give "
+            "more views, spread over the turn, or use a phantom with corners",
+        )
+
+
+def _free(joint: JointFit) -> list[Parameter]:
+    return [column.parameter for column in joint.system.columns if column.parameter is not None]
+
+
+def _scores(joint: JointFit) -> _Scores:
+    system, used = joint.system, joint.used
+    rest = system.scores[:, used] - system.grams[:, used] @ joint.change
+    scores = rest[np.argsort(np.mod(joint.model.data.angles_rad, 2.0 * math.pi))]
+    own = system.grams[:, used][:, :, used].sum(axis=0)
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(own), 1e-300))
+    values, vectors = np.linalg.eigh(own * np.outer(scale, scale))
+    kept = values > SINGULAR * values[-1]
+    root = vectors[:, kept] / np.sqrt(values[kept])
+    return _Scores((scores * scale) @ root, scale[:, None] * root, _free(joint))

@@ -1,0 +1,198 @@
+"""The multi-start search: initial guesses, each fitted to a coarse sinogram, until one explains the scan."""
+
+import math
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sawmill_tomography.calibration.alternatives import CONTENDER
+from sawmill_tomography.calibration.ambiguous_poses import ambiguous_poses
+from sawmill_tomography.calibration.errors import CalibrationError
+from sawmill_tomography.calibration.fit import Fit, OnStep, refine, unheard
+from sawmill_tomography.calibration.initial_guesses import random_guesses, shadow_extent, shadow_guesses
+from sawmill_tomography.calibration.misfit import Candidate, CoarseMisfit, coarse_data, search_box
+from sawmill_tomography.calibration.sinogram_data import SinogramData
+from sawmill_tomography.calibration.task import CalibrationTask, Hypothesis
+from sawmill_tomography.geometry.geometry import FloatArray, GeometryError, SourceFrame
+
+# A coarse fit that leaves less than this unexplained ends the search. Otherwise random guesses are added, in rounds of
+# these sizes.
+EXPLAINED = 0.05
+RANDOM_GUESSES = (64, 256)
+# Guesses of each hypothesis that are fitted, and the iterations of each fit: the fit to all the data does the rest.
+GUESSES_FITTED = 2
+COARSE_ITERATIONS = 20
+
+# Receives the round of the search, the number of rounds at most, and the least relative residual so far.
+SearchCallback = Callable[[int, int, float], None]
+
+
+@dataclass(frozen=True)
+class SearchReport:
+    """How the basin was found.
+
+    Attributes
+    ----------
+    best_value : float
+        The objective's: the relative residual here, minus the correlation in the published search.
+    history : tuple of (int, float)
+        The evaluations made and the best value so far, each time that it became better.
+    """
+
+    method: str
+    seed: int
+    evaluations: int
+    generations: int
+    best_value: float
+    converged: bool
+    message: str
+    history: tuple[tuple[int, float], ...] = ()
+
+    @staticmethod
+    def note(history: list[tuple[int, float]], evaluations: int, value: float) -> None:
+        """Add a value to a history in the making, if it is better than all before it."""
+        if not history or value < history[-1][1]:
+            history.append((evaluations, value))
+
+
+@dataclass(frozen=True)
+class SearchResult:
+    """Coarse fits of each hypothesis, best first: where least squares on all the data begins."""
+
+    fits: Mapping[Hypothesis, Sequence[Fit]]
+    report: SearchReport
+
+
+def search(
+    task: CalibrationTask, seed: int, on_round: SearchCallback | None = None, on_step: OnStep = unheard
+) -> SearchResult:
+    """Coarse fits of each hypothesis; guesses are added until one of them explains the scan.
+
+    Raises
+    ------
+    CalibrationError
+        If the bounds allow no geometry.
+    """
+    rng = np.random.default_rng(seed)
+    misfit = _coarse_misfit(task)
+    box = _search_box(task)
+    fits: dict[Hypothesis, Fit] = {}
+    history: list[tuple[int, float]] = []
+    best, generation = math.inf, 0
+    for generation, count in enumerate((0, *RANDOM_GUESSES)):
+        guesses = random_guesses(box, count, rng) if count else _from_the_shadow(misfit, task, box, rng)
+        _improve(fits, misfit, guesses, history, on_step)
+        best = _least(fits.values())
+        if on_round is not None:
+            on_round(generation + 1, len(RANDOM_GUESSES) + 1, best)
+        if best < EXPLAINED:
+            break
+    explained = best < EXPLAINED
+    message = (
+        f"an initial guess explains {1.0 - best:.1%} of the scan"
+        if explained
+        else "no initial guess explains the scan well"
+    )
+    report = SearchReport(
+        "multi-start", seed, misfit.evaluations, generation + 1, best, explained, message, tuple(history)
+    )
+    return SearchResult(_with_ambiguous_poses(fits, misfit, on_step), report)
+
+
+def _coarse_misfit(task: CalibrationTask) -> CoarseMisfit:
+    usable = task.screening
+    bridged = usable.bridged(task.sinogram)[usable.views]
+    sinogram, angles, cells = coarse_data(task.scanner, bridged, task.angles_rad[usable.views])
+    return CoarseMisfit(task.phantoms, task.rotations, sinogram, angles, cells)
+
+
+def _search_box(task: CalibrationTask) -> FloatArray:
+    try:
+        return search_box(task.scanner, task.bounds, task.phantom)
+    except GeometryError as error:
+        raise CalibrationError("no-geometry", str(error)) from error
+
+
+def _from_the_shadow(
+    misfit: CoarseMisfit, task: CalibrationTask, box: FloatArray, rng: np.random.Generator
+) -> FloatArray:
+    extent = shadow_extent(misfit.sinogram, misfit.cells)
+    if extent is None:
+        return np.zeros((0, 4))
+    distances = (float(box[0, 0]), float(box[0, 1]))
+    return shadow_guesses(extent, task.phantom.radius_mm, distances, rng)
+
+
+def _improve(
+    fits: dict[Hypothesis, Fit],
+    misfit: CoarseMisfit,
+    guesses: FloatArray,
+    history: list[tuple[int, float]],
+    on_step: OnStep,
+) -> None:
+    """Fit the best guesses of each hypothesis coarsely, and keep each fit that beats the one before it."""
+    scored: dict[Hypothesis, list[Candidate]] = {}
+    for guess in guesses:
+        on_step()
+        for hypothesis, candidate in misfit(guess).items():
+            scored.setdefault(hypothesis, []).append(candidate)
+            SearchReport.note(history, misfit.evaluations, candidate.relative_residual)
+    chosen = [
+        (hypothesis, candidate)
+        for hypothesis, candidates in scored.items()
+        for candidate in sorted(candidates, key=lambda c: c.misfit)[:GUESSES_FITTED]
+    ]
+    for hypothesis, candidate in sorted(chosen, key=lambda pair: pair[1].misfit):
+        # Once the scan is explained, one guess shows what another hypothesis makes of it.
+        if hypothesis in fits and _least(fits.values()) < EXPLAINED:
+            continue
+        fit = _coarse_fit(misfit, hypothesis, candidate.frame, (0.0, 0.0), fits.values(), on_step)
+        before = fits.get(hypothesis)
+        if fit is not None and (before is None or fit.relative_residual < before.relative_residual):
+            fits[hypothesis] = fit
+            SearchReport.note(history, misfit.evaluations, fit.relative_residual)
+
+
+def _least(fits: Collection[Fit]) -> float:
+    return min((fit.relative_residual for fit in fits), default=math.inf)
+
+
+def _coarse_fit(
+    misfit: CoarseMisfit,
+    hypothesis: Hypothesis,
+    start: SourceFrame,
+    position_mm: tuple[float, float],
+    others: Collection[Fit],
+    on_step: OnStep,
+) -> Fit | None:
+    """Fit a guess to the coarse sinogram, as long as it may contend with a fit among others that explains the scan."""
+    least = _least(others)
+    return refine(
+        misfit.phantoms[hypothesis.handedness],
+        SinogramData(misfit.sinogram, hypothesis.rotation.apply(misfit.angles_rad), misfit.cells),
+        start,
+        position_mm=position_mm,
+        max_iterations=COARSE_ITERATIONS,
+        hopeless=CONTENDER * least if least < EXPLAINED else math.inf,
+        on_step=on_step,
+    )
+
+
+def _with_ambiguous_poses(
+    found: dict[Hypothesis, Fit], misfit: CoarseMisfit, on_step: OnStep
+) -> dict[Hypothesis, list[Fit]]:
+    """Beside the fits found, those from poses in which the best fit's body looks almost the same."""
+    fits = {hypothesis: [fit] for hypothesis, fit in found.items()}
+    if not fits:
+        return fits
+    best = min(found, key=lambda hypothesis: found[hypothesis].relative_residual)
+    fit = found[best]
+    for handedness, frame, position in ambiguous_poses(misfit, best, fit.frame, fit.position_mm):
+        hypothesis = Hypothesis(handedness, best.rotation)
+        other = _coarse_fit(misfit, hypothesis, frame, position, [fit], on_step)
+        if other is not None:
+            rivals = fits.setdefault(hypothesis, [])
+            rivals.append(other)
+            rivals.sort(key=lambda fit: fit.relative_residual)
+    return fits

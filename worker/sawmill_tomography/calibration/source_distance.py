@@ -1,0 +1,84 @@
+"""The source distance R, which no theta allows to be less than the known r_S: held there where the free fit is less."""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sawmill_tomography.calibration.errors import CalibrationError
+from sawmill_tomography.calibration.faults.finding import AdjustedFit
+from sawmill_tomography.calibration.fit import OnStep, refine, unheard
+from sawmill_tomography.calibration.fit_parameters import Parameter
+from sawmill_tomography.calibration.joint_fit import JointFit, fit_consistent_views, fit_jointly
+from sawmill_tomography.calibration.refusals import refuse_other_scanner
+from sawmill_tomography.calibration.scatter import Scatter, parameter_scatter
+from sawmill_tomography.calibration.task import CalibrationTask
+from sawmill_tomography.geometry.geometry import SourceFrame
+
+
+@dataclass(frozen=True)
+class SourceDistance:
+    """How R was found.
+
+    Attributes
+    ----------
+    unconstrained_mm : float
+        R of the free fit.
+    held : bool
+        R was held at r_S, because the free fit gave less.
+    deficit_deviations : float
+        By how many standard deviations, the stated size's included, the free R is less than r_S; 0 where it is not.
+    """
+
+    unconstrained_mm: float
+    held: bool = False
+    deficit_deviations: float = 0.0
+
+
+def with_theta(
+    task: CalibrationTask, prepared: AdjustedFit, on_step: OnStep = unheard
+) -> tuple[AdjustedFit, JointFit, Scatter, SourceDistance]:
+    """The free fit, or the one with R = r_S where the free one has no theta (docs/conventions.md#theta).
+
+    The covariance of a fit that was held is the free one's, and what holding it moved: R of the scanner may be larger
+    than r_S, or r_S itself be off, and R and SDD are then off together. The scan knows their ratio far better than
+    either, so R's row stays in.
+
+    Raises
+    ------
+    CalibrationError
+        If the free R is no scanner's, or no fit exists with R = r_S.
+    """
+    prepared, free = fit_consistent_views(prepared, task.without, on_step)
+    r_s, frame = task.scanner.source_to_cor_mm, free.model.frame
+    refuse_other_scanner(task.scanner, frame.source_distance_mm)
+    scatter = parameter_scatter(free)
+    if frame.source_distance_mm >= r_s:
+        return prepared, free, scatter, SourceDistance(frame.source_distance_mm)
+    ratio = r_s / frame.source_distance_mm
+    start = replace(frame, source_distance_mm=r_s, source_to_detector_mm=frame.source_to_detector_mm * ratio)
+    position = (float(free.model.x[Parameter.T_X]), float(free.model.x[Parameter.T_Y]))
+    fit = refine(
+        prepared.phantom, prepared.data, start, position_mm=position, fixed_source_distance=True, on_step=on_step
+    )
+    if fit is None:
+        raise CalibrationError(
+            "no-geometry",
+            f"the scan asks for a source at {frame.source_distance_mm:.4g} mm, nearer than source_to_cor_mm "
+            f"{r_s:.6g}: check source_to_cor_mm and the phantom's size",
+        )
+    held = fit_jointly(replace(prepared, fit=fit), task.without, on_step)
+    distance = SourceDistance(
+        frame.source_distance_mm, held=True, deficit_deviations=_deficit_deviations(task, frame, scatter)
+    )
+    moved = held.model.x - free.model.x
+    covariance = replace(scatter.covariance, values=scatter.covariance.values + np.outer(moved, moved))
+    return prepared, held, replace(parameter_scatter(held), covariance=covariance), distance
+
+
+def _deficit_deviations(task: CalibrationTask, frame: SourceFrame, scatter: Scatter) -> float:
+    distance = frame.source_distance_mm
+    variance = float(scatter.covariance.values[Parameter.R, Parameter.R])
+    deviation = math.hypot(math.sqrt(variance), task.phantom.size_tolerance * distance)
+    deficit = task.scanner.source_to_cor_mm - distance
+    return deficit / deviation if deviation > 0.0 else math.inf

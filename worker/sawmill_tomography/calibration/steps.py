@@ -1,0 +1,92 @@
+"""A step of Gauss and Newton: how far it goes, what it moves, and when it is small."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from sawmill_tomography.calibration.elimination import pseudo_inverse
+from sawmill_tomography.calibration.normal_equations import Column, System, ViewGrams
+from sawmill_tomography.calibration.scan_model import POSE, ScanModel, Term
+from sawmill_tomography.geometry.geometry import FloatArray
+
+# A step has ended among the noise when it moves the geometry by less than this many of its standard deviations,
+# squared, and all that is fitted gains less than that, in variances of a sample.
+MOVED, GAINED = 25.0, 200.0
+# A step that moves what is seen by less, in mm at the phantom's rim, is none: of a scan almost free of noise even this
+# may be many standard deviations. Nor is one that gains less than this share of the residual.
+LEAST_MOVE_MM, NO_GAIN = 0.003, 1e-6
+SHORTEST = 1 / 8
+# A step may raise the residual by these shares, for random effects of the views are not in the sum that is compared:
+# usually, and where the views' angles scatter.
+ROUNDING, BY_ANGLES = 1e-4, 0.1
+
+
+def is_small(model: ScanModel, system: System, used: Sequence[int], change: FloatArray, variance: float) -> bool:
+    """Whether a full step changes nothing that matters."""
+    gained = float(change @ system.score)
+    among_noise = gained <= GAINED * variance and off_by(system, used, change) <= MOVED * variance
+    return among_noise or gained <= NO_GAIN * system.power or _moves_mm(model, system.columns, change) <= LEAST_MOVE_MM
+
+
+def off_by(system: System, used: Sequence[int], change: FloatArray) -> float:
+    """How far a step moves the geometry, squared, in standard deviations for unit variance of a sample."""
+    columns = system.columns
+    own = [n for n, i in enumerate(used) if columns[i].parameter is not None]
+    covariance = system.inverse(used)[np.ix_(own, own)]
+    step = change[[used[n] for n in own]]
+    return float(step @ pseudo_inverse(covariance, 1e-12) @ step)
+
+
+def _moves_mm(model: ScanModel, columns: Sequence[Column], change: FloatArray) -> float:
+    """About how far a step moves what the detector sees of the phantom's rim."""
+    radius, frame = model.drawing.radius_mm, model.frame
+    arms = {
+        Term.PSI: radius,
+        Term.R: radius / frame.source_distance_mm,
+        Term.SDD: radius / frame.source_to_detector_mm,
+        Term.U_C: 1.0 / frame.magnification,
+        Term.TILT: radius * radius / frame.source_distance_mm,
+        Term.T_X: 1.0,
+        Term.T_Y: 1.0,
+        Term.ASPECT: 0.5 * radius,
+        Term.SHEAR: 0.5 * radius,
+    }
+    moves = (
+        abs(size) * (arms.get(column.term, 0.0) if column.term is not None else 1.0)
+        for column, size in zip(columns, change.tolist(), strict=True)
+    )
+    return max(moves, default=0.0)
+
+
+def stepped(
+    model: ScanModel, columns: Sequence[Column], change: FloatArray, grams: ViewGrams, *, may_rise: float
+) -> tuple[ScanModel, float]:
+    """The model after as much of the step as makes the residual no larger, and this share of it; 0 where none does.
+
+    A residual that is larger by the share `may_rise` is no larger.
+    """
+    share = 1.0
+    while share >= SHORTEST:
+        then = moved(model, columns, share * change)
+        if then.view_gain and then.clears:
+            then = then.with_view_gains(grams.weights)
+        exists = then.clears and bool((then.gain > 0.0).all())
+        if exists and grams.objective(then.residual) <= grams.objective_at_model * (1.0 + may_rise):
+            return then, share
+        share *= 0.5
+    return model, 0.0
+
+
+def moved(model: ScanModel, columns: Sequence[Column], change: FloatArray) -> ScanModel:
+    """The model with each column changed by so much."""
+    scalars: dict[Term, float] = {}
+    pose = np.zeros_like(model.pose)
+    for column, size in zip(columns, change.tolist(), strict=True):
+        if size == 0.0:
+            continue
+        if column.term is not None:
+            scalars[column.term] = size
+        else:
+            for term, shape in column.parts:
+                pose[:, POSE.index(term)] += size * shape
+    return model.moved(scalars, pose)

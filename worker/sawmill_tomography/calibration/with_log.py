@@ -1,0 +1,130 @@
+"""A calibration once the log beside its phantom was heard: geometry, error bars and judgement follow from both."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from sawmill_tomography.calibration.calibration import Calibration, choose_theta
+from sawmill_tomography.calibration.covariance import theta_covariance
+from sawmill_tomography.calibration.error_bars import ErrorBars
+from sawmill_tomography.calibration.fit import Fit
+from sawmill_tomography.calibration.fit_parameters import Parameter
+from sawmill_tomography.calibration.judgement import Evidence, Limits, judge
+from sawmill_tomography.calibration.scale import scale_uncertainty
+from sawmill_tomography.calibration.second_witness import BOTH, LogAnswer, SecondWitness, compare_witnesses
+from sawmill_tomography.drift.change import ConjugateFit, DetectorFit
+from sawmill_tomography.drift.detector_fit import detector_fit
+from sawmill_tomography.geometry.geometry import FloatArray, Scanner, SourceFrame, Theta
+from sawmill_tomography.geometry.ray_error import predicted_ray_error
+from sawmill_vocabulary import Rotation
+
+POSITION = [Parameter.T_X, Parameter.T_Y]
+
+
+def with_log(calibration: Calibration, log_sinogram: FloatArray) -> Calibration:
+    """The calibration with the log as its second witness; unchanged where it has no error bars.
+
+    Parameters
+    ----------
+    log_sinogram : (views, detector) float
+        Line integrals of the log at the views of the phantom's sinogram.
+
+    Raises
+    ------
+    DriftError
+        The log shows nothing: too few views, a log too round, or one that reaches an end of the detector.
+    """
+    evidence, task = calibration.evidence, calibration.task
+    if evidence is None:
+        return calibration
+    covariance = evidence.error_bars.covariance.values
+    log = _ask_log(task.scanner, log_sinogram, task.angles_rad, calibration.frame, calibration.rotation)
+    witness = compare_witnesses(
+        task.scanner,
+        calibration.frame,
+        covariance,
+        log,
+        calibration.rotation,
+        phantom_moved=evidence.residual.phantom_moved,
+        radius_mm=calibration.radius_mm,
+    )
+    return _following(calibration, evidence, witness)
+
+
+def _ask_log(
+    scanner: Scanner, sinogram: FloatArray, angles_rad: FloatArray, frame: SourceFrame, rotation: Rotation
+) -> LogAnswer:
+    """What a log's sinogram (views, detector) gives near the phantom's answer, by opposite rays or pairs of views.
+
+    Raises
+    ------
+    DriftError
+        The views are too few, or this log does not show the two.
+    """
+    fit = detector_fit(scanner, sinogram, angles_rad, frame, rotation)
+    sensitivity, covariance = _at_known_distance(fit)
+    seen = np.array([fit.cor_column_mm, fit.tilt_rad])
+    seen += sensitivity * (frame.source_to_detector_mm - fit.source_to_detector_mm)
+    turned = fit.rotation if fit.rotation_decided else rotation
+    # Pairs of views refuse a log that moves far, and do not tell where it jumped a little.
+    return LogAnswer(seen, covariance, sensitivity, turned, fit.movement if isinstance(fit, ConjugateFit) else None)
+
+
+def _at_known_distance(fit: DetectorFit) -> tuple[FloatArray, FloatArray]:
+    """Change of (u_c, tau) per mm of SDD, (2,), and their covariance (2, 2) where SDD is known."""
+    if fit.distance_held:
+        return fit.distance_sensitivity, fit.covariance[:2, :2]
+    sensitivity = fit.covariance[:2, 2] / fit.covariance[2, 2]
+    return sensitivity, fit.covariance[:2, :2] - np.outer(sensitivity, fit.covariance[2, :2])
+
+
+def _following(calibration: Calibration, evidence: Evidence, witness: SecondWitness) -> Calibration:
+    task, fit = calibration.task, _moved(evidence.fit, witness)
+    theta, twin = choose_theta(task.scanner, fit.frame, task.bounds)
+    bars = _error_bars(calibration, evidence.error_bars, fit.frame, theta, witness)
+    in_bounds = task.bounds is None or task.bounds.contain(theta)
+    scale = scale_uncertainty(
+        task.scanner,
+        fit.frame,
+        task.phantom,
+        witness.covariance,
+        calibration.radius_mm,
+        aspect_half=evidence.scale.aspect_half,
+    )
+    heard = replace(evidence, fit=fit, error_bars=bars, scale=scale, theta_in_bounds=in_bounds, witness=witness)
+    judgement = judge(heard, Limits.of(task))
+    return replace(
+        calibration,
+        theta=theta,
+        theta_twin=twin,
+        fit=fit,
+        error_bars=bars,
+        scale=scale,
+        judgement=judgement,
+        evidence=heard,
+    )
+
+
+def _moved(fit: Fit, witness: SecondWitness) -> Fit:
+    """The fit with the geometry of both, and the phantom where its rows put it with that u_c and tau."""
+    frame = SourceFrame.from_vector(witness.vector)
+    values = fit.covariance.values
+    own = values[np.ix_(BOTH, BOTH)]
+    step = values[np.ix_(POSITION, BOTH)] @ np.linalg.solve(own, witness.vector[BOTH] - witness.phantom_seen)
+    x, y = fit.position_mm
+    return replace(fit, frame=frame, position_mm=(x + float(step[0]), y + float(step[1])))
+
+
+def _error_bars(
+    calibration: Calibration, alone: ErrorBars, frame: SourceFrame, theta: Theta, witness: SecondWitness
+) -> ErrorBars:
+    scanner, values = calibration.scanner, witness.covariance
+    of_theta = theta_covariance(scanner, frame, theta, values)
+    predicted = predicted_ray_error(scanner, frame, values, radius_mm=calibration.radius_mm)
+    return replace(
+        alone,
+        covariance=replace(alone.covariance, values=values),
+        theta_covariance=of_theta,
+        predicted_ray_error=predicted,
+        source_shift_resolved=of_theta is not None,
+    )

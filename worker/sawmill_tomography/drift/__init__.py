@@ -1,0 +1,1 @@
+"""Drift: what moved since a calibration, from scans of ordinary logs."""

@@ -1,0 +1,343 @@
+"""What moved since a calibration, how surely, and what that looks like: from a scan of any log, without a phantom.
+
+The fits themselves stand in `conjugate_rays` (dense scans) and `view_pairs` (any). R and psi cannot be seen
+(docs/geometry.md#drift).
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+
+from sawmill_tomography.calibration.fit_parameters import Parameter
+from sawmill_tomography.drift.chart.looks import Look
+from sawmill_tomography.geometry.geometry import FloatArray, GeometryError, Scanner, SourceFrame
+from sawmill_tomography.geometry.ray_error import predicted_ray_error, ray_error, scale_deviation
+from sawmill_vocabulary import Rotation
+
+# What a log's rays see of the geometry, in the order of their vectors.
+SEEN = [Parameter.U_C, Parameter.TILT, Parameter.SDD]
+# A change beyond this many standard deviations is significant.
+SIGNIFICANT = 3.0
+# A jump that is shorter is no finding (mm). An exact scan shows 0.001: tests/tomography/test_log_movement.py.
+SHORTEST_JUMP_MM = 0.01
+# Chi-squared, 2 degrees of freedom, that the best of several hundred views, each tried as the one after which the log
+# stands elsewhere, reaches by chance in less than one of a thousand scans: tests/tomography/test_log_movement.py.
+CHANCE_OF_A_JUMP = 30.0
+# Chi-squared, 2 degrees of freedom, that a motion may leave unexplained with the same confidence.
+UNEXPLAINED = 11.83
+
+DISTANCE_NOT_SEEN = "the distance from source to detector: this log does not show it, so it is held at the known one"
+FLAT_FIELD_NOT_SEEN = (
+    "an error of the flat field behind the log that the air beside it does not show: with so few views it looks like a "
+    "centre of rotation that moved"
+)
+FLAT_FIELD_CHANGE_NOT_SEEN = (
+    "an error of the flat field behind the log that is newer than the baseline and that the air beside the log does "
+    "not show: with so few views it looks like a centre of rotation that moved"
+)
+ENCODER_NOT_SEEN = (
+    "an encoder that is wrong by far more than 0.1 degrees once a turn, or wrong twice a turn: with so few views it "
+    "looks like a centre of rotation that moved, one way or the other as the log lies, and cancels over many logs"
+)
+NOT_SEEN = (
+    "the distance R from the source to the centre of rotation: only the phantom's known size gives the scale",
+    "the first angle psi, so neither the encoder's zero nor which way is up",
+    "from which end the log is looked at",
+    "a turntable that moved along the ray through the centre of rotation, which changes R alone",
+)
+
+
+class DriftError(ValueError):
+    """A scan that shows no drift; the message says why.
+
+    Attributes
+    ----------
+    code : str
+        Stable, for programs: sparse-views, partial-turn, log-cut-off, outside-detector, nothing-seen, moved-too-far.
+    """
+
+    def __init__(self, code: str, message: str) -> None:
+        super().__init__(message)
+        self.code = code
+
+
+@dataclass(frozen=True)
+class LogMovement:
+    """A jump of the log: the first view after it, its length, and its chi-squared of 2 degrees of freedom."""
+
+    view: int
+    by_mm: float
+    chi_squared: float
+
+    @property
+    def beyond_chance(self) -> bool:
+        """Whether a log that stood still would hardly look like this."""
+        return self.chi_squared > CHANCE_OF_A_JUMP and self.by_mm > SHORTEST_JUMP_MM
+
+
+@dataclass(frozen=True)
+class Disturbance:
+    """One harmonic of the turn.
+
+    Attributes
+    ----------
+    part : "encoder" or "bearing"
+        The angles are ahead and behind; or the log swings across the beam.
+    order : int
+        How often in a turn.
+    """
+
+    part: Literal["encoder", "bearing"]
+    order: int
+
+
+@dataclass(frozen=True, eq=False)
+class DetectorFit:
+    """What a log's rays say of the detector: opposite rays of a dense scan, or pairs of views of any.
+
+    Attributes
+    ----------
+    covariance : (3, 3) float64
+        Of (u_c, tau, SDD).
+    distance_held : bool
+        The scan does not show SDD, which stayed at the calibrated one; its row of the covariance is zero.
+    rotation : Rotation
+        The sense of rotation in which they agree better.
+    rotation_ratio : float
+        Residual of the other sense against this one's.
+    rotation_decided : bool
+        Whether the scan tells which way it turned; a round, centred log does not.
+    relative_residual : float
+        RMS of the differences against the RMS of what they differ in: of opposite rays the part that changes with the
+        view, after the blur; of pairs of views their sums.
+    distance_sensitivity : (2,) float64
+        Change of (u_c, tau) per mm of the SDD at which they were fitted; zeros where it was fitted too.
+    adjustments : tuple of str
+        What was done to the scan before it was used.
+    disturbances : mapping of Disturbance to float
+        What disturbs the turn beyond chance, fitted with the geometry, and its amplitude in its unit.
+    encoder_bound_mm : float or None
+        The most that an encoder that is wrong by 0.1 degrees once a turn moves u_c of this log, which the covariance
+        allows for; None where it is fitted as a disturbance.
+    """
+
+    cor_column_mm: float
+    tilt_rad: float
+    source_to_detector_mm: float
+    covariance: FloatArray
+    distance_held: bool
+    rotation: Rotation
+    rotation_ratio: float
+    rotation_decided: bool
+    relative_residual: float
+    distance_sensitivity: FloatArray
+    adjustments: tuple[str, ...]
+    disturbances: Mapping[Disturbance, float] = field(default_factory=dict)
+    encoder_bound_mm: float | None = None
+
+    @property
+    def deviation(self) -> FloatArray:
+        """Standard deviations of (u_c, tau, SDD)."""
+        spread: FloatArray = np.sqrt(np.diag(self.covariance))
+        return spread
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ConjugateFit(DetectorFit):
+    """The same from opposite rays, and whether the log moved.
+
+    Attributes
+    ----------
+    movement : LogMovement
+        The jump of the log that explains most of what is left, beyond chance or not.
+    """
+
+    movement: LogMovement
+
+
+@dataclass(frozen=True, eq=False)
+class DriftChange:
+    """Measured less calibrated, or less a baseline.
+
+    Attributes
+    ----------
+    change : (3,) float64
+        Of (u_c, tau, SDD).
+    covariance : (3, 3) float64
+        Of the change: this scan's, and the calibration's or the baseline's.
+    ray_change_mm : float
+        RMS distance of the rays inside the log's disc with R and psi held, a common scale taken out; SDD held too where
+        it has not changed significantly, because this scan sees it worse than the calibration does.
+    ray_change_uncertainty_mm : float
+        RMS ray distance that the covariance alone brings about.
+    scale_change, scale_deviation : float
+        That common scale as a share, and its standard deviation: what a changed SDD makes of the image's size.
+    """
+
+    change: FloatArray
+    covariance: FloatArray
+    ray_change_mm: float
+    ray_change_uncertainty_mm: float
+    scale_change: float
+    scale_deviation: float
+
+    @property
+    def deviation(self) -> FloatArray:
+        """Standard deviations of the changes, (3,)."""
+        spread: FloatArray = np.sqrt(np.diag(self.covariance))
+        return spread
+
+    @property
+    def significance(self) -> FloatArray:
+        """Each change in units of its standard deviation, (3,); 0 for what was held."""
+        deviation = self.deviation
+        share: FloatArray = np.divide(self.change, deviation, out=np.zeros(3), where=deviation > 0.0)
+        return share
+
+    @property
+    def moved(self) -> bool:
+        """Whether any change is significant."""
+        return bool(np.any(np.abs(self.significance) > SIGNIFICANT))
+
+
+def seen_vector(value: "SourceFrame | DetectorFit") -> FloatArray:
+    """What a log's rays see, (3,): u_c, tau, SDD, in the order of `SEEN`."""
+    return np.array([value.cor_column_mm, value.tilt_rad, value.source_to_detector_mm])
+
+
+def better_sense(residual: Mapping[Rotation, float], calibrated: Rotation, decisive: float) -> tuple[Rotation, float]:
+    """The sense of rotation in which a scan agrees better, and how many times the other one's residual is larger.
+
+    The calibrated one is kept, with a ratio below 1 perhaps, where the other's residual is not that many times smaller.
+    """
+    other = next(sense for sense in Rotation if sense is not calibrated)
+    ratio = residual[other] / residual[calibrated]
+    return (other, 1.0 / ratio) if ratio < 1.0 / decisive else (calibrated, ratio)
+
+
+def drift_change(
+    scanner: Scanner,
+    calibrated: SourceFrame,
+    calibrated_covariance: FloatArray | None,
+    fit: DetectorFit,
+    *,
+    zero: Look | None = None,
+    radius_mm: float = 150.0,
+) -> DriftChange:
+    """Compare what a scan of a log says with a calibration, or with a baseline.
+
+    Parameters
+    ----------
+    calibrated_covariance : (5, 5) float64
+        Of (psi, R, SDD, u_c, tau); None where the calibration has no error bars, which then count as zero.
+    zero : Look
+        What a baseline makes of the change since this calibration; that of u_c and tau is counted from it.
+    radius_mm : float
+        Of the disc in which rays are compared.
+    """
+    change, covariance = seen_vector(fit) - seen_vector(calibrated), fit.covariance.copy()
+    if zero is not None:
+        # An error of the SDD that is held is in the baseline's looks too, and goes out of the difference.
+        change[:2] -= zero.change
+        covariance[:2, :2] += zero.covariance
+        covariance[2, 2] += 0.0 if calibrated_covariance is None else calibrated_covariance[SEEN[2], SEEN[2]]
+    elif calibrated_covariance is not None:
+        # Where SDD is held, the calibration's error of it moves what is measured of the others.
+        difference = np.eye(3)
+        difference[:2, 2] = -fit.distance_sensitivity
+        covariance += difference @ calibrated_covariance[np.ix_(SEEN, SEEN)] @ difference.T
+    if fit.distance_held:
+        covariance[2, :] = covariance[:, 2] = 0.0
+    counted, spread = _counted(change, covariance)
+    u_c, tau, sdd = (float(value) for value in seen_vector(calibrated) + counted)
+    now = replace(calibrated, cor_column_mm=u_c, tilt_rad=tau, source_to_detector_mm=sdd)
+    frame_covariance = np.zeros((5, 5))
+    frame_covariance[np.ix_(SEEN, SEEN)] = spread
+    rays, scale = _moved_rays(scanner, calibrated, now, radius_mm)
+    uncertainty = predicted_ray_error(scanner, now, frame_covariance, radius_mm=radius_mm).rms_mm
+    of_scale = scale_deviation(scanner, now, frame_covariance, radius_mm=radius_mm)
+    return DriftChange(change, covariance, rays, uncertainty, scale, of_scale)
+
+
+def zero_offset_mm(scanner: Scanner, calibrated: SourceFrame, zero: Look, *, radius_mm: float) -> float:
+    """RMS distance of the rays between a baseline and the calibration, with what a log does not show held."""
+    u_c, tau = (float(value) for value in seen_vector(calibrated)[:2] + zero.change)
+    moved = replace(calibrated, cor_column_mm=u_c, tilt_rad=tau)
+    return _moved_rays(scanner, calibrated, moved, radius_mm)[0]
+
+
+def _moved_rays(scanner: Scanner, calibrated: SourceFrame, now: SourceFrame, radius_mm: float) -> tuple[float, float]:
+    """RMS distance of the rays in mm, and the common scale that is taken out, as a share."""
+    try:
+        error = ray_error(scanner, calibrated, now, radius_mm=radius_mm)
+    except GeometryError:  # the calibrated rays no longer meet the log
+        return radius_mm, 0.0
+    return error.rms_mm, error.scale_change
+
+
+def _counted(change: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The change and its covariance, conditional on an unchanged SDD unless that has changed significantly."""
+    if covariance[2, 2] == 0.0 or abs(change[2]) > SIGNIFICANT * math.sqrt(covariance[2, 2]):
+        return change, covariance
+    distance_sensitivity = covariance[:, 2] / covariance[2, 2]
+    return change - distance_sensitivity * change[2], covariance - np.outer(distance_sensitivity, covariance[2])
+
+
+def disturbed_turn(fit: DetectorFit) -> str | None:
+    """What disturbs the turn itself and where to look, in one sentence; None where nothing does beyond chance."""
+    if not fit.disturbances:
+        return None
+    times = {1: "once a turn", 2: "twice a turn"}
+    sentences = {
+        "encoder": "the angles run ahead and behind by {:.2g} degrees {}",
+        "bearing": "the log swings across the beam by {:.2g} mm {}",
+    }
+    look = {"encoder": "the encoder's coupling: it is eccentric", "bearing": "the turntable's bearing: it wobbles"}
+    found = [sentences[each.part].format(size, times[each.order]) for each, size in fit.disturbances.items()]
+    where = " and at ".join(look[part] for part in dict.fromkeys(each.part for each in fit.disturbances))
+    return f"{' and '.join(found)}: look at {where} (this is no drift, and was fitted)"
+
+
+def likely_cause(calibrated: SourceFrame, moved: DriftChange) -> str:
+    """What moved and where to look, in one sentence.
+
+    A turntable that moves leaves the detector's foot u_n = u_c - SDD sin tau and height H = SDD cos tau as they are, so
+    tau and SDD follow u_c; a detector that slides along itself leaves tau and SDD as they are.
+    """
+    column, tilt, distance = moved.change
+    tau = calibrated.tilt_rad
+    if not moved.moved:
+        return (
+            f"nothing moved that this scan can show: the COR is where it was to {moved.deviation[0]:.2g} mm on the "
+            f"detector, the tilt to {math.degrees(moved.deviation[1]):.2g} degrees: go on with this calibration"
+        )
+    turntable = _unexplained(moved, np.array([1.0, math.cos(tau) / calibrated.source_to_detector_mm, math.sin(tau)]))
+    slide = _unexplained(moved, np.array([1.0, 0.0, 0.0]))
+    tilted = abs(moved.significance[1]) > SIGNIFICANT
+    shifted = f"the COR moved {column:+.2f} mm on the detector"
+    if turntable <= UNEXPLAINED and not tilted:
+        either = "look at the turntable and at the detector's stops, as either would look like this"
+        where = either if slide <= UNEXPLAINED else "look at the turntable, not the detector"
+        return f"{shifted} and the tilt did not: {where}"
+    if turntable <= UNEXPLAINED:
+        return f"{shifted} and the tilt followed as when the turntable moves sideways: look at the turntable"
+    if slide <= UNEXPLAINED:
+        return f"{shifted} and the tilt stayed, as when the detector slides along itself: look at the detector's stops"
+    return (
+        f"the detector stands otherwise towards the source: COR {column:+.2f} mm, tilt {math.degrees(tilt):+.3f} "
+        f"degrees, distance {distance:+.1f} mm: look at the mounting of detector and source, then calibrate with the "
+        "phantom"
+    )
+
+
+def _unexplained(moved: DriftChange, direction: FloatArray) -> float:
+    """Chi-squared that is left of the change when the best multiple of a motion is taken off."""
+    seen = np.flatnonzero(moved.deviation > 0.0)
+    precision = np.zeros((3, 3))
+    precision[np.ix_(seen, seen)] = np.linalg.inv(moved.covariance[np.ix_(seen, seen)])
+    along = float(direction @ precision @ moved.change / (direction @ precision @ direction))
+    rest = moved.change - along * direction
+    return float(rest @ precision @ rest)

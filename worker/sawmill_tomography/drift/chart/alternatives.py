@@ -1,0 +1,101 @@
+"""What a history says for a step and for a trend that began at each candidate time.
+
+With x the mean until the candidate time, a step adds a constant (2,) afterwards and a trend a constant (2,) times the
+days since. Both are generalised least squares fits with x unknown, so the error that all later looks share with the
+baseline is in their covariances (Siegmund and Venkatraman 1995, Annals of Statistics 23, 255, for steps;
+Xu, Wang and Reynolds 2013, Quality and Reliability Engineering International 29, 545, for trends).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sawmill_tomography.drift.chart.matrices import inverse, sandwich, scaled, squared_length, times
+from sawmill_tomography.drift.chart.scatter import Scatter
+from sawmill_tomography.drift.chart.segments import Segment, moved
+from sawmill_tomography.geometry.geometry import FloatArray
+
+# A trend has lasted for as many groups; what is shorter is a step, also one in the midst of a group.
+FEWEST_OF_A_TREND = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Alternatives:
+    """One model of change with each candidate time, oldest first.
+
+    Attributes
+    ----------
+    began_days : (candidates, ...) float64
+        The candidates: ends of all segments but the newest.
+    change : (candidates, ..., 2) float64
+        The step, or the change a day.
+    covariance : (candidates, ..., 2, 2) float64
+        Of the change, what may stay of it in a quiet scanner included.
+    likelihood : (candidates, ...) float64
+        Twice the logarithm of the likelihood ratio against no change, by the looks' errors alone.
+    evidence : (candidates, ...) float64
+        Chi-squared of the change by its covariance (`Scatter.chi_squared`): the chart's statistic.
+    """
+
+    began_days: FloatArray
+    change: FloatArray
+    covariance: FloatArray
+    likelihood: FloatArray
+    evidence: FloatArray
+
+    @classmethod
+    def of(
+        cls, began: FloatArray, change: FloatArray, own: FloatArray, scatter: Scatter, quiet: FloatArray
+    ) -> "Alternatives":
+        """With the change's own covariance as looks give it, and that which changes of a quiet scanner have."""
+        own = scaled(own, scatter.ratio)
+        covariance = own + quiet
+        distance = squared_length(change, inverse(covariance))
+        return cls(began, change, covariance, squared_length(change, inverse(own)), scatter.chi_squared(distance))
+
+
+def steps_and_trends(
+    segments: Sequence[Segment], scatter: Scatter, quiet: FloatArray
+) -> tuple[Alternatives, Alternatives]:
+    """Both models.
+
+    Parameters
+    ----------
+    segments : of (...)
+        Oldest first, two or more; none but the first is before the first candidate.
+    scatter : Scatter of (...)
+        What enlarges the covariances that looks give.
+    quiet : (2, 2) float64
+        Covariance of changes from one time to another that are none of the geometry's.
+    """
+    now = segments[-1].last_days
+    precision, weighted = moved(
+        np.stack([segment.precision for segment in segments]),
+        np.stack([segment.weighted for segment in segments]),
+        np.stack([segment.first_days for segment in segments]) - now,
+    )
+    before, rest = np.cumsum(precision[:-1, ..., 0, :, :], axis=0), np.cumsum(precision[:0:-1], axis=0)[::-1]
+    weighted_before = np.cumsum(weighted[:-1, ..., 0, :], axis=0)
+    weighted_rest = np.cumsum(weighted[:0:-1], axis=0)[::-1]
+    began = np.stack([segment.last_days for segment in segments[:-1]])
+
+    before_covariance, after_covariance = inverse(before), inverse(rest[..., 0, :, :])
+    step = times(after_covariance, weighted_rest[..., 0, :]) - times(before_covariance, weighted_before)
+    steps = Alternatives.of(began, step, before_covariance + after_covariance, scatter, quiet)
+
+    span = now - began
+    ago = span[..., None, None]
+    plain, once, twice = (rest[..., k, :, :] for k in range(3))
+    # Normal equations of mean and slope, with times from the candidate; the mean is eliminated.
+    along = once + ago * plain
+    square = twice + 2.0 * ago * once + ago**2 * plain
+    right = weighted_rest[..., 1, :] + span[..., None] * weighted_rest[..., 0, :]
+    every = inverse(before[-1] + rest[-1, ..., 0, :, :])
+    mean = times(every, weighted_before[-1] + weighted_rest[-1, ..., 0, :])
+    slope_covariance = inverse(square - sandwich(along, every))
+    slope = times(slope_covariance, right - times(along, mean))
+    over_span = np.divide(1.0, ago**2, out=np.zeros_like(ago), where=ago > 0.0)
+    groups = np.cumsum([segment.groups for segment in segments[:0:-1]])[::-1]
+    slope[groups < FEWEST_OF_A_TREND] = 0.0
+    return steps, Alternatives.of(began, slope, slope_covariance, scatter, quiet * over_span)

@@ -1,0 +1,46 @@
+"""A scanner's history since its calibration, as much of it as the chart needs. Arrays may have leading axes."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import reduce
+
+from sawmill_tomography.drift.chart.alternatives import Alternatives, steps_and_trends
+from sawmill_tomography.drift.chart.matrices import inverse
+from sawmill_tomography.drift.chart.scatter import Scatter
+from sawmill_tomography.drift.chart.segments import Segment, extended
+from sawmill_tomography.geometry.geometry import FloatArray
+
+# One pooled group: its last time (...) in days, mean (..., 2) and covariance (..., 2, 2).
+Group = tuple[FloatArray, FloatArray, FloatArray]
+
+
+@dataclass(frozen=True, eq=False)
+class History:
+    """The groups of looks in segments, and how looks and groups scatter.
+
+    Attributes
+    ----------
+    segments : tuple of Segment
+        Oldest first.
+    """
+
+    segments: tuple[Segment, ...]
+    scatter: Scatter
+
+    @classmethod
+    def starting_with(cls, groups: Iterable[Group], scatter: Scatter) -> "History":
+        """With the groups of a baseline, oldest first, and the scatter of its looks."""
+        return cls(reduce(extended, (_segment(*group) for group in groups), ()), scatter)
+
+    def followed_by(self, days: FloatArray, mean: FloatArray, covariance: FloatArray) -> "History":
+        """With one `Group` more."""
+        newest = _segment(days, mean, covariance)
+        return History(extended(self.segments, newest), self.scatter.followed_by(mean, covariance))
+
+    def alternatives(self, quiet: FloatArray) -> tuple[Alternatives, Alternatives]:
+        """Steps and trends, as `steps_and_trends`."""
+        return steps_and_trends(self.segments, self.scatter, quiet)
+
+
+def _segment(days: FloatArray, mean: FloatArray, covariance: FloatArray) -> Segment:
+    return Segment.of_group(days, mean, inverse(covariance))

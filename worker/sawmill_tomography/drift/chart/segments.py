@@ -1,0 +1,88 @@
+"""Segments of a scanner's history: sums over groups of looks, from which steps and trends are fitted.
+
+Every array may have leading axes, so that many scanners can be simulated at a time.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from sawmill_tomography.drift.chart.matrices import times
+from sawmill_tomography.geometry.geometry import FloatArray
+
+# Segments of each size, in groups: 1, 2, 4 and so on. A change point lies within 1/16 of its age of a segment's end. A
+# step that is fitted so near leaves less than a trend does, which leaves 1/9 of what it explains.
+OF_EACH_SIZE = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Segment:
+    """What groups of looks that follow each other add up to, with P a group's precision, y its mean, t its days.
+
+    Attributes
+    ----------
+    groups : int
+    first_days, last_days : (...) float64
+        Time of the first and the last group.
+    precision : (..., 3, 2, 2) float64
+        Sums of P, P (t - first_days) and P (t - first_days)^2.
+    weighted : (..., 2, 2) float64
+        Sums of P y and P y (t - first_days).
+    """
+
+    groups: int
+    first_days: FloatArray
+    last_days: FloatArray
+    precision: FloatArray
+    weighted: FloatArray
+
+    @classmethod
+    def of_group(cls, days: FloatArray, mean: FloatArray, precision: FloatArray) -> Self:
+        """Of one group: its time (...), mean (..., 2) and precision (..., 2, 2)."""
+        zero = np.zeros_like(precision)
+        weighted = times(precision, mean)
+        return cls(
+            1,
+            np.asarray(days, np.float64),
+            np.asarray(days, np.float64),
+            np.stack([precision, zero, zero], axis=-3),
+            np.stack([weighted, np.zeros_like(weighted)], axis=-2),
+        )
+
+    def joined(self, later: "Segment") -> "Segment":
+        """Both as one."""
+        precision, weighted = moved(later.precision, later.weighted, later.first_days - self.first_days)
+        return Segment(
+            self.groups + later.groups,
+            self.first_days,
+            later.last_days,
+            self.precision + precision,
+            self.weighted + weighted,
+        )
+
+
+def moved(precision: FloatArray, weighted: FloatArray, later_days: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """A segment's sums with times counted from that number of days earlier, (...)."""
+    later = later_days[..., None, None]
+    plain, once, twice = (precision[..., k, :, :] for k in range(3))
+    values, sloping = weighted[..., 0, :], weighted[..., 1, :]
+    return (
+        np.stack([plain, once + later * plain, twice + 2.0 * later * once + later**2 * plain], axis=-3),
+        np.stack([values, sloping + later[..., 0] * values], axis=-2),
+    )
+
+
+def extended(segments: Iterable[Segment], newest: Segment) -> tuple[Segment, ...]:
+    """With one group more, oldest first, and at most `OF_EACH_SIZE` of a size: of one more the oldest two are joined.
+
+    So the number of segments grows with the logarithm of that of the groups: the exponential histogram of Datar,
+    Gionis, Indyk and Motwani (2002, SIAM Journal on Computing 31, 1794).
+    """
+    kept, size = [*segments, newest], newest.groups
+    while sum(segment.groups == size for segment in kept) > OF_EACH_SIZE:
+        oldest = next(at for at, segment in enumerate(kept) if segment.groups == size)
+        kept[oldest : oldest + 2] = [kept[oldest].joined(kept[oldest + 1])]
+        size *= 2
+    return tuple(kept)

@@ -1,0 +1,121 @@
+"""A drift chart as numbers, lists and dictionaries, which JSON keeps without loss."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from sawmill_tomography.drift.chart.chart import GROUP_LOOKS, DriftChart
+from sawmill_tomography.drift.chart.history import History
+from sawmill_tomography.drift.chart.looks import Baseline, Look, PooledLook
+from sawmill_tomography.drift.chart.scatter import Scatter
+from sawmill_tomography.drift.chart.segments import Segment
+from sawmill_tomography.geometry.geometry import FloatArray
+
+# Of the layout below: a chart of another one is begun anew from the looks.
+LAYOUT = 2
+
+
+def chart_to_state(chart: DriftChart) -> dict[str, Any]:
+    """What `chart_from_state` reads: some kilobytes, growing with the logarithm of the number of looks."""
+    baseline, history = chart.baseline, chart.history
+    return {
+        "layout": LAYOUT,
+        "pending": [_look_to_state(look) for look in chart.pending],
+        "newest": [_look_to_state(look) for look in chart.newest],
+        "baseline": baseline
+        and {
+            **_look_to_state(baseline.estimate),
+            "looks": baseline.estimate.looks,
+            "outliers": baseline.estimate.outliers,
+            "until_days": baseline.until_days,
+        },
+        "history": history
+        and {
+            "segments": [_segment_to_state(segment) for segment in history.segments],
+            "scatter": {
+                "differences": history.scatter.differences,
+                "squares": history.scatter.squares.tolist(),
+                "mean": history.scatter.mean.tolist(),
+                "covariance": history.scatter.covariance.tolist(),
+            },
+        },
+    }
+
+
+def chart_from_state(state: Mapping[str, Any]) -> DriftChart:
+    """The chart that gave that state.
+
+    Raises
+    ------
+    ValueError
+        If it is of another layout, or no state of a chart.
+    """
+    try:
+        if state["layout"] != LAYOUT:
+            raise ValueError(
+                f"the drift chart's layout is {state['layout']!r} and must be {LAYOUT}: begin it anew from the looks"
+            )
+        baseline, history = state["baseline"], state["history"]
+        if (baseline is None) != (history is None):
+            raise ValueError("a drift chart has a baseline and a history, or neither")
+        if history is not None and (not history["segments"] or len(state["newest"]) != GROUP_LOOKS):
+            raise ValueError("a drift chart with a history has segments, and the looks of its newest group")
+        return DriftChart(
+            tuple(Look(**_look(look)) for look in state["pending"]),
+            None if baseline is None else _baseline(baseline),
+            None if history is None else _history(history),
+            tuple(Look(**_look(look)) for look in state["newest"]),
+        )
+    except (KeyError, TypeError, AttributeError) as wrong:
+        raise ValueError(f"this is no state of a drift chart: {wrong}") from wrong
+
+
+def _numbers(value: object, *shape: int) -> FloatArray:
+    numbers = np.asarray(value, np.float64)
+    if numbers.shape != shape or not np.isfinite(numbers).all():
+        raise ValueError(f"a drift chart has finite numbers of the shape {shape} here, not {value!r}")
+    return numbers
+
+
+def _look_to_state(look: Look) -> dict[str, Any]:
+    return {"days": look.days, "change": look.change.tolist(), "covariance": look.covariance.tolist()}
+
+
+def _look(state: Mapping[str, Any]) -> dict[str, Any]:
+    days = float(_numbers(state["days"]))
+    return {"days": days, "change": _numbers(state["change"], 2), "covariance": _numbers(state["covariance"], 2, 2)}
+
+
+def _baseline(state: Mapping[str, Any]) -> Baseline:
+    looks, outliers = (int(_numbers(state[name])) for name in ("looks", "outliers"))
+    return Baseline(PooledLook(**_look(state), looks=looks, outliers=outliers), float(_numbers(state["until_days"])))
+
+
+def _history(state: Mapping[str, Any]) -> History:
+    scatter = state["scatter"]
+    return History(
+        tuple(_segment(segment) for segment in state["segments"]),
+        Scatter(
+            int(_numbers(scatter["differences"])),
+            _numbers(scatter["squares"], 2, 2),
+            _numbers(scatter["mean"], 2),
+            _numbers(scatter["covariance"], 2, 2),
+        ),
+    )
+
+
+def _segment_to_state(segment: Segment) -> dict[str, Any]:
+    return {
+        "groups": segment.groups,
+        "first_days": float(segment.first_days),
+        "last_days": float(segment.last_days),
+        "precision": segment.precision.tolist(),
+        "weighted": segment.weighted.tolist(),
+    }
+
+
+def _segment(state: Mapping[str, Any]) -> Segment:
+    first, last = (_numbers(state[name]) for name in ("first_days", "last_days"))
+    precision, weighted = _numbers(state["precision"], 3, 2, 2), _numbers(state["weighted"], 2, 2)
+    return Segment(int(_numbers(state["groups"])), first, last, precision, weighted)

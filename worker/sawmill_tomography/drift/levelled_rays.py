@@ -1,0 +1,162 @@
+"""A log's rays less what the air beside it says of them: each view's level, and the flat field's slope and bend."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sawmill_tomography.drift.change import DriftError
+from sawmill_tomography.drift.flat_structure import flat_structure
+from sawmill_tomography.geometry.geometry import FloatArray
+from sawmill_tomography.sinograms.air import find_air
+from sawmill_tomography.statistics.robust import noise_of_differences
+
+# Of a ray in air, as a share of the largest, where a scan shows less: of noise-free data.
+LEAST_NOISE = 1e-4
+
+
+class LevelledRays(NamedTuple):
+    """Line integrals through the log, their variance, where on the detector they are, and what the air's fit leaves.
+
+    Attributes
+    ----------
+    rays, variance : (views, cells) float64
+        In the log's cells alone.
+    cells : (detector,) bool
+        Those that are not air.
+    air_patterns : (3, cells) float64
+        A slope, a curvature and a cubic over the detector, in the log's cells.
+    air_covariance : (views + 3, views + 3) float64
+        Of each view's level and of the amplitudes of those patterns, as the air gives them.
+    common_covariance : (cells, cells) float64
+        Of what the flat field adds to every view besides, as the air shows it: noise of its cells, smooth structure.
+    """
+
+    rays: FloatArray
+    variance: FloatArray
+    cells: NDArray[np.bool_]
+    air_patterns: FloatArray
+    air_covariance: FloatArray
+    common_covariance: FloatArray
+
+
+class AirFit(NamedTuple):
+    """What the air on both sides says of a scan.
+
+    Attributes
+    ----------
+    cells : (detector,) bool
+        Air in every view.
+    patterns : (3, detector) float64
+        A slope, a curvature and a cubic over the detector, and their amplitudes.
+    amplitudes : (3,) float64
+    levels : (views,) float64
+    covariance : (views + 3, views + 3) float64
+        Of levels and amplitudes, for rays whose variance is 1.
+    """
+
+    cells: NDArray[np.bool_]
+    patterns: FloatArray
+    amplitudes: FloatArray
+    levels: FloatArray
+    covariance: FloatArray
+
+    @property
+    def of_all_views(self) -> FloatArray:
+        """What the flat field adds to the rays of every view, (detector,), apart from a level."""
+        return self.amplitudes @ self.patterns
+
+
+def fitted_air(sinogram: FloatArray, scale: FloatArray | float = 1.0) -> AirFit | None:
+    """Least squares with a level of each view and three patterns of all; None without air at both ends, or a log.
+
+    Parameters
+    ----------
+    sinogram : (views, detector) float64
+        Line integrals without faulty cells and corrupt views.
+    scale : (views, 1) float64
+        The noise of each view against the others': air is found by how it scatters.
+    """
+    air = find_air((sinogram / scale).astype(np.float32))
+    if air is None or air.cells.all() or not (air.cells[0] and air.cells[-1]):
+        return None
+    views = len(sinogram)
+    across = np.linspace(-1.0, 1.0, air.cells.size)
+    patterns = np.stack([across, across**2, across**3])
+    means = patterns[:, air.cells].mean(axis=1)
+    # The patterns come from what is left without the levels, which share their error.
+    centred = patterns[:, air.cells] - means[:, None]
+    of_patterns = np.linalg.inv(centred @ centred.T) / views
+    amplitudes = of_patterns @ (centred @ sinogram[:, air.cells].sum(axis=0))
+    levels = sinogram[:, air.cells].mean(axis=1) - amplitudes @ means
+    crossed = np.tile(-(of_patterns @ means)[:, None], views)
+    of_levels = np.eye(views) / int(air.cells.sum()) + means @ of_patterns @ means
+    return AirFit(air.cells, patterns, amplitudes, levels, np.block([[of_levels, crossed.T], [crossed, of_patterns]]))
+
+
+def levelled_rays(sinogram: FloatArray, deviations: FloatArray | None = None) -> LevelledRays:
+    """The log's rays less each view's level and the patterns of all views, as the air on both sides has them.
+
+    Parameters
+    ----------
+    sinogram : (views, detector) float64
+        Line integrals without faulty cells and corrupt views.
+    deviations : (views, detector) float64, optional
+        Their standard deviations. 0 estimates that of a ray, and None all of them.
+
+    Raises
+    ------
+    DriftError
+        If the log reaches an end of the detector, or there is no log.
+    """
+    known = np.zeros_like(sinogram) if deviations is None else deviations
+    all_known = bool(known.all())
+    scale = np.median(known, axis=1, keepdims=True) / np.median(known) if all_known else 1.0
+    air = fitted_air(sinogram, scale)
+    if air is None:
+        raise _no_air(sinogram)
+    levelled = sinogram - air.levels[:, None] - air.of_all_views
+    in_air, cell_variance = _scatter(levelled[:, air.cells])
+    if all_known:
+        in_air = float(np.sqrt(np.mean(known[:, air.cells] ** 2)))
+    noise = max(in_air, LEAST_NOISE * float(sinogram.max()))
+    log = ~air.cells
+    structure = flat_structure(
+        levelled.mean(axis=0), air.cells, air.patterns, cell_variance, noise / math.sqrt(len(levelled))
+    )
+    rays = levelled[:, log] - structure.expected
+    variance = known[:, log] ** 2 if all_known else np.maximum(_variance(rays, noise), known[:, log] ** 2)
+    return LevelledRays(rays, variance, log, air.patterns[:, log], noise**2 * air.covariance, structure.covariance)
+
+
+def _no_air(sinogram: FloatArray) -> DriftError:
+    air = find_air(sinogram.astype(np.float32))
+    if air is not None and air.cells.all():
+        return DriftError("nothing-seen", "there is air in every cell and no log: scan a log while it turns")
+    return DriftError(
+        "log-cut-off",
+        "the log reaches an end of the detector: pairs of views need air on both sides of it in every view",
+    )
+
+
+def _scatter(air: FloatArray) -> tuple[float, float]:
+    """The noise of rays in air (views, cells), and the variance of what their cells add to every view."""
+    views, common = len(air), air.mean(axis=0)
+    noise = noise_of_differences(np.diff(air - common, 2, axis=1), 2) * math.sqrt(views / (views - 1))
+    seen = noise_of_differences(np.diff(common, 2), 2)
+    return noise, max(seen**2 - noise**2 / views, 0.0)
+
+
+def _variance(rays: FloatArray, air_noise: float) -> FloatArray:
+    """Of each ray: the air's times exp(k p), k from 0 (the same noise everywhere) to 1 (photons) as differences say.
+
+    Structure of the log passes for noise in them, so k is a bound; what is fitted with it is as wide as its residuals.
+    A ray whose noise would be larger than the largest ray says nothing, and no less than nothing.
+    """
+    seen = noise_of_differences(np.diff(rays, 2, axis=1), 2)
+    mean = max(float(np.median(rays)), 1e-6)
+    k = min(max(2.0 * math.log(max(seen, 1e-30) / air_noise) / mean, 0.0), 1.0)
+    most = 2.0 * math.log(max(float(rays.max()) / air_noise, 1.0))
+    variance: FloatArray = air_noise**2 * np.exp(np.clip(k * rays, 0.0, most))
+    return variance

@@ -1,0 +1,237 @@
+"""Conjugate rays: over a full turn every ray is measured twice, once from either side.
+
+With chi the direction of a ray in the plane, as a parallel beam's angle is counted,
+P(chi + gamma, u(gamma)) = P(chi + pi - gamma, u(-gamma)) with u(gamma) = u_c + SDD sin gamma / cos(gamma + tau):
+there is no R in it, so u_c, tau and SDD can be fitted to any dense full-turn scan (docs/geometry.md#drift; the symmetry
+is that of Kak and Slaney 1988, section 3.4.3). R and psi cannot be seen.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sawmill_tomography.drift.change import ConjugateFit, LogMovement, better_sense, seen_vector
+from sawmill_tomography.drift.levelled_rays import fitted_air
+from sawmill_tomography.drift.log_screening import screen_log
+from sawmill_tomography.drift.opposite_rays.conjugate_minimum import coarse_minimum, fine_minimum, refuse_unseen
+from sawmill_tomography.drift.opposite_rays.disturbances import (
+    ROUNDS,
+    Estimate,
+    Harmonics,
+    estimates_of,
+    strongest,
+    undetected_covariance,
+    undisturbed,
+)
+from sawmill_tomography.drift.opposite_rays.full_turn import Turn, check_full_turn, even_views, nearest_view
+from sawmill_tomography.drift.opposite_rays.log_movement import log_movement
+from sawmill_tomography.drift.opposite_rays.opposite_rays import WITHOUT_DISTANCE, Solution
+from sawmill_tomography.drift.opposite_rays.paired_rays import fan_angles
+from sawmill_tomography.drift.opposite_rays.view_gain import view_gain
+from sawmill_tomography.geometry.geometry import FanBeamGeometry, FloatArray, Scanner, SourceFrame
+from sawmill_tomography.reconstruction.metal import MetalSearch
+from sawmill_tomography.reconstruction.object_extent import object_radius_mm
+from sawmill_vocabulary import Rotation
+
+# From this ratio to the better residual on, the other sense of rotation is ruled out.
+DECISIVE_RATIO = 1.1
+# A view whose rays differ from their opposites this many times more than the views' median does not belong to the turn;
+# where more than this share of the views would not, it is the log that moved. Its opposites differ too: only those near
+# the worst are left out at a time.
+ODD_VIEW, MOST_ODD_VIEWS, NEAR_WORST = 3.0, 0.1, 0.7
+# What scatter and hardening leave of a measured scan changes slowly with the direction of a ray: over this share of the
+# turn the differences count as correlated.
+CORRELATED = 1 / 12
+# A gain found with a wrong geometry hides part of the error: so often are both found in turn.
+GAIN_ROUNDS = 3
+
+
+def conjugate_fit(
+    scanner: Scanner,
+    sinogram: FloatArray,
+    angles_rad: FloatArray,
+    start: SourceFrame,
+    rotation: Rotation = Rotation.AS_GIVEN,
+) -> ConjugateFit:
+    """Fit u_c, tau and SDD to the pairs of opposite rays of any object, in both senses of rotation.
+
+    Parameters
+    ----------
+    sinogram : (views, detector) float
+        Line integrals of anything that turned as one body, all round.
+    angles_rad : (views,) float64
+        As the scan gives them.
+    start : SourceFrame
+        The calibrated geometry.
+    rotation : Rotation
+        The calibrated sense; it is kept where the scan does not tell the two apart.
+
+    Raises
+    ------
+    DriftError
+        If the views are sparse or do not go all round, or the scan does not show the three.
+    """
+    sinogram, angles_rad = np.asarray(sinogram, np.float64), np.asarray(angles_rad, np.float64)
+    check_full_turn(sinogram, angles_rad)
+    screening = screen_log(sinogram)
+    lines, metal, without_metal = _without_metal(
+        scanner, screening.bridged(sinogram), rotation.apply(angles_rad), start
+    )
+    # Opposite rays cancel a flat field that slopes, but the gains of the views would follow it.
+    air = fitted_air(lines[screening.views])
+    scan = _Scan(
+        scanner,
+        lines if air is None else lines - air.of_all_views,
+        angles_rad,
+        screening.views,
+        ~screening.cells,
+        metal,
+        (*screening.adjustments, *without_metal),
+    )
+    fit = steady = _fit_without_odd_views(scan, start, rotation)
+    harmonics = Harmonics.none()
+    for _ in range(ROUNDS):
+        found = strongest(fit.estimates, start.source_distance_mm)
+        if found is None:
+            break
+        harmonics = harmonics.plus(found)
+        fit = _fit_without_odd_views(scan.undisturbed(harmonics, start, fit.rotation), start, fit.rotation)
+    # A jump of the log has something of every harmonic, and no harmonics explain it.
+    movement = fit.movement(angles_rad, start)
+    if harmonics.values.any() and movement.beyond_chance:
+        fit, harmonics = steady, Harmonics.none()
+        movement = fit.movement(angles_rad, start)
+    best, used = fit.best, fit.scan
+    disagreeing = int(np.sum(screening.views & ~used.usable))
+    remark = f"{disagreeing} views whose rays do not agree with their opposites were left out"
+    refuse_unseen(scanner, best, start)
+    u_c, tau, sdd = (float(value) for value in best.vector)
+    return ConjugateFit(
+        u_c,
+        tau,
+        sdd,
+        best.with_correlated(CORRELATED).covariance
+        + undetected_covariance(best, fit.estimates, start.source_distance_mm),
+        distance_held=best.free == WITHOUT_DISTANCE,
+        rotation=fit.rotation,
+        rotation_ratio=fit.ratio,
+        rotation_decided=fit.ratio > DECISIVE_RATIO,
+        relative_residual=best.relative_residual,
+        distance_sensitivity=best.distance_sensitivity,
+        movement=movement,
+        adjustments=(*used.done, remark) if disagreeing else used.done,
+        disturbances=harmonics.amplitudes(start.source_distance_mm),
+    )
+
+
+def _without_metal(
+    scanner: Scanner, sinogram: FloatArray, angles_rad: FloatArray, start: SourceFrame
+) -> tuple[FloatArray, NDArray[np.bool_], tuple[str, ...]]:
+    """The sinogram with its rays through metal interpolated, which those are, and a sentence where there are any.
+
+    Rays through nails are starved and hardened, from either side otherwise.
+    """
+    lines = sinogram.astype(np.float32)
+    # Any R will do for an image: where the metal lies on the detector does not depend on it.
+    own = replace(scanner, source_to_cor_mm=start.source_distance_mm)
+    fan = FanBeamGeometry(own, start.theta(start.source_distance_mm), angles_rad)
+    search = MetalSearch.of(fan, object_radius_mm(fan, lines))
+    metal = search.find(lines) if search is not None and search.suspects(lines[None])[0] else None
+    if metal is None:
+        return sinogram, np.zeros(sinogram.shape, bool), ()
+    done = f"metal in the log: {metal.trace.mean():.1%} of the samples were left out"
+    return np.where(metal.trace, metal.filled, sinogram), metal.trace, (done,)
+
+
+@dataclass(frozen=True, eq=False)
+class _Scan:
+    """What is fitted, the views that are used, the cells and samples that are not, and what was done to it."""
+
+    scanner: Scanner
+    sinogram: FloatArray
+    angles_rad: FloatArray
+    usable: NDArray[np.bool_]
+    bridged: NDArray[np.bool_]
+    left_out: NDArray[np.bool_]
+    done: tuple[str, ...]
+
+    def turn(self, even: FloatArray, first_rad: float) -> Turn:
+        """Of its views at equidistant angles, of which this is the first."""
+        return Turn.of(
+            even, first_rad, self.angles_rad, usable=self.usable, bridged=self.bridged, left_out=self.left_out
+        )
+
+    def undisturbed(self, harmonics: Harmonics, start: SourceFrame, rotation: Rotation) -> "_Scan":
+        """As it would be without these disturbances of the turn, which this sense of rotation reads."""
+        sinogram, angles = undisturbed(
+            self.scanner, seen_vector(start), self.sinogram, rotation.apply(self.angles_rad), harmonics
+        )
+        return replace(self, sinogram=sinogram, angles_rad=rotation.apply(angles))
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """The fit in the better sense of rotation, how much better it is, and the scan with what was done to it."""
+
+    best: Solution
+    rotation: Rotation
+    ratio: float
+    scan: _Scan
+
+    @cached_property
+    def estimates(self) -> list[Estimate]:
+        """What disturbances of the turn the differences of its opposite rays show."""
+        return estimates_of(self.best)
+
+    def movement(self, angles_rad: FloatArray, start: SourceFrame) -> LogMovement:
+        """The log's jump, where the scan's angles are these."""
+        return log_movement(self.best, self.rotation.apply(angles_rad), start.source_distance_mm)
+
+
+def _fit_without_odd_views(scan: _Scan, start: SourceFrame, rotation: Rotation) -> _Fit:
+    """As `_fit`, to the views that agree with the others."""
+    fit = _fit(scan, start, rotation)
+    while (odd := _odd_views(scan, fit.best, fit.rotation)).any():
+        scan = replace(scan, usable=scan.usable & ~odd)
+        fit = _fit(scan, start, fit.rotation)
+    return fit
+
+
+def _fit(scan: _Scan, start: SourceFrame, rotation: Rotation) -> _Fit:
+    """Of the views that are usable."""
+    even, first = even_views(scan.sinogram, scan.angles_rad, scan.usable)
+    turn = scan.turn(even, first)
+    basins = {sense: coarse_minimum(scan.scanner, turn.read(sense), start) for sense in Rotation}
+    residuals = {sense: basin.relative_residual for sense, basin in basins.items()}
+    rotation, ratio = better_sense(residuals, rotation, DECISIVE_RATIO)
+    vector, done = basins[rotation].vector, scan.done
+    for _ in range(GAIN_ROUNDS):
+        fan, _ = fan_angles(scan.scanner, vector)
+        gain = view_gain(even, fan, reversed_turn=rotation is Rotation.REVERSED)
+        if gain is not None:
+            turn = scan.turn(gain.removed(even), first)
+            done = (*scan.done, gain.done)
+        best = fine_minimum(scan.scanner, turn.read(rotation), start, vector)
+        if gain is None or not best.settled or best.is_near(vector):
+            break
+        vector = best.vector
+    return _Fit(best, rotation, ratio, replace(scan, done=done))
+
+
+def _odd_views(scan: _Scan, best: Solution, rotation: Rotation) -> NDArray[np.bool_]:
+    """Views (views,) whose rays differ from their opposites far more than the others' do."""
+    views, first_rad = scan.angles_rad.size, float(scan.angles_rad.min())
+    squares = np.where(best.rays.used, best.rays.difference**2, 0.0).ravel()
+    sums, counts = np.zeros(views), np.zeros(views)
+    for angles in best.pairs.views_of():
+        nearest = nearest_view(angles, first_rad, views).ravel()
+        sums += np.bincount(nearest, squares, views)
+        counts += np.bincount(nearest, best.rays.used.ravel(), views)
+    rms = np.sqrt(sums / np.maximum(counts, 1.0))
+    at = nearest_view(rotation.apply(scan.angles_rad), first_rad, views)
+    odd: NDArray[np.bool_] = (
+        scan.usable & (rms > max(ODD_VIEW * float(np.median(rms)), NEAR_WORST * float(rms.max())))[at]
+    )
+    return odd if np.sum(odd | ~scan.usable) <= MOST_ODD_VIEWS * views else np.zeros(views, bool)

@@ -1,0 +1,202 @@
+"""Sums over rays that any two views of one body have in common, and what noise, gains and air leave of them unknown.
+
+The identity and its source stand in `view_pairs`.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sawmill_tomography.drift.change import DriftError
+from sawmill_tomography.drift.levelled_rays import LevelledRays
+from sawmill_tomography.drift.opposite_rays.paired_rays import fan_angles
+from sawmill_tomography.geometry.geometry import TAU, FloatArray, Scanner
+from sawmill_vocabulary import FEWEST_PAIRED_VIEWS
+
+# Between L's normal and the farthest ray through the log, rad short of a right angle: there a weight is 1 / 0.06.
+EDGE_RAD = 0.06
+# More pairs cost time. Of too many, those far apart are kept: u_c moves their sums most, by tan(delta).
+MOST_PAIRS = 400
+FARTHEST = 0.5
+# What a view's rays may be too large or too small by, as a share, after the air has been evened out.
+GAIN = 0.005
+# By how much of the largest ray the line integrals may bend, as a square and as a cube of themselves: a beam that
+# hardens, and -ln of few counts.
+BENT = 0.1
+# RMS amplitude of what the angles may be wrong by once a turn: an eccentric encoder.
+ENCODER_DEG = 0.1
+# Combinations of sums that noise leaves better known than this share of a sum say nothing new: pairs repeat each other,
+# and what is left there is rounding.
+MODEL = 3e-7
+# Of u_c (mm), tau (rad) and SDD (mm), for derivatives of sums that are smooth in them.
+DIFFERENCES = (0.05, 1e-4, 1.0)
+# Decimals of delta (rad) beyond which separations of views are the same.
+SAME = 9
+
+
+@dataclass(frozen=True, eq=False)
+class ViewPairs:
+    """First and second view of each pair, each (pairs,), and which of the separations theirs is.
+
+    Attributes
+    ----------
+    delta : (separations,) float64
+        Half the angle between two views. Views at even steps have few separations.
+    """
+
+    first: NDArray[np.intp]
+    second: NDArray[np.intp]
+    separation: NDArray[np.intp]
+    delta: FloatArray
+
+    @classmethod
+    def of(cls, angles_rad: FloatArray, farthest_rad: float) -> "ViewPairs":
+        """Those whose line misses a log of this half fan angle, evenly thinned to `MOST_PAIRS`."""
+        apart = np.mod(angles_rad - angles_rad[:, None], TAU)
+        first, second = np.nonzero((apart > 1e-6) & (apart < math.pi - 2.0 * (farthest_rad + EDGE_RAD)))
+        delta = 0.5 * apart[first, second]
+        if first.size > MOST_PAIRS:
+            far = delta >= np.sort(delta)[-max(MOST_PAIRS, int(FARTHEST * delta.size))]
+            first, second, delta = first[far], second[far], delta[far]
+            # Each view keeps as many partners, spread over all separations.
+            order = np.lexsort((delta, first))
+            kept = order[np.linspace(0, order.size - 1, MOST_PAIRS).astype(int)]
+            first, second, delta = first[kept], second[kept], delta[kept]
+        separations, separation = np.unique(delta.round(SAME), return_inverse=True)
+        return cls(first, second, separation, separations)
+
+
+@dataclass(frozen=True, eq=False)
+class PairSums:
+    """The sums of a scan's pairs of views as functions of (u_c, tau, SDD)."""
+
+    scanner: Scanner
+    lines: LevelledRays
+    pairs: ViewPairs
+    angles_rad: FloatArray
+
+    @classmethod
+    def of(cls, scanner: Scanner, lines: LevelledRays, angles_rad: FloatArray, start: FloatArray) -> "PairSums":
+        """Of all pairs whose line misses the log, as (u_c, tau, SDD) has it at the start.
+
+        Raises
+        ------
+        DriftError
+            If those are too few.
+        """
+        fan, _ = fan_angles(scanner, start)
+        pairs = ViewPairs.of(angles_rad, float(np.abs(fan[lines.cells]).max()))
+        if pairs.first.size < FEWEST_PAIRED_VIEWS:
+            raise DriftError(
+                "sparse-views",
+                f"of the views only {pairs.first.size} pairs stand far enough apart and not opposite each other: "
+                "spread them over the turn",
+            )
+        return cls(scanner, lines, pairs, angles_rad)
+
+    def _weights(self, vector: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Of the rays of the log's cells in first and in second views, (separations, cells) each."""
+        fan, covered = (each[self.lines.cells] for each in fan_angles(self.scanner, vector))
+        delta = self.pairs.delta
+        # 1 / cos(gamma + delta) = 1 / (cos gamma cos delta (1 - tan gamma tan delta))
+        shared = np.outer(1.0 / np.cos(delta), covered / np.cos(fan))
+        product = np.outer(np.tan(delta), np.tan(fan))
+        return shared / (1.0 - product), shared / (1.0 + product)
+
+    def at(self, vector: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """What each pair's first and second view sum up to, (pairs,) each."""
+        return self._picked(self._weights(vector), self.lines.rays)
+
+    def differences(self, vector: FloatArray) -> FloatArray:
+        """The first view's sum less the second's, (pairs,)."""
+        left, right = self.at(vector)
+        return left - right
+
+    def slopes(self, vector: FloatArray, differences: FloatArray, unknowns: int) -> FloatArray:
+        """Derivatives, (pairs, unknowns), of the differences, given at the vector, by the first of u_c, tau and SDD."""
+        steps = np.diag(DIFFERENCES)[:unknowns]
+        slopes = [(self.differences(vector + step) - differences) / step.sum() for step in steps]
+        return np.stack(slopes, axis=1)
+
+    def whitening(self, vector: FloatArray, patterns: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """What makes the differences independent and of variance 1, (at most pairs, pairs), and gains (pairs, views).
+
+        The gains are what a gain of `GAIN` of each view adds to the differences.
+
+        Parameters
+        ----------
+        patterns : (pairs, patterns) float64
+            What else adds to the differences, each of an amplitude with the standard deviation 1.
+        """
+        lines, pairs = self.lines, self.pairs
+        weights = self._weights(vector)
+        size, views, every = pairs.first.size, len(lines.rays), np.arange(pairs.first.size)
+        # What moves the differences with a view's gain, with its level, and with the patterns of all views.
+        gains, air = np.zeros((size, views)), np.zeros((size, views + len(lines.air_patterns)))
+        for sign, view, own in zip((1.0, -1.0), (pairs.first, pairs.second), weights, strict=True):
+            gains[every, view] += sign * (own @ lines.rays.T)[pairs.separation, view]
+            air[every, view] += sign * own.sum(axis=1)[pairs.separation]
+            air[:, views:] += sign * (own @ lines.air_patterns.T)[pairs.separation]
+        # A gain of all views changes nothing; what it would add are the differences themselves.
+        gains = GAIN * (gains - gains.mean(axis=1, keepdims=True))
+        covariance = gains @ gains.T + patterns @ patterns.T + air @ lines.air_covariance @ air.T
+        same = weights[0] - weights[1]
+        covariance += (same @ lines.common_covariance @ same.T)[np.ix_(pairs.separation, pairs.separation)]
+        for at in range(views):
+            first, second = np.flatnonzero(pairs.first == at), np.flatnonzero(pairs.second == at)
+            touched = np.append(first, second)
+            own = np.concatenate([weights[0][pairs.separation[first]], -weights[1][pairs.separation[second]]])
+            covariance[np.ix_(touched, touched)] += (own * lines.variance[at]) @ own.T
+        model = (MODEL / GAIN * float(np.abs(gains).max())) ** 2
+        spread, directions = np.linalg.eigh(covariance)
+        new = spread > model
+        whitening: FloatArray = (directions[:, new] / np.sqrt(spread[new] + model)).T
+        return whitening, gains
+
+    def bends(self, vector: FloatArray) -> FloatArray:
+        """What line integrals that are bent by `BENT` add to the differences, as squares and as cubes, (pairs, 2).
+
+        Powers of the sums have taken the views' gains out. Noise moves bends and differences alike: what it makes the
+        bends of the differences, which near the truth are nothing but noise and gains, is taken off again.
+        """
+        weights = self._weights(vector)
+        rays, variance = self.lines.rays, self.lines.variance
+        share = rays / float(rays.max())
+        squared = weights[0] ** 2, weights[1] ** 2
+        sums, noise = self._picked(weights, rays), self._picked(squared, variance)
+        mean, bends = 0.5 * (sums[0] + sums[1]), []
+        for power in (2, 3):
+            bent = self._picked(weights, rays * share ** (power - 1))
+            slopes = self._picked(squared, variance * power * share ** (power - 1))
+            first, second = (own * (mean / each) ** power for own, each in zip(bent, sums, strict=True))
+            moved = (slopes[0] + slopes[1]) / (noise[0] + noise[1]) - power * 0.5 * (first + second) / mean
+            bends.append(first - second - moved.mean() * (sums[0] - sums[1]))
+        return BENT * np.stack(bends, axis=1)
+
+    def encoder(self, vector: FloatArray) -> FloatArray:
+        """What angles add that are wrong by `ENCODER_DEG` times the cosine and the sine of the angle, (pairs, 2).
+
+        The views of a pair stand farther apart than stated by what their angles are wrong by. As shares of the sums,
+        of which the views' gains are no part.
+        """
+        weights = self._weights(vector)
+        fan, _ = fan_angles(self.scanner, vector)
+        fan, delta = fan[self.lines.cells], self.pairs.delta[:, None]
+        by_delta = weights[0] * np.tan(fan + delta), -weights[1] * np.tan(fan - delta)
+        left, right = self._picked(weights, self.lines.rays)
+        left_slope, right_slope = self._picked(by_delta, self.lines.rays)
+        slope = 0.5 * (left + right) * (left_slope / left - right_slope / right)
+        wrong = np.stack([np.cos(self.angles_rad), np.sin(self.angles_rad)], axis=1)
+        farther = 0.5 * math.radians(ENCODER_DEG) * (wrong[self.pairs.second] - wrong[self.pairs.first])
+        added: FloatArray = -slope[:, None] * farther
+        return added
+
+    def _picked(self, weights: tuple[FloatArray, FloatArray], values: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Each pair's sums of values (views, cells) of the first and of the second view, (pairs,) each.
+
+        Every separation's weights with every view: a product of matrices, of which the pairs are picked.
+        """
+        pairs, (first, second) = self.pairs, (each @ values.T for each in weights)
+        return first[pairs.separation, pairs.first], second[pairs.separation, pairs.second]

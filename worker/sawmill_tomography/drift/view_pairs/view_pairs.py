@@ -1,0 +1,267 @@
+"""Pairs of views: what any two fan-beam views of one body have in common, however few views there are.
+
+Let L be the line through the sources of two views, and let it miss the body. A view's rays p(gamma), summed as
+p dgamma / cos(angle to L's normal), are the integral of f(x) / dist(x, L) over the plane, since dA = r dr dgamma and
+dist(x, L) = r cos(that angle): the same for both. With gamma as in docs/conventions.md#source-frame and 2 delta the
+angle from the first view to the second,
+
+    int p_1 dgamma / cos(gamma + delta) = int p_2 dgamma / cos(gamma - delta).
+
+These are the pair conditions of fan-beam data with which Clackdoyle, Desbat, Lesaint and others calibrate. They are
+linear in the rays, so the rows of a log may be averaged first, and R is not in them (docs/geometry.md#sparse-scans).
+"""
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import scipy
+
+from sawmill_tomography.calibration.faults.screening import Screening
+from sawmill_tomography.drift.change import DetectorFit, DriftError, better_sense, seen_vector
+from sawmill_tomography.drift.levelled_rays import LevelledRays, levelled_rays
+from sawmill_tomography.drift.log_screening import screen_log
+from sawmill_tomography.drift.view_pairs.pair_sums import PairSums
+from sawmill_tomography.geometry.geometry import FloatArray, GeometryError, Scanner, SourceFrame
+from sawmill_vocabulary import FEWEST_PAIRED_VIEWS, Rotation
+
+# How far u_c (share of the detector) and tau (rad) may have moved and are still followed: less than EDGE_RAD allows.
+REACH = (0.03, 0.2)
+# The sense of rotation is known where the other leaves this many times the residual.
+DECISIVE = 2.0
+STEPS = 8
+SMALL_STEP = 1e-2
+# Below this share of the largest a direction in the space of gains is rounding.
+RANK = 1e-6
+# A pattern below this share of the noise does not show.
+SHOWN = 0.3
+# Nor is one found that is larger than this number of standard deviations of what it may be.
+LARGEST = 4.0
+# Views that noise and gains do not reconcile, by this variance ratio, are hardened by more than `BENT`, if that number
+# of times as much reconciles them, or are no body at rest.
+UNREST, HARDENED = 25.0, 10.0
+HARDENING_SEEN = (
+    "the views differ more than noise and gains of the views explain, as where the beam hardens by far more than a "
+    "tenth: the standard deviations are as large as that asks for"
+)
+# Of more views these are compared, spread evenly: `MOST_PAIRS` pairs among more views would leave each view's gain
+# unknown, and the interval too short (benchmarks/drift_coverage.py).
+MOST_VIEWS = 45
+# As few comparisons that nothing else explains tell the noise, in intervals that Student's t makes twice as long.
+FEWEST_FREE = 2
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PairFit(DetectorFit):
+    """What pairs of views say.
+
+    Attributes
+    ----------
+    settled : bool
+        Whether u_c and tau came to rest near the calibrated ones.
+    unrest : float
+        Variance of what no gain explains, against that of the rays' noise.
+    hardened : bool
+        It is above `UNREST`, and line integrals bent by more than `BENT` would explain it.
+    screening : Screening
+        Views and cells that may be used.
+    lines : LevelledRays
+        Of the views that were compared: all usable ones, or `MOST_VIEWS` of them.
+    """
+
+    settled: bool
+    unrest: float
+    hardened: bool
+    screening: Screening
+    lines: LevelledRays
+
+
+def view_pair_fit(
+    scanner: Scanner,
+    sinogram: FloatArray,
+    angles_rad: FloatArray,
+    start: SourceFrame,
+    rotation: Rotation,
+    *,
+    deviations: FloatArray | None = None,
+) -> PairFit:
+    """Fit u_c and tau to what pairs of views have in common, SDD held.
+
+    Parameters
+    ----------
+    sinogram, angles_rad, start, rotation
+        As of `conjugate_fit`, but the views are any, and there is air on both sides of the body in every one.
+    deviations : (views, detector) float64, optional
+        Standard deviations of the line integrals, which weigh them. 0 estimates that of a ray from the air, and None
+        all of them.
+
+    Raises
+    ------
+    DriftError
+        If the views are too few, or the log reaches an end of the detector.
+    GeometryError
+        If the deviations have another shape than the sinogram, or are negative or not finite.
+    """
+    sinogram, angles_rad = np.asarray(sinogram, np.float64), np.asarray(angles_rad, np.float64)
+    screening = screen_log(sinogram)
+    usable = int(screening.views.sum())
+    if usable < FEWEST_PAIRED_VIEWS:
+        raise DriftError(
+            "sparse-views",
+            f"{usable} usable views are too few to be compared: {FEWEST_PAIRED_VIEWS} are needed, all round or not",
+        )
+    compared = np.flatnonzero(screening.views)
+    adjustments = screening.adjustments
+    if usable > MOST_VIEWS:
+        compared = compared[np.linspace(0, usable - 1, MOST_VIEWS).round().astype(int)]
+        adjustments = (*adjustments, f"{MOST_VIEWS} of {usable} views were compared, spread evenly over them")
+    angles_rad = angles_rad[compared]
+    known = None if deviations is None else _checked(deviations, sinogram)[compared]
+    rays = levelled_rays(screening.bridged(sinogram)[compared], known)
+    vector = seen_vector(start)
+    sums = {sense: PairSums.of(scanner, rays, sense.apply(angles_rad), vector) for sense in Rotation}
+    fits = {sense: _fit(each, vector, vector) for sense, each in sums.items()}
+    residuals = {sense: math.sqrt(fit.chi_squared) for sense, fit in fits.items()}
+    rotation, ratio = better_sense(residuals, rotation, DECISIVE)
+    fit = fits[rotation]
+    near = np.append(fit.vector, vector[2])
+    if fit.settled:
+        disturbed = _fit(sums[rotation], vector, near, disturbed=True)
+        # Larger patterns than can be stand for something else, such as a log that moved.
+        fit = disturbed if disturbed.largest_pattern < LARGEST else fit
+    hardened = False
+    if fit.settled and fit.unrest > UNREST:
+        hardened = _fit(sums[rotation], vector, near, disturbed=True, hardened=HARDENED).unrest <= UNREST
+        adjustments = (*adjustments, HARDENING_SEEN) if hardened else adjustments
+    return PairFit(
+        float(fit.vector[0]),
+        float(fit.vector[1]),
+        start.source_to_detector_mm,
+        np.pad(fit.covariance, (0, 1)),
+        distance_held=True,
+        rotation=rotation,
+        rotation_ratio=ratio,
+        relative_residual=fit.relative_residual,
+        distance_sensitivity=fit.distance_sensitivity,
+        rotation_decided=ratio > DECISIVE,
+        adjustments=adjustments,
+        encoder_bound_mm=fit.encoder_bound_mm,
+        settled=fit.settled,
+        unrest=fit.unrest,
+        hardened=hardened,
+        screening=screening,
+        lines=rays,
+    )
+
+
+def _checked(deviations: FloatArray, sinogram: FloatArray) -> FloatArray:
+    deviations = np.asarray(deviations, np.float64)
+    if deviations.shape != sinogram.shape:
+        raise GeometryError(
+            f"the standard deviations have shape {deviations.shape}, but the line integrals {sinogram.shape}: give one "
+            "of each line integral"
+        )
+    if not ((deviations >= 0.0) & np.isfinite(deviations)).all():
+        raise GeometryError(
+            "the standard deviations of line integrals must be positive and finite, or 0 where none is known"
+        )
+    return deviations
+
+
+class _Fit(NamedTuple):
+    """u_c and tau in one sense of rotation, (2,), with SDD held.
+
+    Attributes
+    ----------
+    covariance : (2, 2) float64
+    distance_sensitivity : (2,) float64
+        Their change per mm of SDD.
+    unrest : float
+        Variance of what no gain explains, against that of the rays' noise.
+    encoder_bound_mm : float
+        The most that an encoder's error of `ENCODER_DEG` moves u_c.
+    largest_pattern : float
+        Of the patterns that were found, in standard deviations of what is assumed of them; 0 without.
+    settled : bool
+        Whether they came to rest inside the reach.
+    """
+
+    vector: FloatArray
+    covariance: FloatArray
+    distance_sensitivity: FloatArray
+    chi_squared: float
+    unrest: float
+    relative_residual: float
+    encoder_bound_mm: float
+    largest_pattern: float
+    settled: bool
+
+
+def _fit(
+    sums: PairSums, calibrated: FloatArray, start: FloatArray, *, disturbed: bool = False, hardened: float = 1.0
+) -> _Fit:
+    """By generalised least squares of the pairs' differences, with Gauss-Newton from the start.
+
+    Near the truth `disturbed` allows for bent line integrals, `hardened` times as much as usual, and an encoder that is
+    eccentric.
+    """
+    width = sums.scanner.num_detector_pixels * sums.scanner.detector_pitch_mm
+    low, high = (calibrated[:2] + side * np.array(REACH) * [width, 1.0] for side in (-1.0, 1.0))
+    encoder = sums.encoder(start)
+    patterns = np.hstack([hardened * sums.bends(start), math.sqrt(0.5) * encoder]) if disturbed else encoder[:, :0]
+    white, gains = sums.whitening(start, patterns)
+    vector, settled = start, False
+    for _ in range(STEPS):
+        differences = sums.differences(vector)
+        slopes = white @ sums.slopes(vector, differences, 2)
+        covariance = np.linalg.inv(slopes.T @ slopes)
+        moved = np.clip(vector[:2] - covariance @ slopes.T @ (white @ differences), low, high)
+        small = np.abs(moved - vector[:2]) <= SMALL_STEP * np.sqrt(np.diag(covariance))
+        vector = np.append(moved, start[2])
+        if small.all():
+            settled = bool(((low < moved) & (moved < high)).all())
+            break
+    left, right = sums.at(vector)
+    slopes = white @ sums.slopes(vector, left - right, 3)
+    remaining, shown = white @ (left - right), white @ patterns
+    scaled, chi_squared, unrest = _scaled(remaining, slopes[:, :2], white @ gains, shown)
+    moving = np.linalg.pinv(slopes[:, :2])
+    sensitivity: FloatArray = -moving @ slopes[:, 2]
+    by_encoder = moving[0] @ white @ encoder
+    largest = float(np.abs(shown.T @ remaining).max(initial=0.0))
+    residual = float(np.sqrt(np.mean((left - right) ** 2) / np.mean(left**2)))
+    return _Fit(
+        vector[:2], scaled, sensitivity, chi_squared, unrest, residual, math.hypot(*by_encoder), largest, settled
+    )
+
+
+def _scaled(
+    left: FloatArray, slopes: FloatArray, gains: FloatArray, patterns: FloatArray
+) -> tuple[FloatArray, float, float]:
+    """The covariance (2, 2) as wide as what is left of the whitened differences asks for, chi-squared, and `unrest`.
+
+    Noise and gains have a scale each: what gains of another size than assumed leave says nothing of the noise, which
+    shows in what no gain explains. How well each scale is known counts by Student's t. Patterns explain no more than
+    their size lets them, but each of them that shows is a comparison less.
+    """
+    covariance = np.linalg.inv(slopes.T @ slopes)
+    space, size, _ = np.linalg.svd(np.hstack([slopes / np.linalg.norm(slopes, axis=0), gains]), full_matrices=False)
+    explained = space[:, size > RANK * size[0]]
+    of_gains = explained.shape[1] - slopes.shape[1]
+    free = len(left) - explained.shape[1] - int(np.sum(np.linalg.norm(patterns, axis=0) > SHOWN))
+    if free < FEWEST_FREE:
+        raise DriftError(
+            "sparse-views",
+            f"the views' pairs leave {max(free, 0)} comparisons that no gain of a view explains, and {FEWEST_FREE} are "
+            "needed to tell how sure they are: take more views",
+        )
+    chi_squared = float(left @ left)
+    noise = chi_squared - float(np.sum((explained.T @ left) ** 2))
+    through = covariance @ slopes.T @ gains
+    by_gains = through @ through.T
+    widths = [
+        chi / number * (scipy.special.stdtrit(number, 0.975) / scipy.special.ndtri(0.975)) ** 2
+        for chi, number in ((noise, free), (chi_squared - noise, of_gains))
+    ]
+    return widths[0] * (covariance - by_gains) + widths[1] * by_gains, chi_squared, noise / free

@@ -1,0 +1,233 @@
+"""How far the rays of one geometry are from another's, up to a common scale (docs/conventions.md#ray-error)."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sawmill_tomography.geometry.geometry import (
+    FloatArray,
+    GeometryError,
+    Scanner,
+    SourceFrame,
+    cell_centres_mm,
+)
+from sawmill_tomography.statistics.chi_square import exceeded_chi_square
+
+POINTS_PER_CHORD = 9
+DRAWS = 8192
+
+
+@dataclass(frozen=True)
+class RayError:
+    """Distances in mm inside the disc, after the common rotation and the common scale that make their RMS least.
+
+    Attributes
+    ----------
+    scale_change : float
+        By which share the other geometry's image is larger: R larger by it, with SDD, u_c and tau unchanged.
+    """
+
+    rms_mm: float
+    max_mm: float
+    scale_change: float
+
+
+def _rays(scanner: Scanner, frame: SourceFrame) -> tuple[FloatArray, FloatArray]:
+    """Source (2,) and unit ray directions (cells, 2) of the view at which the source lies on -y."""
+    w = cell_centres_mm(scanner) - frame.cor_column_mm
+    a = np.stack([w * np.cos(frame.tilt_rad), frame.source_to_detector_mm + w * np.sin(frame.tilt_rad)], -1)
+    return np.array([0.0, -frame.source_distance_mm]), a / np.hypot(a[:, 0], a[:, 1])[:, None]
+
+
+def chord_points(scanner: Scanner, frame: SourceFrame, radius_mm: float) -> tuple[FloatArray, NDArray[np.intp]]:
+    """Nine equidistant points of the chord that each ray cuts from the disc.
+
+    Returns
+    -------
+    points : (rays, 9, 2) mm
+    cells : (rays,) int
+        The detector cells whose rays meet the disc.
+
+    Raises
+    ------
+    GeometryError
+        If no ray meets the disc.
+    """
+    source, direction = _rays(scanner, frame)
+    along = -(direction @ source)
+    half = radius_mm**2 - (source @ source - along**2)
+    cells = np.flatnonzero(half > 0.0)
+    if cells.size == 0:
+        raise GeometryError(f"no ray of this geometry meets the disc of radius {radius_mm:.4g} mm")
+    half = np.sqrt(half[cells])
+    s = along[cells, None] + half[:, None] * np.linspace(-1.0, 1.0, POINTS_PER_CHORD)
+    return source + s[..., None] * direction[cells, None, :], cells
+
+
+def _distances(
+    scanner: Scanner, frame: SourceFrame, points: FloatArray, cells: NDArray[np.intp], turn: float, shrink: float
+) -> tuple[FloatArray, FloatArray]:
+    """Distances (rays, 9) of the points to the frame's rays, turned and its R times shrink, and both derivatives.
+
+    The derivatives by turn and by shrink are (2, rays, 9). Distances are linear in shrink.
+    """
+    source, direction = _rays(scanner, frame)
+    normal = np.stack([-direction[:, 1], direction[:, 0]], -1)[cells]
+    c, s = math.cos(turn), math.sin(turn)
+    back = points @ np.array([[c, -s], [s, c]])
+    offset = normal @ source
+    d = np.einsum("rc,rpc->rp", normal, back) - shrink * offset[:, None]
+    by_turn = np.einsum("rc,rpc->rp", normal, np.stack([back[..., 1], -back[..., 0]], -1))
+    return d, np.stack([by_turn, np.broadcast_to(-offset[:, None], d.shape)])
+
+
+def ray_error(scanner: Scanner, true: SourceFrame, other: SourceFrame, *, radius_mm: float = 150.0) -> RayError:
+    """RMS and maximum distance between the rays of two geometries inside a disc around the COR.
+
+    Free of theta's gauge (the twin has 0). One common rotation and one common scale are taken out: psi is not seen, and
+    R is seen only in `scale_change`.
+    """
+    points, cells = chord_points(scanner, true, radius_mm)
+    turn, shrink = 0.0, 1.0
+    for _ in range(20):
+        d, slope = _distances(scanner, other, points, cells, turn, shrink)
+        step = np.linalg.lstsq(slope.reshape(2, -1).T, -d.ravel())[0]
+        turn, shrink = turn + float(step[0]), shrink + float(step[1])
+        if np.abs(step).max() < 1e-15:
+            break
+    d, _ = _distances(scanner, other, points, cells, turn, shrink)
+    return RayError(float(np.sqrt(np.mean(d * d))), float(np.abs(d).max()), 1.0 / shrink - 1.0)
+
+
+def scale_gradient(scanner: Scanner, frame: SourceFrame, *, radius_mm: float = 150.0) -> FloatArray:
+    """Derivatives of `ray_error`'s scale change by (psi, R, SDD, u_c, tau), (5,), per rad and per mm.
+
+    A bias of these five is one of gradient @ bias of the scale.
+    """
+    return _linear(scanner, frame, radius_mm).scale
+
+
+def scale_deviation(scanner: Scanner, frame: SourceFrame, covariance: FloatArray, *, radius_mm: float = 150.0) -> float:
+    """Standard deviation of the scale, a share, that a covariance of (psi, R, SDD, u_c, tau) predicts."""
+    gradient = scale_gradient(scanner, frame, radius_mm=radius_mm)
+    return math.sqrt(max(float(gradient @ covariance @ gradient), 0.0))
+
+
+def scale_ray_error(scanner: Scanner, frame: SourceFrame, scale: float, *, radius_mm: float = 150.0) -> float:
+    """RMS distance, mm, of the rays from those of a geometry with R larger by this share, one rotation taken out.
+
+    A phantom that is larger than stated makes R larger by as much and nothing else (docs/geometry.md#the-scale).
+    """
+    points, cells = chord_points(scanner, frame, radius_mm)
+    _, (by_turn, by_shrink) = _distances(scanner, frame, points, cells, 0.0, 1.0)
+    by_shrink = by_shrink - by_turn * float(np.sum(by_turn * by_shrink) / np.sum(by_turn * by_turn))
+    return abs(scale) * float(np.sqrt(np.mean(by_shrink * by_shrink)))
+
+
+@dataclass(frozen=True, eq=False)
+class _Linear:
+    """Derivatives by (psi, R, SDD, u_c, tau) of the distances, rotation and scale taken out, and of the scale."""
+
+    distances: FloatArray
+    scale: FloatArray
+
+
+def _linear(scanner: Scanner, frame: SourceFrame, radius_mm: float) -> _Linear:
+    points, cells = chord_points(scanner, frame, radius_mm)
+    derivative = _derivatives(scanner, frame, points, cells)
+    _, slope = _distances(scanner, frame, points, cells, 0.0, 1.0)
+    free = slope.reshape(2, -1).T
+    taken = np.linalg.lstsq(free, derivative)[0]
+    return _Linear(derivative - free @ taken, taken[1])
+
+
+def _derivatives(scanner: Scanner, frame: SourceFrame, points: FloatArray, cells: NDArray[np.intp]) -> FloatArray:
+    """Of the points' distances by (psi, R, SDD, u_c, tau), (points, 5); psi is none of the rays'."""
+    source, direction = _rays(scanner, frame)
+    e, w = direction[cells], cell_centres_mm(scanner)[cells] - frame.cor_column_mm
+    c, s = math.cos(frame.tilt_rad), math.sin(frame.tilt_rad)
+    x, y = w * c, frame.source_to_detector_mm + w * s
+    # A ray turns about the source by (x dy - y dx) / (x^2 + y^2) when its cell moves by (dx, dy).
+    turns = np.stack([x, y * c - x * s, w * (x * c + y * s)]) / (x * x + y * y)
+    along = np.einsum("rpc,rc->rp", points - source, e)
+    by_r = np.broadcast_to(e[:, :1], along.shape)
+    columns = np.stack([np.zeros_like(along), by_r, *(-along * turns[..., None])], -1)
+    return columns.reshape(-1, 5)
+
+
+def ray_error_of_bias(scanner: Scanner, frame: SourceFrame, bias: FloatArray, *, radius_mm: float = 150.0) -> float:
+    """RMS ray error, mm, of a frame that is off by this bias of (psi, R, SDD, u_c, tau), (5,), to first order."""
+    distances = _linear(scanner, frame, radius_mm).distances @ bias
+    return float(np.sqrt(np.mean(distances * distances)))
+
+
+@dataclass(frozen=True)
+class PredictedRayError:
+    """What a covariance says the rays are off by inside the disc.
+
+    Attributes
+    ----------
+    rms_mm : float
+        Root of the expected mean square.
+    max_mm : float
+        Standard deviation at the worst point.
+    upper_95_mm : float
+        The RMS ray error stays below this in 95 of 100 cases.
+    interval_95_mm : (low, high)
+        Between these in 95 of 100 cases.
+    """
+
+    rms_mm: float
+    max_mm: float
+    upper_95_mm: float
+    interval_95_mm: tuple[float, float]
+
+
+def predicted_ray_error(
+    scanner: Scanner, frame: SourceFrame, covariance: FloatArray, *, radius_mm: float = 150.0
+) -> PredictedRayError:
+    """The ray error that a covariance of (psi, R, SDD, u_c, tau) predicts, to first order.
+
+    The mean square of the ray error is a quadratic form in the parameters' errors, with the mean outer product of each
+    point's derivatives; the common rotation and scale are projected out of them as `ray_error` takes them out of the
+    distances. `scale_deviation` has the scale's own.
+    """
+    derivative = _linear(scanner, frame, radius_mm).distances
+    variance = np.einsum("pi,ij,pj->p", derivative, covariance, derivative)
+    weights = _weights(derivative, covariance)
+    # A sum of weighted chi-squares has no closed quantile: seeded draws give it to 1 %.
+    squares = np.random.default_rng(0).standard_normal((DRAWS, weights.size)) ** 2 @ weights
+    low, upper, high = np.sqrt(np.quantile(squares, [0.025, 0.95, 0.975])).tolist()
+    return PredictedRayError(
+        float(np.sqrt(max(variance.mean(), 0.0))),
+        float(np.sqrt(max(variance.max(), 0.0))),
+        upper,
+        (low, high),
+    )
+
+
+def exceeded_ray_error(
+    scanner: Scanner, frame: SourceFrame, covariance: FloatArray, share: float, *, radius_mm: float = 150.0
+) -> float:
+    """Compute the RMS ray error, mm, that a covariance of (psi, R, SDD, u_c, tau) exceeds in this small share of cases.
+
+    The sum of weighted chi-squares is taken as a shifted chi-square with the same first three cumulants, which is right
+    far out in the upper tail, where draws would be too few (Imhof, Biometrika 48, 1961, 419-426, section 4).
+    """
+    weights = _weights(_linear(scanner, frame, radius_mm).distances, covariance)
+    if not weights.any():
+        return 0.0
+    first, second, third = (float(np.sum(weights**power)) for power in (1, 2, 3))
+    freedom = second**3 / third**2
+    return math.sqrt(first + math.sqrt(second / freedom) * (exceeded_chi_square(share, freedom) - freedom))
+
+
+def _weights(derivative: FloatArray, covariance: FloatArray) -> FloatArray:
+    """Weights of the independent chi-squares of one degree of freedom that the mean square is the sum of, (5,) mm^2."""
+    form = derivative.T @ derivative / len(derivative)
+    values, vectors = np.linalg.eigh(covariance)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    weights: FloatArray = np.maximum(np.linalg.eigvalsh(root.T @ form @ root), 0.0)
+    return weights

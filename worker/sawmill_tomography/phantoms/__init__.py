@@ -1,0 +1,1 @@
+"""Phantoms and logs as bodies of known shape, and their outlines traced from a picture."""

@@ -1,0 +1,114 @@
+"""What the beam leaves of the body in each cell, before the detector has seen it."""
+
+import math
+
+import numpy as np
+import scipy
+
+from sawmill_tomography.geometry.geometry import TAU, FloatArray, GeometryError, Scanner, SourceFrame
+from sawmill_tomography.phantoms.phantom import Polygon, counter_clockwise
+from sawmill_tomography.physics._chords_numba import CROSSINGS, transmit
+from sawmill_tomography.physics.body import Body
+from sawmill_tomography.physics.motion import Motion
+from sawmill_vocabulary.physics import Physics
+
+# Rays of a cell that does no more than average, and of one with blur, a focal spot or an exposure beside it.
+RAYS, BLURRED_RAYS = 8, 32
+ENERGY_SHARES = (0.3, 0.4, 0.3)
+# Steel's attenuation falls faster with the energy than wood's: photoelectric against Compton.
+STEEL_EXPONENT = 2.5
+# The real root of x^3 = x + 1.
+PLASTIC_NUMBER = 1.324717957244746
+
+
+def transmission(
+    body: Body, scanner: Scanner, frame: SourceFrame, motion: Motion, effects: Physics, step_rad: float
+) -> FloatArray:
+    """The mean transmission of each cell, (views, cells) float64.
+
+    Parameters
+    ----------
+    step_rad : float
+        Between neighbouring views, of which an exposure takes a share.
+
+    Raises
+    ------
+    GeometryError
+        If the body reaches the source, or is too rough for the rays.
+    """
+    moved = float(np.hypot(*motion.offset_mm.T).max() + np.hypot(*motion.hall_mm.T).max())
+    if body.wood.radius_mm + moved > 0.95 * frame.source_distance_mm * math.cos(frame.tilt_rad):
+        raise GeometryError(
+            f"the phantom {body.wood.name!r} reaches {body.wood.radius_mm + moved:.4g} mm from the centre of rotation, "
+            f"so far that it touches the source at {frame.source_distance_mm:.4g} mm"
+        )
+    polygons = [counter_clockwise(shape) for shape in body.wood.shapes if isinstance(shape, Polygon)]
+    out = np.empty((motion.angles_rad.size, scanner.num_detector_pixels))
+    most = transmit(
+        np.concatenate([np.empty((0, 2)), *polygons]),
+        np.cumsum([0, *map(len, polygons)]),
+        np.array([shape.density for shape in body.wood.shapes if isinstance(shape, Polygon)], np.float64),
+        body.wood.discs,
+        body.grain,
+        body.metal,
+        body.slope_per_mm,
+        np.array([frame.source_distance_mm, frame.source_to_detector_mm, frame.cor_column_mm, frame.tilt_rad]),
+        np.stack([motion.angles_rad + frame.psi_rad, motion.turn_rad], -1),
+        np.ascontiguousarray(motion.offset_mm),
+        np.ascontiguousarray(motion.hall_mm),
+        ray_samples(scanner.detector_pitch_mm, frame, effects, step_rad),
+        _energies(effects.beam.energy_spread),
+        (0.5 - 0.5 * scanner.num_detector_pixels) * scanner.detector_pitch_mm,
+        scanner.detector_pitch_mm,
+        out,
+    )
+    if most > CROSSINGS:
+        raise GeometryError(f"a ray crosses {most} sides of the phantom, where {CROSSINGS} can be followed: smooth it")
+    past = effects.beam.past_end_share
+    return (1.0 - past) * out + past
+
+
+def ray_samples(pitch_mm: float, frame: SourceFrame, effects: Physics, step_rad: float) -> FloatArray:
+    """The rays that a cell averages, (rays, 3): place from its middle and of the source in mm, and angle.
+
+    Without blur, spot or exposure the places are equidistant. With them the places are quantiles of the cell with its
+    blur, and the rays are spread evenly over all three (an additive recurrence; Roberts 2018), in pairs of opposites,
+    so that nothing is displaced in the mean.
+    """
+    spot_mm = effects.beam.focal_blur_mm / (frame.magnification - 1.0)
+    exposed_rad = effects.motion.exposure_steps * step_rad
+    blur_mm = effects.detector.blur_mm
+    if not (spot_mm or exposed_rad or blur_mm):
+        places = ((np.arange(RAYS) + 0.5) / RAYS - 0.5) * pitch_mm
+        return np.stack([places, np.zeros(RAYS), np.zeros(RAYS)], -1)
+    pairs = BLURRED_RAYS // 2
+    spots = scipy.special.ndtri(_recurrent(pairs, 1))
+    times = exposed_rad * (_recurrent(pairs, 2) - 0.5)
+    places = _cell_quantiles((np.arange(pairs) + 0.25) / pairs, pitch_mm, blur_mm)
+    half = np.stack([places, spot_mm * spots / np.sqrt(np.mean(spots**2)), times], -1)
+    return np.concatenate([half, -half])
+
+
+def _recurrent(number: int, dimension: int) -> FloatArray:
+    """Evenly over [0, 1] whatever the other dimension: multiples of a power of the plastic number, modulo 1."""
+    return np.asarray((0.5 + np.arange(1, number + 1) * PLASTIC_NUMBER**-dimension) % 1.0)
+
+
+def _cell_quantiles(shares: FloatArray, pitch_mm: float, blur_mm: float) -> FloatArray:
+    """Places where a cell with its blur, a box with a Gaussian, has received these shares of its light."""
+    if not blur_mm:
+        return pitch_mm * (shares - 0.5)
+    reach = 0.5 * pitch_mm + 6.0 * blur_mm
+    places = np.linspace(-reach, reach, 4001)
+    ends = (places[:, None] + 0.5 * pitch_mm * np.array([1.0, -1.0])) / blur_mm
+    # The integral of the normal distribution's integral.
+    received = ends * scipy.special.ndtr(ends) + np.exp(-0.5 * ends**2) / math.sqrt(TAU)
+    return np.interp(shares, (received[:, 0] - received[:, 1]) * blur_mm / pitch_mm, places)
+
+
+def _energies(spread: float) -> FloatArray:
+    """Rows (share, factor of wood, factor of steel); one energy where there is no spread."""
+    if not spread:
+        return np.ones((1, 3))
+    factors = np.array([1.0 + spread, 1.0, 1.0 - spread])
+    return np.stack([np.array(ENERGY_SHARES), factors, factors**STEEL_EXPONENT], -1)

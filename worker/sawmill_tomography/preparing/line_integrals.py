@@ -1,0 +1,235 @@
+"""From detector counts to line integrals: flat and dark fields and the Beer-Lambert law."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sawmill_tomography.sinograms.bridging import bridge
+
+Stack = NDArray[np.float32]
+
+# A transmission below this is no measurement but a starved detector: the line integral is cut off here, at 13.8.
+LEAST_TRANSMISSION = 1e-6
+# Where no more samples than the rest have a signal, the counts are none: a detector sees air, or through the log. Deep
+# shadows of few quanta over half of the detector leave a third without (tests/tomography/preparing).
+MOST_STARVED = 0.9
+# More dead cells than this share of the detector cannot be bridged from their neighbours.
+MOST_DEAD = 0.2
+# Flats saturate where this share of their samples has their largest value: one of a converter's, or one that this many
+# times as many samples have as the value below it, and no fewer than the third: noise piles up nowhere else.
+LARGEST_VALUES = (255.0, 1023.0, 4095.0, 16383.0, 65535.0)
+PLATEAU, PILED_UP, FEWEST = 0.01, 3.0, 20
+# A cell is saturated where more than this share of its flats has the largest value: with less the mean is too small by
+# no more than a twentieth of their noise.
+SATURATED = 0.1
+# With it begins what is said of saturation, so that a calibration says it too.
+SATURATION = "saturation: "
+
+
+class CountsError(ValueError):
+    """Counts that cannot become line integrals; the message says why."""
+
+
+@dataclass(frozen=True, eq=False)
+class Exposure:
+    """Each detector cell's dark signal and gain, from flat and dark fields.
+
+    Attributes
+    ----------
+    dark : (rows, detector) float32
+        Mean dark field, in counts.
+    level : (rows, detector) float32
+        Mean flat minus mean dark, in counts; 1 in dead cells.
+    dead : (rows, detector) bool
+        Cells whose flat is not above their dark, and where they are few those whose flat is saturated.
+    largest : float
+        The largest count that the detector gives, as far as the flats show; infinity where none is known.
+    saturated : int
+        The number of cells whose flats have it.
+    bridges_saturated : bool
+        Whether those are among the dead; too many of them are not.
+    """
+
+    dark: NDArray[np.float32]
+    level: NDArray[np.float32]
+    dead: NDArray[np.bool_]
+    largest: float = math.inf
+    saturated: int = 0
+    bridges_saturated: bool = False
+
+    @classmethod
+    def of(cls, flats: Stack, darks: Stack | None) -> "Exposure":
+        """From flats and darks (fields, rows, detector).
+
+        Raises
+        ------
+        CountsError
+            If too many cells are dead.
+        """
+        dark = np.zeros(flats.shape[1:]) if darks is None else darks.mean(axis=0, dtype=np.float64)
+        air = flats.mean(axis=0, dtype=np.float64) - dark
+        dead = air <= 0.0
+        if dead.mean() > MOST_DEAD:
+            row, cell = (int(i) for i in np.unravel_index(np.argmax(dead), dead.shape))
+            raise CountsError(
+                f"{int(dead.sum())} of {dead.size} detector cells have a flat field that is not above their dark "
+                f"field, as in row {row}, cell {cell} with a mean flat of {air[row, cell] + dark[row, cell]:g} and a "
+                f"mean dark of {dark[row, cell]:g} counts; at most {MOST_DEAD:.0%} may: check that flats and darks "
+                "were not exchanged"
+            )
+        largest, saturated = _saturation(flats)
+        saturated &= ~dead
+        bridged = dead | saturated
+        bridges = bool(bridged.mean() <= MOST_DEAD)
+        if bridges:
+            dead = bridged
+        level = np.where(dead, 1.0, air).astype(np.float32)
+        return cls(dark.astype(np.float32), level, dead, largest, int(saturated.sum()), bridges)
+
+    def same_in_all_rows(self) -> "Exposure":
+        """With the mean dark signal and gain of each cell's rows: what one row differs by stays in the line integrals.
+
+        Where views lost rows it is not known yet which row of the detector a sample is of. That difference then moves
+        with the log, whereas the gain of a wrong row would stand still in it.
+        """
+        alive = ~self.dead
+        level = np.where(alive, self.level, 0.0).sum(axis=0) / np.maximum(alive.sum(axis=0), 1)
+        dead = np.broadcast_to(level <= 0.0, self.dead.shape)
+        dark = np.broadcast_to(self.dark.mean(axis=0), self.dark.shape)
+        return Exposure(dark, np.where(dead, np.float32(1.0), level.astype(np.float32)), dead, self.largest)
+
+    @property
+    def air_level(self) -> NDArray[np.float32]:
+        """(rows, detector) float32, in counts; 0 in dead cells. With it the counts can be recovered."""
+        return np.where(self.dead, np.float32(0.0), self.level)
+
+    def saturated_samples(self, counts: Stack) -> int:
+        """The number of samples of any counts that have the detector's largest value."""
+        return 0 if math.isinf(self.largest) else int(np.count_nonzero(counts == np.float32(self.largest)))
+
+    def to_line_integrals(self, counts: Stack, first_row: int = 0) -> int:
+        """Counts (views, rows, detector) to -ln((counts - dark) / (flat - dark)), dimensionless, in place.
+
+        Dead cells are bridged from their neighbours along the detector; starved samples (counts at or below the dark)
+        are cut off at the least transmission. Missing samples, NaN, stay missing.
+
+        Parameters
+        ----------
+        counts : (views, rows, detector) float32
+            All rows of the detector, or some from `first_row` on.
+
+        Returns
+        -------
+        int
+            The number of starved samples.
+
+        Raises
+        ------
+        CountsError
+            Where all cells of a row are dead.
+        """
+        rows = slice(first_row, first_row + counts.shape[1])
+        dead = self.dead[rows]
+        counts -= self.dark[rows]
+        counts /= self.level[rows]
+        starved = int(np.count_nonzero((counts < LEAST_TRANSMISSION) & ~dead))
+        np.maximum(counts, LEAST_TRANSMISSION, out=counts)
+        np.log(counts, out=counts)
+        np.negative(counts, out=counts)
+        for row in np.flatnonzero(dead.any(axis=1)):
+            if dead[row].all():
+                raise CountsError(f"every cell of detector row {first_row + row} is dead: leave the row out")
+            bridge(counts[:, row], dead[row])
+        return starved
+
+    def check_signal(self, starved: int, samples: int) -> None:
+        """Refuse counts of which hardly a sample is above the dark field.
+
+        Raises
+        ------
+        CountsError
+            If more of them are starved than a log can starve.
+        """
+        if starved > MOST_STARVED * samples:
+            raise CountsError(
+                f"{starved} of {samples} samples of the scan are not above the dark field (on average "
+                f"{self.dark.mean():g} counts, the flat fields {self.level.mean():g} above it); at most "
+                f"{MOST_STARVED:.0%} may: check that the data are counts, and which fields belong to them"
+            )
+
+    def remarks(self, starved: int, saturated: int = 0) -> tuple[str, ...]:
+        """What was done, with the numbers of samples that have no signal and that have the largest count."""
+        remarks = ["counts to line integrals by -ln((counts - dark) / (flat - dark))"]
+        if starved:
+            remarks.append(f"{starved} samples without signal cut off at a line integral of 13.8")
+        dead = int(self.dead.sum()) - (self.saturated if self.bridges_saturated else 0)
+        if dead:
+            remarks.append(f"{dead} dead detector cells bridged from their neighbours")
+        return (*remarks, *self._of_saturation(saturated))
+
+    def _of_saturation(self, samples: int) -> Iterator[str]:
+        remedy = "lower the tube's current or the exposure until air stays below it, and take flats and scan again"
+        if self.saturated:
+            effect = (
+                "they were bridged from their neighbours"
+                if self.bridges_saturated
+                else "too many to be left out: their line integrals are too small"
+            )
+            yield (
+                f"{SATURATION}the flat fields of {self.saturated} of {self.dead.size} detector cells have the largest "
+                f"value, {self.largest:.0f}; {effect}: {remedy}"
+            )
+        elif samples:
+            yield (
+                f"{SATURATION}{samples} samples of the scan have the largest value, {self.largest:.0f}; their line "
+                f"integrals are too large: {remedy}"
+            )
+
+
+def _saturation(flats: Stack) -> tuple[float, NDArray[np.bool_]]:
+    """The detector's largest count, and the cells (rows, detector) whose flats (fields, rows, detector) have it."""
+    top = float(flats.max())
+    has_it, below = flats == top, flats[flats < top]
+    number = int(np.count_nonzero(has_it))
+    second = int(np.count_nonzero(flats == below.max())) if below.size else number
+    if number >= PLATEAU * flats.size and (top in LARGEST_VALUES or number >= max(PILED_UP * second, FEWEST)):
+        return top, has_it.mean(axis=0) > SATURATED
+    none = np.zeros(flats.shape[1:], bool)
+    return next((value for value in LARGEST_VALUES if value >= top), math.inf), none
+
+
+@dataclass(frozen=True)
+class LineIntegrals:
+    """A stack of line integrals.
+
+    Attributes
+    ----------
+    stack : (views, rows, detector) float32
+        Dimensionless.
+    air_level : (rows, detector) float32
+        In counts, as `Exposure.air_level`.
+    remarks : tuple of str
+        What was done.
+    """
+
+    stack: Stack
+    air_level: Stack
+    remarks: tuple[str, ...]
+
+
+def line_integrals(counts: Stack, flats: Stack, darks: Stack | None) -> LineIntegrals:
+    """Line integrals of counts (views, rows, detector) with flats and darks (fields, rows, detector).
+
+    Raises
+    ------
+    CountsError
+        As `Exposure.of`, `to_line_integrals` and `check_signal`.
+    """
+    exposure, stack = Exposure.of(flats, darks), counts.astype(np.float32)
+    saturated = exposure.saturated_samples(stack)
+    starved = exposure.to_line_integrals(stack)
+    exposure.check_signal(starved, stack.size)
+    return LineIntegrals(stack, exposure.air_level, exposure.remarks(starved, saturated))

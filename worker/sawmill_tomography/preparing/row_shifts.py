@@ -1,0 +1,213 @@
+"""Alignment of views of one log that lost rows at the top or the bottom, each view a different number.
+
+Rows are successive positions of a flat detector along the log, so a view is off by one shift in rows, the same
+everywhere in it. `shifts_by_mass` and `shifts_by_features` find the shifts.
+"""
+
+import math
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sawmill_tomography.geometry.geometry import FloatArray
+from sawmill_tomography.sinograms.present_rows import Rows
+
+Stack = NDArray[np.float32]
+
+# Shifts are whole rows when they scatter about whole numbers by less. Uniform fractions scatter by 1 / sqrt(12) = 0.29
+# (tests/tomography/preparing/test_row_shifts.py).
+WHOLE_SCATTER, WHOLE_FURTHEST = 0.12, 0.4
+# Rows: a shift less certain than this blurs more than it corrects (benchmarks/preparing.py).
+MOST_UNCERTAIN = 0.3
+# Views have the place of a whole row within this number of their standard deviations; or, where at least half of the
+# views are whole rows apart, within this number of rows: shifts are found to 0.07 rows, and resampling a view that
+# stands where it should costs more than it corrects (benchmarks/lost_rows.py).
+SAME_DEVIATIONS, SAME_PLACE, MOST_VIEWS = 2.0, 0.15, 0.5
+# Departures of neighbouring rows belong together, so that shifts scatter more than estimated, by this factor where no
+# views share a place and show it; beside it, interpolation between rows adds an error (benchmarks/lost_rows.py).
+UNSEEN_INFLATION, BETWEEN_ROWS = 2.0, 0.03
+# A step of the row sums is the end of a body where it is this many times the two before, the two after and the median
+# (benchmarks/lost_rows.py).
+JUMP = 4.0
+
+
+class RowsError(ValueError):
+    """Views that cannot be aligned; the message says why."""
+
+
+@dataclass(frozen=True, eq=False)
+class RowShifts:
+    """Where each view lies along the log.
+
+    Attributes
+    ----------
+    rows : (views,) float64
+        Row i of view k shows what row i + rows[k] of the scan is: 0 for most of the views that have all rows.
+    standard_deviation : (views,) float64
+        Of each, in rows, before they were taken as whole: as large as the scatter of the views that share a place
+        shows it to be.
+    whole : bool
+        Whether they turned out to be whole numbers and were rounded.
+    ends : (n,) integers
+        The last rows of bodies along the log, as of a phantom before it: the next row shows another.
+    """
+
+    rows: FloatArray
+    standard_deviation: FloatArray
+    whole: bool
+    ends: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, np.intp))
+
+    @classmethod
+    def of(
+        cls, shifts: FloatArray, standard_deviation: FloatArray, present: Rows, ends: NDArray[np.intp] | None = None
+    ) -> "RowShifts":
+        """From shifts and ends of bodies with any origin, of views with the rows `present` (views, rows).
+
+        Taken as whole rows where they are whole rows apart; where some are not, those whose place is that of a whole
+        row are.
+        """
+        ends = np.zeros(0, np.intp) if ends is None else ends
+        common = float(np.angle(np.exp(2j * np.pi * shifts).mean()) / (2.0 * np.pi))
+        apart = shifts - common
+        off = apart - np.rint(apart)
+        whole = bool(off.std() < WHOLE_SCATTER and np.abs(off).max() < WHOLE_FURTHEST)
+        if whole:
+            standard_deviation = standard_deviation * _inflation(off, standard_deviation)
+            rows = np.rint(apart)
+            rows -= _origin(rows, present)
+            rows = _within(rows, present)
+            return cls(rows, standard_deviation, whole, _moved(ends, shifts, rows))
+        rows = shifts - _origin(shifts, present)
+        off = rows - np.rint(rows)
+        sharing = np.abs(off) <= SAME_PLACE
+        shared = bool(sharing.sum() >= MOST_VIEWS * sharing.size)
+        inflation = _inflation(off[sharing], standard_deviation[sharing]) if shared else UNSEEN_INFLATION
+        standard_deviation = standard_deviation * inflation
+        same = np.maximum(SAME_PLACE if shared else 0.0, SAME_DEVIATIONS * standard_deviation)
+        settled = np.abs(off) <= np.minimum(same, WHOLE_FURTHEST)
+        rows = _within(np.where(settled, np.rint(rows), rows), present)
+        standard_deviation = np.hypot(standard_deviation, np.where(settled, 0.0, BETWEEN_ROWS))
+        return cls(rows, standard_deviation, bool(settled.all()), _moved(ends, shifts, rows))
+
+    def lost(self, present: Rows) -> bool:
+        """Whether each view, of the rows `present` (views, rows), is moved to rows that the detector has.
+
+        Then rows were lost on their way from it, and a view's samples are those of the detector's rows it is moved to;
+        otherwise the log itself moved.
+        """
+        first, last = _ends(present)
+        return self.whole and bool((first + self.rows).min() >= 0 and (last + self.rows).max() < present.shape[1])
+
+
+def _moved(ends: NDArray[np.intp], shifts: FloatArray, rows: FloatArray) -> NDArray[np.intp]:
+    """Ends of bodies as the shifts counted them, counted as the rows are."""
+    return np.rint(ends + np.median(rows - shifts)).astype(np.intp)
+
+
+def _origin(shifts: FloatArray, present: Rows) -> float:
+    """The shift that most of the views with most rows share."""
+    count = present.sum(axis=1)
+    longest = shifts[count == count.max()]
+    near = np.abs(longest[:, None] - longest) <= SAME_PLACE
+    return float(np.median(longest[near[near.sum(axis=1).argmax()]]))
+
+
+def _inflation(errors: FloatArray, standard_deviation: FloatArray) -> float:
+    """How much larger the errors of shifts that are known are, root mean square, than was estimated; at least 1."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratios = errors / standard_deviation
+    return max(1.0, float(np.sqrt(np.mean(ratios[np.isfinite(ratios)] ** 2)))) if np.isfinite(ratios).any() else 1.0
+
+
+def _within(rows: FloatArray, present: Rows) -> FloatArray:
+    """The shifts, all moved by whole rows where that brings all views inside the detector."""
+    first, last = _ends(present)
+    above, below = (math.ceil(over) for over in (-(first + rows).min(), (last + rows).max() - present.shape[1] + 1))
+    if above + below > 0:
+        return rows
+    inside: FloatArray = rows + float(max(above, 0) - max(below, 0))
+    return inside
+
+
+def _ends(present: Rows) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """The first and the last row of each view that is there, of present rows (..., rows)."""
+    return present.argmax(axis=-1), present.shape[-1] - 1 - present[..., ::-1].argmax(axis=-1)
+
+
+def check_certain(standard_deviation: FloatArray, why: str) -> None:
+    """Refuse shifts (views,) whose standard deviation, in rows, is too large, with the likely reason: RowsError."""
+    if not standard_deviation.max() <= MOST_UNCERTAIN:
+        view = int(standard_deviation.argmax())
+        raise RowsError(
+            f"the shift of view {view} is uncertain by {standard_deviation[view]:.2g} rows and {MOST_UNCERTAIN} is the "
+            f"most allowed: {why}"
+        )
+
+
+def shifted(image: Stack, present: NDArray[np.bool_], shift: float, ends: NDArray[np.intp] | None = None) -> Stack:
+    """A view's image (rows, cells) with the rows `present` (rows,), moved along the log: NaN where it has no row.
+
+    A whole shift moves rows; another resamples them by cubic convolution, the first and last rows repeated. A row that
+    shows the end of a body and the next one shows neither: each side of it, by `ends`, is resampled by itself.
+    """
+    out = np.full_like(image, np.nan)
+    first, last = (int(end) for end in _ends(present))
+    if float(shift).is_integer():
+        low, high = max(first + int(shift), 0), min(last + int(shift), len(image) - 1)
+        out[low : high + 1] = image[low - int(shift) : high + 1 - int(shift)]
+        return out
+    at: FloatArray = np.arange(len(image), dtype=np.float64) - shift
+    mixed = [int(np.rint(end + 0.5 - shift)) for end in ([] if ends is None else ends.tolist())]
+    borders = [first - 1, *(row for row in mixed if first < row < last), last + 1]
+    for before, after in pairwise(borders):
+        there = (at >= before + 1) & (at <= after - 1)
+        out[there] = _resampled(image[before + 1 : after], at[there] - before - 1)
+    return out
+
+
+def _resampled(image: Stack, at: FloatArray) -> Stack:
+    """Rows of an image (rows, cells) at fractional positions."""
+    below = np.floor(at).astype(np.intp)
+    weights, _ = cubic_weights(at - below)
+    taps = np.clip(below[:, None] + np.arange(-1, 3), 0, len(image) - 1)
+    out = np.zeros((at.size, image.shape[1]), np.float32)
+    for tap in range(4):
+        out += weights[:, tap, None].astype(np.float32) * image[taps[:, tap]]
+    return out
+
+
+def jumps_between(profile: FloatArray) -> Rows:
+    """Where row sums (rows,), NaN where there are none, jump from a row to the next: where one body ends."""
+    steps = np.pad(np.abs(np.diff(np.nan_to_num(profile, nan=np.nanmedian(profile)))), (2, 3))
+    beside = np.max([steps[offset : offset + profile.size] for offset in (0, 1, 3, 4)], axis=0)
+    middle = steps[2 : profile.size + 2]
+    there = np.isfinite(profile) & np.isfinite(np.append(profile[1:], np.nan))
+    return np.asarray(there & (middle > JUMP * np.maximum(beside, np.median(middle))), bool)
+
+
+def row_weights(fraction: FloatArray, jumps: Rows) -> tuple[FloatArray, FloatArray]:
+    """Weights of the four rows round a fraction of a row, and their derivatives, as `cubic_weights`.
+
+    Where a body ends between the two rows beside the fraction, a detector's row that shows some of both shows them by
+    their shares: linear interpolation, which a cubic is off by up to 0.05 rows.
+    """
+    weights, slopes = cubic_weights(fraction)
+    nothing, one = np.zeros_like(fraction), np.ones_like(fraction)
+    linear = np.stack([nothing, 1.0 - fraction, fraction, nothing], axis=-1)
+    linear_slopes = np.stack([nothing, -one, one, nothing], axis=-1)
+    where = jumps[..., None]
+    return np.where(where, linear, weights), np.where(where, linear_slopes, slopes)
+
+
+def cubic_weights(fraction: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Cubic convolution at a fraction of a row: weights (..., 4) of the rows from one below on, and their derivatives.
+
+    Keys, IEEE Trans. Acoustics, Speech, and Signal Processing 29 (1981) 1153, equation 15.
+    """
+    f = fraction
+    weights = [f * (-0.5 + f * (1.0 - 0.5 * f)), 1.0 + f**2 * (1.5 * f - 2.5), f * (0.5 + f * (2.0 - 1.5 * f))]
+    slopes = [-0.5 + f * (2.0 - 1.5 * f), f * (4.5 * f - 5.0), 0.5 + f * (4.0 - 4.5 * f)]
+    last, last_slope = 0.5 * f**2 * (f - 1.0), f * (1.5 * f - 1.0)
+    return np.stack([*weights, last], axis=-1), np.stack([*slopes, last_slope], axis=-1)

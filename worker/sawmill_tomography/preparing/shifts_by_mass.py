@@ -1,0 +1,301 @@
+"""Shifts of views that lost rows, from the mass of the log's slices.
+
+The sum over a detector row is the mass of that slice of the log, which hardly changes as the log turns: each view's
+profile of sums is the others' profile, shifted.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from sawmill_tomography.geometry.geometry import FloatArray
+from sawmill_tomography.preparing.row_shifts import (
+    RowsError,
+    RowShifts,
+    Stack,
+    check_certain,
+    cubic_weights,
+    jumps_between,
+    row_weights,
+)
+from sawmill_tomography.sinograms.present_rows import Rows
+
+# A view shares at least this part of its rows with the others, and needs this number of rows for a profile
+# (benchmarks/preparing.py, as the constants below).
+SHARE_FOUND, FEWEST_ROWS = 0.5, 16
+# How much more likely (natural logarithm) a view's place must be than its next best one.
+DISTINCT = 15.0
+# The iteration ends when no shift moves by more rows than this.
+ROUNDS, SETTLED = 12, 0.002
+RIDGE = 1e-10
+# Neighbouring rows depart from the common profile together (a knot nearer to the source) over about 8 rows.
+CORRELATED_ROWS = 8
+# A row loses weight beyond this number of median departures.
+OUTLYING = 3.0
+# The least eigenvalue of the normal equations for a row's first moments: half of six views round the turn.
+FEWEST_TURNING = 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class RowMoments:
+    """The mass and first moment of a row's line integrals.
+
+    Attributes
+    ----------
+    mass : (views, rows) float64
+        NaN where a row is missing.
+    first : (views, rows) float64
+        Sum of line integral times distance from the common centroid, in cells.
+    """
+
+    mass: FloatArray
+    first: FloatArray
+
+    @classmethod
+    def of(cls, images: Iterable[Stack], cells: NDArray[np.bool_]) -> "RowMoments":
+        """Of all views' images (rows, cells), over some of the cells: air adds only noise."""
+        over = cells.astype(np.float32)
+        weights = np.stack([over, over * np.linspace(-0.5, 0.5, over.size, dtype=np.float32)], axis=1)
+        sums = np.stack([image @ weights for image in images])
+        mass, first = np.moveaxis(sums.astype(np.float64), 2, 0)
+        centroid = np.nansum(first) / (np.nansum(mass) or 1.0)
+        return cls(mass, (first - centroid * mass) * max(over.size - 1, 1))
+
+
+def shifts_by_mass(moments: RowMoments, angles_rad: FloatArray) -> RowShifts:
+    """Each view's shift from the row sums.
+
+    A view's profile of row sums is the common one up to a gain (its distance from the source), an offset and a slope
+    (air, the log's bend). A coarse shift by masked normalised cross-correlation (Padfield, IEEE Trans. Image Process.
+    21 (2012) 2706) is refined by least squares against the median of all views, in turns.
+
+    What lies nearer to the source weighs more, by its depth over the source's distance, once in a turn: uncorrected, a
+    whorl's knots at different heights would seem to move along the log. A quarter turn away depth is what the first
+    moments show, so that one number for all views is left to be fitted.
+
+    Raises
+    ------
+    RowsError
+        Where the profile has too little in it.
+    """
+    present = np.isfinite(moments.mass)
+    rows = int(present.sum(axis=1).min())
+    if rows < FEWEST_ROWS:
+        view = int(present.sum(axis=1).argmin())
+        raise RowsError(f"view {view} has {rows} rows and at least {FEWEST_ROWS} are needed to find its place by them")
+    mass, first = (np.where(present, values, 0.0) for values in (moments.mass, moments.first))
+    longest = int(present.sum(axis=1).argmax())
+    if np.ptp(mass[longest, present[longest]]) == 0.0:
+        raise RowsError(
+            f"all rows of view {longest} have the same sum: nothing in them shows where it lies along the log"
+        )
+    reference = _Profile(mass[longest], present[longest], 0)
+    shifts = np.zeros(len(mass))
+    for _ in range(2):
+        shifts = _coarse(mass, present, reference).astype(np.float64)
+        reference = _common(mass, present, _fit(mass, present, shifts, reference), shifts)
+    _check_distinct(mass, present, reference)
+    fit, values, weight = _fit(mass, present, shifts, reference), mass, 0.0
+    for _ in range(ROUNDS):
+        step = np.clip(fit.step - np.median(fit.step), -1.0, 1.0)
+        shifts = shifts + step
+        depth = _depth(first, present, shifts, angles_rad)
+        weight += _share_of(depth, fit, present, shifts, reference)
+        values = mass - weight * depth
+        reference = _common(values, present, fit, shifts)
+        fit = _fit(values, present, shifts, reference)
+        if np.abs(step).max() < SETTLED:
+            break
+    check_certain(fit.standard_deviation, "the log varies too little along its length for the noise")
+    ends = np.flatnonzero(reference.jumps) + reference.origin
+    return RowShifts.of(shifts, fit.standard_deviation, present, ends)
+
+
+def _depth(first: FloatArray, present: Rows, shifts: FloatArray, angles_rad: FloatArray) -> FloatArray:
+    """Mass times depth towards the source (or away: the sign is left open) in each view's rows (views, rows).
+
+    From the part of the first moments that goes round with the log: across the rays it is the cosine and sine of the
+    angle, along them the derivative.
+    """
+    cosine, sine = np.cos(angles_rad), np.sin(angles_rad)
+    place = np.rint(np.arange(first.shape[1]) + shifts[:, None]).astype(np.intp)
+    place -= place.min()
+    turning = np.stack([np.ones_like(cosine), cosine, sine], axis=1)
+    length = int(place.max()) + 1
+    normal, right = np.zeros((length, 3, 3)), np.zeros((length, 3))
+    view, row = np.nonzero(present)
+    np.add.at(normal, place[view, row], turning[view][:, :, None] * turning[view][:, None, :])
+    np.add.at(right, place[view, row], turning[view] * first[view, row, None])
+    scarce = np.linalg.eigvalsh(normal)[:, 0] < FEWEST_TURNING
+    normal[scarce], right[scarce] = np.eye(3), 0.0
+    _, along_cosine, along_sine = np.linalg.solve(normal, right[..., None])[..., 0].T
+    return np.where(present, along_sine[place] * cosine[:, None] - along_cosine[place] * sine[:, None], 0.0)
+
+
+def _share_of(depth: FloatArray, fit: "_Fit", present: Rows, shifts: FloatArray, reference: "_Profile") -> float:
+    """The coefficient of `depth` in a fit's residual, after the fit's own terms are projected out of both."""
+    free = _fit(depth, present, shifts, reference).residual
+    return float((fit.residual * free).sum() / max((free**2).sum(), np.finfo(np.float64).tiny))
+
+
+@dataclass(frozen=True, eq=False)
+class _Profile:
+    """The common profile along the log, whose first value is that of row `origin`."""
+
+    mass: FloatArray
+    present: Rows
+    origin: int
+
+    @cached_property
+    def jumps(self) -> Rows:
+        """Where the profile jumps from a row (rows,) to the next one."""
+        return jumps_between(np.where(self.present, self.mass, np.nan))
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """Each view against the reference: its step, gain, offset and slope, and the residual."""
+
+    step: FloatArray
+    standard_deviation: FloatArray
+    gain: FloatArray
+    trend: FloatArray
+    residual: FloatArray
+
+
+def _check_distinct(values: FloatArray, present: Rows, reference: _Profile) -> None:
+    score, _ = _scores(values, present, reference)
+    best = score.argmax(axis=1)
+    peak = (score[:, 1:-1] >= score[:, :-2]) & (score[:, 1:-1] >= score[:, 2:])
+    others = np.where(peak, score[:, 1:-1], 0.0)
+    np.put_along_axis(others, np.clip(best - 1, 0, others.shape[1] - 1)[:, None], 0.0, axis=1)
+    lead = score.max(axis=1) - others.max(axis=1)
+    if lead.min() < DISTINCT:
+        raise RowsError(
+            f"the place of view {int(lead.argmin())} along the log is not clear: its row sums fit elsewhere about as "
+            "well. The log varies too little along its length for its views to be aligned"
+        )
+
+
+def _coarse(values: FloatArray, present: Rows, reference: _Profile) -> NDArray[np.intp]:
+    """The most likely whole shifts (views,)."""
+    score, lags = _scores(values, present, reference)
+    most_likely: NDArray[np.intp] = lags[score.argmax(axis=1)]
+    return most_likely
+
+
+def _scores(values: FloatArray, present: Rows, reference: _Profile) -> tuple[FloatArray, NDArray[np.intp]]:
+    """Log-likelihood (views, lags) of each shift, and the shifts (lags,): -n / 2 ln(1 - r^2) of the profiles' slopes.
+
+    Slopes know neither offset nor, less their mean, taper.
+    """
+    moving, there = _slopes(values, present)
+    fixed, fixed_there = _slopes(reference.mass[None], reference.present[None])
+    length = scipy.fft.next_fast_len(moving.shape[1] + fixed.shape[1], real=True)
+
+    def spectrum(a: FloatArray | Rows) -> NDArray[np.complex128]:
+        return np.asarray(scipy.fft.rfft(a.astype(np.float64), length, axis=1))
+
+    def overlap(a: NDArray[np.complex128], b: NDArray[np.complex128]) -> FloatArray:
+        return np.asarray(scipy.fft.irfft(a * b.conj(), length, axis=1))
+
+    f, f2, f_there = spectrum(fixed), spectrum(fixed**2), spectrum(fixed_there)
+    m, m2, m_there = spectrum(moving), spectrum(moving**2), spectrum(there)
+    count = np.maximum(overlap(f_there, m_there), 1.0)
+    f_sum, m_sum = overlap(f, m_there), overlap(f_there, m)
+    covariance = overlap(f, m) - f_sum * m_sum / count
+    variances = (overlap(f2, m_there) - f_sum**2 / count) * (overlap(f_there, m2) - m_sum**2 / count)
+    floor = 1e-12 * float((fixed**2).sum()) * (moving**2).sum(axis=1, keepdims=True) + np.finfo(np.float64).tiny
+    correlation = covariance / np.sqrt(np.maximum(variances, floor))
+    enough = count >= np.maximum(SHARE_FOUND * there.sum(axis=1, keepdims=True), FEWEST_ROWS // 2)
+    likely = -0.5 * count * np.log1p(-(np.clip(correlation, 0.0, 1.0 - 1e-9) ** 2))
+    lags = np.fft.fftfreq(length, 1.0 / length).astype(np.intp)
+    order = np.argsort(lags)
+    return np.where(enough, likely, 0.0)[:, order], lags[order] + reference.origin
+
+
+def _slopes(values: FloatArray, present: Rows) -> tuple[FloatArray, Rows]:
+    """Central differences (views, rows - 2), zero where a row is missing, and where they are."""
+    there = present[:, 2:] & present[:, :-2]
+    return np.where(there, values[:, 2:] - values[:, :-2], 0.0), there
+
+
+def _fit(values: FloatArray, present: Rows, shifts: FloatArray, reference: _Profile) -> _Fit:
+    """Least squares of each view on the reference, its derivative, a constant and a slope; outliers lose weight."""
+    views, rows = values.shape
+    at = np.arange(rows) + shifts[:, None] - reference.origin
+    below = np.floor(at).astype(np.intp)
+    taps = np.clip(below[..., None] + np.arange(-1, 3), 0, reference.mass.size - 1)
+    inside = present & (below >= 1) & (below + 2 < reference.mass.size) & reference.present[taps].all(axis=2)
+    around = reference.mass[taps]
+    weights, slopes = row_weights(at - below, reference.jumps[np.clip(below, 0, reference.mass.size - 1)])
+    level = float(reference.mass[reference.present].mean())
+    terms = np.stack(
+        [
+            (weights * around).sum(axis=2) - level,
+            (slopes * around).sum(axis=2),
+            np.ones((views, rows)),
+            np.broadcast_to(_along(rows), (views, rows)),
+        ],
+        axis=2,
+    )
+    terms *= inside[..., None]
+    scale = np.sqrt((terms**2).sum(axis=1)) + np.finfo(np.float64).tiny
+    terms /= scale[:, None, :]
+    robust = inside.astype(np.float64)
+    for _ in range(4):
+        weighted = (terms * robust[..., None]).transpose(0, 2, 1)
+        normal = weighted @ terms + RIDGE * np.eye(4)
+        solved = np.linalg.solve(normal, weighted @ values[..., None])
+        residual = np.where(inside, values - (terms @ solved)[..., 0], 0.0)
+        spread = np.nanmedian(np.where(inside, np.abs(residual), np.nan), axis=1, keepdims=True)
+        outlying = np.maximum(np.abs(residual), OUTLYING * spread) + np.finfo(np.float64).tiny
+        robust = np.where(inside, (OUTLYING * spread + np.finfo(np.float64).tiny) / outlying, 0.0)
+    coefficients = solved[..., 0] / scale
+    gain = coefficients[:, 0]
+    influence = (terms @ np.linalg.inv(normal)[:, :, 1:2])[..., 0] * robust * residual
+    variance = _long_run_variance(influence) / scale[:, 1] ** 2
+    trend = np.stack([coefficients[:, 2] - gain * level, coefficients[:, 3]], axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        step, deviation = coefficients[:, 1] / gain, np.sqrt(variance) / np.abs(gain)
+    bad = ~(gain > 0.0)
+    return _Fit(np.where(bad, 0.0, step), np.where(bad, np.inf, deviation), np.where(bad, 1.0, gain), trend, residual)
+
+
+def _long_run_variance(influence: FloatArray) -> FloatArray:
+    """Of the sum of each view's influences (views, rows), whose neighbours depart together (Newey and West 1987)."""
+    variance: FloatArray = (influence**2).sum(axis=1)
+    for lag in range(1, CORRELATED_ROWS):
+        variance += 2.0 * (1.0 - lag / CORRELATED_ROWS) * (influence[:, lag:] * influence[:, :-lag]).sum(axis=1)
+    return np.maximum(variance, 0.0)
+
+
+def _common(values: FloatArray, present: Rows, fit: _Fit, shifts: FloatArray) -> _Profile:
+    """The median profile along the log of all views, each brought to the others' level; where half of them are."""
+    rows = values.shape[1]
+    along = fit.trend[:, :1] + fit.trend[:, 1:] * _along(rows)
+    levelled = (values - along) / fit.gain[:, None]
+    origin = int(np.floor(shifts.min()))
+    length = rows + int(np.ceil(shifts.max())) - origin
+    at = np.arange(length) + origin - shifts[:, None]
+    below = np.floor(at).astype(np.intp)
+    taps = below[..., None] + np.arange(-1, 3)
+    view = np.arange(len(values))[:, None, None]
+    clipped = np.clip(taps, 0, rows - 1)
+    inside = present[view, clipped] & (taps >= 0) & (taps < rows)
+    whole = np.isclose(at, below)
+    there = np.where(whole, inside[..., 1], inside.all(axis=2))
+    weights, _ = cubic_weights(at - below)
+    sampled = (weights * np.where(inside, levelled[view, clipped], 0.0)).sum(axis=2)
+    count = there.sum(axis=0)
+    # Unlike the mean, the median of views of which most share a place keeps the end of a body sharp.
+    profile = np.ma.filled(np.ma.median(np.ma.masked_array(sampled, ~there), axis=0), 0.0)
+    return _Profile(profile, count >= max(1, len(values) // 2), origin)
+
+
+def _along(rows: int) -> FloatArray:
+    return np.linspace(-1.0, 1.0, rows)

@@ -1,0 +1,188 @@
+"""Analytic fan-beam projection of polygons and discs, and its derivatives: no pixels anywhere."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+
+from sawmill_tomography.geometry.geometry import FloatArray, GeometryError, Scanner, SourceFrame, to_vector
+from sawmill_tomography.phantoms.phantom import Phantom
+from sawmill_tomography.projection import _analytic_numba as kernels
+
+PARAMETERS = kernels.PARAMETERS
+# The phantom's position x, y in mm: one, or (views, 2) one of each view.
+Position = tuple[float, float] | FloatArray
+# Below this number of samples one thread ends before others have woken up.
+WORTH_THREADS = 40_000
+
+
+@dataclass(frozen=True)
+class DetectorCells:
+    """Where the detector's cells lie: the first one's border in mm, their width in mm, their number."""
+
+    first_border_mm: float
+    width_mm: float
+    count: int
+
+    @classmethod
+    def of(cls, scanner: Scanner, *, binned: int = 1) -> "DetectorCells":
+        """The scanner's cells, `binned` of them taken together; a remainder at the far end is left out."""
+        return cls(
+            -0.5 * scanner.num_detector_pixels * scanner.detector_pitch_mm,
+            scanner.detector_pitch_mm * binned,
+            scanner.num_detector_pixels // binned,
+        )
+
+
+def clears(phantom_radius_mm: float, frame: SourceFrame) -> bool:
+    """Whether a phantom of this radius around the COR stays in front of the source, along the detector normal."""
+    return frame.source_distance_mm * math.cos(frame.tilt_rad) > 1.02 * phantom_radius_mm
+
+
+def _check(phantom: Phantom, frame: SourceFrame, position_mm: Position) -> None:
+    reach = phantom.radius_mm + float(np.hypot(*np.transpose(position_mm)).max(initial=0.0))
+    if not clears(reach, frame):
+        raise GeometryError(
+            f"the phantom {phantom.name!r} reaches {reach:.4g} mm from the centre of rotation, so far that it touches "
+            f"the source at {frame.source_distance_mm:.4g} mm (tilt {frame.tilt_rad:.3g} rad)"
+        )
+
+
+def project(
+    phantom: Phantom,
+    cells: DetectorCells,
+    frame: SourceFrame,
+    angles_rad: FloatArray,
+    *,
+    position_mm: Position = (0.0, 0.0),
+    rays_per_cell: int | None = None,
+) -> FloatArray:
+    """The phantom's sinogram.
+
+    Parameters
+    ----------
+    phantom : Phantom
+        Moved by `position_mm` in the image frame: (x, y), or (views, 2) where it differs from view to view.
+    cells : DetectorCells
+        Where the cells lie.
+    frame : SourceFrame
+        The geometry.
+    angles_rad : (views,) float64
+        View angles as the scanner's sense of rotation reads them.
+    rays_per_cell : int, optional
+        The number of equidistant rays a cell; by default the mean over the whole cell.
+
+    Returns
+    -------
+    (views, cells) float64
+        Line integrals, mm times density.
+
+    Raises
+    ------
+    GeometryError
+        If the phantom reaches the source.
+    """
+    _check(phantom, frame, position_mm)
+    out = np.empty((angles_rad.size, cells.count))
+    kernel = kernels.project_in_one_thread if out.size < WORTH_THREADS else kernels.project
+    kernel(*kernel_arguments(phantom, cells, frame, angles_rad, position_mm, rays_per_cell), out)
+    return out
+
+
+def project_with_derivative(
+    phantom: Phantom,
+    cells: DetectorCells,
+    frame: SourceFrame,
+    angles_rad: FloatArray,
+    *,
+    position_mm: Position = (0.0, 0.0),
+    rays_per_cell: int | None = None,
+) -> tuple[FloatArray, FloatArray]:
+    """As `project`, and the derivative by (psi, R, SDD, u_c, tau, t_x, t_y): (views, cells), (7, views, cells)."""
+    _check(phantom, frame, position_mm)
+    out = np.empty((PARAMETERS + 1, angles_rad.size, cells.count))
+    kernels.project_with_derivative(
+        *kernel_arguments(phantom, cells, frame, angles_rad, position_mm, rays_per_cell), out
+    )
+    return out[PARAMETERS], out[:PARAMETERS]
+
+
+def project_with_deformations(
+    phantom: Phantom,
+    cells: DetectorCells,
+    frame: SourceFrame,
+    angles_rad: FloatArray,
+    *,
+    position_mm: Position = (0.0, 0.0),
+    rays_per_cell: int | None = None,
+) -> FloatArray:
+    """What `project_with_derivative` gives, and what the wood may differ by: (12, views, cells).
+
+    Rows: the seven derivatives; the projection; the first moments (integrals of x and of y along the ray); the
+    derivatives by aspect (x longer and y shorter by half of it, in the drawing's axes, about its origin) and by shear.
+    """
+    _check(phantom, frame, position_mm)
+    out = np.empty((kernels.ROWS, angles_rad.size, cells.count))
+    kernels.project_with_derivative(
+        *kernel_arguments(phantom, cells, frame, angles_rad, position_mm, rays_per_cell), out
+    )
+    return out
+
+
+def blur_taps(width_cells: float) -> FloatArray:
+    """The discrete Gaussian of this standard deviation, middle first: exp(-t) I_j(t), t its square (Lindeberg 1990).
+
+    Unlike samples of a Gaussian it has the variance asked for, however narrow, and its cosine transform is
+    exp(t (cos w - 1)).
+    """
+    taps = np.asarray(scipy.special.ive(np.arange(math.ceil(4.5 * width_cells) + 2), width_cells**2), np.float64)
+    normalised: FloatArray = taps / (2.0 * taps.sum() - taps[0])
+    return normalised
+
+
+def gram(
+    phantom: Phantom,
+    cells: DetectorCells,
+    frame: SourceFrame,
+    angles_rad: FloatArray,
+    sinogram: FloatArray,
+    *,
+    position_mm: Position = (0.0, 0.0),
+    rays_per_cell: int | None = None,
+    weights: FloatArray | None = None,
+) -> FloatArray:
+    """Inner products over the cells, per view, of (seven derivatives, projection, 1, sinogram): (views, 10, 10).
+
+    This is all that least squares needs, without ever storing the derivative. `weights` (views, cells) multiply each
+    cell's products; None weighs all alike.
+    """
+    _check(phantom, frame, position_mm)
+    out = np.empty((angles_rad.size, kernels.TERMS, kernels.TERMS))
+    arguments = kernel_arguments(phantom, cells, frame, angles_rad, position_mm, rays_per_cell)
+    kernel = kernels.gram_in_one_thread if sinogram.size < WORTH_THREADS else kernels.gram
+    kernel(*arguments, sinogram, np.empty((0, 0)) if weights is None else weights, out)
+    return out
+
+
+def kernel_arguments(
+    phantom: Phantom,
+    cells: DetectorCells,
+    frame: SourceFrame,
+    angles_rad: FloatArray,
+    position_mm: Position,
+    rays_per_cell: int | None,
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, float, float, int]:
+    """Return what every kernel takes first."""
+    positions = np.empty((2, angles_rad.size))
+    positions.T[:] = position_mm
+    return (
+        phantom.edges,
+        phantom.discs,
+        to_vector(frame),
+        *positions,
+        np.ascontiguousarray(angles_rad, np.float64),
+        cells.first_border_mm,
+        cells.width_mm,
+        rays_per_cell or 0,
+    )

@@ -1,0 +1,1 @@
+"""Reconstruction: from sinograms to images of a log's slices."""

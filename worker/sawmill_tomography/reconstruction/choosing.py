@@ -1,0 +1,194 @@
+"""Which method for which data: method="auto"."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from sawmill_tomography.geometry.geometry import TAU, FanBeamGeometry, FloatArray, all_round
+from sawmill_tomography.geometry.image_grid import ImageGrid
+from sawmill_tomography.reconstruction import cost
+from sawmill_tomography.reconstruction.method import FittedMethod
+from sawmill_tomography.reconstruction.methods import METHODS
+from sawmill_tomography.sinograms.noise import estimated_noise
+from sawmill_vocabulary import Preference, ReconstructionMethod
+
+# What `quality` may cost on two cores: seconds for a slice of this size; more pixels may cost more.
+PRICE_SECONDS, PRICE_SIZE = 0.1, 256
+# From here `speed` takes filtered back-projection.
+SPEED_VIEWS = 90
+# Views are left out of a scan down to this number, the least that was measured.
+LEAST_VIEWS = 20
+# Relative errors with the parameters that each method chooses: the geometric mean over four simulated logs, by views
+# and by noise as a share of the signal (benchmarks/expected_error.py). The Cauchy MAP is beyond the price from 20 views
+# on and was not measured beyond 45; there its error is taken to stay.
+VIEWS = (20, 45, 90, 180, 360)
+NOISES = (0.005, 0.02, 0.08)
+EXPECTED_ERRORS: Mapping[ReconstructionMethod, tuple[tuple[float, ...], ...]] = MappingProxyType(
+    {
+        ReconstructionMethod.FBP: (
+            (0.3192, 0.3411, 0.5779),
+            (0.1345, 0.1569, 0.3487),
+            (0.0732, 0.0923, 0.2387),
+            (0.0556, 0.0681, 0.1695),
+            (0.0520, 0.0588, 0.1242),
+        ),
+        ReconstructionMethod.TIKHONOV: (
+            (0.1754, 0.1885, 0.2444),
+            (0.1006, 0.1216, 0.1978),
+            (0.0574, 0.0892, 0.1733),
+            (0.0350, 0.0691, 0.1487),
+            (0.0223, 0.0530, 0.1255),
+        ),
+        ReconstructionMethod.TOTAL_VARIATION: (
+            (0.0479, 0.0583, 0.0948),
+            (0.0328, 0.0441, 0.0760),
+            (0.0226, 0.0365, 0.0650),
+            (0.0188, 0.0307, 0.0558),
+            (0.0166, 0.0256, 0.0480),
+        ),
+        ReconstructionMethod.CAUCHY_MAP: (
+            (0.0564, 0.0726, 0.1095),
+            (0.0364, 0.0504, 0.0887),
+        ),
+    }
+)
+# The logs of the table were measured with pixels and cells (at the rotation centre) of this size.
+MEASURED_PIXEL_MM, MEASURED_CELL_MM = 3.125, 1.702
+
+
+@dataclass(frozen=True)
+class Recommendation:
+    """A method and, in one sentence, why.
+
+    Attributes
+    ----------
+    view_step : int
+        Every view_step-th of the views, in the order of their angles, fits into the price.
+    expected_error : float or None
+        Relative error of simulated logs; None where the views do not go all round.
+    """
+
+    method: ReconstructionMethod
+    view_step: int
+    expected_error: float | None
+    reason: str
+
+
+@dataclass(frozen=True)
+class _Candidate:
+    """A method with every step-th view: what to expect of it, and its seconds a slice."""
+
+    method: ReconstructionMethod
+    step: int
+    views: int
+    error: float
+    seconds: float
+
+
+def noise_share(sinogram: ArrayLike) -> float:
+    """The noise of a sinogram (views, detector) as a share of its root mean square."""
+    data = np.ascontiguousarray(sinogram, np.float32)
+    return estimated_noise(data) / max(float(np.sqrt(np.mean(np.square(data, dtype=np.float64)))), 1e-30)
+
+
+def expected_error(method: ReconstructionMethod, views: int, noise: float) -> float:
+    """Relative error of a method by `EXPECTED_ERRORS`, interpolated in logarithms; beyond the table, its border.
+
+    Parameters
+    ----------
+    noise : float
+        As a share of the signal, as `comparable_noise` gives it.
+    """
+    rows = np.log(EXPECTED_ERRORS[method])
+    by_views = [np.interp(np.log(noise), np.log(NOISES), row) for row in rows]
+    return float(np.exp(np.interp(np.log(views), np.log(VIEWS[: len(rows)]), by_views)))
+
+
+def comparable_noise(geometry: FanBeamGeometry, grid: ImageGrid, share: float) -> float:
+    """A share of noise in the pixels and cells of the table.
+
+    A ray's noise counts against the attenuation of one pixel, and is averaged over the cells that a pixel covers.
+    """
+    cell_mm = geometry.scanner.detector_pitch_mm / geometry.frame.magnification
+    pixel = grid.pixel_mm / MEASURED_PIXEL_MM
+    return share / pixel * float(np.sqrt(cell_mm / MEASURED_CELL_MM / pixel))
+
+
+def seconds_a_slice(method: ReconstructionMethod, views: int, cells: int, size: int) -> float:
+    """What each slice of a long log costs on two cores, by the model of `cost`."""
+    kind = METHODS[method]
+    if issubclass(kind, FittedMethod):
+        return cost.fitted_seconds_a_slice(kind.pairs_a_slice, views, cells, size)
+    return cost.seconds_a_slice(views, cells, size)
+
+
+def recommend(
+    geometry: FanBeamGeometry,
+    sinogram: ArrayLike,
+    grid: ImageGrid,
+    *,
+    fitted_size: int,
+    prefer: Preference = Preference.QUALITY,
+) -> Recommendation:
+    """The method for a sinogram (views, detector), by its views, its noise and the price in time.
+
+    Parameters
+    ----------
+    grid : ImageGrid
+        That of the slices.
+    fitted_size : int
+        Side of a square of as many pixels as fitted methods need, which hold all of the log.
+    """
+    share = noise_share(sinogram)
+    candidates = list(_candidates(geometry, comparable_noise(geometry, grid, share), grid.size, fitted_size))
+    direct = next((one for one in candidates if one.method is ReconstructionMethod.FBP), None)
+    if prefer is Preference.SPEED and direct is not None and direct.views >= SPEED_VIEWS:
+        return Recommendation(direct.method, 1, direct.error, f"speed was preferred: {_words(direct, geometry)}")
+    # A small region of a large log is worth what the log is worth: its rays cross all of it.
+    price = PRICE_SECONDS * (max(grid.size, fitted_size) / PRICE_SIZE) ** 2
+    affordable = [one for one in candidates if one.seconds <= price]
+    if not affordable:
+        cheapest = min(candidates, key=lambda one: one.seconds)
+        reason = f"nothing costs less than {_milliseconds(price)} a slice; the least: {_words(cheapest, geometry)}"
+        return Recommendation(cheapest.method, cheapest.step, cheapest.error, reason)
+    best = min(affordable, key=lambda one: one.error)
+    if direct is None:
+        reason = f"the views leave a gap that filtered back-projection cannot bridge: {_words(best, geometry)}"
+        return Recommendation(best.method, best.step, None, reason)
+    reason = f"the lowest expected error within {_milliseconds(price)} a slice with {100.0 * share:.2g} % noise: "
+    others = "" if best is direct else f"; {_words(direct, geometry)}"
+    return Recommendation(best.method, best.step, best.error, reason + _words(best, geometry) + others)
+
+
+def views_of_step(angles_rad: FloatArray, step: int) -> np.ndarray[tuple[int], np.dtype[np.intp]]:
+    """Indices of every step-th view in the order of the angles, as they come in the scan."""
+    return np.sort(np.argsort(np.mod(angles_rad, TAU), kind="stable")[::step])
+
+
+def _candidates(geometry: FanBeamGeometry, noise: float, size: int, fitted_size: int) -> Iterator[_Candidate]:
+    views, cells = geometry.sinogram_shape
+    for method in EXPECTED_ERRORS:
+        fitted = issubclass(METHODS[method], FittedMethod)
+        if not (fitted or all_round(geometry.angles_rad)):
+            continue
+        pixels = fitted_size if fitted else size
+        for step in range(1, max(views // LEAST_VIEWS, 1) + 1) if fitted else (1,):
+            used = -(-views // step)
+            seconds = seconds_a_slice(method, used, cells, pixels)
+            yield _Candidate(method, step, used, expected_error(method, used, noise), seconds)
+
+
+def _words(one: _Candidate, geometry: FanBeamGeometry) -> str:
+    name = one.method.value
+    views = geometry.angles_rad.size
+    of = f"{one.views} views" if one.step == 1 else f"{one.views} of the {views} views"
+    if not all_round(geometry.angles_rad):
+        return f"{name} from {of}, {_milliseconds(one.seconds)}"
+    return f"{name} from {of}, relative error {one.error:.2g}, {_milliseconds(one.seconds)}"
+
+
+def _milliseconds(seconds: float) -> str:
+    return f"{float(f'{1e3 * seconds:.2g}'):g} ms"

@@ -1,0 +1,197 @@
+"""Coarse to fine: a convex objective descends with large pixels first, and from there with its own.
+
+Large pixels and wide detector cells cost a fourth at each level, and most of the way to the minimum is a matter of
+large shapes. Where the minimum lies does not depend on it.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from sawmill_tomography.geometry.geometry import FanBeamGeometry, Scanner
+from sawmill_tomography.geometry.image_grid import ImageGrid
+from sawmill_tomography.projection.projector import Projector
+from sawmill_tomography.reconstruction.iterative import descent
+from sawmill_tomography.reconstruction.iterative.coupled import CoupledObjective, descend_coupled
+from sawmill_tomography.reconstruction.iterative.descent import Floats, Images, Minimum
+from sawmill_tomography.reconstruction.iterative.first_image import mean_along_rays
+from sawmill_tomography.reconstruction.iterative.penalised import (
+    HalvedInverseCurvature,
+    InverseCurvature,
+    Objective,
+    descend,
+)
+from sawmill_tomography.reconstruction.iterative.progress import OnProgress, Phases
+
+# The constants of this file were measured with benchmarks/slice_price.py.
+# Iterations with pixels of four and of two times the size; large shapes that are not at rest there rest slowly later.
+ITERATIONS = (14, 40)
+# Iterations with the own pixels and pairs of cells.
+PAIRED_ITERATIONS = 6
+# Of the levels before the last one.
+COARSER_TOLERANCE = 1e-4
+# Pairs of cells show what the pixels can where they are no wider than this many of them.
+PAIR_PIXELS = 1.25
+# What the guess of the inverse curvature is worth in the first step from the mean along the rays, and from the image of
+# the level before, whose differences are mostly edges: steps that are too long cost a projection each.
+FROM_MEAN, FROM_LEVEL = 0.2, 0.05
+# Sizes that can be halved so often.
+MULTIPLE = 2 ** len(ITERATIONS)
+# Fewer pixels across show no log.
+LEAST_SIZE = 32
+# An iteration from the image of the level before begins near the minimum: this many that gain too little end a descent.
+WINDOW = 2
+
+
+@dataclass(frozen=True, eq=False)
+class Level:
+    """A step on the way to the minimum: an objective with larger pixels or wider cells, and its iterations.
+
+    Attributes
+    ----------
+    cost : float
+        Of an iteration, relative to one of the objective itself.
+    """
+
+    objective: Objective
+    iterations: int
+    cost: float
+
+
+def descend_by_levels(
+    objective: Objective,
+    start: Images | None = None,
+    *,
+    non_negative: bool,
+    iterations: int,
+    tolerance: float,
+    usual: int,
+    coupling: Floats | None = None,
+    on_progress: OnProgress | None = None,
+) -> Minimum:
+    """Minimise from a near image (images, n, n), or by way of larger pixels from the mean along the rays.
+
+    Parameters
+    ----------
+    iterations, tolerance
+        Of the last level.
+    usual : int
+        Iterations of the last level after which most logs have converged.
+    coupling : (images - 1,) float64, optional
+        As of `CoupledObjective`, of neighbouring slices; by default each image is by itself.
+    on_progress : callable, optional
+        Called with the share of the work that is done.
+    """
+    levels = [] if start is not None else coarser_levels(objective)
+    names = [f"level {n}" for n in range(len(levels))]
+    costs = {name: level.cost * level.iterations for name, level in zip(names, levels, strict=True)}
+    phases = Phases(on_progress, **costs, last=usual)
+    scale = FROM_LEVEL
+    if start is None:
+        scale, first = FROM_MEAN, levels[0].objective if levels else objective
+        start = mean_along_rays(first.projector, first.lines)
+    for name, level in zip(names, levels, strict=True):
+        found = _descend(
+            level.objective,
+            coupling,
+            _on_grid_of(level.objective, start),
+            non_negative=non_negative,
+            iterations=level.iterations,
+            tolerance=COARSER_TOLERANCE,
+            first_scale=scale,
+            window=WINDOW,
+            on_iteration=phases.descent(name, level.iterations),
+        )
+        start, scale = found.images, FROM_LEVEL
+    start = _on_grid_of(objective, start)
+    return _descend(
+        objective,
+        coupling,
+        start,
+        non_negative=non_negative,
+        iterations=iterations,
+        tolerance=tolerance,
+        first_scale=scale,
+        window=WINDOW if levels else descent.WINDOW,
+        on_iteration=phases.descent("last", usual),
+    )
+
+
+def _descend(objective: Objective, coupling: Floats | None, start: Images, **settings: Any) -> Minimum:  # noqa: ANN401
+    curvature = InverseCurvature if objective.projector.grid.size % 2 else HalvedInverseCurvature
+    if coupling is None or not coupling.any():
+        return descend(objective, start, **settings, preconditioner=curvature)
+    coupled = CoupledObjective(objective, coupling)
+    return descend_coupled(coupled, start, **settings, curvature=curvature(objective))
+
+
+def coarser_levels(objective: Objective) -> list[Level]:
+    """The way to an objective, the largest pixels first; none where they would be too few."""
+    levels, cost = list[Level](), 1.0
+    if _can_be_halved(objective) and _has_narrow_cells(objective):
+        objective = with_pairs_of_cells(objective)
+        cost *= 0.5
+        levels.insert(0, Level(objective, PAIRED_ITERATIONS, cost))
+    for iterations in reversed(ITERATIONS):
+        if not _can_be_halved(objective):
+            break
+        objective = coarser(objective)
+        cost *= 0.25
+        levels.insert(0, Level(objective, iterations, cost))
+    return levels
+
+
+def _can_be_halved(objective: Objective) -> bool:
+    size = objective.projector.grid.size
+    return size % 2 == 0 and size // 2 >= LEAST_SIZE
+
+
+def _has_narrow_cells(objective: Objective) -> bool:
+    geometry = objective.projector.geometry
+    pair_mm = 2.0 * geometry.scanner.detector_pitch_mm / geometry.frame.magnification
+    return geometry.scanner.num_detector_pixels % 2 == 0 and pair_mm <= PAIR_PIXELS * objective.projector.grid.pixel_mm
+
+
+def coarser(objective: Objective) -> Objective:
+    """The objective with pixels of twice the size, and pairs of detector cells as one where their number is even."""
+    if objective.projector.geometry.scanner.num_detector_pixels % 2 == 0:
+        objective = with_pairs_of_cells(objective)
+    projector, grid, prior = objective.projector, objective.projector.grid, objective.prior
+    return replace(
+        objective,
+        projector=Projector(projector.geometry, ImageGrid(grid.size // 2, grid.field_mm, grid.centre_mm)),
+        # An edge passes half as many pixels.
+        prior=replace(prior, strength=2.0 * prior.strength),
+    )
+
+
+def with_pairs_of_cells(objective: Objective) -> Objective:
+    """The objective with pairs of detector cells as one: the weighted mean of the lines, and the sum of the weights."""
+    geometry, scanner = objective.projector.geometry, objective.projector.geometry.scanner
+    wide = Scanner(scanner.source_to_cor_mm, scanner.num_detector_pixels // 2, 2.0 * scanner.detector_pitch_mm)
+    projector = Projector(FanBeamGeometry(wide, geometry.theta, geometry.angles_rad), objective.projector.grid)
+    lines = objective.lines
+    weights = np.broadcast_to(objective.weights, np.broadcast_shapes(objective.weights.shape, lines.shape))
+    total = weights[..., ::2] + weights[..., 1::2]
+    both = lines[..., ::2] * weights[..., ::2] + lines[..., 1::2] * weights[..., 1::2]
+    mean = np.divide(both, total, out=np.zeros_like(both), where=total > 0.0)
+    return replace(objective, projector=projector, lines=mean, weights=total)
+
+
+def _on_grid_of(objective: Objective, images: Images) -> Images:
+    """The images, with pixels of half the size where the objective has these."""
+    return images if images.shape[1] == objective.projector.grid.size else finer(images)
+
+
+def finer(images: Images) -> Images:
+    """Images (images, n, n) with pixels of half the size, (images, 2 n, 2 n), interpolated linearly."""
+    for axis in (1, 2):
+        n = images.shape[axis]
+        padded = np.take(images, np.clip(np.arange(-1, n + 1), 0, n - 1), axis=axis)
+        here, before, after = (np.take(padded, np.arange(first, first + n), axis=axis) for first in (1, 0, 2))
+        both = np.stack([0.75 * here + 0.25 * before, 0.75 * here + 0.25 * after], axis=axis + 1)
+        shape = list(images.shape)
+        shape[axis] *= 2
+        images = both.reshape(shape)
+    return images

@@ -1,0 +1,158 @@
+"""Cross-validation: candidates are compared by how well their images predict views and rays that were left out."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from sawmill_tomography.projection.projector import Image, Projector
+from sawmill_tomography.reconstruction.iterative.descent import Floats, Images
+from sawmill_tomography.reconstruction.iterative.penalised import (
+    CONTINUATION_ITERATIONS,
+    Objective,
+    continuation,
+    descend,
+)
+from sawmill_tomography.reconstruction.iterative.progress import OnProgress, counting_iterations, part_of
+
+# The validation data of a fold: a fifth of the views, and a tenth of the rays of the others.
+FOLDS = 5
+VALIDATION_RAYS_SHARE = 0.1
+# The descents need not converge further to rank the candidates (benchmarks/choosing.py).
+TOLERANCE = 1e-3
+# The folds are part of the method: equal data give equal answers.
+SEED = 20
+
+
+@dataclass(frozen=True, eq=False)
+class ValidationErrors:
+    """The errors of the candidates, in r = (A x - y) / noise.
+
+    Attributes
+    ----------
+    in_views : (candidates,) float64
+        Mean over the validation views of the power of r along the detector, each frequency w weighted by |w|^exponent.
+        With the exponent 1 it is the error of the image itself in the directions of those views (Natterer 2001, section
+        2.1), with a larger one mostly that of its edges. 1 where there is one view only, which is not left out.
+    in_rays : (candidates,) float64
+        Mean of r^2 over the validation rays of the other views: the error of the image in the directions that it was
+        made from.
+    images : (folds, candidates, n, n) float32
+        Made without the validation data of each fold.
+    """
+
+    in_views: Floats
+    in_rays: Floats
+    images: Images
+
+
+def parabola_minimum(candidates: Floats, errors: Floats) -> tuple[float, float]:
+    """The best candidate and its error: the minimum of the parabola through the best sample and its neighbours.
+
+    In the logarithm of the candidates, which increase and are equidistant there. At an end, that end.
+    """
+    at = int(np.argmin(errors))
+    if not 0 < at < candidates.size - 1:
+        return float(candidates[at]), float(errors[at])
+    low, mid, high = errors[at - 1 : at + 2]
+    step = 0.5 * (low - high) / (low - 2.0 * mid + high)
+    ratio = candidates[at + 1] / candidates[at]
+    return float(candidates[at] * ratio**step), float(mid - 0.25 * (low - high) * step)
+
+
+def first_images_of_folds(
+    objective: Objective, start: Image, *, non_negative: bool, on_progress: OnProgress | None = None
+) -> Images:
+    """The image of `continuation` without the validation data of each fold, (folds, n, n), from (n, n)."""
+    weights = np.concatenate([fold.training(objective).weights for fold in _folds(objective.projector)])
+    return continuation(
+        replace(objective, weights=weights, prior=objective.prior.repeated(len(weights))),
+        np.repeat(start[None], len(weights), axis=0),
+        non_negative=non_negative,
+        tolerance=TOLERANCE,
+        on_iteration=counting_iterations(part_of(on_progress, 0.0, 1.0), CONTINUATION_ITERATIONS),
+    )
+
+
+def cross_validate(
+    objective: Objective,
+    noise: Floats,
+    starts: Images,
+    *,
+    exponent: float,
+    iterations: int,
+    non_negative: bool,
+    on_progress: OnProgress | None = None,
+) -> ValidationErrors:
+    """Reconstruct one slice with all candidates, in folds that each leave out other views and rays.
+
+    Parameters
+    ----------
+    objective : Objective
+        With one sinogram, and the weights and the prior of each candidate.
+    noise : float64, broadcasts with (views, detector)
+    starts : (folds, n, n) float32
+        Made without the validation data of each fold, by `first_images_of_folds` or an earlier cross-validation.
+    on_progress : callable, optional
+        Called with the share of the work that is done.
+    """
+    projector, count = objective.projector, objective.prior.scale.size
+    found, in_views, in_rays, rays = [], np.zeros(count), np.zeros(count), 0
+    for index, (fold, start) in enumerate(zip(_folds(projector), starts, strict=True)):
+        images = descend(
+            fold.training(objective),
+            np.repeat(start[None], count, axis=0),
+            non_negative=non_negative,
+            iterations=iterations,
+            tolerance=TOLERANCE,
+            on_iteration=counting_iterations(part_of(on_progress, index / len(starts), 1.0 / len(starts)), iterations),
+        ).images
+        residual = np.where(projector.crossing, (projector.forward(images) - objective.lines) / noise, 0.0)
+        in_views += power_along_detector(residual[:, fold.views], exponent)
+        in_rays += np.square(residual[:, fold.rays]).sum(axis=1)
+        rays += int(fold.rays.sum())
+        found.append(images)
+    views = projector.geometry.angles_rad.size
+    return ValidationErrors(in_views / views if len(starts) > 1 else np.ones(count), in_rays / rays, np.stack(found))
+
+
+@dataclass(frozen=True, eq=False)
+class _Fold:
+    """Validation data that are left out together.
+
+    Attributes
+    ----------
+    views : (views,) bool
+    rays : (views, detector) bool
+        Of other views.
+    """
+
+    views: NDArray[np.bool_]
+    rays: NDArray[np.bool_]
+
+    def training(self, objective: Objective) -> Objective:
+        """The objective of all other data."""
+        left_out = self.rays | self.views[:, None]
+        return replace(objective, weights=np.where(left_out, np.float32(0.0), objective.weights))
+
+
+def _folds(projector: Projector) -> Iterator[_Fold]:
+    """One of each FOLDS neighbouring views in turn, in random order; a single view is not left out."""
+    rng = np.random.default_rng(SEED)
+    crossing = projector.crossing
+    views = len(crossing)
+    count = min(FOLDS, views)
+    fold_of_view = np.concatenate([rng.permutation(count) for _ in range(-(-views // count))])[:views]
+    for fold in range(count):
+        left_out = (fold_of_view == fold) & (count > 1)
+        rays = crossing & ~left_out[:, None] & (rng.uniform(size=crossing.shape) < VALIDATION_RAYS_SHARE)
+        yield _Fold(left_out, rays)
+
+
+def power_along_detector(residual: Floats, exponent: float) -> Floats:
+    """Sum over the views of (candidates, views, detector) of the power, weighted by |w|^exponent; (candidates,)."""
+    cells = residual.shape[-1]
+    power = np.square(np.abs(scipy.fft.rfft(residual, 2 * cells, axis=-1))).sum(axis=1)
+    return np.asarray(power @ scipy.fft.rfftfreq(2 * cells) ** exponent / cells)

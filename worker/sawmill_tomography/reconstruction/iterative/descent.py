@@ -1,0 +1,204 @@
+"""Projected limited-memory quasi-Newton descent for several images side by side."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sawmill_tomography.reconstruction.iterative import _descent_numba as kernels
+
+Images = NDArray[np.float32]
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
+Shape = tuple[int, ...]
+# Objective (named,) and gradient (named, n, n) of images (named, n, n); the indices say which problems they belong to.
+Objective = Callable[[Images, Indices], tuple[Floats, Images]]
+# Called after each iteration with the number done and the largest number allowed.
+OnIteration = Callable[[int, int], None]
+
+MEMORY = 6
+# A step must gain this share of what the slope predicts (Nocedal and Wright 2006, section 3.1) ...
+ARMIJO = 1e-4
+# ... less the rounding of the objective in single precision.
+ROUNDING = 1e-7
+SHRINK = 0.4
+SHORTEST = 1e-8
+# Slow steps come in runs: a descent has converged when this many iterations together gain too little.
+WINDOW = 8
+# Iterations after which the preconditioner is updated to the images. This and WINDOW: benchmarks/iterative.py.
+REFRESH = 4
+# Iterations at first after each of which its size is updated: a warm start takes shorter steps from there.
+SIZED = 3
+
+
+class Preconditioner(Protocol):
+    """An approximation of an objective's inverse Hessian: scaling * smoothed(scaling * gradient)."""
+
+    def scaling(self, images: Images, which: Indices) -> Images:
+        """A factor for each pixel at these images (named, n, n); positive."""
+
+    def smoothed(self, images: Images, which: Indices) -> Images:
+        """A fixed symmetric positive definite operator on images (named, n, n)."""
+
+
+@dataclass(frozen=True)
+class Minimum:
+    """Where the descent ended.
+
+    Attributes
+    ----------
+    images : (problems, n, n) float32
+    values : (problems,) float64
+        The objective there.
+    iterations : (problems,) int64
+    converged : (problems,) bool
+        Whether the last iterations gained less than the tolerance, rather than their number running out.
+    """
+
+    images: Images
+    values: Floats
+    iterations: Indices
+    converged: NDArray[np.bool_]
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """The cure for problems that had not converged."""
+        late = int((~self.converged).sum())
+        if not late:
+            return ()
+        return (f"{late} of {self.converged.size} slices were still improving when the iterations ran out: allow more",)
+
+
+class _History:
+    """Steps and changes of gradient, a ring for each problem."""
+
+    def __init__(self, problems: int, shape: Shape) -> None:
+        self.shape = shape
+        pixels = math.prod(shape)
+        # Not zeroed: where a ring ends early, nothing of its rest is touched.
+        self.steps = np.empty((problems, MEMORY, pixels), np.float32)
+        self.changes = np.empty_like(self.steps)
+        self.products = np.ones((problems, MEMORY, MEMORY))
+        self.taken = np.zeros((problems, MEMORY))
+        # The preconditioner's scaling, and a factor for each problem.
+        self.scaling = np.ones((problems, pixels), np.float32)
+        self.scales = np.ones(problems)
+        self.used = np.zeros(problems, np.int64)
+        self.newest = np.full(problems, MEMORY - 1, np.int64)
+
+    def scale(self, preconditioner: Preconditioner | None, which: Indices) -> None:
+        """Scale the preconditioner to the size that the last change of gradient shows, s . y / y . H y."""
+        known = which[self.used[which] > 0]
+        if known.size == 0:
+            return
+        newest = self.newest[known]
+        change = self.changes[known, newest] * self.scaling[known]
+        smoothed = change
+        if preconditioner is not None:
+            smoothed = preconditioner.smoothed(change.reshape(-1, *self.shape), known).reshape(change.shape)
+        self.scales[known] = self.products[known, newest, newest] / np.vecdot(change, smoothed)
+
+
+def minimise(
+    objective: Objective,
+    start: Images,
+    *,
+    lower: float,
+    iterations: int,
+    tolerance: float,
+    window: int = WINDOW,
+    preconditioner: Preconditioner | None = None,
+    first_scale: float = 1.0,
+    on_iteration: OnIteration | None = None,
+) -> Minimum:
+    """Minimise each problem's objective over images with every pixel at or above `lower` (-inf for no bound).
+
+    Pixels at the bound whose gradient pushes outwards stay there, the others take a quasi-Newton step that is bent
+    along the bound (Bertsekas 1982, two-metric projection). Each problem has its own history, step length and end.
+
+    Parameters
+    ----------
+    start : (problems, n, n) or (problems, slices, n, n) float32
+        What belongs to one problem has one step length and one end.
+    tolerance : float
+        A problem is done when `window` iterations together lower its objective by less than this share of it.
+    preconditioner : Preconditioner, optional
+        By default the identity.
+    first_scale : float
+        What the preconditioner is multiplied by in the first step, which no change of gradient scales.
+    """
+    problems, shape = len(start), start.shape[1:]
+    x = np.maximum(start, np.float32(lower)).reshape(problems, -1)
+    every = np.arange(problems, dtype=np.int64)
+    values, gradient = _evaluate(objective, x, every, shape)
+    history = _History(problems, shape)
+    history.scales *= first_scale
+    if preconditioner is None:
+        # Without curvature yet, the first step is to gain a thousandth of the objective; a little where that is zero.
+        steepness = np.maximum(np.einsum("bp,bp->b", gradient, gradient, dtype=np.float64), 1e-300)
+        history.scales = np.maximum(1e-3 * np.abs(values), 1e-6 * np.sqrt(steepness)) / steepness
+    past = np.full((window, problems), np.inf)
+    done = np.zeros(problems, np.int64)
+    converged = np.zeros(problems, bool)
+    for iteration in range(iterations):
+        active = every[~converged]
+        if active.size == 0:
+            break
+        past[iteration % window] = values
+        if preconditioner is not None and iteration % REFRESH == 0:
+            history.scaling[active] = preconditioner.scaling(x[active].reshape(-1, *shape), active).reshape(
+                active.size, -1
+            )
+        if preconditioner is None or iteration % REFRESH == 0 or iteration < SIZED:
+            history.scale(preconditioner, active)
+        _step(objective, preconditioner, history, x, gradient, values, active, lower)
+        done[active] = iteration + 1
+        earlier = past[(iteration + 1) % window, active]
+        converged[active] = earlier - values[active] < tolerance * np.abs(values[active])
+        if on_iteration is not None:
+            on_iteration(iteration + 1, iterations)
+    return Minimum(x.reshape(start.shape), values, done, converged)
+
+
+def _evaluate(objective: Objective, x: Images, which: Indices, shape: Shape) -> tuple[Floats, Images]:
+    values, gradient = objective(x.reshape(-1, *shape), which)
+    return values, gradient.reshape(len(x), -1)
+
+
+def _step(
+    objective: Objective,
+    preconditioner: Preconditioner | None,
+    history: _History,
+    x: Images,
+    gradient: Images,
+    values: Floats,
+    active: Indices,
+    lower: float,
+) -> None:
+    """One accepted step of each active problem, to new images, gradients and values."""
+    rings = history.steps, history.changes, history.products, history.used, history.newest, history.taken
+    direction = np.empty((active.size, x.shape[1]), np.float32)
+    kernels.first_recursion(active, x, gradient, lower, history.scaling, *rings, direction)
+    if preconditioner is not None:
+        direction = preconditioner.smoothed(direction.reshape(-1, *history.shape), active).reshape(direction.shape)
+    kernels.second_recursion(active, x, gradient, lower, history.scaling, history.scales, *rings, direction)
+    lengths = np.ones(active.size)
+    trying = np.arange(active.size)
+    while trying.size:
+        which = active[trying]
+        trial = np.empty((trying.size, x.shape[1]), np.float32)
+        predicted = kernels.move(which, trying, x, direction, gradient, lengths[trying], lower, trial)
+        value, slope = _evaluate(objective, trial, which, history.shape)
+        enough = values[which] + ARMIJO * predicted + ROUNDING * np.abs(values[which])
+        lengths[trying] *= SHRINK
+        short = (value > enough) & (lengths[trying] > SHORTEST)
+        taken = np.flatnonzero(~short)
+        kernels.accept(
+            which[taken], taken, trial, slope, x, gradient, history.newest, history.steps, history.changes,
+            history.products, history.used,
+        )  # fmt: skip
+        values[which[taken]] = value[taken]
+        trying = trying[short]

@@ -1,0 +1,238 @@
+"""The skeleton of the methods with an edge-preserving prior: choose, continuation, descent.
+
+The parameters are chosen from the middle slice where they are not given. Continuation in the prior's scale leads to a
+first image where the objective has many minima. The descent runs on the support region, and then on the full grid.
+Where the objective has one minimum, it runs on the support region alone, by way of larger pixels.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Generic, Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from sawmill_tomography.geometry.image_grid import ImageGrid
+from sawmill_tomography.projection.projector import Image, Projector
+from sawmill_tomography.reconstruction.estimate import Estimate
+from sawmill_tomography.reconstruction.iterative.coarse_to_fine import descend_by_levels
+from sawmill_tomography.reconstruction.iterative.descent import Floats, Images
+from sawmill_tomography.reconstruction.iterative.first_image import mean_along_rays, typical_attenuation
+from sawmill_tomography.reconstruction.iterative.penalised import CONTINUATION_ITERATIONS, Objective, continuation
+from sawmill_tomography.reconstruction.iterative.priors import Prior
+from sawmill_tomography.reconstruction.iterative.progress import OnProgress, Phases, cost_of_images
+from sawmill_tomography.reconstruction.iterative.support_region import SupportRegion, descend_from_support
+from sawmill_tomography.reconstruction.object_extent import check_shown
+from sawmill_tomography.sinograms.noise import data_misfit, noise_of_each_ray, remarks_on, rms_noise
+
+# Own pixels across one of those that show a slice's typical attenuation.
+LARGE_PIXEL = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """The data of one slice or of a block, and the pixels that explain them.
+
+    Attributes
+    ----------
+    lines : (slices, views, detector) float32
+        Line integrals whose air stands at 0.
+    noises : float64, broadcasts with lines
+        Standard deviation of each line integral; infinite of one that is left out.
+    is_block : bool
+        Whether a block was given, perhaps of one slice.
+    """
+
+    projector: Projector
+    lines: Images
+    noises: Floats
+    support: SupportRegion
+    non_negative: bool
+    is_block: bool
+
+    @classmethod
+    def of(
+        cls,
+        projector: Projector,
+        sinogram: ArrayLike,
+        noise: ArrayLike | None,
+        *,
+        non_negative: bool,
+        multiple: int = 1,
+    ) -> "Problem":
+        """Of sinograms (views, detector) or (slices, views, detector); the noise by default that of the air.
+
+        The support region's size is a multiple of the number given.
+
+        Raises
+        ------
+        GeometryError
+            If shapes do not fit, the noise is not positive, or a slice is 0 in every ray.
+        """
+        lines = projector.block(sinogram)
+        check_shown(lines)
+        noises = noise_of_each_ray(noise, lines)
+        # With the bound there is little to find in the air around the log.
+        support = SupportRegion.of(projector, lines, non_negative=non_negative, multiple=multiple)
+        return cls(projector, lines, noises, support, non_negative, np.ndim(sinogram) == 3)
+
+    @cached_property
+    def first_images(self) -> Images:
+        """A first image of each slice on the support region, (slices, n, n)."""
+        return mean_along_rays(self.support.projector, self.lines)
+
+    @cached_property
+    def typical_attenuation(self) -> Floats:
+        """Of each slice, (slices,): of first images with large pixels, which show it as well."""
+        grid = self.support.projector.grid
+        large = ImageGrid(max(grid.size // LARGE_PIXEL, 1), grid.field_mm, grid.centre_mm)
+        return typical_attenuation(mean_along_rays(Projector(self.projector.geometry, large), self.lines))
+
+
+class Choice(Protocol):
+    """Parameters chosen from one slice."""
+
+    @property
+    def image(self) -> Image:
+        """The slice (size, size), near to its image with the chosen parameters."""
+
+
+ChoiceT = TypeVar("ChoiceT", bound=Choice)
+
+
+@dataclass(frozen=True, eq=False)
+class Settings:
+    """The objective's settings for a block.
+
+    Attributes
+    ----------
+    sigmas : float64, broadcasts with (slices, views, detector)
+        Standard deviation that the density takes.
+    prior : Prior
+    parameters : mapping of str to (slices,) or (1,) float64
+        As of `Estimate`.
+    coupling : (slices - 1,) float64, optional
+        Of neighbouring slices, where the objective is convex.
+    """
+
+    sigmas: Floats
+    prior: Prior
+    parameters: Mapping[str, Floats]
+    coupling: Floats | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class EdgePreservingMethod(Generic[ChoiceT]):
+    """What a method adds to the skeleton.
+
+    Attributes
+    ----------
+    choose : callable or None
+        (projector, sinogram, *, noise, on_progress) to a choice for one slice; None where all parameters are given.
+    settings : callable
+        The settings for a block, from the choice.
+    choosing_cost : float
+        In iterations on one slice.
+    usual_iterations : int
+        Iterations after which most logs have converged.
+    convex : bool
+        Whether the objective has one minimum, to which larger pixels lead, and continuation does not.
+    as_published : bool
+        No continuation and no preconditioner: the published iterations end long before convergence, and where they end
+        is the method.
+    """
+
+    choose: Callable[..., ChoiceT] | None
+    settings: Callable[[Problem, ChoiceT | None], Settings]
+    choosing_cost: float
+    usual_iterations: int
+    convex: bool = False
+    as_published: bool = False
+
+
+def reconstruct_with_prior(
+    method: EdgePreservingMethod[ChoiceT],
+    problem: Problem,
+    *,
+    iterations: int,
+    tolerance: float,
+    on_progress: OnProgress | None = None,
+) -> Estimate:
+    """Choose what is open, and descend from a first image to the minimum of the objective.
+
+    Parameters
+    ----------
+    iterations, tolerance
+        The descent ends when its last iterations lower the objective by less than this share, or are used up.
+    on_progress : callable, optional
+        Called with the share of the work that is done, after each iteration.
+    """
+    lines, noises, non_negative = problem.lines, problem.noises, problem.non_negative
+    # The choice of a single slice comes with an image that is nearer than continuation leads.
+    has_near_image = method.choose is not None and len(lines) == 1
+    continued = not (has_near_image or method.convex or method.as_published)
+    block_cost = cost_of_images(len(lines))
+    phases = Phases(
+        on_progress,
+        choose=0.0 if method.choose is None else method.choosing_cost,
+        continuation=CONTINUATION_ITERATIONS * block_cost if continued else 0.0,
+        descent=method.usual_iterations * block_cost,
+    )
+    choice = None if method.choose is None else _from_middle_slice(method.choose, problem, phases.of("choose"))
+    settings = method.settings(problem, choice)
+    weights = np.broadcast_to(1.0 / settings.sigmas**2, lines.shape).astype(np.float32)
+    near = choice.image[None] if choice is not None and has_near_image else None
+    on_descent = phases.of("descent")
+    if method.convex:
+        found = descend_by_levels(
+            Objective(problem.support.projector, lines, weights, settings.prior),
+            near,
+            non_negative=non_negative,
+            iterations=iterations,
+            tolerance=tolerance,
+            usual=method.usual_iterations,
+            coupling=settings.coupling,
+            on_progress=on_descent,
+        )
+        found = replace(found, images=problem.support.embedded(found.images))
+    else:
+        start = problem.first_images if near is None else near
+        if continued:
+            start = continuation(
+                Objective(problem.support.projector, lines, weights, settings.prior),
+                start,
+                non_negative=non_negative,
+                tolerance=tolerance,
+                on_iteration=phases.descent("continuation", CONTINUATION_ITERATIONS),
+            )
+        found = descend_from_support(
+            Objective(problem.projector, lines, weights, settings.prior),
+            problem.support,
+            start,
+            non_negative=non_negative,
+            iterations=iterations,
+            tolerance=tolerance,
+            usual=method.usual_iterations,
+            preconditioned=not method.as_published,
+            on_progress=on_descent,
+        )
+    misfit = data_misfit(problem.projector, found.images, lines, noises)
+    shape = found.images.shape if problem.is_block else found.images.shape[1:]
+    return Estimate(
+        image=found.images.reshape(shape),
+        iterations=found.iterations,
+        converged=found.converged,
+        parameters=settings.parameters,
+        noise=rms_noise(noises),
+        misfit=misfit,
+        objective=found.values,
+        remarks=(() if method.as_published else found.remarks)
+        + remarks_on(problem.projector, found.images, misfit, lines, noises),
+    )
+
+
+def _from_middle_slice(choose: Callable[..., ChoiceT], problem: Problem, on_progress: OnProgress) -> ChoiceT:
+    middle = len(problem.lines) // 2
+    noise = np.broadcast_to(problem.noises, problem.lines.shape)[middle]
+    return choose(problem.support.projector, problem.lines[middle], noise=noise, on_progress=on_progress)

@@ -1,0 +1,197 @@
+"""Weighted least squares with an edge-preserving prior, and its descent by continuation in the prior's scale."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy
+from numba import get_num_threads
+
+from sawmill_tomography.projection.projector import Projector
+from sawmill_tomography.reconstruction.iterative import _descent_numba as kernels
+from sawmill_tomography.reconstruction.iterative import _haar_numba as haar
+from sawmill_tomography.reconstruction.iterative.descent import (
+    WINDOW,
+    Floats,
+    Images,
+    Indices,
+    Minimum,
+    OnIteration,
+    Preconditioner,
+    minimise,
+)
+from sawmill_tomography.reconstruction.iterative.priors import Prior
+
+# The Cauchy density is not log-concave: descending with this multiple of its scale first leads to lower minima. Both
+# numbers were found on simulated logs (benchmarks/choosing.py, benchmarks/iterative.py).
+CONTINUATION_FACTOR = 8.0
+CONTINUATION_ITERATIONS = 15
+# Of the random image that shows the data's curvature: equal data give equal answers.
+SEED = 22
+
+
+@dataclass(frozen=True, eq=False)
+class Objective:
+    """1/2 sum weights (A x - y)^2 + prior, for several images side by side.
+
+    Attributes
+    ----------
+    lines, weights : (images, views, detector) float32
+        The weights are 1 / sigma^2; 0 for a ray that is left out. Either may have one sinogram that serves all.
+    """
+
+    projector: Projector
+    lines: Images
+    weights: Images
+    prior: Prior
+
+    def only(self, index: int) -> "Objective":
+        """The objective of one image."""
+        which = np.array([index])
+        return replace(
+            self, lines=_of(self.lines, which), weights=_of(self.weights, which), prior=self.prior.only(index)
+        )
+
+    def __call__(self, images: Images, which: Indices) -> tuple[Floats, Images]:
+        """Values (named,) and gradients (named, n, n)."""
+        weighted = self.projector.forward(images)
+        values = kernels.weigh(weighted, self.lines, self.weights, which)
+        gradient = self.projector.adjoint(weighted)
+        return values + self.prior.add(images, which, gradient), gradient
+
+
+class InverseCurvature:
+    """Preconditioner: the inverse curvature of a flat image, scaled at each pixel by the prior's own curvature there.
+
+    For a flat image of stiffness k the curvature is c / |w| + k |w|^2 at the frequency w: that of the data, whose
+    adjoint projection blurs by 1 / |w| (Natterer 2001, section 2.1), and that of the prior. c follows from the mean
+    diagonal of A^T W A, estimated with an image of random signs.
+    """
+
+    def __init__(self, objective: Objective) -> None:
+        self._prior = objective.prior
+        n = objective.projector.grid.size
+        signs = np.random.default_rng(SEED).choice(np.array([-1.0, 1.0], np.float32), (n, n))
+        seen = np.square(objective.projector.forward(signs))
+        total = np.einsum("skm,km->s", objective.weights, seen, dtype=np.float64) / n**2
+        self._stiffness = objective.prior.even_share * objective.prior.stiffest()
+        self._data = np.broadcast_to(total, self._stiffness.shape)
+        self._inverse = self._inverse_of(*_flat_curvatures(n))
+
+    def _inverse_of(self, blur: Floats, rough: Floats) -> Images:
+        """The inverse curvature at the frequencies of a real transform."""
+        half = blur.shape[1] // 2 + 1
+        curvature = np.multiply.outer(self._data, blur[:, :half]) + np.multiply.outer(self._stiffness, rough[:, :half])
+        return np.asarray(1.0 / curvature, np.float32)
+
+    def flat(self) -> Floats:
+        """The diagonal of the curvature where all is flat, (images,)."""
+        return np.asarray(self._data + 4.0 * self._prior.stiffest())
+
+    def scaling(self, images: Images, which: Indices) -> Images:
+        """Square root of how much softer each pixel is than in a flat image, (named, n, n)."""
+        return self._prior.scaling(images, which, self._data)
+
+    def smoothed(self, images: Images, which: Indices) -> Images:
+        """The inverse curvature of a flat image, applied to images (named, n, n)."""
+        threads, shape = get_num_threads(), images.shape[1:]
+        spectrum = scipy.fft.rfft2(images, workers=threads)
+        spectrum *= self._inverse[which]
+        return np.asarray(scipy.fft.irfft2(spectrum, s=shape, workers=threads, overwrite_x=True))
+
+
+class HalvedInverseCurvature(InverseCurvature):
+    """As `InverseCurvature` of images of even size, for a third of the time.
+
+    One step of the orthonormal Haar transform splits the image into means of four pixels and their differences. Each
+    difference has one curvature, its mean over the frequencies, and only the means are transformed (Mallat 2009,
+    section 7.7).
+    """
+
+    def _inverse_of(self, blur: Floats, rough: Floats) -> Images:
+        angle = np.pi * scipy.fft.fftfreq(len(blur))
+        mean, difference = np.cos(angle) ** 2, np.sin(angle) ** 2
+
+        def of_differences(share: Floats) -> Floats:
+            shares = 4.0 * share
+            return np.asarray(1.0 / (self._data * (shares * blur).mean() + self._stiffness * (shares * rough).mean()))
+
+        self._straight = of_differences(np.multiply.outer(mean, difference))
+        self._diagonal = of_differences(np.multiply.outer(difference, difference))
+        size = len(blur) // 2
+
+        def of_means(curvature: Floats) -> Floats:
+            # What a frequency of the means shows stands for four of the pixels'.
+            shares = np.multiply.outer(mean, mean) * curvature
+            return np.asarray(shares.reshape(2, size, 2, size).sum(axis=(0, 2)))
+
+        return super()._inverse_of(of_means(blur), of_means(rough))
+
+    def smoothed(self, images: Images, which: Indices) -> Images:
+        """The inverse curvature of a flat image, applied to images (named, n, n)."""
+        size = images.shape[1] // 2
+        means, out = np.empty((len(images), size, size), np.float32), np.empty_like(images)
+        haar.means(images, means)
+        haar.join(images, super().smoothed(means, which), self._straight[which], self._diagonal[which], out)
+        return out
+
+
+def _flat_curvatures(n: int) -> tuple[Floats, Floats]:
+    """Curvature of data and of a prior over a flat image, at the frequencies of (n, n); each with its own unit."""
+    angle = 2.0 * np.pi * scipy.fft.fftfreq(n)
+    frequency = np.hypot(angle[:, None], angle)
+    frequency[0, 0] = np.pi / n
+    blur = 1.0 / frequency
+    rough = 4.0 * (np.sin(0.5 * angle)[:, None] ** 2 + np.sin(0.5 * angle) ** 2)
+    return blur / blur.mean(), rough
+
+
+def _of(rays: Images, which: Indices) -> Images:
+    return rays if len(rays) == 1 else rays[which]
+
+
+def descend(
+    objective: Objective,
+    start: Images,
+    *,
+    non_negative: bool,
+    iterations: int,
+    tolerance: float,
+    window: int = WINDOW,
+    preconditioner: Callable[[Objective], Preconditioner] | None = InverseCurvature,
+    first_scale: float = 1.0,
+    on_iteration: OnIteration | None = None,
+) -> Minimum:
+    """Minimise from the image of `continuation`, or from another one; with or without a preconditioner."""
+    return minimise(
+        objective,
+        start,
+        lower=0.0 if non_negative else -np.inf,
+        iterations=iterations,
+        tolerance=tolerance,
+        window=window,
+        preconditioner=None if preconditioner is None else preconditioner(objective),
+        first_scale=first_scale,
+        on_iteration=on_iteration,
+    )
+
+
+def continuation(
+    objective: Objective,
+    start: Images,
+    *,
+    non_negative: bool,
+    tolerance: float,
+    on_iteration: OnIteration | None = None,
+) -> Images:
+    """Some iterations with a multiple of the prior's scale, which smooths edges; the images (images, n, n)."""
+    smoother = replace(objective, prior=objective.prior.rescaled(CONTINUATION_FACTOR))
+    return descend(
+        smoother,
+        start,
+        non_negative=non_negative,
+        iterations=CONTINUATION_ITERATIONS,
+        tolerance=tolerance,
+        preconditioner=None,
+        on_iteration=on_iteration,
+    ).images

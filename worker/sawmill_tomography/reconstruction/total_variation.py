@@ -1,0 +1,217 @@
+"""Smoothed total variation: convex, and the yardstick for other edge-preserving methods."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import ClassVar, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sawmill_tomography.geometry.geometry import FloatArray, GeometryError
+from sawmill_tomography.projection.projector import Image, Projector
+from sawmill_tomography.reconstruction.estimate import Estimate
+from sawmill_tomography.reconstruction.iterative.coarse_to_fine import MULTIPLE
+from sawmill_tomography.reconstruction.iterative.edge_preserving import (
+    EdgePreservingMethod,
+    Problem,
+    Settings,
+    reconstruct_with_prior,
+)
+from sawmill_tomography.reconstruction.iterative.progress import OnProgress
+from sawmill_tomography.reconstruction.method import CANDIDATES_AT_ONCE, IMAGES_OF_A_DESCENT, CoupledMethod
+from sawmill_tomography.reconstruction.total_variation_weights import (
+    COUPLINGS,
+    TOLERANCE,
+    USUAL_ITERATIONS,
+    WeightChoice,
+    axial_neighbours,
+    choose_coupling,
+    choose_weight,
+    smoothed_prior,
+    weight_factor,
+)
+
+ITERATIONS = 300
+# Projections forward and back, with the own pixels, that a slice is worth; a step comes with each
+# (benchmarks/slice_price.py, 20 views).
+USUAL_PAIRS = 24.0
+# What lies further away changes a slice by less than the noise does.
+HALO = 2
+# The cost of choosing the weight, in iterations on one slice of 256 x 256 pixels from 20 views
+# (benchmarks/choosing.py).
+CHOOSING_COST = 210.0
+
+
+def total_variation(
+    projector: Projector,
+    sinogram: ArrayLike,
+    *,
+    weight: float | None = None,
+    noise: ArrayLike | None = None,
+    non_negative: bool = True,
+    iterations: int = ITERATIONS,
+    tolerance: float = TOLERANCE,
+    coupling: ArrayLike = 0.0,
+    on_progress: OnProgress | None = None,
+) -> Estimate:
+    """Reconstruct one slice or a block of slices by penalising the sum of differences (Rudin, Osher and Fatemi 1992).
+
+    The objective is 1/2 sum ((A x - y) / noise)^2 + weight * sum (sqrt(|d|^2 + s^2) - s). The estimate's parameter is
+    `weight`, (slices,).
+
+    Coupled, weight * coupling * sum (sqrt(d^2 + s^2) - s) of the differences along the axis comes on top.
+
+    Parameters
+    ----------
+    sinogram : (views, detector) or (slices, views, detector) float
+        Line integrals whose air stands at 0.
+    weight : float, optional
+        In 1 / attenuation; by default chosen from the middle slice by cross-validation.
+    coupling : float or (slices - 1,) float
+        Of each slice with the next one, 0 or more; 0 where they are no neighbours.
+    noise, non_negative, iterations, tolerance, on_progress
+        As of `cauchy_map`.
+
+    Raises
+    ------
+    GeometryError
+        If shapes do not fit, a value is not positive, or a slice is 0 in every ray.
+    """
+    if weight is not None and not (np.isfinite(weight) and weight > 0.0):
+        raise GeometryError(f"weight must be a positive number in 1 / attenuation, not {weight}")
+
+    problem = Problem.of(projector, sinogram, noise, non_negative=non_negative, multiple=MULTIPLE)
+    couplings, slices = np.asarray(coupling, np.float64), len(problem.lines)
+    if couplings.shape not in {(), (slices - 1,)}:
+        raise GeometryError(
+            f"coupling must be one number, or {slices - 1} of them for {slices} slices, not of shape {couplings.shape}"
+        )
+    if not ((couplings >= 0.0).all() and np.isfinite(couplings).all()):
+        raise GeometryError(f"coupling must be 0 or a positive number, not {couplings.min():g}")
+    between = np.broadcast_to(couplings, slices - 1)
+    strongest = float(between.max(initial=0.0))
+
+    def settings(problem: Problem, choice: WeightChoice | None) -> Settings:
+        typical = problem.typical_attenuation
+        weights = np.full(typical.shape, weight if choice is None else weight_factor(strongest) * choice.weight)
+        parameters = {"weight": weights, "coupling": np.array([strongest])}
+        return Settings(problem.noises, smoothed_prior(typical, weights), parameters, between)
+
+    method = EdgePreservingMethod(
+        choose=partial(choose_weight, non_negative=non_negative) if weight is None else None,
+        settings=settings,
+        choosing_cost=CHOOSING_COST,
+        usual_iterations=USUAL_ITERATIONS,
+        convex=True,
+    )
+    return reconstruct_with_prior(method, problem, iterations=iterations, tolerance=tolerance, on_progress=on_progress)
+
+
+@dataclass(frozen=True)
+class TotalVariation(CoupledMethod):
+    """`total_variation` as a method of the table."""
+
+    least_images: ClassVar[int] = IMAGES_OF_A_DESCENT * CANDIDATES_AT_ONCE
+    pairs_a_slice: ClassVar[float] = USUAL_PAIRS
+    choosing_cost_slices: ClassVar[float] = 20.0
+    # Six slices with each candidate.
+    coupling_cost_slices: ClassVar[float] = 6.0 * len(COUPLINGS)
+    leaves_out: ClassVar[bool] = True
+
+    weight: float | None = None
+    non_negative: bool = True
+    coupling: str = "auto"
+
+    @property
+    def coupling_is_open(self) -> bool:
+        """Whether it is `auto`."""
+        return self.coupling == "auto"
+
+    @property
+    def _coupling(self) -> float:
+        """As a number; 0 while it is open."""
+        return 0.0 if self.coupling in {"auto", "none"} else float(self.coupling)
+
+    @property
+    def halo(self) -> int:
+        """Where slices are coupled, or may be."""
+        return HALO if self.coupling_is_open or self._coupling > 0.0 else 0
+
+    def with_coupling_chosen(
+        self,
+        projector: Projector,
+        lines: Image,
+        *,
+        numbers: NDArray[np.int64],
+        others_stay: bool,
+        noise: FloatArray,
+        on_progress: OnProgress,
+    ) -> Self:
+        """By `choose_coupling`."""
+        assert self.weight is not None  # noqa: S101 - chosen before
+        found = choose_coupling(
+            projector,
+            lines,
+            self.weight,
+            numbers=numbers,
+            weight_stays=others_stay,
+            noise=noise,
+            non_negative=self.non_negative,
+            on_progress=on_progress,
+        )
+        return replace(self, coupling=f"{found.coupling:g}", weight=found.weight)
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the weight is to be chosen."""
+        return self.weight is None
+
+    def chosen(
+        self,
+        projector: Projector,
+        line: Image,
+        *,
+        noise: FloatArray,
+        on_progress: OnProgress,
+    ) -> Self:
+        """With the weight of one slice."""
+        choice = choose_weight(
+            projector,
+            line,
+            noise=noise,
+            non_negative=self.non_negative,
+            on_progress=on_progress,
+        )
+        return replace(self, weight=weight_factor(self._coupling) * choice.weight)
+
+    @property
+    def choice(self) -> dict[str, float]:
+        """The weight and the coupling, unless one of them is open."""
+        if self.weight is None or self.coupling_is_open:
+            return {}
+        return {"weight": float(self.weight), "coupling": self._coupling}
+
+    def with_choice(self, choice: Mapping[str, float]) -> Self:
+        """With a weight that was chosen."""
+        return replace(self, weight=choice["weight"], coupling=f"{choice['coupling']:g}")
+
+    def reconstruct(
+        self,
+        projector: Projector,
+        lines: Image,
+        *,
+        noise: FloatArray,
+        on_progress: OnProgress,
+        numbers: NDArray[np.int64] | None = None,
+    ) -> Estimate:
+        """A block."""
+        return total_variation(
+            projector,
+            lines,
+            weight=self.weight,
+            noise=noise,
+            non_negative=self.non_negative,
+            coupling=self._coupling * axial_neighbours(len(lines), numbers),
+            on_progress=on_progress,
+        )

@@ -1,0 +1,1 @@
+"""Sinograms: their air, noise, faulty cells, hardening and missing rays."""

@@ -1,0 +1,117 @@
+"""The air beside the object: where it is in a sinogram, and the level it gives each view.
+
+Beyond the object every line integral is zero. What is measured there instead is the drift of the source since
+the flat fields were taken, or a constant that was added.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from sawmill_tomography.sinograms.faulty_cells import median_of_views
+from sawmill_tomography.statistics.robust import noise_of_differences
+from sawmill_vocabulary import AirCorrection
+
+Sinogram = NDArray[np.float32]
+# A correction that has been decided on: `auto` is resolved before, where the kind of data is known.
+DecidedAirCorrection = Literal[AirCorrection.OFF, AirCorrection.BACKGROUND, AirCorrection.VIEWS]
+
+# The outermost cells, whose median is the level that the others are compared with.
+OUTERMOST = 8
+SMOOTHED = 5
+# Smoothed air departs from that level by no more than this number of its noise's standard deviations: in all rows but
+# one of 500, of a million samples each (tests/tomography/test_air.py).
+DEVIATIONS = 6.0
+# Below this share of the range an object's edge looks like unequal cells, and does no harm.
+EDGE_SHARE, UNEQUAL_SHARE = 0.003, 0.02
+# Cells left out beside an object's shadow, whose foot is below the threshold.
+MARGIN = 3
+# A level that varies by more than this factor of its noise's variance drifts.
+DRIFTING = 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class Air:
+    """The air of one row.
+
+    Attributes
+    ----------
+    cells : (cells,) bool
+        Air in every view.
+    level : (views,) float64
+        Mean of the line integrals over those cells.
+    noise : float
+        Standard deviation of one sample in air.
+    """
+
+    cells: NDArray[np.bool_]
+    level: NDArray[np.float64]
+    noise: float
+
+    @property
+    def background(self) -> float:
+        """The level common to all views."""
+        return float(self.level.mean())
+
+    @property
+    def drifts(self) -> bool:
+        """Whether the level varies between views by more than its own noise explains."""
+        return float(self.level.var()) > DRIFTING * self.noise**2 / int(self.cells.sum())
+
+    def correction(self, correction: DecidedAirCorrection) -> NDArray[np.float32]:
+        """The level to subtract from each view (views, 1)."""
+        if correction is AirCorrection.OFF:
+            return np.zeros((self.level.size, 1), np.float32)
+        by_view = correction is AirCorrection.VIEWS and self.drifts
+        level = self.level if by_view else np.full_like(self.level, self.background)
+        return level.astype(np.float32)[:, None]
+
+
+def find_air(sinogram: Sinogram) -> Air | None:
+    """The air at both ends of a row's detector cells; None where the object reaches the ends.
+
+    An end's air is the run of cells that keep the outermost cells' level in every view. An end that the object covers
+    in some views has no such run, since a shadow slopes.
+
+    Parameters
+    ----------
+    sinogram : (views, cells) float32
+        Line integrals without faulty cells.
+    """
+    half = sinogram.shape[1] // 2
+    # The range is the object's; a sixty-fourth of the views shows it.
+    span = float(np.ptp(np.quantile(sinogram[:: max(1, len(sinogram) // 64)], [0.005, 0.995])))
+    left, noise_left = _run(sinogram[:, :half], span)
+    right, noise_right = _run(sinogram[:, : -half - 1 : -1], span)
+    if not left and not right:
+        return None
+    cells = np.zeros(sinogram.shape[1], bool)
+    cells[:left] = True
+    cells[cells.size - right :] = True
+    level = sinogram[:, cells].mean(axis=1, dtype=np.float64)
+    return Air(cells, level, math.sqrt((left * noise_left**2 + right * noise_right**2) / (left + right)))
+
+
+def _run(end: Sinogram, span: float) -> tuple[int, float]:
+    """The number of air cells at one end, from the outermost on, and the standard deviation of their noise."""
+    if end.shape[1] < OUTERMOST + MARGIN:
+        return 0, 0.0
+    departure = end - np.median(end[:, :OUTERMOST], axis=1, keepdims=True)
+    unequal = median_of_views(departure)
+    departure -= unequal
+    noise = _noise(departure[:, : 4 * OUTERMOST])
+    threshold = max(DEVIATIONS * noise * math.sqrt(1.0 / SMOOTHED + 1.57 / OUTERMOST), EDGE_SHARE * span)
+    moved = np.abs(scipy.ndimage.uniform_filter1d(departure, SMOOTHED, axis=1, mode="nearest")).max(axis=0)
+    object_here = (moved > threshold) | (np.abs(unequal) > UNEQUAL_SHARE * span + 3.0 * noise)
+    first = int(np.argmax(object_here)) if object_here.any() else object_here.size + MARGIN
+    return max(first - MARGIN, 0) if first - MARGIN >= OUTERMOST else 0, noise
+
+
+def _noise(departure: Sinogram) -> float:
+    """From second differences along the detector, which see neither drift nor a smooth object."""
+    second = departure[:, :-2] - 2.0 * departure[:, 1:-1] + departure[:, 2:]
+    return noise_of_differences(second, 2)

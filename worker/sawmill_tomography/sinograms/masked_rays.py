@@ -1,0 +1,88 @@
+"""Masked rays of a scan's views, bridged by a curve, less what such curves miss at the same place in other views.
+
+Behind a log a straight line misses in one sense in every view, and a cubic too where it spans a bark: that is no noise.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sawmill_tomography.geometry.geometry import FloatArray
+
+# On either side of a gap: this share of its width, and no fewer rays than that.
+BESIDE, FEWEST_BESIDE = 0.25, 4
+# This number of other bridges shows how far one misses. Where other views show fewer at the same cells, all views are
+# bridged beside them too.
+FEWEST_BRIDGES = 5
+
+
+def bridge_masked(rays: FloatArray, masked: NDArray[np.bool_]) -> FloatArray:
+    """Bridge masked rays along the detector, in place, and return the standard deviations of the bridges.
+
+    Parameters
+    ----------
+    rays : (views, cells) float64
+        Line integrals of one body; masked ones are overwritten.
+    masked : (views, cells) bool
+        Not all of a view.
+
+    Returns
+    -------
+    (views, cells) float64
+        0 where nothing was masked. The errors of a bridge are alike, and those of sums over it are asked for: they are
+        as large as sums of independent errors of these deviations.
+    """
+    measured, deviations = rays.copy(), np.zeros(rays.shape)
+    for view, gaps in enumerate(masked):
+        edges = np.diff(gaps.astype(np.int8), prepend=0, append=0)
+        for first, last in zip(np.flatnonzero(edges == 1), np.flatnonzero(edges == -1), strict=True):
+            bridge, deviation = _bridged(measured, masked, view, int(first), int(last))
+            rays[view, first:last], deviations[view, first:last] = bridge, deviation
+    return deviations
+
+
+def _bridged(rays: FloatArray, masked: NDArray[np.bool_], view: int, first: int, last: int) -> tuple[FloatArray, float]:
+    """One gap's rays (width,), and their deviation."""
+    width = last - first
+    reach = max(FEWEST_BESIDE, round(BESIDE * width))
+    beside = np.concatenate([np.arange(first - reach, first), np.arange(last, last + reach)])
+    beside = beside[(beside >= 0) & (beside < rays.shape[1])]
+    beside = beside[~masked[view, beside]]
+    if beside.size == 0:
+        measured = rays[view, ~masked[view]]
+        return np.full(width, np.median(measured)), float(np.ptp(measured))
+    # A cubic needs rays on both sides; at an end of the detector, where there is air, the mean of the others serves.
+    both = np.any(beside < first) and np.any(beside >= last)
+    degree = min(3, beside.size - 1) if both else 0
+    middle = 0.5 * (first + last - 1)
+    powers = np.vander((np.append(beside, np.arange(first, last)) - middle) / width, degree + 1)
+    through = powers[beside.size :] @ np.linalg.pinv(powers[: beside.size])
+    missed = _missed(rays, masked, through, beside, np.arange(first, last))
+    curve = through @ rays[view, beside]
+    if len(missed) < 2:
+        return curve, float(np.ptp(rays[view, ~masked[view]]))
+    deviation = math.sqrt(float(missed.sum(axis=1).var(ddof=1)) * (1.0 + 1.0 / len(missed)) / width)
+    # Where few views show those cells, bridges beside them count, and all views miss alike.
+    alike = int(masked[:, first:last].any(axis=1).sum())
+    if len(masked) - alike < FEWEST_BRIDGES:
+        deviation *= math.sqrt(alike)
+    return curve + missed.mean(axis=0), deviation
+
+
+def _missed(
+    rays: FloatArray, masked: NDArray[np.bool_], through: FloatArray, beside: NDArray[np.intp], gap: NDArray[np.intp]
+) -> FloatArray:
+    """What such curves miss, (bridges, width), where rays were measured: at those cells, or as near as needed."""
+    missed: list[FloatArray] = []
+    cells, step = rays.shape[1], max(1, gap.size // 2)
+    for away in range(0, cells, step):
+        for shift in (away, -away) if away else (0,):
+            at, around = gap + shift, beside + shift
+            if min(at[0], around[0]) < 0 or max(at[-1], around[-1]) >= cells:
+                continue
+            whole = ~(masked[:, at].any(axis=1) | masked[:, around].any(axis=1))
+            missed.extend(rays[whole][:, at] - rays[whole][:, around] @ through.T)
+        if len(missed) >= FEWEST_BRIDGES:
+            break
+    return np.array(missed)

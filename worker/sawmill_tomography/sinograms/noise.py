@@ -1,0 +1,187 @@
+"""How noisy a sinogram is, and how well an image explains it."""
+
+import math
+
+import numpy as np
+import scipy
+from numpy.typing import ArrayLike, NDArray
+
+from sawmill_tomography.geometry.geometry import FloatArray, GeometryError
+from sawmill_tomography.projection.projector import Image, Projector
+from sawmill_tomography.sinograms.air import find_air
+from sawmill_tomography.sinograms.hardening import STEEPEST, measured_and_slope
+from sawmill_tomography.sinograms.scattered_radiation import with_scatter
+from sawmill_tomography.statistics.robust import noise_of_differences
+from sawmill_vocabulary.scattered_radiation import NOTHING_FOUND, BeamCorrection
+
+# The least noise as a share of the data's RMS, taken for noise-free data: pixels approximate a log no better.
+LEAST_SHARE = 0.002
+# Cells over which a line integral is averaged to estimate its noise.
+SMOOTHED = 9
+# Noise alone gives 1, pixels up to 1.3 for the published log; errors of theta as by a measuring tape give 3 and more
+# (tests/tomography/test_cauchy_map.py, tests/use_cases/test_methods.py).
+MISFIT_OF_A_GOOD_FIT = 2.0
+# Shifts of the views explain more than half of what is missed beyond noise where the geometry is wrong or the object
+# moved, and less than a third where hardening, scatter or blur alone are the cause (tests/use_cases/test_misfit.py).
+DISPLACED = 0.4
+
+
+def estimated_noise(sinogram: NDArray[np.float32]) -> float:
+    """Standard deviation of one sample of a sinogram (views, detector), in its unit.
+
+    From the air beside the object; where the object covers the detector, from second differences along it, whose
+    median magnitude is insensitive to edges.
+    """
+    air = find_air(sinogram)
+    noise = noise_of_differences(np.diff(sinogram, 2, axis=-1), 2) if air is None else air.noise
+    return max(noise, LEAST_SHARE * float(np.sqrt(np.mean(np.square(sinogram, dtype=np.float64)))), 1e-30)
+
+
+def photon_noise(sinogram: ArrayLike, air_counts: ArrayLike) -> FloatArray:
+    """Standard deviation of each line integral p measured with N0 counts in air: sqrt(exp(p) / N0).
+
+    From var N = N0 exp(-p) and p = -ln(N / N0). p is averaged over SMOOTHED neighbouring cells first: a ray must not
+    count more because its own noise made it brighter, which would bias the image.
+
+    Parameters
+    ----------
+    sinogram : (..., detector) float
+        Line integrals, dimensionless.
+    air_counts : float or array that broadcasts with it
+    """
+    counts = np.asarray(air_counts, np.float64)
+    if not (counts > 0.0).all():
+        raise GeometryError(f"air_counts must be positive counts, not {counts.min():g}")
+    return np.exp(0.5 * np.clip(_smooth(sinogram), 0.0, None)) / np.sqrt(counts)
+
+
+def _smooth(sinogram: ArrayLike) -> FloatArray:
+    values = np.asarray(sinogram, np.float64)
+    return np.asarray(scipy.ndimage.uniform_filter1d(values, SMOOTHED, axis=-1, mode="nearest"))
+
+
+def noise_of_rays(
+    lines: Image,
+    *,
+    counts: bool,
+    beam: BeamCorrection = NOTHING_FOUND,
+    left_out: NDArray[np.bool_] | None = None,
+) -> FloatArray:
+    """The noise that air and, of counts, photons show: (slices, 1, 1), or of each ray (slices, views, detector).
+
+    Parameters
+    ----------
+    lines : (slices, views, detector) float32
+        Line integrals whose air stands at 0.
+    counts : bool
+        Whether they were made from counts; the scatter of the air then gives the photons in air, whatever the unit.
+    beam : BeamCorrection, optional
+        What was taken out of them: the noise of the measured ones has grown with the slope of the correction.
+    left_out : (slices, views, detector) bool, optional
+        Rays of infinite noise: they have no weight.
+    """
+    air = noise_of_each_ray(None, lines)
+    measured: FloatArray = np.asarray(lines, np.float64) if beam == NOTHING_FOUND else _smooth(lines)
+    slope = np.ones(())
+    if beam.hardening is not None:
+        measured, slope = measured_and_slope(beam.hardening, measured)
+    if beam.scatter is not None:
+        primary, measured = measured, with_scatter(beam.scatter, measured)
+        slope = slope * np.minimum(np.exp(primary - measured), STEEPEST)
+    noise = (photon_noise(measured, 1.0 / air**2) if counts else air) * slope
+    return noise if left_out is None else np.where(left_out, math.inf, noise)
+
+
+def rms_noise(noise: FloatArray) -> float:
+    """Root mean square of the noise of the rays that are not left out."""
+    return float(np.sqrt(np.mean(noise[np.isfinite(noise)] ** 2)))
+
+
+def noise_of_each_ray(noise: ArrayLike | None, lines: Image) -> FloatArray:
+    """The noise as (slices, views, detector), estimated slice by slice where it is None.
+
+    Raises
+    ------
+    GeometryError
+        If a given noise does not fit the block or is not positive. It is infinite where a ray is left out.
+    """
+    if noise is None:
+        return np.array([estimated_noise(line) for line in lines]).reshape(-1, 1, 1)
+    given = np.asarray(noise, np.float64)
+    if not ((given > 0.0).all() and np.isfinite(given).any()):
+        raise GeometryError("the noise must be a positive standard deviation, one number or one for each ray")
+    try:
+        np.broadcast_shapes(given.shape, lines.shape)
+    except ValueError:
+        raise GeometryError(
+            f"the noise has shape {given.shape}; it must be one number or (views, detector) = {lines.shape[1:]}"
+        ) from None
+    return given.reshape((1,) * (3 - given.ndim) + given.shape)
+
+
+def data_misfit(projector: Projector, images: Image, lines: Image, noise: FloatArray) -> FloatArray:
+    """Root mean square of (A x - y) / noise over the rays that cross the field and are not left out, (slices,).
+
+    1 means explained to the noise; pixels of finite size add a little. To methods that fit the data a wrong geometry
+    shows as a misfit far above 1.
+    """
+    counted = np.isfinite(noise) & projector.crossing
+    relative = (projector.forward(images) - lines) / np.where(counted, noise, math.inf).astype(np.float32)
+    squares = np.einsum("skm,skm->s", relative, relative, dtype=np.float64)
+    misfit: FloatArray = np.sqrt(squares / counted.sum(axis=(1, 2)))
+    return misfit
+
+
+def displaced_share(projector: Projector, image: Image, line: Image, noise: FloatArray) -> float:
+    """Compute the share of what an image misses beyond noise that a shift of each view along the detector explains.
+
+    A wrong geometry and a moving object shift the views against each other. Hardening, blur and scatter do not: they
+    change every view where it is.
+
+    Parameters
+    ----------
+    image : (size, size) float32
+    line, noise : (views, detector)
+    """
+    counted = np.isfinite(noise) & projector.crossing
+    weight = np.where(counted, 1.0 / noise, 0.0)
+    model = projector.forward(image[None])[0].astype(np.float64)
+    missed, shift = (line - model) * weight, np.gradient(model, axis=1) * weight
+    power, of_shift = float(np.sum(missed**2)), np.sum(shift**2, axis=1)
+    seen = of_shift > 0.0
+    explained = np.sum(missed * shift, axis=1)[seen] ** 2 / of_shift[seen]
+    samples = int(counted.sum())
+    by_chance = seen.sum() * power / samples
+    return float(explained.sum() - by_chance) / max(power - samples, 1e-30)
+
+
+def likely_cause(*, displaced: bool) -> str:
+    """The end of a remark on a large misfit, of which shifts of the views explain much or not."""
+    if displaced:
+        return (
+            ", and its edges lie beside those of the views: check the geometry, or whether the object moved during the "
+            "scan or lies partly outside the field"
+        )
+    return (
+        ", and its edges lie where the views have them: the likely causes are beam hardening, scattered radiation, "
+        "blur, or rows far from the middle of the beam, not the geometry"
+    )
+
+
+def remarks_on(
+    projector: Projector, images: Image, misfit: FloatArray, lines: Image, noise: FloatArray
+) -> tuple[str, ...]:
+    """What a user should know of the data and the fit."""
+    remarks = []
+    worst = int(misfit.argmax())
+    if misfit[worst] > MISFIT_OF_A_GOOD_FIT:
+        missed = f"the image misses the data by {misfit[worst]:.2g} times their noise"
+        of_worst = np.broadcast_to(noise, lines.shape)[worst]
+        share = displaced_share(projector, images[worst], lines[worst], of_worst)
+        remarks.append(missed + likely_cause(displaced=share > DISPLACED))
+    air = find_air(lines[len(lines) // 2])
+    if air is not None:
+        level, scatter = air.background, rms_noise(noise)
+        if abs(level) > 0.5 * scatter and abs(level) > 5.0 * scatter / math.sqrt(air.level.size * int(air.cells.sum())):
+            remarks.append(f"the air stands at {level:.3g}, not at 0: take the background out first")
+    return tuple(remarks)

@@ -1,0 +1,104 @@
+"""Scattered radiation: fitted to a phantom's scan with its hardening, and taken out of the line integrals of a log's.
+
+An object takes the share 1 - P of the intensity out of the beam, where P = exp(-p). A part of it reaches other cells:
+I = P + S with S = around H[1 - P] + wide mean(1 - P), the halo H a running mean along the row, taken twice.
+"""
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from sawmill_tomography.geometry.geometry import FloatArray
+from sawmill_tomography.sinograms.hardening import LEAST_CHANGE, STEEPEST
+from sawmill_vocabulary.hardening import BeamHardening
+from sawmill_vocabulary.scattered_radiation import BeamCorrection, ScatteredRadiation
+
+# Width of the halo's running mean, in cells.
+HALO = 45
+# Views that the fit uses: three unknowns of the beam need no more.
+VIEWS = 24
+MOST = 0.45
+# Scatter leaves as much power as the freer fit, or 1.6 times as much where its halo is half as wide; 2 % of glare
+# leaves 6 times as much (tests/use_cases/test_scattered_radiation.py).
+MOST_LEFT = 2.0
+# Each repetition leaves about `around + wide` of the error, and the first guess is right where the scatter is smooth.
+REPETITIONS = 2
+
+
+def halo(values: FloatArray, width_cells: int = HALO) -> FloatArray:
+    """Spread values along the row."""
+    for _ in range(2):
+        values = scipy.ndimage.uniform_filter1d(values, width_cells, axis=-1, mode="nearest")
+    return values
+
+
+def scattered(scatter: ScatteredRadiation, lost: FloatArray) -> FloatArray:
+    """Compute what reaches the cells (..., cells) of the intensity lost in them, both against the intensity in air."""
+    added: FloatArray = scatter.around * halo(lost, scatter.width_cells)
+    added += scatter.wide * lost.mean(axis=-1, keepdims=True)
+    return added
+
+
+def with_scatter(scatter: ScatteredRadiation, primary: FloatArray) -> FloatArray:
+    """Compute the line integrals that are measured of those of the primary beam (..., cells)."""
+    intensity = np.exp(-primary)
+    measured: FloatArray = -np.log(intensity + scattered(scatter, 1.0 - intensity))
+    return measured
+
+
+def without_scatter(scatter: ScatteredRadiation, measured: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Compute the line integrals of the primary beam from measured ones above the air's level (..., cells).
+
+    S is linear in the intensities: S = K (1 - I + S). The noise of a line integral grows with I / P, which is limited
+    to STEEPEST as it is for hardening.
+    """
+    intensity = np.exp(-measured)
+    added = scattered(scatter, 1.0 - intensity) / (1.0 - scatter.around - scatter.wide)
+    for _ in range(REPETITIONS):
+        added = scattered(scatter, 1.0 - intensity + added)
+    return np.asarray(-np.log(np.maximum(intensity - added, intensity / STEEPEST)), np.float32)
+
+
+def fit_scatter_and_hardening(
+    lengths_mm: FloatArray, integrals: FloatArray, residual: FloatArray, weights: FloatArray | None
+) -> BeamCorrection | None:
+    """Fit background, attenuation, hardening and scatter to line integrals of known paths that were made from counts.
+
+    None where such scatter is not what the scan shows: glare in the detector, or a beam that passes beside the phantom.
+
+    Parameters
+    ----------
+    lengths_mm, integrals, residual : (views, cells) float64
+        Paths through the phantom, what is measured of them without blur and other effects, and what a fit left of it
+        that is free to be unphysical.
+    weights : (views, cells) float64 or None
+        Samples without weight do not count.
+    """
+    some = slice(None, None, max(1, len(lengths_mm) // VIEWS))
+    lengths, measured = lengths_mm[some], integrals[some]
+    counted = np.isfinite(measured) if weights is None else weights[some] > 0.0
+    longest_mm = float(lengths_mm.max())
+
+    def left(x: FloatArray) -> FloatArray:
+        background, attenuation, bend, around, wide = x
+        primary = background + attenuation * np.log1p(bend * lengths) / bend
+        difference: FloatArray = (with_scatter(ScatteredRadiation(around, wide, HALO), primary) - measured)[counted]
+        return difference
+
+    # Bend is spread times attenuation, per mm (`hardening.fit_hardening`).
+    through = counted & (lengths > 0.1 * longest_mm)
+    least, steep = LEAST_CHANGE / longest_mm, float(np.median(measured[through] / lengths[through]))
+    start = np.array([0.0, steep, 0.3 / longest_mm, 0.02, 0.02])
+    bounds = ([-1.0, 0.0, least, 0.0, 0.0], [1.0, np.inf, 100.0 / longest_mm, MOST, MOST])
+    scale = np.array([0.01, steep, 0.3 / longest_mm, 0.05, 0.05])
+    found = scipy.optimize.least_squares(left, start, x_scale=scale, bounds=bounds)
+    if 2.0 * found.cost > MOST_LEFT * np.sum(residual[some][counted] ** 2):
+        return None
+    _, attenuation, bend, around, wide = found.x.tolist()
+    hardening = scatter = None
+    if bend > 2.0 * least:
+        longest = attenuation * float(np.log1p(bend * longest_mm)) / bend
+        hardening = BeamHardening(bend / attenuation, longest, from_counts=True)
+    if around + wide > LEAST_CHANGE:
+        scatter = ScatteredRadiation(around, wide, HALO)
+    return BeamCorrection(hardening, scatter)

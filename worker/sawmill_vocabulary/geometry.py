@@ -1,0 +1,246 @@
+"""The values of the scanner's geometry: its constants, theta, the source frame, and the bounds of a search.
+
+Each field is typed here once, with its unit, its description and its bounds. The science computes with these classes,
+and the contracts take them as field types: pydantic reads the fields' metadata. Bounds in the metadata hold
+where a value crosses a boundary, those of `__post_init__` everywhere.
+
+Axes, signs and formulas: docs/conventions.md#source-frame.
+"""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Self
+
+from sawmill_vocabulary.as_contract import AsContract
+
+TAU = 2.0 * math.pi
+# Of any length at a scanner, in mm.
+LARGEST_MM = 1e5
+# Between views farther apart than this the sinogram of a log is not sampled well enough for its rays to be paired; an
+# encoder may scatter a step by 2 %.
+WIDEST_STEP_DEG = 3.0
+WIDEST_MEASURED_STEP_DEG = 1.02 * WIDEST_STEP_DEG
+# Views of which any two are compared, however far apart, for drift.
+FEWEST_PAIRED_VIEWS = 8
+
+
+class GeometryError(ValueError):
+    """A geometry that cannot exist; the message names the value and what would be right."""
+
+
+def wrap_angle(angle_rad: float) -> float:
+    """The angle in [0, 2 pi)."""
+    wrapped = math.fmod(angle_rad, TAU)
+    wrapped = wrapped + TAU if wrapped < 0.0 else wrapped
+    return 0.0 if wrapped >= TAU else wrapped
+
+
+def angle_difference(a_rad: float, b_rad: float) -> float:
+    """The signed difference a - b in [-pi, pi]."""
+    return math.remainder(a_rad - b_rad, TAU)
+
+
+def _rotate(angle_rad: float, x: float, y: float) -> tuple[float, float]:
+    """Rot(angle) (x, y), counter-clockwise."""
+    c, s = math.cos(angle_rad), math.sin(angle_rad)
+    return c * x - s * y, s * x + c * y
+
+
+@dataclass(frozen=True)
+class Scanner(AsContract):
+    """What is known of a scanner without calibrating it."""
+
+    source_to_cor_mm: float = field(
+        metadata={
+            "description": "r_S, source to centre of rotation, mm.",
+            "gt": 0,
+            "le": LARGEST_MM,
+            "examples": [859.46],
+        }
+    )
+    num_detector_pixels: int = field(
+        metadata={"description": "n_D, number of detector cells.", "ge": 8, "le": 65536, "examples": [768]}
+    )
+    detector_pitch_mm: float = field(
+        metadata={
+            "description": "Distance between neighbouring detector cells, mm.",
+            "gt": 0,
+            "le": LARGEST_MM,
+            "examples": [1.502864583],
+        }
+    )
+
+    def __post_init__(self) -> None:
+        """Refuse sizes that no scanner has."""
+        for name in ("source_to_cor_mm", "detector_pitch_mm"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0.0):
+                raise GeometryError(f"{name} must be a positive number of millimetres, not {value}")
+        if self.num_detector_pixels < 2:
+            raise GeometryError(f"num_detector_pixels must be at least 2, not {self.num_detector_pixels}")
+
+
+@dataclass(frozen=True)
+class SourceFrame(AsContract):
+    """The geometry with the source on the axis: (psi, R, SDD, u_c, tau), what the data can see."""
+
+    psi_rad: float = field(metadata={"description": "psi, first angle in the source frame, rad.", "examples": [2.907]})
+    source_distance_mm: float = field(
+        metadata={"description": "R, source to centre of rotation along the axis, mm.", "examples": [917.1]}
+    )
+    source_to_detector_mm: float = field(
+        metadata={"description": "SDD along the ray through the centre of rotation, mm.", "examples": [1619.3]}
+    )
+    cor_column_mm: float = field(
+        metadata={
+            "description": "u_c, where the centre of rotation falls on the detector, mm from its middle.",
+            "examples": [-209.1],
+        }
+    )
+    tilt_rad: float = field(
+        metadata={"description": "tau, tilt of the detector against that ray's normal, rad.", "examples": [-0.083]}
+    )
+
+    @property
+    def magnification(self) -> float:
+        """M = SDD / R."""
+        return self.source_to_detector_mm / self.source_distance_mm
+
+    @classmethod
+    def from_vector(cls, vector: Iterable[float]) -> Self:
+        """From (psi, R, SDD, u_c, tau); the inverse of `tomography.geometry.to_vector`."""
+        psi, r, sdd, u_c, tau = (float(value) for value in vector)
+        return cls(psi, r, sdd, u_c, tau)
+
+    def theta(self, source_to_cor_mm: float, *, source_shift_sign: int = 1) -> "Theta":
+        """The theta of this frame with h_S of the given sign.
+
+        Raises
+        ------
+        GeometryError
+            If R is smaller than r_S by more than rounding: no theta has such a frame.
+        """
+        r, r_s = self.source_distance_mm, source_to_cor_mm
+        if r < r_s * (1.0 - 1e-12):
+            raise GeometryError(
+                f"source_distance_mm {r:.6g} is smaller than source_to_cor_mm {r_s:.6g}: no theta has this source frame"
+            )
+        h_s = math.copysign(math.sqrt(max(r * r - r_s * r_s, 0.0)), source_shift_sign)
+        delta = math.atan2(h_s, r_s)
+        distance = self.source_to_detector_mm - r
+        c_x = -self.cor_column_mm * math.cos(self.tilt_rad)
+        c_y = distance - self.cor_column_mm * math.sin(self.tilt_rad)
+        d_x, d_y = _rotate(delta, c_x, c_y)
+        return Theta(
+            initial_angle_rad=wrap_angle(self.psi_rad - delta),
+            detector_to_cor_mm=d_y,
+            source_shift_mm=h_s,
+            detector_shift_mm=-d_x,
+            detector_tilt=math.tan(self.tilt_rad + delta),
+        )
+
+
+@dataclass(frozen=True)
+class Theta(AsContract):
+    """The five numbers that cannot be measured by hand: theta = (alpha0, r_D, h_S, h_D, alpha_D)."""
+
+    initial_angle_rad: float = field(metadata={"description": "alpha0, rad, in [0, 2 pi).", "examples": [2.55]})
+    detector_to_cor_mm: float = field(
+        metadata={"description": "r_D, detector to centre of rotation, mm.", "examples": [714.7]}
+    )
+    source_shift_mm: float = field(
+        metadata={"description": "h_S, sideways shift of the source, mm.", "examples": [319.9]}
+    )
+    detector_shift_mm: float = field(
+        metadata={
+            "description": "h_D, sideways shift of the detector, mm, counted the other way than h_S.",
+            "examples": [43.7],
+        }
+    )
+    detector_tilt: float = field(
+        metadata={
+            "description": "alpha_D, a slope without unit: the tilt angle is its arctangent.",
+            "examples": [0.281],
+        }
+    )
+
+    @classmethod
+    def from_vector(cls, vector: Iterable[float]) -> Self:
+        """From (alpha0, r_D, h_S, h_D, alpha_D); the inverse of `tomography.geometry.to_vector`."""
+        alpha0, r_d, h_s, h_d, alpha_d = (float(value) for value in vector)
+        return cls(alpha0, r_d, h_s, h_d, alpha_d)
+
+    def source_frame(self, source_to_cor_mm: float) -> SourceFrame:
+        """(psi, R, SDD, u_c, tau) of this theta.
+
+        Raises
+        ------
+        GeometryError
+            If the ray through the COR runs along the detector or away from it.
+        """
+        delta = math.atan2(self.source_shift_mm, source_to_cor_mm)
+        r = math.hypot(source_to_cor_mm, self.source_shift_mm)
+        c_x, c_y = _rotate(-delta, -self.detector_shift_mm, self.detector_to_cor_mm)
+        tau = math.remainder(math.atan(self.detector_tilt) - delta, TAU)
+        if math.cos(tau) < 1e-6:
+            raise GeometryError(
+                f"detector_tilt {self.detector_tilt:.6g} lays the detector along the ray through the centre of rotation"
+            )
+        u_c = -c_x / math.cos(tau)
+        distance = c_y + u_c * math.sin(tau)
+        if r + distance <= 0.0:
+            raise GeometryError(f"detector_to_cor_mm {self.detector_to_cor_mm:.6g} puts the detector behind the source")
+        return SourceFrame(wrap_angle(self.initial_angle_rad + delta), r, r + distance, u_c, tau)
+
+    def twin(self, source_to_cor_mm: float) -> "Theta":
+        """The other theta with exactly the same sinogram: h_S -> -h_S."""
+        delta = math.atan2(self.source_shift_mm, source_to_cor_mm)
+        x, y = _rotate(-2.0 * delta, -self.detector_shift_mm, self.detector_to_cor_mm)
+        return Theta(
+            initial_angle_rad=wrap_angle(self.initial_angle_rad + 2.0 * delta),
+            detector_to_cor_mm=y,
+            source_shift_mm=-self.source_shift_mm,
+            detector_shift_mm=-x,
+            detector_tilt=math.tan(math.atan(self.detector_tilt) - 2.0 * delta),
+        )
+
+    def read_backwards(self) -> "Theta":
+        """The theta of the same scan from a detector read backwards, with the rotation reversed, seen from behind."""
+        return Theta(
+            initial_angle_rad=wrap_angle(math.pi - self.initial_angle_rad),
+            detector_to_cor_mm=self.detector_to_cor_mm,
+            source_shift_mm=-self.source_shift_mm,
+            detector_shift_mm=-self.detector_shift_mm,
+            detector_tilt=-self.detector_tilt,
+        )
+
+
+@dataclass(frozen=True)
+class ThetaBounds(AsContract):
+    """Where theta is searched; the published bounds by default. The first angle is free over the full turn."""
+
+    # Of arXiv 2206.14444.
+    detector_to_cor_mm: tuple[float, float] = field(
+        default=(500.0, 1000.0), metadata={"description": "Lowest and highest r_D, mm.", "examples": [(500.0, 1000.0)]}
+    )
+    source_shift_mm: tuple[float, float] = field(
+        default=(-500.0, 500.0), metadata={"description": "Lowest and highest h_S, mm.", "examples": [(-500.0, 500.0)]}
+    )
+    detector_shift_mm: tuple[float, float] = field(
+        default=(-500.0, 500.0), metadata={"description": "Lowest and highest h_D, mm.", "examples": [(-500.0, 500.0)]}
+    )
+    detector_tilt: tuple[float, float] = field(
+        default=(-1.0, 1.0),
+        metadata={"description": "Lowest and highest alpha_D, a slope without unit.", "examples": [(-1.0, 1.0)]},
+    )
+
+    def __post_init__(self) -> None:
+        """Refuse empty ranges."""
+        for name, (low, high) in vars(self).items():
+            if not low < high:
+                raise GeometryError(f"the bounds of {name} must be (low, high) with low < high, not ({low}, {high})")
+
+    def contain(self, theta: Theta) -> bool:
+        """Whether theta lies inside; the first angle is free."""
+        return all(low <= getattr(theta, name) <= high for name, (low, high) in vars(self).items())

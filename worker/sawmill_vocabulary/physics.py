@@ -1,0 +1,118 @@
+"""What a mill adds to an ideal scan, as sizes: of the beam, the detector, the motion and the wood. By default nothing.
+
+Each size is typed here once, with its unit and its bounds: the simulation computes with these classes, and a JSON file
+of them is read with the same fields.
+"""
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+from sawmill_vocabulary.as_contract import AsContract
+
+
+def _size(description: str, low: float, high: float, default: float = 0.0) -> float:
+    return field(default=default, metadata={"description": description, "ge": low, "le": high})
+
+
+def _count(description: str, high: int) -> int:
+    return field(default=0, metadata={"description": description, "ge": 0, "le": high})
+
+
+def _direction(description: str) -> float:
+    return _size(description, -360.0, 360.0)
+
+
+@dataclass(frozen=True)
+class BeamEffects(AsContract):
+    """Of the source, and of what the beam does on its way."""
+
+    energy_spread: float = _size(
+        "Three energies attenuate by 1 + s, 1 and 1 - s times the stated attenuation: the beam hardens.", 0, 0.6
+    )
+    scatter_share: float = _size("Share of the photons that wood takes out of the beam and spreads over it.", 0, 0.5)
+    scatter_width_mm: float = _size("Standard deviation of the scattered halo on the detector.", 1, 1000, 90.0)
+    focal_blur_mm: float = _size(
+        "Standard deviation of the focal spot's image, on the detector, of a point at the rotation centre.", 0, 10
+    )
+    drift_share: float = _size("Change of the tube's output from the first view to the last.", -0.5, 0.5)
+    flicker_share: float = _size("Standard deviation of the tube's output from view to view.", 0, 0.5)
+    past_end_share: float = _size("Share of the row's beam that passes beyond the board's end.", 0, 0.99)
+    row_share: float = _size("Share of the stated photons that a thin row collects.", 1e-3, 1, 1.0)
+
+
+@dataclass(frozen=True)
+class DetectorEffects(AsContract):
+    """Of the detector's cells and its electronics."""
+
+    blur_mm: float = _size("Standard deviation of the scintillator's blur.", 0, 10)
+    glare_share: float = _size("Share of a cell's light that spreads over the others, in flat fields too.", 0, 0.5)
+    glare_width_mm: float = _size("Standard deviation of the glare.", 1, 1000, 90.0)
+    lag_share: float = _size("Share of a view's signal that the next view still shows.", 0, 0.5)
+    slope_share: float = _size("Change of the gain since the flat fields, from the first cell to the last.", -0.5, 0.5)
+    curvature_share: float = _size("The same, from the middle of the detector to its ends.", -0.5, 0.5)
+    gain_spread: float = _size("Standard deviation of the cells' gains, in flat fields too.", 0, 0.3)
+    dead_cells: int = _count("Cells that have shown their dark level since the flat fields.", 1000)
+    hot_cells: int = _count("Cells whose gain has changed by up to 30 % since the flat fields.", 1000)
+    bits: Literal[12, 16] = field(default=16, metadata={"description": "Of the converter: 12 or 16."})
+    air_of_full_scale: float | None = field(
+        default=None,
+        metadata={
+            "description": "Counts in air against the largest value of the converter; above 1 air is saturated. By "
+            "default a count a photon with 16 bits, 0.8 with 12.",
+            "gt": 0,
+            "le": 2,
+        },
+    )
+
+
+@dataclass(frozen=True)
+class MotionEffects(AsContract):
+    """Of the turntable, its encoder, and the phantom on it."""
+
+    slip_mm: float = _size("How far the phantom slips.", 0, 50)
+    slip_towards_deg: float = _direction("Direction of the slip in the image.")
+    slip_turn_deg: float = _size("How far the phantom turns when it slips.", -20, 20)
+    slip_at: float = _size("Share of the views before the slip.", 0, 1, 0.5)
+    wobble_once_mm: float = _size("Amplitude of a displacement once a turn, along a line of the hall.", 0, 20)
+    wobble_twice_mm: float = _size("The same twice a turn.", 0, 20)
+    wobble_towards_deg: float = _direction("That line, against the detector's side of the beam.")
+    wobble_phase_deg: float = _direction("View angle at which the displacement is largest.")
+    creep_mm: float = _size("How far the phantom creeps from the first view to the last.", 0, 50)
+    creep_towards_deg: float = _direction("Direction of the creep in the image.")
+    encoder_deg: float = _size("Amplitude of the encoder's error once a turn.", 0, 20)
+    encoder_phase_deg: float = _direction("View angle at which the encoder's error is largest.")
+    angle_jitter_deg: float = _size("Standard deviation of each view's angle.", 0, 5)
+    pace_percent: float = _size("How much further the turntable turns than the angles say.", -10, 10)
+    exposure_steps: float = _size("Share of the step between views over which a view is exposed.", 0, 1)
+
+
+@dataclass(frozen=True)
+class WoodEffects(AsContract):
+    """How the phantom differs from its drawing."""
+
+    size_percent: float = _size("How much larger it is.", -10, 10)
+    aspect_percent: float = _size("How much longer it is along x than along y.", -10, 10)
+    shear_percent: float = _size("How far x moves with y.", -10, 10)
+    plane_tilt_deg: float = _size("Of its plane against the plane of the rays: 1 / cos longer along one line.", 0, 30)
+    plane_tilt_towards_deg: float = _direction("That line in the image.")
+    corner_radius_mm: float = _size("Of all its corners.", 0, 40)
+    roughness_mm: float = _size("Standard deviation of its sawn sides.", 0, 5)
+    ring_contrast: float = _size("How much denser late wood is.", 0, 1)
+    ring_spacing_mm: float = _size("Of the growth rings; 3/8 of it is late wood.", 2, 50, 8.0)
+    knots: int = _count("Number of knots, of 5 to 12 mm radius.", 50)
+    knot_contrast: float = _size("How much denser a knot is.", -1, 3, 0.4)
+    density_slope_percent: float = _size("Change of the density over 100 mm.", -30, 30)
+    density_slope_towards_deg: float = _direction("Direction in which it grows, in the image.")
+    screws: int = _count("Number of steel screws or nails that stand in it.", 50)
+    screw_diameter_mm: float = _size("Of each screw.", 0.5, 50, 5.0)
+    steel_per_mm: float = _size("Attenuation of steel; 0.9 at 60 keV.", 0.01, 5, 0.9)
+
+
+@dataclass(frozen=True)
+class Physics(AsContract):
+    """All that a scan is beyond the ideal one; by default nothing."""
+
+    beam: BeamEffects = field(default=BeamEffects(), metadata={"description": "Of the source and the beam."})
+    detector: DetectorEffects = field(default=DetectorEffects(), metadata={"description": "Of the detector."})
+    motion: MotionEffects = field(default=MotionEffects(), metadata={"description": "Of turntable and phantom."})
+    wood: WoodEffects = field(default=WoodEffects(), metadata={"description": "Of the phantom's wood."})

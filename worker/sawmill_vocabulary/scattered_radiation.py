@@ -1,0 +1,54 @@
+"""The scattered radiation that a calibration found: contracts take it as a field, the science computes with it."""
+
+from dataclasses import dataclass, field
+
+from sawmill_vocabulary.as_contract import AsContract
+from sawmill_vocabulary.hardening import BeamHardening
+
+
+@dataclass(frozen=True)
+class ScatteredRadiation(AsContract):
+    """Shares of the intensity that the object takes out of the beam, and that reach the cells from other directions.
+
+    Formula: docs/reconstruction.md#scattered-radiation.
+    """
+
+    around: float = field(
+        metadata={
+            "description": "Share that is spread over the cells around, a number from 0 to 0.5.",
+            "ge": 0,
+            "lt": 0.5,
+            "examples": [0.04],
+        }
+    )
+    wide: float = field(
+        metadata={
+            "description": "Share that is spread over the whole row, a number from 0 to 0.5.",
+            "ge": 0,
+            "lt": 0.5,
+            "examples": [0.01],
+        }
+    )
+    width_cells: int = field(
+        metadata={
+            "description": "Number of cells of the running mean that, taken twice, spreads `around`.",
+            "gt": 0,
+            "examples": [45],
+        }
+    )
+
+
+@dataclass(frozen=True)
+class BeamCorrection:
+    """What a calibration found that must be taken out of line integrals: scattered radiation, then beam hardening."""
+
+    hardening: BeamHardening | None = None
+    scatter: ScatteredRadiation | None = None
+
+    @property
+    def from_counts(self) -> bool:
+        """Whether the calibration's line integrals were made from counts: of others no scatter is known."""
+        return self.scatter is not None or (self.hardening is not None and self.hardening.from_counts)
+
+
+NOTHING_FOUND = BeamCorrection()
