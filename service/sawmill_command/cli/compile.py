@@ -13,7 +13,7 @@ app = typer.Typer()
 def compile_() -> None:
     """Compile the numerical kernels and the byte code now: once on a machine, else the first job waits for it."""
     with answering(), showing_progress("compiling kernels, once on this machine") as on_progress:
-        from sawmill_worker.commands.compile import code_folders, compile_bytecode, compile_kernels
+        from sawmill_worker.commands.compile import bytecode_folders, compile_bytecode, compile_kernels
 
-        compile_bytecode(code_folders())
+        compile_bytecode(bytecode_folders())
         compile_kernels(on_progress)

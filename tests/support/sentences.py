@@ -1,0 +1,115 @@
+"""What the sources say to their readers, counted: `python tests/support/sentences.py [FOLDER ...]` names each place."""
+
+import ast
+import io
+import json
+import re
+import sys
+import tokenize
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+ROOT = Path(__file__).parents[2]
+PRODUCT = ("service", "worker")
+# A sentence that begins so refers to something that is not there.
+OPENING = re.compile(
+    r"(?:Of|As|By|With|Without|Those|That|This|These|Where|What|Whatever|Whom|Whose|Which|Who|How|When|Whether|If|From|"
+    r"For|At|In|On|To|Into|Out|It|Its|They|Them|He|She|One|Others|Each|Every|All|Both|Some|None|Nothing|Any|Such|And|Or|"
+    r"But|Also|Beside|Behind|Below|Above|Among|Between|Until|Since|Before|After|Through|Once|While)\b",
+    re.IGNORECASE,
+)
+# A description of the public document may be a noun phrase, but no fragment of a sentence.
+FRAGMENT = re.compile(r"(?:Of|As|By|With|Those|That|Where|What|Whom|From|For)\b", re.IGNORECASE)
+PRIVATE = re.compile(
+    r"\b(?:anew|whoever|beside|meanwhile|heard|unheard|begun|amid|those of|that of|of its|stands?|look(?:ed)? at|"
+    r"goes on|asked for)\b",
+    re.IGNORECASE,
+)
+
+
+class Text(NamedTuple):
+    """A docstring or a comment, and where it is."""
+
+    place: str
+    text: str
+
+
+def sources(folders: tuple[str, ...] = PRODUCT) -> list[Path]:
+    """Return the modules, migrations left out."""
+    paths = sorted(path for folder in folders for path in Path(ROOT, folder).rglob("*.py"))
+    return [path for path in paths if "migrations" not in path.parts]
+
+
+def docstrings(path: Path) -> Iterator[Text]:
+    """Find the docstrings of modules, classes and functions."""
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+            text = ast.get_docstring(node)
+            if text:
+                yield Text(f"{path.relative_to(ROOT)}:{getattr(node, 'lineno', 1)}", text)
+
+
+def comments(path: Path) -> Iterator[Text]:
+    """Find the comments, directives of tools left out."""
+    for token in tokenize.generate_tokens(io.StringIO(path.read_text()).readline):
+        text = token.string.lstrip("# ")
+        if token.type == tokenize.COMMENT and not re.match(r"noqa|type:|!|mypy:|fmt:|ruff:", text):
+            yield Text(f"{path.relative_to(ROOT)}:{token.start[0]}", text)
+
+
+def descriptions(document: Any) -> Iterator[Text]:  # noqa: ANN401 - JSON
+    """Find the descriptions of the public document, by their path in it."""
+
+    def walk(node: Any, place: str) -> Iterator[Text]:  # noqa: ANN401
+        if isinstance(node, dict):
+            for name, value in node.items():
+                if name in {"description", "summary"} and isinstance(value, str):
+                    yield Text(place, value)
+                elif name not in {"example", "examples"}:
+                    yield from walk(value, f"{place}/{name}")
+        elif isinstance(node, list):
+            for number, value in enumerate(node):
+                yield from walk(value, f"{place}/{number}")
+
+    yield from walk(document, "")
+
+
+def public_document() -> Any:  # noqa: ANN401
+    """Read the committed document."""
+    return json.loads((ROOT / "openapi/openapi.json").read_text())
+
+
+def opening_badly(texts: Iterator[Text]) -> list[Text]:
+    """Select the texts that begin with a preposition, a pronoun or a conjunction."""
+    return [text for text in texts if OPENING.match(text.text)]
+
+
+def fragments(document: Any) -> list[Text]:  # noqa: ANN401
+    """Select the descriptions of the public document that have a sentence which begins as none does."""
+    said = descriptions(document)
+    return [text for text in said if any(map(FRAGMENT.match, re.split(r"(?<=[.])\s+", text.text)))]
+
+
+def main() -> None:
+    """Print each place below some folders, and the counts."""
+    folders = tuple(sys.argv[1:]) or PRODUCT
+    every, opening, private, lines = 0, 0, 0, 0
+    for path in sources(folders):
+        lines += len(path.read_text().splitlines())
+        said = list(docstrings(path))
+        every += len(said)
+        for text in opening_badly(iter(said)):
+            opening += 1
+            print(f"{text.place}: opens: {text.text.splitlines()[0]}")
+        for text in (*said, *comments(path)):
+            for line in text.text.splitlines():
+                for word in PRIVATE.findall(line):
+                    private += 1
+                    print(f"{text.place}: word {word!r}: {line.strip()}")
+    print(f"{opening} of {every} docstrings open so; {private} private words in {lines} lines", file=sys.stderr)
+    print(f"{len(fragments(public_document()))} fragments in the public document", file=sys.stderr)
+
+
+if __name__ == "__main__":
+    main()
