@@ -22,19 +22,19 @@ from typing import Any, TypeVar
 from measurement import RESULTS, Measurement, reference_s
 from sqlalchemy import insert
 
-from sawmill_contracts.events import EventKind
 from sawmill_contracts.geometry import ScannerConstants
-from sawmill_contracts.jobs import Failure, FailureKind, JobKind, JobState
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import ScanState
+from sawmill_platform.contracts.events import EventKind
+from sawmill_platform.contracts.jobs import Failure, FailureKind, JobKind, JobState
+from sawmill_platform.database.database import Database
+from sawmill_platform.database.engines import make_engine
+from sawmill_platform.database.tables import EventRow, JobRow, ScanRow
+from sawmill_platform.settings import StorageSettings
 from sawmill_store.backups.checking import check_backup
 from sawmill_store.backups.restoring import restore
 from sawmill_store.backups.taking import take_backup
-from sawmill_store.database import Database
-from sawmill_store.engines import make_engine
-from sawmill_store.settings import StorageSettings
 from sawmill_store.store import Store
-from sawmill_store.tables import EventRow, JobRow, ScanRow
 
 FILES, FILE_BYTES, NEW = 58_000, 10_000, 10
 PARTS = {

@@ -11,8 +11,8 @@ import time
 from pathlib import Path
 
 from sawmill_contracts.handed_over import HandedOver
-from sawmill_worker.execution import landlock
-from sawmill_worker.execution.confinement import confine_to, installation, move_into
+from sawmill_platform.confinement import landlock
+from sawmill_platform.confinement.confinement import confine_to, installation, move_into
 
 
 def once(folder: Path) -> float:

@@ -23,14 +23,14 @@ from scanners import SCANNER
 from waiting_job import Done, do_waiting_job
 
 from sawmill_contracts.geometry import GivenTheta, ScannerConstants
-from sawmill_contracts.jobs import JobKind
 from sawmill_contracts.reconstructions import ReconstructionAsk
 from sawmill_contracts.scanners import ScannerSpec, Tolerances
 from sawmill_contracts.scans import ScanSpec
-from sawmill_store.settings import StorageSettings
+from sawmill_platform.attempts.limits import peak_memory_bytes
+from sawmill_platform.contracts.jobs import JobKind
+from sawmill_platform.settings import StorageSettings
 from sawmill_store.store import Store
 from sawmill_vocabulary import DataKind, ReconstructionMethod
-from sawmill_worker.execution.limits import peak_memory_bytes
 
 # The log of `memory.py` is in the middle of the detector.
 THETA = GivenTheta(

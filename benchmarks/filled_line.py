@@ -14,10 +14,10 @@ from scans import TRUE_THETA
 from sqlalchemy import func, insert, select
 
 from sawmill_command import demo_client
-from sawmill_contracts.events import EventKind
-from sawmill_contracts.jobs import JobKind, JobState
+from sawmill_platform.contracts.events import EventKind
+from sawmill_platform.contracts.jobs import JobKind, JobState
+from sawmill_platform.database.tables import EventRow, JobRow, PlanRow
 from sawmill_store.store import Store
-from sawmill_store.tables import EventRow, JobRow, PlanRow
 
 CLIENTS, PAGE_JOBS = 4, 50
 WINDOW_S, NOBODY_WORKS_S = 6.0, 60.0

@@ -25,18 +25,18 @@ from job_price import processes
 
 from sawmill_contracts.calibrations import CalibrationAsk, PaperOptions
 from sawmill_contracts.geometry import ScannerConstants
-from sawmill_contracts.jobs import Job, JobKind, JobState
 from sawmill_contracts.reconstructions import ReconstructionAsk
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import ScanSpec
-from sawmill_store.settings import StorageSettings
+from sawmill_platform.attempts.runner import Runner
+from sawmill_platform.contracts.jobs import Job, JobKind, JobState
+from sawmill_platform.settings import StorageSettings
+from sawmill_platform.workers.settings import ExecutionSettings
 from sawmill_store.store import Store
 from sawmill_tomography.geometry.geometry import FanBeamGeometry, Scanner, Theta
 from sawmill_tomography.phantoms.built_in import L_SHAPE
 from sawmill_tomography.projection.simulate import simulate_sinogram
 from sawmill_vocabulary import CalibrationMethod, DataKind, ReconstructionMethod
-from sawmill_worker.execution.runner import Runner
-from sawmill_worker.execution.settings import ExecutionSettings
 
 SCANNER, THETA, VIEWS, ROWS = Scanner(859.46, 256, 4.5), Theta(0.9, 710.0, 240.0, 35.0, 0.2), 60, 640
 SEARCH = PaperOptions(image_size=128, stop="tight", max_generations=120)

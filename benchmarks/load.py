@@ -30,7 +30,7 @@ from log_price import FEW, FEW_ROWS, price_of_a_log
 from measurement import RESULTS, Measurement, reference_s
 
 from sawmill_command import demo_client
-from sawmill_store.settings import StorageSettings
+from sawmill_platform.settings import StorageSettings
 from sawmill_store.store import Store
 from sawmill_vocabulary import ReconstructionMethod
 

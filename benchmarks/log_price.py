@@ -16,11 +16,11 @@ from scans import TRUE_THETA
 from waiting_job import do_waiting_job
 
 from sawmill_contracts.geometry import ScannerConstants
-from sawmill_contracts.jobs import JobKind
 from sawmill_contracts.reconstructions import ReconstructionAsk
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import ScanSpec
-from sawmill_store.settings import StorageSettings
+from sawmill_platform.contracts.jobs import JobKind
+from sawmill_platform.settings import StorageSettings
 from sawmill_store.store import Store
 from sawmill_vocabulary import DataKind, ReconstructionMethod
 from sawmill_worker.jobs.running import warm_up

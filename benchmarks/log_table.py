@@ -37,7 +37,7 @@ from rich.progress import Progress
 from scans import GRID
 from whole_logs import TABLE_SEED, Rows, WholeLog
 
-from sawmill_platform.whole_files import whole_file
+from sawmill_platform.files.whole_files import whole_file
 from sawmill_tomography.geometry.image_grid import ImageGrid
 from sawmill_tomography.warm_up import PARTS, load_iterative_methods
 

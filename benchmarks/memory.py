@@ -24,10 +24,10 @@ from numpy.typing import NDArray
 from scanners import SCANNER
 
 from sawmill_contracts.geometry import ScannerConstants
-from sawmill_contracts.jobs import JobKind
 from sawmill_contracts.scanners import ScannerSpec, Tolerances
 from sawmill_contracts.scans import ScanSpec
-from sawmill_store.settings import StorageSettings
+from sawmill_platform.contracts.jobs import JobKind
+from sawmill_platform.settings import StorageSettings
 from sawmill_store.store import Store
 from sawmill_vocabulary import DataKind
 from sawmill_worker.jobs.attempt import Attempt

@@ -19,11 +19,11 @@ from sawmill_command import examples
 from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.drifts import DriftAsk
 from sawmill_contracts.geometry import ScannerConstants
-from sawmill_contracts.jobs import JobKind
 from sawmill_contracts.reconstructions import ReconstructionAsk
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import ScanSpec
 from sawmill_contracts.schedules import ScheduleSpec
+from sawmill_platform.contracts.jobs import JobKind
 from sawmill_store.store import Store
 from sawmill_tomography.geometry.geometry import FanBeamGeometry, Scanner, Theta
 from sawmill_tomography.phantoms.built_in import L_SHAPE

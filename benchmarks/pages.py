@@ -31,21 +31,15 @@ ROOT = Path(__file__).parents[1]
 sys.path.append(str(ROOT / "tests/support"))
 import results  # noqa: E402
 
-from sawmill_contracts.events import EventKind  # noqa: E402
 from sawmill_contracts.geometry import ScannerConstants  # noqa: E402
-from sawmill_contracts.jobs import JobKind, JobState, Priority  # noqa: E402
-from sawmill_contracts.kinds import declaration_of  # noqa: E402
 from sawmill_contracts.scanners import ScannerSpec  # noqa: E402
 from sawmill_contracts.scans import ScanState  # noqa: E402
-from sawmill_service.app import create_app  # noqa: E402
-from sawmill_service.pages.all_pages import PAGES  # noqa: E402
-from sawmill_service.settings import ServiceSettings  # noqa: E402
-from sawmill_store.database import Database  # noqa: E402
-from sawmill_store.engines import make_engine  # noqa: E402
-from sawmill_store.measurements import record_measurement  # noqa: E402
-from sawmill_store.settings import StorageSettings  # noqa: E402
-from sawmill_store.store import Store  # noqa: E402
-from sawmill_store.tables import (  # noqa: E402
+from sawmill_platform.contracts.events import EventKind  # noqa: E402
+from sawmill_platform.contracts.jobs import JobKind, JobState, Priority  # noqa: E402
+from sawmill_platform.contracts.kinds import declaration_of  # noqa: E402
+from sawmill_platform.database.database import Database  # noqa: E402
+from sawmill_platform.database.engines import make_engine  # noqa: E402
+from sawmill_platform.database.tables import (  # noqa: E402
     ActivationRow,
     CalibrationRow,
     DriftRow,
@@ -54,6 +48,12 @@ from sawmill_store.tables import (  # noqa: E402
     ReconstructionRow,
     ScanRow,
 )
+from sawmill_platform.settings import StorageSettings  # noqa: E402
+from sawmill_service.app import create_app  # noqa: E402
+from sawmill_service.pages.all_pages import PAGES  # noqa: E402
+from sawmill_service.settings import ServiceSettings  # noqa: E402
+from sawmill_store.measurements import record_measurement  # noqa: E402
+from sawmill_store.store import Store  # noqa: E402
 
 REPEATS = 5
 BATCH = 500

@@ -17,17 +17,17 @@ from typing import Any
 
 from sqlalchemy import insert
 
-from sawmill_contracts.events import EventKind
 from sawmill_contracts.geometry import ScannerConstants
-from sawmill_contracts.jobs import JobKind, JobState
 from sawmill_contracts.retention import RetentionAsk, RetentionRules
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import ScanState
-from sawmill_store.database import Database
-from sawmill_store.engines import make_engine
-from sawmill_store.settings import StorageSettings
+from sawmill_platform.contracts.events import EventKind
+from sawmill_platform.contracts.jobs import JobKind, JobState
+from sawmill_platform.database.database import Database
+from sawmill_platform.database.engines import make_engine
+from sawmill_platform.database.tables import EventRow, JobRow, ReconstructionRow, ScanRow
+from sawmill_platform.settings import StorageSettings
 from sawmill_store.store import Store
-from sawmill_store.tables import EventRow, JobRow, ReconstructionRow, ScanRow
 
 LOGS_A_DAY = 2000
 LOG_BYTES = 230_400_000

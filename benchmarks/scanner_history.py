@@ -27,20 +27,20 @@ from sqlalchemy.orm import Session
 
 from sawmill_contracts.alarms import AlarmKind
 from sawmill_contracts.calibrations import CalibrationOptions
-from sawmill_contracts.events import EventKind
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.history import HistoryKind
-from sawmill_contracts.jobs import JobKind, JobState
 from sawmill_contracts.measurements import MeasurementKind
 from sawmill_contracts.scanners import ScannerSpec
+from sawmill_platform.contracts.events import EventKind
+from sawmill_platform.contracts.jobs import JobKind, JobState
+from sawmill_platform.database.database import Database
+from sawmill_platform.database.engines import make_engine
+from sawmill_platform.database.tables import CalibrationRow, HistoryRow, JobRow, MeasurementRow
+from sawmill_platform.settings import StorageSettings
 from sawmill_service.app import create_app
 from sawmill_service.history_file import history_csv
 from sawmill_service.settings import ServiceSettings
-from sawmill_store.database import Database
-from sawmill_store.engines import make_engine
-from sawmill_store.settings import StorageSettings
 from sawmill_store.store import Store
-from sawmill_store.tables import CalibrationRow, HistoryRow, JobRow, MeasurementRow
 
 SEED, REPEATS, DAYS = 17, 5, 365
 SCANNER_ID = "line-2"

@@ -31,7 +31,7 @@ import matplotlib.pyplot as plt
 import sawmill_calibration as sawmill
 from sawmill_command import demo, examples
 from sawmill_command.demo_client import running_service
-from sawmill_store.settings import StorageSettings
+from sawmill_platform.settings import StorageSettings
 from sawmill_store.store import Store
 from sawmill_tomography.geometry.geometry import FanBeamGeometry, Theta, to_vector
 from sawmill_tomography.geometry.image_grid import ImageGrid

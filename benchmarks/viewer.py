@@ -30,16 +30,16 @@ from numpy.typing import NDArray
 from playwright.sync_api import Browser, Page, sync_playwright
 
 from sawmill_contracts.geometry import ScannerConstants
-from sawmill_contracts.jobs import JobKind, JobState
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import ScanState
 from sawmill_formats.output.volume_writer import new_reconstruction
+from sawmill_platform.contracts.jobs import JobKind, JobState
+from sawmill_platform.database.tables import JobRow, ReconstructionRow, ScanRow
+from sawmill_platform.settings import StorageSettings
 from sawmill_service.app import create_app
 from sawmill_service.http.listening import listen
 from sawmill_service.settings import ServiceSettings
-from sawmill_store.settings import StorageSettings
 from sawmill_store.store import Store
-from sawmill_store.tables import JobRow, ReconstructionRow, ScanRow
 
 SCANNERS, SCANS, MINUTES_APART = 50, 10_000, 7
 PIXEL_FIELD_MM, SPACING_MM = 400.0, 10.0

@@ -3,7 +3,7 @@
 import time
 from typing import Any, NamedTuple
 
-from sawmill_contracts.jobs import JobKind
+from sawmill_platform.contracts.jobs import JobKind
 from sawmill_store.store import Store
 from sawmill_worker.jobs.attempt import Attempt
 from sawmill_worker.jobs.running import run

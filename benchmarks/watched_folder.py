@@ -30,7 +30,7 @@ import numpy as np
 import tifffile
 from faults.servers import free_port
 
-from sawmill_worker.execution.kernel_lock import holder_of
+from sawmill_platform.workers.kernel_lock import holder_of
 from sawmill_worker.watching.folder import LOCK
 
 VIEWS, CELLS = 12, 16

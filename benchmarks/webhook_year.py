@@ -19,15 +19,15 @@ from pathlib import Path
 import h11
 from sqlalchemy import func, insert, select
 
-from sawmill_contracts.events import EventKind
-from sawmill_contracts.webhooks import WebhookAsk
+from sawmill_platform.contracts.events import EventKind
+from sawmill_platform.contracts.webhooks import WebhookAsk
+from sawmill_platform.database.tables import DeliveryRow, EventRow
+from sawmill_platform.settings import StorageSettings
+from sawmill_platform.webhooks.outbox import LEASE, message_id
 from sawmill_service.webhooks.couriers import Couriers
 from sawmill_service.webhooks.destinations import AllowedDestinations
 from sawmill_service.webhooks.sending import Sending
-from sawmill_store.outbox import LEASE, message_id
-from sawmill_store.settings import StorageSettings
 from sawmill_store.store import Store
-from sawmill_store.tables import DeliveryRow, EventRow
 
 DAYS = 365
 AWAY = range(180, 187)

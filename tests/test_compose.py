@@ -28,9 +28,9 @@ from compose_file import (
 from pydantic_settings import BaseSettings
 
 from sawmill_command.commands import main
+from sawmill_platform.settings import StorageSettings
+from sawmill_platform.workers.settings import ExecutionSettings
 from sawmill_service.settings import ServiceSettings
-from sawmill_store.settings import StorageSettings
-from sawmill_worker.execution.settings import ExecutionSettings
 
 PAGE, OPERATIONS = ROOT / "docs/compose.md", ROOT / "docs/operations.md"
 SETTINGS: tuple[type[BaseSettings], ...] = (StorageSettings, ServiceSettings, ExecutionSettings)

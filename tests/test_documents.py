@@ -31,13 +31,13 @@ from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.schedules import ScheduleSpec
 from sawmill_formats.input.reading import reading_scan
 from sawmill_formats.output.volume_writer import new_reconstruction
+from sawmill_platform.settings import StorageSettings
+from sawmill_platform.workers.settings import ExecutionSettings
 from sawmill_service.settings import ServiceSettings
-from sawmill_store.settings import StorageSettings
 from sawmill_tomography.geometry.geometry import Scanner, SourceFrame
 from sawmill_tomography.geometry.ray_error import ray_error
 from sawmill_vocabulary.physics import Physics
 from sawmill_worker.commands.geometry_options import theta_of
-from sawmill_worker.execution.settings import ExecutionSettings
 
 ROOT = Path(__file__).parents[1]
 README, TOUR, HTTP = ROOT / "README.md", ROOT / "docs/tour.md", ROOT / "docs/http.md"

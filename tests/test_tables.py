@@ -9,12 +9,12 @@ from typing import NamedTuple, get_args
 
 import jinja2
 
-from sawmill_contracts.events import JOB_ENDS, EventKind
-from sawmill_contracts.jobs import JobKind
-from sawmill_contracts.kinds import declaration_of
+from sawmill_platform.contracts.events import JOB_ENDS, EventKind
+from sawmill_platform.contracts.jobs import JobKind
+from sawmill_platform.contracts.kinds import declaration_of
 from sawmill_service.pages.scanner_history import EVENT_WORDS
-from sawmill_store.entering import kind_of
 from sawmill_store.history import SUBJECTS
+from sawmill_store.history_writer import kind_of
 
 ROOT = Path(__file__).parents[1]
 # Tables that lack members, each with what becomes of a member that it lacks.
@@ -24,9 +24,9 @@ PARTIAL = {
     "service/sawmill_service/pages/job_words.py: FATES": "the other events are not of an attempt at a job",
     "service/sawmill_service/pages/scanner_history.py: EVENT_WORDS": "the other events are in no history",
     "worker/sawmill_worker/pictures/calibration_report.py: BY_METHOD": "the other methods need no remark",
-    "worker/sawmill_store/entering.py: _BY_EVENT": "the subject decides for the other events",
+    "worker/sawmill_store/history_writer.py: _BY_EVENT": "the subject decides for the other events",
     "worker/sawmill_store/references.py: _WITHOUT_RESULT": "the other states have a result or will have one",
-    "worker/sawmill_store/tables.py: OWN_TABLES": "the rows of other kinds are in the table `asked`",
+    "worker/sawmill_platform/database/tables.py: OWN_TABLES": "the rows of other kinds are in the table `asked`",
     "worker/sawmill_tomography/calibration/scan_model.py: LARGEST": "the other terms may have any size",
     "worker/sawmill_tomography/calibration/steps.py: arms": "the other terms do not move the phantom's rim",
     "worker/sawmill_tomography/reconstruction/choosing.py: EXPECTED_ERRORS": "`auto` takes measured methods only",

@@ -10,9 +10,9 @@ from pathlib import Path
 MARK = "PYTHON_FAULTS_WORLD"
 _PARTS = {
     "sawmill_service": "api",
-    "sawmill_worker.execution.poller": "worker",
-    "sawmill_worker.execution.celery_app": "worker",
-    "sawmill_worker.execution.attempt": "attempt",
+    "sawmill_platform.workers.poller": "worker",
+    "sawmill_platform.workers.celery_app": "worker",
+    "sawmill_platform.attempts.attempt": "attempt",
 }
 
 

@@ -62,7 +62,7 @@ class Product:
         self._commands = [[*serve, str(port)] for port in ports]
         if broker:
             self._commands.append(
-                [sys.executable, "-m", "celery", "-A", "sawmill_worker.execution.celery_app", "worker"]
+                [sys.executable, "-m", "celery", "-A", "sawmill_platform.workers.celery_app", "worker"]
             )
         self._running: dict[int, subprocess.Popen[bytes]] = {}
         self._keeping, self._ended = threading.Lock(), threading.Event()

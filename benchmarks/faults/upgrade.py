@@ -9,8 +9,8 @@ from sqlalchemy import Boolean, Connection, DateTime, MetaData, Table
 
 from faults.trial import Trial
 from faults.work import Accepted, Work, log_scan, phantom_scan
-from sawmill_store.database import Database
-from sawmill_store.engines import make_engine
+from sawmill_platform.database.database import Database
+from sawmill_platform.database.engines import make_engine
 
 REVISION = "0003"
 # In tables of that revision, with what `faults.work` asks for; the first is running.

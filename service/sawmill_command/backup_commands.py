@@ -62,9 +62,9 @@ def restore(
     data: Data = None,
 ) -> None:
     """Restore a backup into an empty data folder and an empty database, every checksum compared."""
+    from sawmill_platform.workers.sole_service import refuse_second, sole_service
     from sawmill_store.backups import restoring
     from sawmill_store.backups.checking import check_backup
-    from sawmill_worker.execution.sole_service import refuse_second, sole_service
 
     if check:
         with _reported("This backup cannot be restored"), showing_progress("check") as on_progress:
@@ -87,7 +87,7 @@ def restore(
 @contextmanager
 def _reported(trouble: str) -> Iterator[None]:
     """One sentence and exit code 1 for what goes wrong."""
-    from sawmill_store.errors import StorageError
+    from sawmill_platform.errors import StorageError
 
     try:
         with ending_when_terminated():

@@ -8,8 +8,8 @@ INTERRUPTED = 130  # as shells say it of SIGINT
 def main() -> None:
     """Import the command line, which takes a moment, and run it."""
     try:
-        from sawmill_worker.execution.importing import importing  # noqa: PLC0415 - as the next
-        from sawmill_worker.execution.threading_layer import configure_threads  # noqa: PLC0415 - as the next
+        from sawmill_platform.attempts.importing import importing  # noqa: PLC0415 - as the next
+        from sawmill_platform.attempts.threading_layer import configure_threads  # noqa: PLC0415 - as the next
 
         configure_threads()
         with importing():

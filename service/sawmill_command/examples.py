@@ -20,20 +20,22 @@ from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.drifts import DriftAsk
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.inspections import InspectionOptions
-from sawmill_contracts.jobs import Priority
-from sawmill_contracts.kinds import Ask, asked_kinds
 from sawmill_contracts.phantoms import PhantomDrawing
 from sawmill_contracts.plans import PlanAsk
 from sawmill_contracts.reconstructions import ReconstructionAsk
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import ScanSpec
 from sawmill_contracts.schedules import ScheduleSpec
-from sawmill_contracts.uploads import UploadAsk
+from sawmill_platform.contracts.jobs import Priority
+from sawmill_platform.contracts.kinds import Ask, asked_kinds
+from sawmill_platform.contracts.uploads import UploadAsk
+from sawmill_platform.errors import Conflict
+from sawmill_platform.settings import StorageSettings
+from sawmill_platform.uploads.upload_store import UploadQuota
+from sawmill_platform.workers.logs import configure_logs
+from sawmill_platform.workers.settings import ExecutionSettings
 from sawmill_store.asked import NOTHING, Asked
-from sawmill_store.errors import Conflict
-from sawmill_store.settings import StorageSettings
 from sawmill_store.store import Store
-from sawmill_store.uploads import UploadQuota
 from sawmill_tomography.geometry.geometry import FanBeamGeometry, FloatArray, Scanner, Theta
 from sawmill_tomography.phantoms.built_in import L_SHAPE
 from sawmill_tomography.phantoms.log_model import SAPWOOD_PER_MM, LogModel
@@ -41,8 +43,6 @@ from sawmill_tomography.phantoms.phantom import Phantom
 from sawmill_tomography.projection.simulate import SimulatedStack, simulate_stack
 from sawmill_vocabulary import DataKind, Polygon, ReconstructionMethod
 from sawmill_vocabulary.physics import BeamEffects, DetectorEffects, MotionEffects, Physics, WoodEffects
-from sawmill_worker.execution.logs import configure_logs
-from sawmill_worker.execution.settings import ExecutionSettings
 from sawmill_worker.use_cases.simulated_scan import write_simulated_scan
 
 EXAMPLE, SPARE, SPARSE = "example", "example-spare", "example-sparse"

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from sawmill_command.data_option import Data, storage_settings
-from sawmill_contracts.keys import Key, KeyAsk, NewKey, Scope
+from sawmill_platform.contracts.keys import Key, KeyAsk, NewKey, Scope
 from sawmill_worker.commands.command_line import Command
 from sawmill_worker.commands.terminal import print_json, say
 
@@ -124,8 +124,8 @@ def audit(
 @contextmanager
 def opened(data: Path | None) -> Iterator["Store"]:
     """The store of a data folder, worked on in the name of whoever calls the command."""
-    from sawmill_store.acting import Actor, acting_as
-    from sawmill_store.errors import StorageError
+    from sawmill_platform.acting import Actor, acting_as
+    from sawmill_platform.errors import StorageError
     from sawmill_store.store import Store
 
     settings = storage_settings(data)

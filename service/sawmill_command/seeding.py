@@ -5,10 +5,10 @@ from pathlib import Path
 
 import structlog
 
-from sawmill_store.files import EXAMPLES
+from sawmill_platform.attempts.environment import environment_with
+from sawmill_platform.attempts.importing import PROGRAM
+from sawmill_platform.files.file_store import EXAMPLES
 from sawmill_store.store import Store
-from sawmill_worker.execution.environment import environment_with
-from sawmill_worker.execution.importing import PROGRAM
 
 COMMAND = (*PROGRAM, "sawmill_command.examples")
 

@@ -9,9 +9,9 @@ from typing import Annotated
 import typer
 
 from sawmill_command.data_option import Data
+from sawmill_platform.attempts.importing import importing
 from sawmill_worker.commands.command_line import Command, OneOf
 from sawmill_worker.commands.terminal import print_json, say
-from sawmill_worker.execution.importing import importing
 
 app = typer.Typer()
 
@@ -33,13 +33,13 @@ def serve(
     """Run the API, its workers and the schedule on this machine."""
     with importing():
         from sawmill_command.seeding import seed_apart
+        from sawmill_platform.errors import StorageError
+        from sawmill_platform.settings import StorageSettings
+        from sawmill_platform.workers.settings import ExecutionSettings
+        from sawmill_platform.workers.variables import WrongVariableError, variables_checked
         from sawmill_service.http.listening import ListenError
         from sawmill_service.serving import serve_until_stopped
         from sawmill_service.settings import ServiceSettings
-        from sawmill_store.errors import StorageError
-        from sawmill_store.settings import StorageSettings
-        from sawmill_worker.execution.settings import ExecutionSettings
-        from sawmill_worker.execution.variables import WrongVariableError, variables_checked
 
     for name, value in (("DATA_FOLDER", data), ("HOST", host), ("PORT", port), ("WORKERS", workers or None)):
         if value is not None:
@@ -157,11 +157,11 @@ def openapi(
     ),
 ) -> None:
     """Write the OpenAPI document and its example requests."""
+    from sawmill_platform.settings import StorageSettings
     from sawmill_service.app import create_app
     from sawmill_service.http import openapi_document
     from sawmill_service.serving import no_wake
     from sawmill_service.settings import ServiceSettings
-    from sawmill_store.settings import StorageSettings
     from sawmill_store.store import Store
 
     with tempfile.TemporaryDirectory() as temporary:

@@ -17,16 +17,16 @@ from starlette.datastructures import Headers
 from starlette.requests import Request
 from starlette.types import Scope as RequestScope
 
-from sawmill_contracts.keys import Scope
-from sawmill_contracts.kinds import asked_kinds
+from sawmill_platform.acting import Actor
+from sawmill_platform.contracts.keys import Scope
+from sawmill_platform.contracts.kinds import asked_kinds
+from sawmill_platform.errors import StorageError
+from sawmill_platform.keys.key_store import KeyStore, hash_of
+from sawmill_platform.keys.sessions import Sessions
 from sawmill_service.http.listening import is_loopback
 from sawmill_service.http.problems import Refused
 from sawmill_service.http.rates import FailedLogins
 from sawmill_service.http.session_cookie import SessionCookie, csrf_token
-from sawmill_store.acting import Actor
-from sawmill_store.errors import StorageError
-from sawmill_store.keys import KeyStore, hash_of
-from sawmill_store.sessions import Sessions
 
 LOGIN, LOGOUT = "/login", "/logout"
 # One header each: browsers do not look for a second challenge within one.

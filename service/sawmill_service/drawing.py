@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sawmill_contracts.calibrations import CalibrationResult
-from sawmill_contracts.jobs import JobKind
 from sawmill_contracts.reconstructions import ReconstructionResult
 from sawmill_contracts.scans import Scan, ScanShape
 from sawmill_formats.errors import damage_reported
+from sawmill_platform.contracts.jobs import JobKind
 from sawmill_service.finished import middle_row
 from sawmill_service.http.problems import Refused
 from sawmill_store.store import Store

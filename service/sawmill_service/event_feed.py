@@ -8,10 +8,10 @@ from typing import Annotated
 from fastapi import Header
 from fastapi.concurrency import run_in_threadpool
 
-from sawmill_contracts.events import Event
-from sawmill_store.errors import StorageUnavailable
-from sawmill_store.event_reader import EventReader
-from sawmill_store.events import Events
+from sawmill_platform.contracts.events import Event
+from sawmill_platform.errors import StorageUnavailable
+from sawmill_platform.ledger.event_reader import EventReader
+from sawmill_platform.ledger.events import Events
 
 LARGEST_NUMBER = 2**53  # of an event; JavaScript counts no further
 

@@ -2,8 +2,8 @@
 
 from sawmill_contracts.reconstructions import ReconstructionResult
 from sawmill_contracts.scans import Scan, ScanShape
+from sawmill_platform.errors import NotFound
 from sawmill_service.http.problems import Refused
-from sawmill_store.errors import NotFound
 from sawmill_store.store import Store
 
 

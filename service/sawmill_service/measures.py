@@ -15,17 +15,17 @@ from prometheus_client.core import (
 )
 from prometheus_client.registry import Collector
 
-from sawmill_contracts.events import EventKind
 from sawmill_contracts.failure_codes import DEFECTS, OTHER, counted_as
-from sawmill_contracts.jobs import FailureKind, JobKind, JobState
 from sawmill_contracts.retention import Removed
+from sawmill_platform.contracts.events import EventKind
+from sawmill_platform.contracts.jobs import FailureKind, JobKind, JobState
+from sawmill_platform.errors import FolderUnavailable, StorageMisconfigured, StorageUnavailable
+from sawmill_platform.jobs.tallies import DURATIONS_S, NONE, Amount, Fate, Tally
 from sawmill_service.routes.health import PATIENCE_S
 from sawmill_service.scanner_conditions import conditions_of
 from sawmill_service.scanner_measures import scanner_measures
 from sawmill_service.webhook_measures import webhook_measures
-from sawmill_store.errors import FolderUnavailable, StorageMisconfigured, StorageUnavailable
 from sawmill_store.store import Store
-from sawmill_store.tallies import DURATIONS_S, NONE, Amount, Fate, Tally
 
 Key = TypeVar("Key", bound=Hashable)
 OUTCOMES = (

@@ -8,10 +8,10 @@ from datetime import datetime
 from sawmill_contracts.alarms import Alarm, AlarmKind
 from sawmill_contracts.calibrations import CalibrationSucceeded, CalibrationUnfinished, Comparison
 from sawmill_contracts.drifts import Drift, DriftResult
-from sawmill_contracts.jobs import Failure
 from sawmill_contracts.scanners import StoredScanner
+from sawmill_platform.contracts.jobs import Failure
+from sawmill_platform.errors import NotFound
 from sawmill_service.pages.languages import marked
-from sawmill_store.errors import NotFound
 from sawmill_store.overviews import Overview
 from sawmill_store.store import Store
 

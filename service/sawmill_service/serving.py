@@ -9,6 +9,14 @@ from types import FrameType
 import structlog
 import uvicorn
 
+from sawmill_platform.errors import StorageError
+from sawmill_platform.settings import StorageSettings
+from sawmill_platform.workers.clock_keeper import ClockKeeper
+from sawmill_platform.workers.logs import configure_logs
+from sawmill_platform.workers.opening import open_store
+from sawmill_platform.workers.settings import ExecutionSettings
+from sawmill_platform.workers.sole_service import refuse_second, sole_service
+from sawmill_platform.workers.supervise import WorkerSupervisor
 from sawmill_service.app import create_app
 from sawmill_service.dependencies import Wake
 from sawmill_service.http.listening import ListenError, is_loopback, listen
@@ -19,15 +27,7 @@ from sawmill_service.settings import ServiceSettings
 from sawmill_service.stopping import Server
 from sawmill_service.webhooks.destinations import AllowedDestinations
 from sawmill_service.webhooks.sender import WebhookSender
-from sawmill_store.errors import StorageError
-from sawmill_store.settings import StorageSettings
 from sawmill_store.store import Store
-from sawmill_worker.execution.clock_keeper import ClockKeeper
-from sawmill_worker.execution.logs import configure_logs
-from sawmill_worker.execution.opening import open_store
-from sawmill_worker.execution.settings import ExecutionSettings
-from sawmill_worker.execution.sole_service import refuse_second, sole_service
-from sawmill_worker.execution.supervise import WorkerSupervisor
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 # A connection ends when its next request does not come within this time. Nothing ends one that never had a request.
@@ -92,7 +92,7 @@ def serve_until_stopped(
         wake: Wake = no_wake
         if execution.broker_url is not None:
             # Imported here: without a broker nobody needs Celery's 11 MiB.
-            from sawmill_worker.execution.celery_app import Waker, make_celery  # noqa: PLC0415
+            from sawmill_platform.workers.celery_app import Waker, make_celery  # noqa: PLC0415
 
             waker = stack.enter_context(closing(Waker(make_celery(execution, storage), store.jobs.is_short)))
             waker.start()

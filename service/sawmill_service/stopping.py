@@ -14,7 +14,7 @@ from sawmill_service.service_manager import ServiceManager
 # From the first signal on. What has not come or gone by then would hold the end for as long as its client likes.
 BODIES_S = 2.0
 SHUTDOWN_S = 3.0
-# For what waits for the database then, which is given up after five seconds (`sawmill_store/database.py`).
+# For what waits for the database then, which is given up after five seconds (`sawmill_platform/database/database.py`).
 _ANSWERS_S = 9
 _LOOK_S = 0.25
 

@@ -5,7 +5,7 @@ from datetime import datetime
 
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 
-from sawmill_contracts.webhooks import Webhook, WebhookState
+from sawmill_platform.contracts.webhooks import Webhook, WebhookState
 
 _GAUGES = {
     "waiting": "Events that wait to be sent.",

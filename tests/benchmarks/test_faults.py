@@ -18,7 +18,7 @@ from sqlalchemy import text
 
 from sawmill_contracts.plans import PlanAsk
 from sawmill_contracts.scanners import ScannerSpec
-from sawmill_store.settings import StorageSettings
+from sawmill_platform.settings import StorageSettings
 from sawmill_store.store import Store
 
 # Another one than the study's.

@@ -5,9 +5,9 @@ import asyncio
 import pages
 import pytest
 
-from sawmill_store.database import Database
-from sawmill_store.engines import make_engine
-from sawmill_store.settings import StorageSettings
+from sawmill_platform.database.database import Database
+from sawmill_platform.database.engines import make_engine
+from sawmill_platform.settings import StorageSettings
 from sawmill_store.store import Store
 
 

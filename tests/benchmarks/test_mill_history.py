@@ -7,7 +7,7 @@ from datetime import timedelta
 import pytest
 from mill_history import Line, PastClock, write_history
 
-from sawmill_store.settings import StorageSettings
+from sawmill_platform.settings import StorageSettings
 from sawmill_store.store import Store
 
 pytestmark = pytest.mark.nightly

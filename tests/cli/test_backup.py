@@ -8,12 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from sawmill_contracts.keys import KeyAsk, Scope
+from sawmill_platform.contracts.keys import KeyAsk, Scope
+from sawmill_platform.files.file_store import LAST_BACKUP, RESTORING
+from sawmill_platform.settings import StorageSettings
+from sawmill_platform.workers.sole_service import sole_service
 from sawmill_store.backups.newest import Newest
-from sawmill_store.files import LAST_BACKUP, RESTORING
-from sawmill_store.settings import StorageSettings
 from sawmill_store.store import Store
-from sawmill_worker.execution.sole_service import sole_service
 
 
 @pytest.fixture

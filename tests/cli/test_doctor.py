@@ -17,17 +17,17 @@ from sawmill_command.doctor import machine
 from sawmill_command.doctor.findings import State
 from sawmill_command.doctor.science import kernels
 from sawmill_contracts.geometry import ScannerConstants
-from sawmill_contracts.keys import KeyAsk, Scope
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import ScanSpec
+from sawmill_platform.contracts.keys import KeyAsk, Scope
+from sawmill_platform.database import clock
+from sawmill_platform.errors import StorageMisconfigured
+from sawmill_platform.settings import StorageSettings
+from sawmill_platform.workers.sole_service import refuse_second, serving_process, sole_service
 from sawmill_service.settings import ServiceSettings
-from sawmill_store import clock
-from sawmill_store.errors import StorageMisconfigured
-from sawmill_store.settings import StorageSettings
 from sawmill_store.store import Store
 from sawmill_vocabulary import DataKind
 from sawmill_vocabulary.version import VERSION
-from sawmill_worker.execution.sole_service import refuse_second, serving_process, sole_service
 
 
 @pytest.fixture(autouse=True)

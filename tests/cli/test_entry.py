@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from live_service import wait_until
 
-from sawmill_store.settings import StorageSettings
+from sawmill_platform.settings import StorageSettings
 from sawmill_store.store import Store
 from sawmill_vocabulary.version import VERSION
 

@@ -11,13 +11,13 @@ from jsonschema import Draft202012Validator
 from pydantic import TypeAdapter, ValidationError
 from results import THETA
 
-from sawmill_contracts.keys import KeyAsk
 from sawmill_contracts.phantoms import PhantomAsk
 from sawmill_contracts.reconstructions import ReconstructionAsk
 from sawmill_contracts.schedules import ScheduleAsk
 from sawmill_platform.contracts import patterns
 from sawmill_platform.contracts.base import Name, SteppedRows
 from sawmill_platform.contracts.given import hidden_characters
+from sawmill_platform.contracts.keys import KeyAsk
 
 NOW = datetime(2026, 3, 2, tzinfo=UTC)
 

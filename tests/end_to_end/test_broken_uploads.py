@@ -10,7 +10,7 @@ import pytest
 from live_service import ANSWER_S, Service, wait_until
 from tiers import first_by_day
 
-from sawmill_store.files import UNFINISHED
+from sawmill_platform.files.file_store import UNFINISHED
 
 pytestmark = pytest.mark.slow
 

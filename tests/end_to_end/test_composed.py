@@ -19,8 +19,8 @@ from composed import PATIENCE_S, Composed, wait_until
 from live_service import SCANNER, descendants
 from missing_parts import skip_without
 
+from sawmill_platform.confinement import landlock
 from sawmill_tomography.geometry.geometry import Theta
-from sawmill_worker.execution import landlock
 
 pytestmark = pytest.mark.slow
 

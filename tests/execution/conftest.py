@@ -12,16 +12,16 @@ from typing import Any
 import pytest
 
 from sawmill_contracts.geometry import ScannerConstants
-from sawmill_contracts.jobs import Job, Priority
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import ScanSpec
-from sawmill_store.settings import StorageSettings
+from sawmill_platform.attempts import runner as runners
+from sawmill_platform.attempts.runner import Runner
+from sawmill_platform.attempts.template import Template
+from sawmill_platform.contracts.jobs import Job, Priority
+from sawmill_platform.settings import StorageSettings
+from sawmill_platform.workers.settings import ExecutionSettings
 from sawmill_store.store import Store
 from sawmill_vocabulary import DataKind
-from sawmill_worker.execution import runner as runners
-from sawmill_worker.execution.runner import Runner
-from sawmill_worker.execution.settings import ExecutionSettings
-from sawmill_worker.execution.template import Template
 
 HERE = Path(__file__).parent
 WITHOUT_KERNELS = "from sawmill_worker.execution import attempt; attempt.warm_up = lambda: None; attempt.main()"

@@ -3,9 +3,9 @@
 import sys
 from pathlib import Path
 
-from sawmill_store.settings import StorageSettings
-from sawmill_worker.execution.celery_app import make_celery
-from sawmill_worker.execution.settings import ExecutionSettings
+from sawmill_platform.settings import StorageSettings
+from sawmill_platform.workers.celery_app import make_celery
+from sawmill_platform.workers.settings import ExecutionSettings
 
 app = make_celery(
     ExecutionSettings(),

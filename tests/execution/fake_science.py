@@ -25,14 +25,14 @@ import numpy as np
 from reaching import endings
 
 from sawmill_contracts.handed_over import HandedOver
-from sawmill_contracts.jobs import FailureKind, Job, JobKind
 from sawmill_contracts.reconstructions import Reconstruction
 from sawmill_formats.output.scan_layout import DATA
 from sawmill_formats.output.scan_writer import write_scan
 from sawmill_formats.output.volume_writer import new_reconstruction
-from sawmill_store.files import checkpoints_of, work_of
+from sawmill_platform.attempts.protocol import Succeeded, to_line
+from sawmill_platform.contracts.jobs import FailureKind, Job, JobKind
+from sawmill_platform.files.file_store import checkpoints_of, work_of
 from sawmill_vocabulary import Progress
-from sawmill_worker.execution.protocol import Succeeded, to_line
 
 sys.path.append(str(Path(__file__).parents[1] / "support"))
 import results
@@ -463,6 +463,6 @@ def install() -> None:
 
 if __name__ == "__main__":
     install()
-    from sawmill_worker.execution.attempt import main
+    from sawmill_platform.attempts.attempt import main
 
     main()

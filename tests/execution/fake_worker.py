@@ -6,11 +6,11 @@ import sys
 import threading
 from pathlib import Path
 
-from sawmill_store.settings import StorageSettings
+from sawmill_platform.jobs.turns import ANY, Selection
+from sawmill_platform.settings import StorageSettings
+from sawmill_platform.workers.poller import _listen_to_parent, report_to_parent, run_worker
+from sawmill_platform.workers.settings import ExecutionSettings
 from sawmill_store.store import Store
-from sawmill_store.turns import ANY, Selection
-from sawmill_worker.execution.poller import _listen_to_parent, report_to_parent, run_worker
-from sawmill_worker.execution.settings import ExecutionSettings
 
 stop, wake = threading.Event(), threading.Event()
 signal.signal(signal.SIGTERM, lambda *_: (stop.set(), wake.set()))

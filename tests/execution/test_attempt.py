@@ -2,8 +2,8 @@
 
 import os
 
-from sawmill_worker.execution import attempt
-from sawmill_worker.execution.settings import ExecutionSettings
+from sawmill_platform.attempts import attempt
+from sawmill_platform.workers.settings import ExecutionSettings
 
 
 def test_an_attempt_whose_supervisor_was_killed_ends_without_a_word():

@@ -11,12 +11,12 @@ from hostile import checkers, deflated_twice
 
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.inspections import InspectionOptions
-from sawmill_contracts.jobs import JobState
 from sawmill_contracts.phantoms import PhantomPicture
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import ScanSpec, ScanState
+from sawmill_platform.attempts.limits import DATA_BYTES
+from sawmill_platform.contracts.jobs import JobState
 from sawmill_vocabulary import DataKind
-from sawmill_worker.execution.limits import DATA_BYTES
 
 pytestmark = pytest.mark.slow
 

@@ -10,9 +10,9 @@ import pytest
 import tifffile
 
 from sawmill_contracts.geometry import ScannerConstants
-from sawmill_contracts.jobs import JobState
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import ScanSpec, ScanState
+from sawmill_platform.contracts.jobs import JobState
 from sawmill_vocabulary import DataKind
 
 pytestmark = pytest.mark.slow

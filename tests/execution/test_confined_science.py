@@ -12,17 +12,17 @@ from sawmill_contracts.built_in import BUILT_IN_PHANTOMS
 from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.drifts import DriftAsk
 from sawmill_contracts.inspections import InspectionOptions
-from sawmill_contracts.jobs import JobKind, JobState
 from sawmill_contracts.phantoms import PhantomPicture
 from sawmill_contracts.plans import PlanAsk
 from sawmill_contracts.reconstructions import ReconstructionAsk
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import ScanSpec
+from sawmill_platform.attempts.runner import ATTEMPT_COMMAND, Runner
+from sawmill_platform.contracts.jobs import JobKind, JobState
 from sawmill_tomography.geometry.geometry import TAU, FanBeamGeometry
 from sawmill_tomography.phantoms.built_in import L_SHAPE
 from sawmill_tomography.projection.analytic import DetectorCells, project
 from sawmill_vocabulary import DataKind, ReconstructionMethod
-from sawmill_worker.execution.runner import ATTEMPT_COMMAND, Runner
 
 pytestmark = pytest.mark.slow
 VIEWS = 120

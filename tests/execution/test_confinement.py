@@ -13,16 +13,16 @@ from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.drifts import DriftAsk
 from sawmill_contracts.geometry import GivenTheta, ScannerConstants
 from sawmill_contracts.inspections import InspectionOptions
-from sawmill_contracts.jobs import JobKind, JobState
 from sawmill_contracts.phantoms import PhantomPicture
 from sawmill_contracts.plans import PlanAsk
 from sawmill_contracts.reconstructions import ReconstructionAsk
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import ScanSpec
-from sawmill_store.files import SCAN_FILE
+from sawmill_platform.attempts.limits import OPEN_FILES, limits_of, processor_s
+from sawmill_platform.confinement import landlock
+from sawmill_platform.contracts.jobs import JobKind, JobState
+from sawmill_platform.files.file_store import SCAN_FILE
 from sawmill_vocabulary import DataKind
-from sawmill_worker.execution import landlock
-from sawmill_worker.execution.limits import OPEN_FILES, limits_of, processor_s
 
 pytestmark = pytest.mark.slow
 

@@ -10,10 +10,10 @@ from pathlib import Path
 import pytest
 from structlog.testing import capture_logs
 
-from sawmill_contracts.jobs import JobState
-from sawmill_store.errors import InvalidOutput
-from sawmill_worker.execution.housekeeping import Housekeeping
-from sawmill_worker.execution.poller import run_worker
+from sawmill_platform.contracts.jobs import JobState
+from sawmill_platform.errors import InvalidOutput
+from sawmill_platform.workers.housekeeping import Housekeeping
+from sawmill_platform.workers.poller import run_worker
 
 pytestmark = pytest.mark.slow
 
@@ -73,7 +73,7 @@ def test_housekeeping_removes_nothing_in_a_folder_of_another_service(store, sett
 
 
 def test_housekeeping_says_once_that_a_disk_is_read_only(store, settings, stop, monkeypatch):
-    monkeypatch.setattr("sawmill_store.files.is_read_only", lambda _: True)
+    monkeypatch.setattr("sawmill_platform.files.file_store.is_read_only", lambda _: True)
     housekeeping = Housekeeping(store, settings, stop)
     with capture_logs() as log:
         for _ in range(3):
@@ -108,7 +108,7 @@ def test_a_folder_that_goes_before_a_result_is_checked_costs_no_loss(store, runn
         raise InvalidOutput("the job left the files [], and scan.h5 is due")
 
     with monkeypatch.context() as patched:
-        patched.setattr("sawmill_worker.execution.runner.check_output", check)
+        patched.setattr("sawmill_platform.attempts.runner.check_output", check)
         assert runner.run_next() is JobState.QUEUED
     waiting = store.jobs.get(job.id)
     assert (waiting.waiting_for.code, waiting.losses) == ("storage-unavailable", 0)
@@ -135,7 +135,7 @@ def test_another_file_that_a_job_misses_is_a_defect(store, runner, queue):
 def test_a_folder_that_goes_under_the_supervisor_costs_no_loss(store, runner, queue, monkeypatch):
     job = queue("succeed")
     with monkeypatch.context() as patched:
-        patched.setattr("sawmill_worker.execution.runner._Supervision._begin", lambda *_: Path("/mill/is/away").stat())
+        patched.setattr("sawmill_platform.attempts.runner._Supervision._begin", lambda *_: Path("/mill/is/away").stat())
         assert runner.run_next() is JobState.QUEUED
     assert store.jobs.get(job.id).losses == 0
     assert runner.run_next() is JobState.SUCCEEDED

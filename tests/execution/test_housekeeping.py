@@ -12,21 +12,21 @@ from sqlalchemy import update
 from structlog.testing import capture_logs
 
 from sawmill_contracts.calibrations import CalibrationAsk
-from sawmill_contracts.jobs import JobState
 from sawmill_contracts.measurements import MeasurementKind
 from sawmill_contracts.retention import RetentionAsk, RetentionRules
 from sawmill_contracts.scanners import AlarmLimits
 from sawmill_contracts.schedules import ScheduleSpec
-from sawmill_contracts.webhooks import WebhookAsk
-from sawmill_store import retiring
-from sawmill_store.errors import StorageUnavailable
-from sawmill_store.jobs import Pulse
-from sawmill_store.outbox import Attempt
-from sawmill_store.tables import ActivationRow, DeliveryRow, EventRow, JobRow, MeasurementRow, ScannerRow
-from sawmill_store.webhooks import KEPT
-from sawmill_worker.execution import housekeeping
-from sawmill_worker.execution.housekeeping import Housekeeping
-from sawmill_worker.execution.logs import configure_logs
+from sawmill_platform.contracts.jobs import JobState
+from sawmill_platform.contracts.webhooks import WebhookAsk
+from sawmill_platform.database.tables import ActivationRow, DeliveryRow, EventRow, JobRow, MeasurementRow, ScannerRow
+from sawmill_platform.errors import StorageUnavailable
+from sawmill_platform.jobs.job_store import Pulse
+from sawmill_platform.webhooks.outbox import Attempt
+from sawmill_platform.webhooks.webhook_store import KEPT
+from sawmill_platform.workers import housekeeping
+from sawmill_platform.workers.housekeeping import Housekeeping
+from sawmill_platform.workers.logs import configure_logs
+from sawmill_store import retention_runner as retiring
 
 pytestmark = pytest.mark.slow
 

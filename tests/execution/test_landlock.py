@@ -5,8 +5,8 @@ import os
 import pytest
 from structlog.testing import capture_logs
 
-from sawmill_worker.execution import confinement, landlock
-from sawmill_worker.execution.settings import ExecutionSettings
+from sawmill_platform.confinement import confinement, landlock
+from sawmill_platform.workers.settings import ExecutionSettings
 
 
 def test_rights_that_a_kernel_does_not_know_are_not_asked_for():

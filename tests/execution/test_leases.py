@@ -5,11 +5,11 @@ from collections.abc import Callable
 
 import pytest
 
-from sawmill_contracts.jobs import JobState
-from sawmill_store.errors import StorageUnavailable
-from sawmill_store.jobs import Pulse
-from sawmill_worker.execution.housekeeping import Housekeeping
-from sawmill_worker.execution.leases import LeaseObserver
+from sawmill_platform.attempts.leases import LeaseObserver
+from sawmill_platform.contracts.jobs import JobState
+from sawmill_platform.errors import StorageUnavailable
+from sawmill_platform.jobs.job_store import Pulse
+from sawmill_platform.workers.housekeeping import Housekeeping
 
 
 class Looks:

@@ -7,13 +7,13 @@ import signal
 import pytest
 
 from sawmill_contracts.geometry import ScannerConstants
-from sawmill_contracts.jobs import FailureKind, JobKind, JobState
 from sawmill_contracts.phantoms import PhantomDrawing, PhantomPicture
 from sawmill_contracts.plans import PlanAsk
 from sawmill_contracts.scanners import ScannerSpec
+from sawmill_platform.attempts.failures import died
+from sawmill_platform.attempts.limits import DATA_BYTES, limits_of
+from sawmill_platform.contracts.jobs import FailureKind, JobKind, JobState
 from sawmill_vocabulary import Disc, Theta
-from sawmill_worker.execution.failures import died
-from sawmill_worker.execution.limits import DATA_BYTES, limits_of
 
 pytestmark = pytest.mark.slow
 

@@ -7,10 +7,10 @@ import pytest
 import results
 from damaged_files import DAMAGES
 
-from sawmill_contracts.jobs import JobKind
 from sawmill_contracts.reconstructions import ReconstructionAsk
 from sawmill_formats.output.volume_writer import new_reconstruction
-from sawmill_store.errors import InvalidOutput
+from sawmill_platform.contracts.jobs import JobKind
+from sawmill_platform.errors import InvalidOutput
 from sawmill_store.outputs import check_output
 
 SHAPE = (1, 16, 16)

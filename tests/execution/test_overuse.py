@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from sawmill_contracts.jobs import FailureKind
-from sawmill_store.errors import FolderUnavailable, StorageFull
-from sawmill_worker.execution.overuse import DEEPEST, SMALL_BYTES, overuse
-from sawmill_worker.execution.protocol import Begun
+from sawmill_platform.attempts.protocol import Begun
+from sawmill_platform.confinement.overuse import DEEPEST, SMALL_BYTES, overuse
+from sawmill_platform.contracts.jobs import FailureKind
+from sawmill_platform.errors import FolderUnavailable, StorageFull
 
 MIB = 2**20
 FIRST_THREAD_ENDS = """
@@ -105,7 +105,7 @@ def test_a_process_without_its_first_thread_takes_what_the_others_have(tmp_path)
 
 
 def test_threads_are_bounded(looked_at, monkeypatch):
-    monkeypatch.setattr("sawmill_worker.execution.overuse.MOST_THREADS", 0)
+    monkeypatch.setattr("sawmill_platform.confinement.overuse.MOST_THREADS", 0)
     failure = looked_at()
     assert failure.code == "out-of-memory"
     assert failure.detail.endswith("threads, and may have 0")

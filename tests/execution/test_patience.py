@@ -2,14 +2,14 @@
 
 import pytest
 
-from sawmill_contracts.events import EventKind
-from sawmill_contracts.jobs import FailureKind, JobKind, JobState
-from sawmill_contracts.kinds import declaration_of
-from sawmill_store.errors import StorageFull
+from sawmill_platform.attempts.failures import duration
+from sawmill_platform.attempts.patience import LATE_S, Patience
+from sawmill_platform.contracts.events import EventKind
+from sawmill_platform.contracts.jobs import FailureKind, JobKind, JobState
+from sawmill_platform.contracts.kinds import declaration_of
+from sawmill_platform.errors import StorageFull
+from sawmill_platform.workers.settings import ExecutionSettings
 from sawmill_vocabulary import Progress
-from sawmill_worker.execution.failures import duration
-from sawmill_worker.execution.patience import LATE_S, Patience
-from sawmill_worker.execution.settings import ExecutionSettings
 
 
 class Waiting:

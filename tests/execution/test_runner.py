@@ -14,21 +14,21 @@ from structlog.contextvars import merge_contextvars
 from structlog.testing import capture_logs
 from write_lock import write_lock
 
-from sawmill_contracts.jobs import FailureKind, JobState, Priority
 from sawmill_contracts.reconstructions import ReconstructionAsk
 from sawmill_contracts.scans import ScanState
-from sawmill_store import noted_digests
-from sawmill_store.acting import Actor, acting_as
-from sawmill_store.errors import StorageFull, StorageUnavailable
-from sawmill_store.jobs import Jobs
-from sawmill_store.noted_digests import note_digests, read_note
+from sawmill_platform.acting import Actor, acting_as
+from sawmill_platform.attempts import process
+from sawmill_platform.attempts import runner as runners
+from sawmill_platform.attempts.process import AttemptNotStarted, AttemptProcess, FreshProcesses
+from sawmill_platform.attempts.protocol import CHANNEL, Ready, to_line
+from sawmill_platform.attempts.runner import Runner
+from sawmill_platform.contracts.jobs import FailureKind, JobState, Priority
+from sawmill_platform.errors import StorageFull, StorageUnavailable
+from sawmill_platform.files import digests as noted_digests
+from sawmill_platform.files.digests import note_digests, read_note
+from sawmill_platform.jobs.job_store import Jobs
+from sawmill_platform.workers.poller import run_worker
 from sawmill_store.store import Store
-from sawmill_worker.execution import process
-from sawmill_worker.execution import runner as runners
-from sawmill_worker.execution.poller import run_worker
-from sawmill_worker.execution.process import AttemptNotStarted, AttemptProcess, FreshProcesses
-from sawmill_worker.execution.protocol import CHANNEL, Ready, to_line
-from sawmill_worker.execution.runner import Runner
 
 pytestmark = pytest.mark.slow
 

@@ -4,10 +4,9 @@ from pathlib import Path
 import pytest
 from pydantic import ValidationError
 
-from sawmill_service.settings import ServiceSettings
-from sawmill_worker.execution.environment import environment_of_attempts, environment_with
-from sawmill_worker.execution.settings import ExecutionSettings
-from sawmill_worker.execution.variables import (
+from sawmill_platform.attempts.environment import environment_of_attempts, environment_with
+from sawmill_platform.workers.settings import ExecutionSettings
+from sawmill_platform.workers.variables import (
     KNOWN,
     OF_THE_SERVICE,
     UnknownVariableError,
@@ -15,6 +14,7 @@ from sawmill_worker.execution.variables import (
     check_variables,
     variables_checked,
 )
+from sawmill_service.settings import ServiceSettings
 
 pytestmark = pytest.mark.slow
 

@@ -3,9 +3,9 @@
 import pytest
 from structlog.testing import capture_logs
 
-from sawmill_worker.execution import sharing
-from sawmill_worker.execution.runner import _attempt_environment
-from sawmill_worker.execution.settings import ExecutionSettings
+from sawmill_platform.attempts.runner import _attempt_environment
+from sawmill_platform.workers import sharing
+from sawmill_platform.workers.settings import ExecutionSettings
 
 
 @pytest.fixture(autouse=True)

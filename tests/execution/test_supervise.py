@@ -11,12 +11,12 @@ from types import SimpleNamespace
 import pytest
 from structlog.testing import capture_logs
 
-from sawmill_contracts import kinds
-from sawmill_contracts.jobs import JobState
-from sawmill_store.settings import StorageSettings
-from sawmill_worker.execution import supervise
-from sawmill_worker.execution.environment import environment_with
-from sawmill_worker.execution.supervise import WorkerSupervisor, _WatchedWorker
+from sawmill_platform.attempts.environment import environment_with
+from sawmill_platform.contracts import kinds
+from sawmill_platform.contracts.jobs import JobState
+from sawmill_platform.settings import StorageSettings
+from sawmill_platform.workers import supervise
+from sawmill_platform.workers.supervise import WorkerSupervisor, _WatchedWorker
 
 pytestmark = pytest.mark.slow
 
@@ -133,9 +133,9 @@ def test_workers_that_are_stopped_lose_nothing(store, storage, settings, queue, 
 
 def test_nothing_is_left_when_the_service_is_killed(store, storage, settings, queue, wait_for):
     program = (
-        "import sys, time; from sawmill_worker.execution.supervise import WorkerSupervisor;"
-        "from sawmill_worker.execution.settings import ExecutionSettings;"
-        "from sawmill_store.settings import StorageSettings;"
+        "import sys, time; from sawmill_platform.workers.supervise import WorkerSupervisor;"
+        "from sawmill_platform.workers.settings import ExecutionSettings;"
+        "from sawmill_platform.settings import StorageSettings;"
         f"WorkerSupervisor(StorageSettings(), ExecutionSettings(), command={WORKER!r}).__enter__(); time.sleep(600)"
     )
     service = subprocess.Popen([sys.executable, "-c", program], env=environment_with(storage, settings))
@@ -201,7 +201,7 @@ def test_a_system_that_cannot_start_a_process_is_asked_again(storage, settings, 
             raise BlockingIOError(errno.EAGAIN, os.strerror(errno.EAGAIN))
         return started(*arguments, **options)
 
-    monkeypatch.setattr("sawmill_worker.execution.supervise.subprocess.Popen", refuse_twice)
+    monkeypatch.setattr("sawmill_platform.workers.supervise.subprocess.Popen", refuse_twice)
     with capture_logs() as log, WorkerSupervisor(storage, settings, command=IDLE) as supervisor:
         wait_for(lambda: supervisor.process_ids)
     assert [(entry["event"], entry["restart_in_s"]) for entry in about_workers(log)] == [
@@ -217,7 +217,7 @@ def test_workers_are_watched_whatever_happens(storage, settings, monkeypatch, wa
         rounds.append(1)
         raise MemoryError
 
-    monkeypatch.setattr("sawmill_worker.execution.supervise._WatchedWorker.restart_if_due", stumble)
+    monkeypatch.setattr("sawmill_platform.workers.supervise._WatchedWorker.restart_if_due", stumble)
     with capture_logs() as log, WorkerSupervisor(storage, settings, command=IDLE):
         wait_for(lambda: len(rounds) > 2)
     assert {entry["event"] for entry in about_workers(log)} == {"worker-not-watched"}

@@ -15,15 +15,15 @@ from missing_parts import skip_without
 from sawmill_command import examples
 from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.geometry import ScannerConstants
-from sawmill_contracts.jobs import JobKind, JobState
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import ScanSpec
 from sawmill_formats.output import calibration_file
+from sawmill_platform.attempts import template
+from sawmill_platform.attempts.runner import ATTEMPT_COMMAND, Runner
+from sawmill_platform.attempts.template import ForkedProcess, Template, template_library
+from sawmill_platform.contracts.jobs import JobKind, JobState
+from sawmill_platform.workers.poller import run_worker
 from sawmill_vocabulary import DataKind
-from sawmill_worker.execution import template
-from sawmill_worker.execution.poller import run_worker
-from sawmill_worker.execution.runner import ATTEMPT_COMMAND, Runner
-from sawmill_worker.execution.template import ForkedProcess, Template, template_library
 
 pytestmark = [
     pytest.mark.slow,
@@ -115,9 +115,9 @@ def test_nothing_outlives_the_supervisor(store, settings, command, queue, wait_f
     queue("talk")
     program = (
         "import sys, threading\n"
-        "from sawmill_worker.execution.runner import Runner\n"
-        "from sawmill_worker.execution.settings import ExecutionSettings\n"
-        "from sawmill_store.settings import StorageSettings\n"
+        "from sawmill_platform.attempts.runner import Runner\n"
+        "from sawmill_platform.workers.settings import ExecutionSettings\n"
+        "from sawmill_platform.settings import StorageSettings\n"
         "from sawmill_store.store import Store\n"
         "store = Store(StorageSettings.model_validate_json(sys.argv[1]))\n"
         "settings = ExecutionSettings.model_validate_json(sys.argv[2])\n"
@@ -138,7 +138,7 @@ def test_nothing_outlives_the_supervisor(store, settings, command, queue, wait_f
 DRAWING = (
     "import os, socket\n"
     "import numpy as np\n"
-    "from sawmill_worker.execution.forking import REQUESTS, serve\n"
+    "from sawmill_platform.attempts.forking import REQUESTS, serve\n"
     "serve(socket.socket(fileno=int(os.environ[REQUESTS])),\n"
     "      lambda channel: channel.write(b'%r\\n' % float(np.random.random())))\n"
 ).replace("b'%r\\n' % float(np.random.random())", "f'{np.random.random()!r}\\n'.encode()")
@@ -157,7 +157,7 @@ def test_children_draw_different_numbers():
 
 LEAVING = """
 import os, socket, time
-from sawmill_worker.execution.forking import REQUESTS, serve
+from sawmill_platform.attempts.forking import REQUESTS, serve
 
 def leave(channel):
     if os.fork() == 0:
@@ -258,7 +258,7 @@ def test_a_template_gives_back_the_pages_of_its_libraries_and_can_use_them_still
 import re
 from pathlib import Path
 import numpy as np
-from sawmill_worker.execution.forking import give_back_memory
+from sawmill_platform.attempts.forking import give_back_memory
 
 def resident():
     of_code = r"r-xp .*openblas.*\\n(?:[A-Z].*\\n)*?Rss: +(\\d+) kB"

@@ -1,7 +1,7 @@
 import pytest
 
 from sawmill_formats.errors import UnreadableScan, library_errors_translated, quoted
-from sawmill_platform.whole_files import DISK_AWAY
+from sawmill_platform.files.whole_files import DISK_AWAY
 
 
 def test_a_librarys_complaint_becomes_one_sentence_with_its_cause():

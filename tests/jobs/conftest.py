@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from small_scanner import calibration, constants, scanner, sinogram, spec, theta, turn  # noqa: F401 - fixtures
 
 from sawmill_contracts.calibrations import CalibrationAsk
-from sawmill_contracts.jobs import Job, JobKind
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import Scan, ScanSpec
-from sawmill_store.settings import StorageSettings
+from sawmill_platform.contracts.jobs import Job, JobKind
+from sawmill_platform.settings import StorageSettings
 from sawmill_store.store import Store
 from sawmill_vocabulary import DataKind, Progress
 from sawmill_worker.jobs.attempt import Attempt

@@ -12,9 +12,9 @@ from sawmill_contracts.calibrations import CalibrationAsk, CalibrationResult
 from sawmill_contracts.drift_baselines import KnownBaseline
 from sawmill_contracts.drifts import DriftAsk, DriftResult
 from sawmill_contracts.geometry import ScannerConstants
-from sawmill_contracts.jobs import FailureKind, JobKind
 from sawmill_contracts.scanners import ScannerSpec, Tolerances
 from sawmill_contracts.scans import ScanSpec
+from sawmill_platform.contracts.jobs import FailureKind, JobKind
 from sawmill_tomography.geometry.geometry import FanBeamGeometry, Scanner, Theta
 from sawmill_tomography.phantoms.log_model import LogModel
 from sawmill_tomography.projection.simulate import simulate_sinogram

@@ -4,8 +4,8 @@ import ast
 from pathlib import Path
 
 from sawmill_contracts.failure_codes import CODES, OTHER, counted_as
-from sawmill_contracts.kinds import Reference
-from sawmill_store.errors import NotFound, StorageFull, StorageUnavailable
+from sawmill_platform.contracts.kinds import Reference
+from sawmill_platform.errors import NotFound, StorageFull, StorageUnavailable
 
 WORKER = Path(__file__).parents[2] / "worker" / "sawmill_worker"
 ROOMS = ("execution", "files", "jobs", "readers", "tomography", "use_cases")

@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 
 from sawmill_contracts.inspections import InspectionOptions, InspectionResult
-from sawmill_contracts.jobs import JobKind
+from sawmill_platform.contracts.jobs import JobKind
 from sawmill_vocabulary import DataKind
 from sawmill_worker.jobs.running import run
 from sawmill_worker.use_cases.failures import JobFailure

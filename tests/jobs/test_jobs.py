@@ -11,10 +11,10 @@ from PIL import Image
 
 from sawmill_contracts.calibration_arrays import CalibrationArrays
 from sawmill_contracts.calibrations import CalibrationResult
-from sawmill_contracts.jobs import FailureKind, JobKind
 from sawmill_contracts.phantoms import PhantomDrawing, PhantomPicture
 from sawmill_contracts.reconstructions import ReconstructionAsk
 from sawmill_formats.output import calibration_file
+from sawmill_platform.contracts.jobs import FailureKind, JobKind
 from sawmill_tomography.geometry.ray_error import ray_error
 from sawmill_tomography.phantoms.built_in import RECTANGLE_WITH_HOLE
 from sawmill_tomography.phantoms.phantom import Disc, Phantom

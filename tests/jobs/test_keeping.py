@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from sawmill_contracts.calibrations import CalibrationAsk, PaperOptions
-from sawmill_contracts.jobs import JobKind
 from sawmill_contracts.reconstructions import ReconstructionAsk
-from sawmill_store.errors import StorageFull
+from sawmill_platform.contracts.jobs import JobKind
+from sawmill_platform.errors import StorageFull
 from sawmill_vocabulary import CalibrationMethod
 from sawmill_worker.jobs import keeping
 from sawmill_worker.jobs.attempt import Attempt

@@ -5,7 +5,7 @@ from inspect import signature
 
 import pytest
 
-from sawmill_contracts.jobs import JobKind
+from sawmill_platform.contracts.jobs import JobKind
 from sawmill_worker.jobs.needs import Needs
 
 

@@ -4,13 +4,13 @@ import pytest
 
 from sawmill_contracts.built_in import BUILT_IN_PHANTOMS
 from sawmill_contracts.geometry import GivenTheta
-from sawmill_contracts.jobs import JobKind
 from sawmill_contracts.phantoms import PhantomPicture
 from sawmill_contracts.plans import PlanAsk
 from sawmill_contracts.reconstructions import ReconstructionAsk
 from sawmill_contracts.scans import ScanReading, ScanShape, ScanSpec
+from sawmill_platform.attempts.limits import DATA_BYTES
+from sawmill_platform.contracts.jobs import JobKind
 from sawmill_vocabulary import DataKind
-from sawmill_worker.execution.limits import DATA_BYTES
 from sawmill_worker.jobs.running import needs_of
 
 THETA = GivenTheta(

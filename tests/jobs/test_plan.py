@@ -1,9 +1,9 @@
 import pytest
 
-from sawmill_contracts.jobs import FailureKind, JobKind
 from sawmill_contracts.phantoms import PhantomDrawing
 from sawmill_contracts.plans import PlanAsk, PlanResult
-from sawmill_store.errors import NotFound
+from sawmill_platform.contracts.jobs import FailureKind, JobKind
+from sawmill_platform.errors import NotFound
 from sawmill_tomography.calibration.planning import plan
 from sawmill_tomography.geometry.geometry import FanBeamGeometry
 from sawmill_tomography.phantoms.built_in import L_SHAPE

@@ -13,13 +13,13 @@ import h5py
 import numpy as np
 import pytest
 
-from sawmill_contracts.jobs import FailureKind, JobKind
 from sawmill_contracts.preparing import PrepareOptions
 from sawmill_contracts.scans import ScanSpec
 from sawmill_formats.errors import UnreadableScan
 from sawmill_formats.input.canonical import CanonicalScan
 from sawmill_formats.input.contents import Projections, held
 from sawmill_formats.output.scan_reader import read_stored_scan
+from sawmill_platform.contracts.jobs import FailureKind, JobKind
 from sawmill_tomography.geometry.geometry import FanBeamGeometry
 from sawmill_tomography.phantoms.log_model import LogModel
 from sawmill_tomography.preparing.row_shifts import RowsError

@@ -22,30 +22,30 @@ from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.drifts import DriftAsk
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.inspections import InspectionOptions
-from sawmill_contracts.jobs import JobKind, JobState
 from sawmill_contracts.phantoms import PhantomDrawing
 from sawmill_contracts.plans import PlanAsk
 from sawmill_contracts.reconstructions import ReconstructionAsk
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import ScanSpec
 from sawmill_contracts.schedules import ScheduleSpec
-from sawmill_contracts.uploads import UploadAsk
-from sawmill_contracts.webhooks import WebhookAsk
 from sawmill_formats.nexus import PACKED
 from sawmill_formats.output.calibration_file import NamedArray
 from sawmill_formats.output.calibration_file import write_calibration as write_calibration_file
 from sawmill_formats.output.scan_writer import write_scan as write_scan_file
 from sawmill_formats.output.volume_writer import NewVolume, new_reconstruction
+from sawmill_platform.contracts.jobs import JobKind, JobState
+from sawmill_platform.contracts.uploads import UploadAsk
+from sawmill_platform.contracts.webhooks import WebhookAsk
+from sawmill_platform.database.tables import JobRow
+from sawmill_platform.jobs.job_store import Claim
+from sawmill_platform.settings import StorageSettings
+from sawmill_platform.uploads.upload_store import UploadQuota
+from sawmill_platform.workers.logs import configure_logs
 from sawmill_service.app import create_app
 from sawmill_service.http.openapi_document import Application
 from sawmill_service.settings import ServiceSettings
-from sawmill_store.jobs import Claim
-from sawmill_store.settings import StorageSettings
 from sawmill_store.store import Store
-from sawmill_store.tables import JobRow
-from sawmill_store.uploads import UploadQuota
 from sawmill_vocabulary import DataKind, Disc, ReconstructionMethod
-from sawmill_worker.execution.logs import configure_logs
 
 ORIGIN = "http://127.0.0.1:8000"
 VIEWS, ROWS, CELLS = 12, 4, 16

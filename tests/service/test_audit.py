@@ -6,8 +6,8 @@ import pytest
 from typer.testing import CliRunner
 
 from sawmill_command.commands import main
-from sawmill_contracts.audit import AuditAction
-from sawmill_contracts.keys import KeyAsk, Scope
+from sawmill_platform.contracts.audit import AuditAction
+from sawmill_platform.contracts.keys import KeyAsk, Scope
 from sawmill_service.app import create_app
 from sawmill_service.settings import ServiceSettings
 

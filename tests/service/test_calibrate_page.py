@@ -7,11 +7,11 @@ import pytest
 
 from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.inspections import InspectionOptions
-from sawmill_contracts.jobs import Failure, FailureKind, JobKind
-from sawmill_contracts.keys import KeyAsk, Scope
 from sawmill_contracts.phantoms import PhantomPicture
+from sawmill_platform.contracts.jobs import Failure, FailureKind, JobKind
+from sawmill_platform.contracts.keys import KeyAsk, Scope
+from sawmill_platform.jobs.retries import Retries
 from sawmill_service.app import create_app
-from sawmill_store.retries import Retries
 from sawmill_store.store import Store
 
 ANSWERS = {"scanner_id": "example", "phantom_id": "l-shape", "data": "counts", "angles_deg": "0:30"}

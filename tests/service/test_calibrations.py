@@ -6,9 +6,9 @@ import httpx
 import pytest
 from PIL import Image
 
-from sawmill_contracts.jobs import JobKind
+from sawmill_platform.contracts.jobs import JobKind
+from sawmill_platform.errors import NotFound
 from sawmill_service.drawing import CalibrationPicture, calibration_picture
-from sawmill_store.errors import NotFound
 from sawmill_worker.pictures import calibration_report
 
 

@@ -8,10 +8,10 @@ import pytest
 from example_requests import with_file
 
 from sawmill_contracts.calibrations import CalibrationAsk
-from sawmill_contracts.keys import KeyAsk, Scope
-from sawmill_contracts.uploads import UploadAsk
+from sawmill_platform.contracts.keys import KeyAsk, Scope
+from sawmill_platform.contracts.uploads import UploadAsk
+from sawmill_platform.uploads.upload_store import UploadQuota
 from sawmill_service.app import create_app
-from sawmill_store.uploads import UploadQuota
 
 REQUESTS = Path(__file__).parents[2] / "openapi" / "requests"
 QUOTA = UploadQuota(10, 2**30, 2**30)

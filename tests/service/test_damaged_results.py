@@ -4,7 +4,7 @@ import h5py
 import pytest
 from damaged_files import DAMAGES, another_file
 
-from sawmill_contracts.jobs import JobKind
+from sawmill_platform.contracts.jobs import JobKind
 
 SCAN, LOG, FOUND = "/v1/scans/example", "/v1/reconstructions/example-sparse", "/v1/calibrations/example"
 # The values of each file, what is made of them first, and what else.

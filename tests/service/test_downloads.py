@@ -11,12 +11,12 @@ import httpx
 import pytest
 from documented import check_documented
 
-from sawmill_contracts.jobs import JobKind
+from sawmill_platform.contracts.jobs import JobKind
+from sawmill_platform.files import digests as noted_digests
+from sawmill_platform.files.digests import note_digests
 from sawmill_service.app import create_app
 from sawmill_service.http import digests
 from sawmill_service.settings import ServiceSettings
-from sawmill_store import noted_digests
-from sawmill_store.noted_digests import note_digests
 
 LOG, FOUND = "/v1/reconstructions/example", "/v1/calibrations/example"
 VOLUME = f"{LOG}/volume.h5"

@@ -10,13 +10,13 @@ from typing import Any
 import httpx
 import pytest
 
-from sawmill_contracts.keys import KeyAsk, Scope
+from sawmill_platform.contracts.keys import KeyAsk, Scope
+from sawmill_platform.errors import StorageUnavailable
+from sawmill_platform.ledger.event_reader import EventReader
 from sawmill_service import event_feed
 from sawmill_service.app import create_app
 from sawmill_service.routes import events as route
 from sawmill_service.settings import ServiceSettings
-from sawmill_store.errors import StorageUnavailable
-from sawmill_store.event_reader import EventReader
 
 HEARD_S = 0.2  # some twenty looks at the table, by the settings of these tests
 

@@ -7,7 +7,7 @@ import pytest
 from documented import check_documented
 from example_requests import with_file
 
-from sawmill_contracts.keys import KeyAsk, Scope
+from sawmill_platform.contracts.keys import KeyAsk, Scope
 from sawmill_service.http.openapi_document import write
 
 FOLDER = Path(__file__).parents[2] / "openapi"

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sawmill_contracts.jobs import JobKind
+from sawmill_platform.contracts.jobs import JobKind
 from sawmill_store.store import Store
 
 CONTENT = np.random.default_rng(5).bytes(5000)

@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from sawmill_contracts.jobs import JobState
+from sawmill_platform.contracts.jobs import JobState
+from sawmill_platform.errors import StorageUnavailable
 from sawmill_service.app import create_app
-from sawmill_store.errors import StorageUnavailable
 from sawmill_vocabulary import Progress
 
 

@@ -5,8 +5,8 @@ import time
 
 import pytest
 
-from sawmill_contracts.jobs import Failure, FailureKind, Priority
-from sawmill_store.errors import StorageUnavailable
+from sawmill_platform.contracts.jobs import Failure, FailureKind, Priority
+from sawmill_platform.errors import StorageUnavailable
 from sawmill_vocabulary import Progress
 
 

@@ -5,10 +5,10 @@ import re
 from page_text import text_of
 from sqlalchemy import event, insert
 
-from sawmill_contracts.jobs import Failure, FailureKind, JobKind, JobState
-from sawmill_contracts.keys import KeyAsk, Scope
 from sawmill_contracts.plans import PlanAsk
-from sawmill_store.tables import JobRow
+from sawmill_platform.contracts.jobs import Failure, FailureKind, JobKind, JobState
+from sawmill_platform.contracts.keys import KeyAsk, Scope
+from sawmill_platform.database.tables import JobRow
 from sawmill_vocabulary import Progress, Theta
 
 NOMINAL = Theta(

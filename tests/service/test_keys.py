@@ -2,15 +2,15 @@
 
 import pytest
 
-from sawmill_contracts.keys import KeyAsk, Scope
-from sawmill_contracts.kinds import asked_kinds
+from sawmill_platform.contracts.keys import KeyAsk, Scope
+from sawmill_platform.contracts.kinds import asked_kinds
+from sawmill_platform.database.tables import JobRow
+from sawmill_platform.errors import StorageFull, StorageUnavailable
 from sawmill_service.access import NEEDED, OPEN_PATHS, needed_scope
 from sawmill_service.app import create_app
 from sawmill_service.pages.all_pages import PAGES
 from sawmill_service.routes import console, login
 from sawmill_service.settings import ServiceSettings
-from sawmill_store.errors import StorageFull, StorageUnavailable
-from sawmill_store.tables import JobRow
 
 TOKEN = "Zm9yIHRlc3RzIGFsb25lLCBub3QgYSBzZWNyZXQ"  # noqa: S105 - for tests alone
 BEHIND = ServiceSettings(public_url="https://calibration.mill.example", trusted_proxies=["127.0.0.1"])

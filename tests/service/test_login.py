@@ -6,9 +6,9 @@ from urllib.parse import parse_qs, urlsplit
 
 import pytest
 
-from sawmill_contracts.audit import AuditAction
 from sawmill_contracts.calibrations import CalibrationAsk
-from sawmill_contracts.keys import KeyAsk, Scope
+from sawmill_platform.contracts.audit import AuditAction
+from sawmill_platform.contracts.keys import KeyAsk, Scope
 from sawmill_service.access import LOGIN_PATHS
 from sawmill_service.app import create_app
 from sawmill_service.http.session_cookie import NAME, SECURE_NAME, csrf_token

@@ -13,9 +13,9 @@ from prometheus_client.parser import text_string_to_metric_families
 
 from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.drifts import DriftAsk
-from sawmill_contracts.jobs import Failure, FailureKind
+from sawmill_platform.contracts.jobs import Failure, FailureKind
+from sawmill_platform.errors import StorageUnavailable
 from sawmill_service.measures import Measures
-from sawmill_store.errors import StorageUnavailable
 
 ROOT = Path(__file__).parents[2]
 pytestmark = pytest.mark.usefixtures("seeded")

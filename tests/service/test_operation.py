@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
-from sawmill_contracts.jobs import JobState
-from sawmill_store.errors import StorageUnavailable
+from sawmill_platform.contracts.jobs import JobState
+from sawmill_platform.errors import StorageUnavailable
 
 
 def samples(client) -> dict[tuple[str, ...], float]:

@@ -7,8 +7,8 @@ import pytest
 from page_text import text_of
 
 import sawmill_service
-from sawmill_contracts.keys import KeyAsk, Scope
 from sawmill_contracts.phantoms import PhantomDrawing, SizeMeasurement
+from sawmill_platform.contracts.keys import KeyAsk, Scope
 from sawmill_vocabulary import Disc
 
 PICTURE = (Path(sawmill_service.__file__).parent / "static/phantom.png").read_bytes()

@@ -1,6 +1,6 @@
 import pytest
 
-from sawmill_contracts.jobs import JobKind
+from sawmill_platform.contracts.jobs import JobKind
 
 NOMINAL = {
     "initial_angle_rad": 0.0,

@@ -8,14 +8,14 @@ import pytest
 from pydantic import SecretStr
 
 from sawmill_contracts.failure_codes import CODES
-from sawmill_contracts.jobs import Failure, FailureKind, JobState
 from sawmill_contracts.scans import ScanState
 from sawmill_formats.errors import DamagedResult
+from sawmill_platform import errors
+from sawmill_platform.contracts.jobs import Failure, FailureKind, JobState
 from sawmill_service.access import LOGIN
 from sawmill_service.app import create_app
 from sawmill_service.http.problem_types import markdown_table, problem_types
 from sawmill_service.settings import ServiceSettings
-from sawmill_store import errors
 
 ROOT = Path(__file__).parents[2]
 SOURCES = [*(ROOT / "service").rglob("*.py"), *(ROOT / "worker").rglob("*.py")]

@@ -6,9 +6,9 @@ import pytest
 from fastapi import Depends, FastAPI, Query
 from openapi_spec_validator import validate
 
+from sawmill_platform.errors import StorageFull, StorageUnavailable
 from sawmill_service.http.problems import Problem, install
 from sawmill_service.http.queries import check_query
-from sawmill_store.errors import StorageFull, StorageUnavailable
 
 SPEC = {
     "name": "Line 2",

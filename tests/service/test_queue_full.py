@@ -11,8 +11,8 @@ from documented import check_documented, committed
 from example_requests import with_file
 from page_text import text_of
 
-from sawmill_contracts.keys import KeyAsk, Scope
 from sawmill_contracts.plans import PlanAsk
+from sawmill_platform.contracts.keys import KeyAsk, Scope
 from sawmill_service.app import create_app
 from sawmill_service.settings import ServiceSettings
 from sawmill_store.store import Store

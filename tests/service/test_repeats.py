@@ -6,11 +6,11 @@ from datetime import timedelta
 
 import pytest
 
-from sawmill_contracts.jobs import JobKind
-from sawmill_contracts.keys import KeyAsk, Scope
+from sawmill_platform.contracts.jobs import JobKind
+from sawmill_platform.contracts.keys import KeyAsk, Scope
+from sawmill_platform.database.tables import RepeatRow
+from sawmill_platform.keys.repeats import KEPT
 from sawmill_service.app import create_app
-from sawmill_store.repeats import KEPT
-from sawmill_store.tables import RepeatRow
 
 ASK = {"scan_id": "example", "seed": 4}
 SCANNER = {

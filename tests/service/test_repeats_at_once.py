@@ -5,10 +5,10 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from sawmill_contracts.uploads import UploadAsk
+from sawmill_platform.contracts.uploads import UploadAsk
+from sawmill_platform.files.upload_stream import AsSent
+from sawmill_platform.uploads.upload_store import UploadQuota
 from sawmill_service.app import create_app
-from sawmill_store.arriving import AsSent
-from sawmill_store.uploads import UploadQuota
 
 AT_ONCE = 8
 CONTENT = b"a scan or a picture"

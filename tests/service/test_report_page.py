@@ -4,8 +4,8 @@ import re
 
 import pytest
 
-from sawmill_contracts.jobs import JobKind
-from sawmill_contracts.keys import KeyAsk, Scope
+from sawmill_platform.contracts.jobs import JobKind
+from sawmill_platform.contracts.keys import KeyAsk, Scope
 
 
 @pytest.fixture

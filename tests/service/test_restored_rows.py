@@ -16,23 +16,14 @@ from make_data_0_1_0 import ARCHIVE
 from sqlalchemy import JSON, Boolean, Column, Date, Enum, Float, Integer, String, select
 
 from sawmill_contracts.alarms import AlarmKind
-from sawmill_contracts.events import EventKind
-from sawmill_contracts.keys import KeyAsk, Scope
 from sawmill_contracts.measurements import MeasurementKind
 from sawmill_contracts.scanner_drift import DriftFinding
-from sawmill_contracts.webhooks import DeliveryState
-from sawmill_store.backups.manifest import read_manifest
-from sawmill_store.backups.restoring import restore
-from sawmill_store.backups.row_contracts import READ, refuse_unfit_row
-from sawmill_store.backups.rows import LEFT_OUT, read_rows
-from sawmill_store.backups.taking import take_backup
-from sawmill_store.database import Database
-from sawmill_store.engines import make_engine
-from sawmill_store.errors import Damaged
-from sawmill_store.repeats import Answer
-from sawmill_store.settings import StorageSettings
-from sawmill_store.store import Store
-from sawmill_store.tables import (
+from sawmill_platform.contracts.events import EventKind
+from sawmill_platform.contracts.keys import KeyAsk, Scope
+from sawmill_platform.contracts.webhooks import DeliveryState
+from sawmill_platform.database.database import Database
+from sawmill_platform.database.engines import make_engine
+from sawmill_platform.database.tables import (
     ActivationRow,
     AlarmRow,
     Base,
@@ -47,6 +38,15 @@ from sawmill_store.tables import (
     SenderRow,
     UtcDateTime,
 )
+from sawmill_platform.errors import Damaged
+from sawmill_platform.keys.repeats import Answer
+from sawmill_platform.settings import StorageSettings
+from sawmill_store.backups.manifest import read_manifest
+from sawmill_store.backups.restoring import restore
+from sawmill_store.backups.row_contracts import READ, refuse_unfit_row
+from sawmill_store.backups.rows import LEFT_OUT, read_rows
+from sawmill_store.backups.taking import take_backup
+from sawmill_store.store import Store
 
 pytestmark = pytest.mark.slow
 

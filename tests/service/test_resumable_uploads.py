@@ -8,8 +8,8 @@ import pytest
 from documented import check_documented
 from write_lock import write_lock
 
-from sawmill_contracts.keys import KeyAsk, Scope
-from sawmill_store.upload_parts import Part
+from sawmill_platform.contracts.keys import KeyAsk, Scope
+from sawmill_platform.uploads.upload_parts import Part
 
 CONTENT = bytes(range(256)) * 40
 SCANS = "/v1/scans?scanner_id=example&data=counts&upload_id="

@@ -7,8 +7,8 @@ import pytest
 from documented import check_documented
 from page_text import text_of
 
-from sawmill_contracts.keys import KeyAsk, Scope
 from sawmill_contracts.retention import RetentionKind, StaysBecause
+from sawmill_platform.contracts.keys import KeyAsk, Scope
 from sawmill_service.pages.retention_form import KINDS, REASONS
 
 

@@ -12,12 +12,12 @@ import pytest
 from documented import check_documented
 from pydantic import SecretStr
 
-from sawmill_contracts.jobs import JobKind
+from sawmill_platform.contracts.jobs import JobKind
+from sawmill_platform.files.upload_stream import PART_BYTES
 from sawmill_service.app import create_app
 from sawmill_service.http.sent_content import Gunzip
 from sawmill_service.http.sent_form import SentForm
 from sawmill_service.http.session_cookie import csrf_token
-from sawmill_store.arriving import PART_BYTES
 from sawmill_store.store import Store
 
 FORM = "/v1/scans/form"
@@ -186,7 +186,7 @@ def test_a_form_may_be_cut_anywhere(seeded, store):
 
 
 def test_a_form_in_pieces_of_a_byte_is_taken_bit_for_bit(seeded, store, monkeypatch):
-    monkeypatch.setattr("sawmill_store.arriving.PART_BYTES", 1)
+    monkeypatch.setattr("sawmill_platform.files.upload_stream.PART_BYTES", 1)
     body = GIVEN + FILE + END
     assert kept(store, send(seeded, in_pieces(body, *range(1, len(body)))).json()) == CONTENT
 

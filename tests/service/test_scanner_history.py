@@ -9,14 +9,11 @@ import pytest
 from sqlalchemy import delete, event, insert
 
 from sawmill_contracts.alarms import Alarm, AlarmKind
-from sawmill_contracts.events import EventKind
 from sawmill_contracts.history import HistoryEntry, HistoryKind, HistoryMark
-from sawmill_contracts.keys import KeyAsk, Scope
 from sawmill_contracts.measurements import Measurement, MeasurementKind, Movement
-from sawmill_service.history_file import COLUMNS, history_csv
-from sawmill_service.pages.charts import HEIGHT_PX, MOST_MARKS, span_of
-from sawmill_service.pages.trend_chart import trend_chart
-from sawmill_store.tables import (
+from sawmill_platform.contracts.events import EventKind
+from sawmill_platform.contracts.keys import KeyAsk, Scope
+from sawmill_platform.database.tables import (
     ActivationRow,
     CalibrationRow,
     DriftRow,
@@ -24,6 +21,9 @@ from sawmill_store.tables import (
     MeasurementRow,
     ReconstructionRow,
 )
+from sawmill_service.history_file import COLUMNS, history_csv
+from sawmill_service.pages.charts import HEIGHT_PX, MOST_MARKS, span_of
+from sawmill_service.pages.trend_chart import trend_chart
 
 HISTORY, PAGE = "/v1/scanners/example/history", "/scanners/example/history"
 PATH, FILE = f"{HISTORY}/entries", f"{HISTORY}.csv"

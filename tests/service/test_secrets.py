@@ -8,9 +8,9 @@ from sqlalchemy import insert
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
+from sawmill_platform.database.tables import JobRow
 from sawmill_service.app import create_app
 from sawmill_service.settings import ServiceSettings
-from sawmill_store.tables import JobRow
 
 TOKEN = "sesame-of-the-service-0123456789abcdef"  # noqa: S105 - it guards nothing
 # Each would be a secret where it stands; none may be in the log.

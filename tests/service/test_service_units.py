@@ -22,12 +22,12 @@ from typer.testing import CliRunner, Result
 
 from sawmill_command.commands import main
 from sawmill_command.service_units import Installation, program
+from sawmill_platform.workers.settings import ExecutionSettings
 from sawmill_service import service_manager
 from sawmill_service.http.open_files import files_needed
 from sawmill_service.service_manager import ServiceManager
 from sawmill_service.settings import MOST_CONNECTIONS, ServiceSettings
 from sawmill_service.stopping import SHUTDOWN_S
-from sawmill_worker.execution.settings import ExecutionSettings
 
 # Those that the units use, by section, after systemd.unit(5), systemd.service(5), systemd.exec(5), systemd.kill(5) and
 # systemd.resource-control(5).

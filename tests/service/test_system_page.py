@@ -5,12 +5,12 @@ from types import SimpleNamespace
 import pytest
 from page_text import text_of
 
-from sawmill_contracts.audit import AuditAction
-from sawmill_contracts.keys import KeyAsk, Scope
 from sawmill_contracts.plans import PlanAsk
+from sawmill_platform.contracts.audit import AuditAction
+from sawmill_platform.contracts.keys import KeyAsk, Scope
+from sawmill_platform.files.file_store import FileStore, Room
 from sawmill_service.app import create_app
 from sawmill_service.pages.system import ACTIONS
-from sawmill_store.files import FileStore, Room
 from sawmill_vocabulary import Theta
 
 NOMINAL = Theta(

@@ -5,10 +5,10 @@ from sqlalchemy import event
 
 from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.drifts import DriftAsk
-from sawmill_contracts.jobs import Failure, FailureKind
-from sawmill_contracts.keys import KeyAsk, Scope
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import ScanSpec
+from sawmill_platform.contracts.jobs import Failure, FailureKind
+from sawmill_platform.contracts.keys import KeyAsk, Scope
 from sawmill_vocabulary import DataKind
 
 FAILURE = Failure(kind=FailureKind.INPUT, code="phantom-not-found", detail="no phantom in rows <0:4>")

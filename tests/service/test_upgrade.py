@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from make_data_0_1_0 import ARCHIVE
 
-from sawmill_store.settings import StorageSettings
+from sawmill_platform.settings import StorageSettings
 from sawmill_store.store import Store
 
 pytestmark = pytest.mark.slow

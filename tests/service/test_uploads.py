@@ -105,7 +105,7 @@ def test_a_body_of_unknown_length_takes_no_room_that_an_upload_was_promised(seed
     free = shutil.disk_usage(store.files.folder)
     left = store.settings.disk_reserve_bytes + promised
     monkeypatch.setattr(shutil, "disk_usage", lambda _: free._replace(free=left + 10_000 if not sent else left - 1))
-    monkeypatch.setattr("sawmill_store.arriving.STEP_BYTES", 1000)
+    monkeypatch.setattr("sawmill_platform.files.upload_stream.STEP_BYTES", 1000)
     sent = []
 
     async def body():

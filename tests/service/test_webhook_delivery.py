@@ -22,16 +22,16 @@ import receivers
 from missing_parts import skip_without
 from receivers import receiving, status
 
-from sawmill_contracts.events import EventKind
-from sawmill_contracts.webhooks import WebhookAsk
+from sawmill_platform.contracts.events import EventKind
+from sawmill_platform.contracts.webhooks import WebhookAsk
+from sawmill_platform.errors import StorageUnavailable
+from sawmill_platform.ledger.events import announce
+from sawmill_platform.settings import StorageSettings
+from sawmill_platform.webhooks.outbox import LEASE
 from sawmill_service.webhooks.couriers import JITTER, WAITS_S, Couriers
 from sawmill_service.webhooks.destinations import AllowedDestinations
 from sawmill_service.webhooks.sender import WebhookSender
 from sawmill_service.webhooks.sending import Sending
-from sawmill_store.errors import StorageUnavailable
-from sawmill_store.events import announce
-from sawmill_store.outbox import LEASE
-from sawmill_store.settings import StorageSettings
 from sawmill_store.store import Store
 
 LOOPBACK = AllowedDestinations(["127.0.0.0/8"])
@@ -407,7 +407,7 @@ SENDING = """
 import sys, time
 from sawmill_service.webhooks.destinations import AllowedDestinations
 from sawmill_service.webhooks.sender import WebhookSender
-from sawmill_store.settings import StorageSettings
+from sawmill_platform.settings import StorageSettings
 from sawmill_store.store import Store
 store = Store(StorageSettings(data_folder=sys.argv[1], database_url=None))
 with WebhookSender(store.outbox(), AllowedDestinations(["127.0.0.1"]), poll_s=0.01):

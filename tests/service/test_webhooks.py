@@ -11,13 +11,13 @@ from pydantic import ValidationError
 from receivers import receiving, status
 
 from sawmill_command.doctor.webhooks import webhooks as findings
-from sawmill_contracts.events import Event, EventKind
-from sawmill_contracts.webhooks import WebhookAsk, destination_of
+from sawmill_platform.contracts.events import Event, EventKind
+from sawmill_platform.contracts.webhooks import WebhookAsk, destination_of
+from sawmill_platform.ledger.events import announce
+from sawmill_platform.webhooks.outbox import Attempt
 from sawmill_service.app import create_app
 from sawmill_service.settings import ServiceSettings
 from sawmill_service.webhooks.destinations import AllowedDestinations, RefusedDestinationError
-from sawmill_store.events import announce
-from sawmill_store.outbox import Attempt
 
 URL = "https://alarms.mill.example/sawmill"
 

@@ -14,16 +14,16 @@ from results import CONSTANTS, RESULTS
 from sqlalchemy import insert
 
 from sawmill_contracts.geometry import ScannerConstants
-from sawmill_contracts.jobs import JobKind, JobState
 from sawmill_contracts.scanners import ScannerSpec, StoredScanner
 from sawmill_contracts.scans import Scan, ScanSpec
-from sawmill_store.arriving import Received
-from sawmill_store.database import Database
-from sawmill_store.engines import make_engine
-from sawmill_store.jobs import Claim
-from sawmill_store.settings import StorageSettings
+from sawmill_platform.contracts.jobs import JobKind, JobState
+from sawmill_platform.database.database import Database
+from sawmill_platform.database.engines import make_engine
+from sawmill_platform.database.tables import JobRow
+from sawmill_platform.files.upload_stream import Received
+from sawmill_platform.jobs.job_store import Claim
+from sawmill_platform.settings import StorageSettings
 from sawmill_store.store import Store
-from sawmill_store.tables import JobRow
 from sawmill_vocabulary import DataKind
 
 

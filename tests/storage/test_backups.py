@@ -22,16 +22,25 @@ from results import CONSTANTS, RESULTS
 from sqlalchemy import JSON, Boolean, Date, Float, Integer, String, text
 
 from sawmill_contracts.calibrations import CalibrationAsk
-from sawmill_contracts.events import EventKind
 from sawmill_contracts.geometry import ScannerConstants
-from sawmill_contracts.jobs import JobKind, JobState
-from sawmill_contracts.keys import KeyAsk, Scope
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import ScanSpec
 from sawmill_contracts.schedules import ScheduleSpec
-from sawmill_contracts.uploads import UploadAsk
-from sawmill_platform import whole_files
-from sawmill_store.arriving import AsSent
+from sawmill_platform.contracts.events import EventKind
+from sawmill_platform.contracts.jobs import JobKind, JobState
+from sawmill_platform.contracts.keys import KeyAsk, Scope
+from sawmill_platform.contracts.uploads import UploadAsk
+from sawmill_platform.database.database import Database, newest_revision
+from sawmill_platform.database.engines import make_engine
+from sawmill_platform.database.tables import Base, Ranked, UtcDateTime
+from sawmill_platform.errors import Damaged, StorageFull, StorageMisconfigured
+from sawmill_platform.files import whole_files
+from sawmill_platform.files.file_store import RESTORING, read_identity
+from sawmill_platform.files.upload_stream import AsSent
+from sawmill_platform.keys.key_store import hash_of
+from sawmill_platform.ledger.events import NUMBERS_SKIPPED
+from sawmill_platform.settings import StorageSettings
+from sawmill_platform.uploads.upload_store import UploadQuota
 from sawmill_store.backups import restoring, taking
 from sawmill_store.backups.checking import check_backup
 from sawmill_store.backups.errors import Refused
@@ -41,16 +50,7 @@ from sawmill_store.backups.manifest import FILES, MANIFEST, MANIFEST_SUM, read_e
 from sawmill_store.backups.restoring import check_empty, restore
 from sawmill_store.backups.rows import LEFT_OUT, read_rows
 from sawmill_store.backups.taking import take_backup
-from sawmill_store.database import Database, newest_revision
-from sawmill_store.engines import make_engine
-from sawmill_store.errors import Damaged, StorageFull, StorageMisconfigured
-from sawmill_store.events import NUMBERS_SKIPPED
-from sawmill_store.files import RESTORING, read_identity
-from sawmill_store.keys import hash_of
-from sawmill_store.settings import StorageSettings
 from sawmill_store.store import Store
-from sawmill_store.tables import Base, Ranked, UtcDateTime
-from sawmill_store.uploads import UploadQuota
 from sawmill_vocabulary import DataKind
 from sawmill_vocabulary.version import VERSION
 

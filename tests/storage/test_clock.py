@@ -6,11 +6,11 @@ from datetime import UTC, datetime, timedelta
 import pytest
 from databases import sqlite_alone
 
-from sawmill_contracts.events import EventKind
-from sawmill_store import clock
+from sawmill_platform.contracts.events import EventKind
+from sawmill_platform.database import clock
+from sawmill_platform.database.tables import ClockRow
+from sawmill_platform.workers.clock_keeper import LASTING_S, ClockKeeper, _Step
 from sawmill_store.store import Store
-from sawmill_store.tables import ClockRow
-from sawmill_worker.execution.clock_keeper import LASTING_S, ClockKeeper, _Step
 
 HOURS = timedelta(hours=2)
 

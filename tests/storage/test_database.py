@@ -12,13 +12,13 @@ from sqlalchemy import text
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.schedules import ScheduleSpec
+from sawmill_platform.database.database import _MIGRATIONS, Database, newest_revision
+from sawmill_platform.database.engines import make_engine
+from sawmill_platform.database.tables import Base
+from sawmill_platform.errors import StorageFull, StorageMisconfigured, StorageUnavailable
+from sawmill_platform.settings import StorageSettings
 from sawmill_store.backups.taking import take_backup
-from sawmill_store.database import _MIGRATIONS, Database, newest_revision
-from sawmill_store.engines import make_engine
-from sawmill_store.errors import StorageFull, StorageMisconfigured, StorageUnavailable
-from sawmill_store.settings import StorageSettings
 from sawmill_store.store import Store
-from sawmill_store.tables import Base
 from sawmill_vocabulary.version import VERSION
 
 pytestmark = pytest.mark.slow
@@ -34,7 +34,7 @@ def test_the_migrations_make_the_tables_of_the_models(store):
 @pytest.mark.dialect
 def test_the_newest_revision_is_alembics_head_and_not_migrated_again(store, monkeypatch):
     assert newest_revision() == ScriptDirectory(_MIGRATIONS).get_current_head()
-    monkeypatch.setattr("sawmill_store.database._migrate", pytest.fail)
+    monkeypatch.setattr("sawmill_platform.database.database._migrate", pytest.fail)
     store._database.upgrade()
 
 
@@ -131,8 +131,8 @@ def test_a_commit_is_durable_and_references_are_checked(store):
 def test_several_processes_may_open_a_new_store_at_once(tmp_path, empty_url):
     imports = (
         "from pathlib import Path\nfrom threading import Event\nimport alembic.command\n"
-        "from sawmill_worker.execution.opening import open_store\n"
-        "from sawmill_store.settings import StorageSettings"
+        "from sawmill_platform.workers.opening import open_store\n"
+        "from sawmill_platform.settings import StorageSettings"
     )
     program = (
         f"settings = StorageSettings(data_folder=Path({str(tmp_path / 'data')!r}), database_url={empty_url!r})\n"

@@ -2,10 +2,10 @@ import pytest
 
 from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.drifts import DriftAsk
-from sawmill_contracts.jobs import JobState
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import ScanSpec
-from sawmill_store.errors import Conflict, NotFound
+from sawmill_platform.contracts.jobs import JobState
+from sawmill_platform.errors import Conflict, NotFound
 from sawmill_vocabulary import DataKind
 
 

@@ -10,8 +10,8 @@ from zoneinfo import ZoneInfo
 
 import pytest
 
-from sawmill_store.due_times import latest_due, next_due
-from sawmill_store.errors import Invalid
+from sawmill_platform.due_times import latest_due, next_due
+from sawmill_platform.errors import Invalid
 
 HELSINKI = "Europe/Helsinki"
 # Forward and back: in the north, in the south, by half an hour, at midnight, by two hours, against the summer, never.

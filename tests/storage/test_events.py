@@ -7,15 +7,15 @@ from databases import postgresql_alone, sqlite_alone
 from sqlalchemy.orm import Session
 
 from sawmill_contracts.calibrations import CalibrationAsk
-from sawmill_contracts.events import EventKind
-from sawmill_contracts.jobs import Failure, FailureKind
-from sawmill_contracts.keys import KeyAsk, Scope
 from sawmill_contracts.schedules import ScheduleSpec
-from sawmill_contracts.uploads import UploadAsk
-from sawmill_store.arriving import AsSent
-from sawmill_store.errors import Damaged
-from sawmill_store.events import announce
-from sawmill_store.uploads import UploadQuota
+from sawmill_platform.contracts.events import EventKind
+from sawmill_platform.contracts.jobs import Failure, FailureKind
+from sawmill_platform.contracts.keys import KeyAsk, Scope
+from sawmill_platform.contracts.uploads import UploadAsk
+from sawmill_platform.errors import Damaged
+from sawmill_platform.files.upload_stream import AsSent
+from sawmill_platform.ledger.events import announce
+from sawmill_platform.uploads.upload_store import UploadQuota
 
 pytestmark = pytest.mark.slow
 
@@ -150,7 +150,7 @@ def test_a_job_that_runs_is_asked_to_stop_and_that_is_no_fate_of_its_attempt(sto
 @pytest.mark.dialect
 def test_a_change_that_fails_is_not_announced(store, reader, monkeypatch):
     key = store.keys.create(KeyAsk(name="gate", scope=Scope.READ))
-    monkeypatch.setattr("sawmill_store.keys._with_secret", lambda *_: 1 / 0)
+    monkeypatch.setattr("sawmill_platform.keys.key_store._with_secret", lambda *_: 1 / 0)
     for change in (
         lambda: store.keys.rotate(key.id),
         lambda: store.keys.create(KeyAsk(name="other", scope=Scope.READ)),

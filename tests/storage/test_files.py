@@ -8,9 +8,9 @@ from threading import Lock
 
 import pytest
 
-from sawmill_contracts.jobs import JobKind
-from sawmill_store.errors import NotFound, StorageFull, UploadTooLarge, disk_outage_reported
-from sawmill_store.files import IDENTITY, FileStore
+from sawmill_platform.contracts.jobs import JobKind
+from sawmill_platform.errors import NotFound, StorageFull, UploadTooLarge, disk_outage_reported
+from sawmill_platform.files.file_store import IDENTITY, FileStore
 
 LOCK = Lock()
 

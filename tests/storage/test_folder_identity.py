@@ -11,14 +11,14 @@ import pytest
 from make_data_0_1_0 import ARCHIVE
 from sqlalchemy import text
 
-from sawmill_store.backups.taking import take_backup
-from sawmill_store.errors import (
+from sawmill_platform.errors import (
     FolderUnavailable,
     StorageMisconfigured,
     disk_outage_reported,
 )
-from sawmill_store.files import IDENTITY, FileStore, read_identity
-from sawmill_store.settings import StorageSettings
+from sawmill_platform.files.file_store import IDENTITY, FileStore, read_identity
+from sawmill_platform.settings import StorageSettings
+from sawmill_store.backups.taking import take_backup
 from sawmill_store.store import Store
 
 sqlite_alone = pytest.mark.parametrize("database_url", ["sqlite"], indirect=True)

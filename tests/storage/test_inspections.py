@@ -3,8 +3,8 @@
 import pytest
 
 from sawmill_contracts.inspections import FILE_KEPT, InspectionOptions
-from sawmill_contracts.jobs import JobKind
 from sawmill_contracts.scans import ScanSpec
+from sawmill_platform.contracts.jobs import JobKind
 from sawmill_store.leftovers import Leftovers
 from sawmill_vocabulary import DataKind
 

@@ -6,12 +6,12 @@ from racing import race
 from results import reading
 
 from sawmill_contracts.calibrations import CalibrationAsk
-from sawmill_contracts.jobs import Failure, FailureKind, JobState, Priority
 from sawmill_contracts.reconstructions import ReconstructionAsk
 from sawmill_contracts.scans import ScanSpec, ScanState
-from sawmill_store.errors import Conflict, FolderUnavailable, LeaseLost, NotFound
-from sawmill_store.retries import Retries
-from sawmill_store.settings import StorageSettings
+from sawmill_platform.contracts.jobs import Failure, FailureKind, JobState, Priority
+from sawmill_platform.errors import Conflict, FolderUnavailable, LeaseLost, NotFound
+from sawmill_platform.jobs.retries import Retries
+from sawmill_platform.settings import StorageSettings
 from sawmill_store.store import Store
 from sawmill_vocabulary import DataKind, Progress
 
@@ -56,7 +56,7 @@ def test_each_job_is_claimed_once_by_threads(store, upload):
 @pytest.mark.slow
 def test_each_job_is_claimed_once_by_processes(store, upload):
     jobs = {upload(store).job_id for _ in range(24)}
-    imports = "from sawmill_store.settings import StorageSettings\nfrom sawmill_store.store import Store"
+    imports = "from sawmill_platform.settings import StorageSettings\nfrom sawmill_store.store import Store"
     program = (
         f"store = Store(StorageSettings.model_validate_json({store.settings.model_dump_json()!r}))\n"
         "while (claimed := store.jobs.claim('racer')) is not None: print(claimed.job_id)"

@@ -5,10 +5,10 @@ from datetime import UTC, datetime
 import pytest
 from results import reading
 
-from sawmill_contracts.jobs import Failure, FailureKind, JobState
-from sawmill_store.errors import LeaseLost, NotFound
-from sawmill_store.files import checkpoints_of
-from sawmill_store.retries import Retries
+from sawmill_platform.contracts.jobs import Failure, FailureKind, JobState
+from sawmill_platform.errors import LeaseLost, NotFound
+from sawmill_platform.files.file_store import checkpoints_of
+from sawmill_platform.jobs.retries import Retries
 
 KILLED = Failure(kind=FailureKind.PASSING, code="attempt-died", detail="the job's process ended with signal 9")
 FULL = Failure(kind=FailureKind.PASSING, code="storage-full", detail="the disk is full")

@@ -7,11 +7,11 @@ from pydantic import ValidationError
 from sqlalchemy import text
 from sqlalchemy.exc import DBAPIError
 
-from sawmill_contracts.audit import AuditAction
-from sawmill_contracts.keys import KeyAsk, Scope
-from sawmill_store.acting import Actor, acting_as
-from sawmill_store.errors import Conflict, Invalid, NotFound
-from sawmill_store.keys import PREFIX, USE_STEP, hash_of
+from sawmill_platform.acting import Actor, acting_as
+from sawmill_platform.contracts.audit import AuditAction
+from sawmill_platform.contracts.keys import KeyAsk, Scope
+from sawmill_platform.errors import Conflict, Invalid, NotFound
+from sawmill_platform.keys.key_store import PREFIX, USE_STEP, hash_of
 
 ASK = KeyAsk(name="scanner software", scope=Scope.SUBMIT)
 

@@ -4,11 +4,11 @@ import pytest
 
 from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.drifts import DriftAsk
-from sawmill_contracts.jobs import JobKind
-from sawmill_contracts.kinds import AskedKind, asked_kinds, declaration_of
 from sawmill_contracts.plans import PlanAsk
-from sawmill_store.errors import Conflict, NotFound
-from sawmill_store.tables import OWN_TABLES, AskedRow, table_of
+from sawmill_platform.contracts.jobs import JobKind
+from sawmill_platform.contracts.kinds import AskedKind, asked_kinds, declaration_of
+from sawmill_platform.database.tables import OWN_TABLES, AskedRow, table_of
+from sawmill_platform.errors import Conflict, NotFound
 from sawmill_vocabulary import Theta
 
 NOMINAL = Theta(

@@ -12,10 +12,10 @@ from results import RESULTS
 from sqlalchemy import event
 from sqlalchemy.exc import OperationalError
 
-from sawmill_contracts.jobs import Failure, FailureKind, JobKind, JobState
 from sawmill_contracts.scans import ScanState
-from sawmill_store.errors import StorageFull, StorageUnavailable
-from sawmill_store.jobs import Claim
+from sawmill_platform.contracts.jobs import Failure, FailureKind, JobKind, JobState
+from sawmill_platform.errors import StorageFull, StorageUnavailable
+from sawmill_platform.jobs.job_store import Claim
 from sawmill_store.leftovers import NAMES_A_ROUND, Leftovers
 from sawmill_store.store import Store
 

@@ -3,8 +3,8 @@
 import pytest
 
 from sawmill_contracts.calibrations import CalibrationAsk
-from sawmill_contracts.jobs import JobKind
 from sawmill_contracts.reconstructions import ReconstructionAsk
+from sawmill_platform.contracts.jobs import JobKind
 from sawmill_store.backups import named_files
 
 pytestmark = pytest.mark.slow

@@ -3,7 +3,7 @@
 import pytest
 
 from sawmill_contracts.phantoms import MeasurementsAsk, PhantomDrawing, PhantomPicture, SizeMeasurement
-from sawmill_store.errors import Conflict, Invalid
+from sawmill_platform.errors import Conflict, Invalid
 from sawmill_vocabulary import STANDARD_SIZE_TOLERANCE, Disc, Polygon
 
 BOARD = Polygon(((-100.0, -150.0), (100.0, -150.0), (100.0, 150.0), (-100.0, 150.0)))

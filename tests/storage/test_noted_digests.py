@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from sawmill_store.errors import StorageFull, StorageUnavailable
-from sawmill_store.noted_digests import NOTED_FROM_BYTES, compute_digest, note_digests, read_note
+from sawmill_platform.errors import StorageFull, StorageUnavailable
+from sawmill_platform.files.digests import NOTED_FROM_BYTES, compute_digest, note_digests, read_note
 
 LARGE = bytes(NOTED_FROM_BYTES)
 

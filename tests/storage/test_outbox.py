@@ -9,14 +9,14 @@ from pydantic import ValidationError
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
-from sawmill_contracts.audit import AuditAction
-from sawmill_contracts.events import EventKind
-from sawmill_contracts.webhooks import WebhookAsk, WebhookTest, destination_of, kinds_of
-from sawmill_store import webhooks
-from sawmill_store.errors import Conflict, NotFound
-from sawmill_store.events import announce
-from sawmill_store.outbox import LEASE, Attempt, message_id
-from sawmill_store.tables import DeliveryRow
+from sawmill_platform.contracts.audit import AuditAction
+from sawmill_platform.contracts.events import EventKind
+from sawmill_platform.contracts.webhooks import WebhookAsk, WebhookTest, destination_of, kinds_of
+from sawmill_platform.database.tables import DeliveryRow
+from sawmill_platform.errors import Conflict, NotFound
+from sawmill_platform.ledger.events import announce
+from sawmill_platform.webhooks import webhook_store as webhooks
+from sawmill_platform.webhooks.outbox import LEASE, Attempt, message_id
 
 URL = "https://alarms.mill.example/sawmill"
 DELIVERED = Attempt(200)

@@ -4,8 +4,8 @@ import pytest
 
 from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.drifts import DriftAsk
-from sawmill_contracts.jobs import Failure, FailureKind
 from sawmill_contracts.scanners import ScannerSpec
+from sawmill_platform.contracts.jobs import Failure, FailureKind
 
 pytestmark = pytest.mark.slow
 

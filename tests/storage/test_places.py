@@ -4,19 +4,19 @@ import pytest
 from results import CONSTANTS, plan_result
 
 from sawmill_contracts.calibrations import CalibrationAsk
-from sawmill_contracts.events import EventKind
 from sawmill_contracts.geometry import ScannerConstants
-from sawmill_contracts.jobs import Failure, FailureKind, JobState
 from sawmill_contracts.phantoms import PhantomPicture
 from sawmill_contracts.plans import PlanAsk
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.schedules import ScheduleSpec
-from sawmill_store.acting import Actor, acting_as
-from sawmill_store.errors import QueueFull
-from sawmill_store.jobs import Retries
-from sawmill_store.places import LONGEST_RETRY_S, RETRY_IF_UNKNOWN_S, Waiting
-from sawmill_store.settings import StorageSettings
-from sawmill_store.tables import ScheduleRow
+from sawmill_platform.acting import Actor, acting_as
+from sawmill_platform.contracts.events import EventKind
+from sawmill_platform.contracts.jobs import Failure, FailureKind, JobState
+from sawmill_platform.database.tables import ScheduleRow
+from sawmill_platform.errors import QueueFull
+from sawmill_platform.jobs.job_store import Retries
+from sawmill_platform.jobs.queue_limits import LONGEST_RETRY_S, RETRY_IF_UNKNOWN_S, Waiting
+from sawmill_platform.settings import StorageSettings
 from sawmill_vocabulary import Theta
 
 NOMINAL = Theta(

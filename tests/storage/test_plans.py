@@ -1,10 +1,10 @@
 import pytest
 
 from sawmill_contracts.calibrations import CalibrationAsk
-from sawmill_contracts.jobs import Failure, FailureKind, JobState
 from sawmill_contracts.phantoms import PhantomPicture
 from sawmill_contracts.plans import PlanAsk
-from sawmill_store.errors import Conflict, NotFound
+from sawmill_platform.contracts.jobs import Failure, FailureKind, JobState
+from sawmill_platform.errors import Conflict, NotFound
 from sawmill_vocabulary import Theta
 
 NOMINAL = Theta(

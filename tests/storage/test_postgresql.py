@@ -15,11 +15,11 @@ from sqlalchemy import text
 from structlog.testing import capture_logs
 
 from sawmill_contracts.scanners import ScannerSpec
-from sawmill_store import outages
-from sawmill_store.errors import StorageMisconfigured, StorageUnavailable
-from sawmill_store.outages import Door
+from sawmill_platform.database import outages
+from sawmill_platform.database.outages import Door
+from sawmill_platform.errors import StorageMisconfigured, StorageUnavailable
+from sawmill_platform.workers.opening import open_store
 from sawmill_store.store import Store
-from sawmill_worker.execution.opening import open_store
 
 pytestmark = [pytest.mark.slow, pytest.mark.parametrize("database_url", ["postgresql"], indirect=True)]
 

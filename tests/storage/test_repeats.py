@@ -8,12 +8,12 @@ import pytest
 from results import CONSTANTS
 
 from sawmill_contracts.geometry import ScannerConstants
-from sawmill_contracts.keys import KeyAsk, Scope
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import ScanSpec
-from sawmill_store.database import after_commit
-from sawmill_store.errors import Conflict, Invalid
-from sawmill_store.repeats import KEPT, Answer, KeyedRequest
+from sawmill_platform.contracts.keys import KeyAsk, Scope
+from sawmill_platform.database.database import after_commit
+from sawmill_platform.errors import Conflict, Invalid
+from sawmill_platform.keys.repeats import KEPT, Answer, KeyedRequest
 from sawmill_store.store import Store
 from sawmill_vocabulary import DataKind
 

@@ -5,9 +5,9 @@ from datetime import timedelta
 
 import pytest
 
-from sawmill_contracts.jobs import JobKind, JobState
-from sawmill_store.acting import Actor, acting_as
-from sawmill_store.database import newest_revision
+from sawmill_platform.acting import Actor, acting_as
+from sawmill_platform.contracts.jobs import JobKind, JobState
+from sawmill_platform.database.database import newest_revision
 from sawmill_store.store import Store
 
 

@@ -3,12 +3,12 @@ import pytest
 from sawmill_contracts.calibrations import CalibrationAsk, CalibrationSucceeded
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.history import HistoryKind
-from sawmill_contracts.jobs import Failure, FailureKind, JobKind, JobState
 from sawmill_contracts.phantoms import PhantomDrawing, PhantomPicture, PhantomState
 from sawmill_contracts.reconstructions import ReconstructionAsk
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import ScanSpec, ScanState
-from sawmill_store.errors import Conflict, Invalid, NotFound
+from sawmill_platform.contracts.jobs import Failure, FailureKind, JobKind, JobState
+from sawmill_platform.errors import Conflict, Invalid, NotFound
 from sawmill_vocabulary import DataKind, Disc
 
 REFUSAL = Failure(kind=FailureKind.INPUT, code="angles-missing", detail="the file carries no angles")

@@ -12,18 +12,19 @@ from sqlalchemy import event, insert, select
 from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.drifts import DriftAsk
 from sawmill_contracts.inspections import InspectionOptions
-from sawmill_contracts.jobs import JobKind, JobState
 from sawmill_contracts.reconstructions import ReconstructionAsk
 from sawmill_contracts.retention import RetentionAsk, RetentionKind, RetentionRules, StaysBecause
 from sawmill_contracts.scans import ScanState
 from sawmill_contracts.schedules import ScheduleSpec
-from sawmill_store import protected, retention, retiring
-from sawmill_store.errors import Conflict, NotFound
+from sawmill_platform.contracts.jobs import JobKind, JobState
+from sawmill_platform.database.tables import JobRow, ReconstructionRow, ScanRow
+from sawmill_platform.errors import Conflict, NotFound
+from sawmill_store import protected, retention
+from sawmill_store import retention_runner as retiring
 from sawmill_store.growth import Filling, growth_of
 from sawmill_store.leftovers import Leftovers
-from sawmill_store.retiring import RetentionKeeper
+from sawmill_store.retention_runner import RetentionKeeper
 from sawmill_store.store import Store
-from sawmill_store.tables import JobRow, ReconstructionRow, ScanRow
 
 # All kinds, after a day; what protects needs no rule of its own.
 ALL = RetentionRules(**{name: 1 for name in RetentionRules.model_fields if name.endswith("_days")})

@@ -7,13 +7,13 @@ from racing import race
 
 from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.drifts import DriftAsk
-from sawmill_contracts.jobs import Failure, FailureKind, Priority
 from sawmill_contracts.scans import ScanSpec
 from sawmill_contracts.schedules import ScheduleSpec
-from sawmill_store.errors import Conflict, Invalid, NotFound
-from sawmill_store.settings import StorageSettings
+from sawmill_platform.contracts.jobs import Failure, FailureKind, Priority
+from sawmill_platform.database.tables import ScheduleRow
+from sawmill_platform.errors import Conflict, Invalid, NotFound
+from sawmill_platform.settings import StorageSettings
 from sawmill_store.store import Store
-from sawmill_store.tables import ScheduleRow
 from sawmill_vocabulary import DataKind
 
 START = datetime(2026, 3, 2, 5, 0, tzinfo=UTC)
@@ -360,7 +360,7 @@ def test_a_year_of_sundays_in_finland_runs_each_once_under_two_schedulers(store,
 def test_each_due_time_runs_once_however_many_processes_look(store, schedule):
     imports = (
         "from datetime import UTC, datetime\n"
-        "from sawmill_store.settings import StorageSettings\n"
+        "from sawmill_platform.settings import StorageSettings\n"
         "from sawmill_store.store import Store"
     )
     program = (

@@ -3,12 +3,12 @@
 import pytest
 from sqlalchemy import func, select, text
 
-from sawmill_contracts.audit import AuditAction
-from sawmill_contracts.keys import KeyAsk, Scope
-from sawmill_store.acting import Actor, acting_as
-from sawmill_store.keys import hash_of
-from sawmill_store.sessions import LASTS, RENEWAL_STEP
-from sawmill_store.tables import SessionRow
+from sawmill_platform.acting import Actor, acting_as
+from sawmill_platform.contracts.audit import AuditAction
+from sawmill_platform.contracts.keys import KeyAsk, Scope
+from sawmill_platform.database.tables import SessionRow
+from sawmill_platform.keys.key_store import hash_of
+from sawmill_platform.keys.sessions import LASTS, RENEWAL_STEP
 
 OPENER = hash_of("the token")
 

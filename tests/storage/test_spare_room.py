@@ -5,7 +5,7 @@ import shutil
 import pytest
 from databases import sqlite_alone
 
-from sawmill_store.spare_room import PIECE_BYTES, SPARE_BYTES
+from sawmill_platform.database.spare_room import PIECE_BYTES, SPARE_BYTES
 
 pytestmark = [pytest.mark.slow, sqlite_alone]
 

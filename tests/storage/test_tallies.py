@@ -2,10 +2,10 @@
 
 import pytest
 
-from sawmill_contracts.events import EventKind
-from sawmill_contracts.jobs import Failure, FailureKind, JobKind, JobState
-from sawmill_store.jobs import Pulse
-from sawmill_store.tallies import SETTLED, Amount, Fate, Tallies
+from sawmill_platform.contracts.events import EventKind
+from sawmill_platform.contracts.jobs import Failure, FailureKind, JobKind, JobState
+from sawmill_platform.jobs.job_store import Pulse
+from sawmill_platform.jobs.tallies import SETTLED, Amount, Fate, Tallies
 
 REFUSED = Failure(kind=FailureKind.INPUT, code="broken-file", detail="it is damaged")
 SUCCEEDED, FAILED, LOST = EventKind.SUCCEEDED, EventKind.FAILED, EventKind.LOST

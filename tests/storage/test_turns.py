@@ -5,9 +5,9 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from sawmill_contracts.jobs import JobKind, Priority
+from sawmill_platform.contracts.jobs import JobKind, Priority
+from sawmill_platform.jobs.turns import Selection
 from sawmill_store.store import Store
-from sawmill_store.turns import Selection
 
 
 @pytest.fixture

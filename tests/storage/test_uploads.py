@@ -5,15 +5,15 @@ from typing import Any
 
 import pytest
 
-from sawmill_contracts.jobs import JobKind
 from sawmill_contracts.scans import ScanSpec
-from sawmill_contracts.uploads import Upload, UploadAsk, UploadState
-from sawmill_store.acting import Actor, acting_as
-from sawmill_store.arriving import AsSent
-from sawmill_store.errors import Conflict, Damaged, NotFound, StorageFull
-from sawmill_store.repeats import Answer, KeyedRequest
+from sawmill_platform.acting import Actor, acting_as
+from sawmill_platform.contracts.jobs import JobKind
+from sawmill_platform.contracts.uploads import Upload, UploadAsk, UploadState
+from sawmill_platform.errors import Conflict, Damaged, NotFound, StorageFull
+from sawmill_platform.files.upload_stream import AsSent
+from sawmill_platform.keys.repeats import Answer, KeyedRequest
+from sawmill_platform.uploads.upload_store import UploadQuota, WrongOffset
 from sawmill_store.store import Store
-from sawmill_store.uploads import UploadQuota, WrongOffset
 from sawmill_vocabulary import DataKind
 
 CONTENT = b"0123456789"
@@ -127,7 +127,7 @@ def test_an_upload_that_is_deleted_before_its_sum_is_gone(store):
 
 
 def test_a_part_that_counts_as_a_whole_does_not_take_the_reserve_either(store, monkeypatch):
-    monkeypatch.setattr("sawmill_store.upload_parts.STEP_BYTES", 4)
+    monkeypatch.setattr("sawmill_platform.uploads.upload_parts.STEP_BYTES", 4)
     upload = create(store)
     for commits in (False, True):
         part = store.uploads.begin_part(upload.id, 0, reserve_bytes=2**62)

@@ -4,10 +4,10 @@ import pytest
 from sqlalchemy import event
 
 from sawmill_contracts.calibrations import CalibrationAsk
-from sawmill_contracts.jobs import JobKind, JobState, Priority
 from sawmill_contracts.reconstructions import ReconstructionAsk
+from sawmill_platform.contracts.jobs import JobKind, JobState, Priority
+from sawmill_platform.jobs.turns import Selection
 from sawmill_store.store import Store
-from sawmill_store.turns import Selection
 from sawmill_vocabulary import CalibrationMethod, Progress
 
 

@@ -9,7 +9,7 @@ from databases import sqlite_alone
 from live_service import wait_until
 from write_lock import write_lock
 
-from sawmill_store.errors import StorageUnavailable
+from sawmill_platform.errors import StorageUnavailable
 
 pytestmark = [pytest.mark.slow, sqlite_alone]
 

@@ -10,7 +10,7 @@ from sqlalchemy import Engine
 from sqlalchemy.engine.default import DefaultDialect
 from sqlalchemy.util import LRUCache
 
-from sawmill_store import engines
+from sawmill_platform.database import engines
 
 # Of the whole product and its tests there are fewer.
 KEPT = 5_000

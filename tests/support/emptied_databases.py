@@ -7,7 +7,7 @@ from uuid import uuid4
 
 from postgres_server import PostgresDatabases
 
-from sawmill_store.settings import StorageSettings
+from sawmill_platform.settings import StorageSettings
 from sawmill_store.store import Store
 
 END_OTHERS = """

@@ -6,7 +6,7 @@ Each function returns a fresh JSON document; keyword arguments replace fields.
 from collections.abc import Callable
 from typing import Any
 
-from sawmill_contracts.jobs import JobKind
+from sawmill_platform.contracts.jobs import JobKind
 
 CONSTANTS = {"source_to_cor_mm": 859.46, "num_detector_pixels": 768, "detector_pitch_mm": 1.5}
 THETA = {

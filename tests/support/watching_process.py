@@ -8,8 +8,8 @@ import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+from sawmill_platform.workers.logs import configure_logs
 from sawmill_vocabulary import ProgressCallback
-from sawmill_worker.execution.logs import configure_logs
 from sawmill_worker.watching.command import watch
 
 

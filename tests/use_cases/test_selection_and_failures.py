@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from sawmill_contracts.jobs import FailureKind
 from sawmill_formats.errors import UnreadableScan
+from sawmill_platform.contracts.jobs import FailureKind
 from sawmill_tomography.calibration.errors import CalibrationError
 from sawmill_tomography.geometry.geometry import GeometryError
 from sawmill_tomography.phantoms.phantom import PhantomError

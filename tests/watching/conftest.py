@@ -17,12 +17,12 @@ import uvicorn
 from watching_process import no_progress
 
 from sawmill_contracts.geometry import ScannerConstants
-from sawmill_contracts.jobs import Failure, FailureKind
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import Scan
+from sawmill_platform.contracts.jobs import Failure, FailureKind
+from sawmill_platform.settings import StorageSettings
 from sawmill_service.app import create_app
 from sawmill_service.settings import ServiceSettings
-from sawmill_store.settings import StorageSettings
 from sawmill_store.store import Store
 from sawmill_worker.watching.command import watch
 

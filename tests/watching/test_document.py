@@ -5,7 +5,7 @@ from pathlib import Path
 
 from watching_process import no_progress
 
-from sawmill_contracts.keys import KeyAsk, Scope
+from sawmill_platform.contracts.keys import KeyAsk, Scope
 from sawmill_worker.watching.command import watch
 from sawmill_worker.watching.settings import Files, WatchedFolder, Watching
 

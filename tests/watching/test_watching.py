@@ -17,8 +17,8 @@ from typer.testing import CliRunner
 from watching_process import kill, no_progress, watchers
 
 from sawmill_command.commands import main
-from sawmill_contracts.keys import KeyAsk, Scope
 from sawmill_contracts.scans import ScanState
+from sawmill_platform.contracts.keys import KeyAsk, Scope
 from sawmill_worker.watching.command import CannotWatch
 from sawmill_worker.watching.folder import Folder
 from sawmill_worker.watching.news import News

@@ -24,12 +24,12 @@ from sawmill_contracts.geometry import (
     SourceFrameDeviation,
     ThetaDeviation,
 )
-from sawmill_contracts.jobs import Failure, JobKind
-from sawmill_contracts.keys import Scope
-from sawmill_contracts.kinds import AskedKind, Operation, Reference
 from sawmill_contracts.phantoms import SizeTolerancePercent
 from sawmill_platform.contracts.base import ChosenViews, Contract, Covariance, Identifier, PositiveMm, Rows, Stamped
 from sawmill_platform.contracts.given import Given
+from sawmill_platform.contracts.jobs import Failure, JobKind
+from sawmill_platform.contracts.keys import Scope
+from sawmill_platform.contracts.kinds import AskedKind, Operation, Reference
 from sawmill_vocabulary import (
     LARGEST_ASSUMED_LOG_RADIUS_MM,
     STANDARD_SIZE_TOLERANCE,

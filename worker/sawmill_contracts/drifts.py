@@ -9,10 +9,10 @@ from sawmill_contracts.choices import DisturbedPart, DriftMethod, DriftReference
 from sawmill_contracts.detector_values import DetectorDeviation, DetectorGeometry
 from sawmill_contracts.drift_baselines import DriftBaseline
 from sawmill_contracts.geometry import ScannerConstants
-from sawmill_contracts.jobs import Failure, JobKind, JobState
-from sawmill_contracts.kinds import AskedKind, Operation, Reference, stored_as
 from sawmill_platform.contracts.base import Contract, Covariance, Identifier, Rows, Stamped, Time
 from sawmill_platform.contracts.given import Given
+from sawmill_platform.contracts.jobs import Failure, JobKind, JobState
+from sawmill_platform.contracts.kinds import AskedKind, Operation, Reference, stored_as
 from sawmill_vocabulary import Rotation, Theta
 from sawmill_vocabulary.texts import N_
 

@@ -7,11 +7,11 @@ from typing import Any
 
 from pydantic import Field
 
-from sawmill_contracts.jobs import Failure, JobKind, JobState
-from sawmill_contracts.kinds import AskedKind, Operation
 from sawmill_contracts.scans import AnglesText, Dataset, ScanShape, Transpose
 from sawmill_platform.contracts.base import Contract, Identifier, Name, Stamped, Time
 from sawmill_platform.contracts.given import Given
+from sawmill_platform.contracts.jobs import Failure, JobKind, JobState
+from sawmill_platform.contracts.kinds import AskedKind, Operation
 from sawmill_vocabulary import DataKind
 from sawmill_vocabulary.texts import N_
 

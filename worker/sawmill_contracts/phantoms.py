@@ -10,10 +10,10 @@ from typing import Annotated, Any, Self
 from pydantic import ConfigDict, Field, field_validator, model_validator
 
 from sawmill_contracts.choices import Axis
-from sawmill_contracts.jobs import JobKind
-from sawmill_contracts.kinds import UploadedKind
 from sawmill_platform.contracts.base import Contract, Identifier, Name, PositiveMm, Stamped
 from sawmill_platform.contracts.given import Given, GivenDay
+from sawmill_platform.contracts.jobs import JobKind
+from sawmill_platform.contracts.kinds import UploadedKind
 from sawmill_vocabulary import STANDARD_SIZE_TOLERANCE, Disc, Point, Shape, TrueAxis, fault_of_outline
 from sawmill_vocabulary.phantoms import LARGEST_DENSITY, SMALLEST_DENSITY, SMALLEST_RADIUS_MM
 from sawmill_vocabulary.texts import N_

@@ -6,11 +6,11 @@ from pydantic import Field
 
 from sawmill_contracts.calibrations import PredictedRayError, StandardDeviation
 from sawmill_contracts.geometry import GivenTheta, ReportedSourceFrame, ScannerConstants
-from sawmill_contracts.jobs import Failure, JobKind, JobState
-from sawmill_contracts.kinds import AskedKind, Operation, Reference, stored_as
 from sawmill_contracts.phantoms import SizeTolerancePercent
 from sawmill_platform.contracts.base import Contract, Covariance, Identifier, Stamped
 from sawmill_platform.contracts.given import Given
+from sawmill_platform.contracts.jobs import Failure, JobKind, JobState
+from sawmill_platform.contracts.kinds import AskedKind, Operation, Reference, stored_as
 from sawmill_vocabulary import Theta
 from sawmill_vocabulary.texts import N_
 

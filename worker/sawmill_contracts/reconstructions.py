@@ -9,13 +9,13 @@ from pydantic.fields import FieldInfo
 
 from sawmill_contracts.choices import MetalTreatment, Weighting
 from sawmill_contracts.geometry import GivenTheta
-from sawmill_contracts.jobs import Failure, JobKind, JobState
-from sawmill_contracts.kinds import AskedKind, Operation, Reference, stored_as
-from sawmill_contracts.old_names import OutOfUse
 from sawmill_platform.contracts import patterns
 from sawmill_platform.contracts.base import ChosenViews, Contract, Identifier, PositiveMm, Stamped, SteppedRows
 from sawmill_platform.contracts.conditions import Schema, bounded, one_of, require, without
 from sawmill_platform.contracts.given import Given
+from sawmill_platform.contracts.jobs import Failure, JobKind, JobState
+from sawmill_platform.contracts.kinds import AskedKind, Operation, Reference, stored_as
+from sawmill_platform.contracts.old_names import OutOfUse
 from sawmill_vocabulary import (
     LARGEST_MM,
     AlphaRule,

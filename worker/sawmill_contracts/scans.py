@@ -6,12 +6,12 @@ from typing import Annotated, Self
 
 from pydantic import AfterValidator, Field, StringConstraints, model_validator
 
-from sawmill_contracts.jobs import JobKind
-from sawmill_contracts.kinds import UploadedKind
 from sawmill_contracts.preparing import PrepareOptions
 from sawmill_platform.contracts import patterns
 from sawmill_platform.contracts.base import Contract, Identifier, Name, PositiveMm, Rows, Stamped
 from sawmill_platform.contracts.conditions import Schema, one_of, require, without
+from sawmill_platform.contracts.jobs import JobKind
+from sawmill_platform.contracts.kinds import UploadedKind
 from sawmill_vocabulary import DataKind, RowAlignment
 from sawmill_vocabulary.texts import N_
 

@@ -16,7 +16,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from sawmill_platform.whole_files import DISK_AWAY, DISK_FULL
+from sawmill_platform.files.whole_files import DISK_AWAY, DISK_FULL
 
 LONGEST_QUOTE = 200
 # Of a sentence that lists what a file holds, its beginning and its end; the end says what to do.

@@ -9,7 +9,7 @@ from uuid import uuid4
 
 import h5py
 
-from sawmill_platform.whole_files import flush_names, flushed, renamed
+from sawmill_platform.files.whole_files import flush_names, flushed, renamed
 
 if TYPE_CHECKING:
     from typing_extensions import Buffer

@@ -5,11 +5,11 @@ from datetime import datetime
 from sqlalchemy import Select, func, select
 from sqlalchemy.orm import InstrumentedAttribute, Session
 
-from sawmill_contracts.audit import AuditAction
-from sawmill_contracts.events import EventKind
-from sawmill_store.audit import write_audit
-from sawmill_store.events import announce
-from sawmill_store.tables import ActivationRow
+from sawmill_platform.contracts.audit import AuditAction
+from sawmill_platform.contracts.events import EventKind
+from sawmill_platform.database.tables import ActivationRow
+from sawmill_platform.ledger.audit import write_audit
+from sawmill_platform.ledger.events import announce
 
 # A scanner's id, or the column of another statement that has it.
 ScannerId = str | InstrumentedAttribute[str]

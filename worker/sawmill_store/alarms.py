@@ -10,15 +10,13 @@ from sqlalchemy import ColumnElement, ScalarSelect, delete, func, select
 from sqlalchemy.orm import InstrumentedAttribute, Session
 
 from sawmill_contracts.alarms import Alarm, AlarmKind
-from sawmill_contracts.events import EventKind
-from sawmill_contracts.jobs import JobKind
 from sawmill_contracts.phantoms import SizeMeasurement
 from sawmill_contracts.scanners import AlarmLimits
 from sawmill_contracts.scans import ScanState
-from sawmill_store.activations import active_since
-from sawmill_store.database import Database
-from sawmill_store.events import announce
-from sawmill_store.tables import (
+from sawmill_platform.contracts.events import EventKind
+from sawmill_platform.contracts.jobs import JobKind
+from sawmill_platform.database.database import Database
+from sawmill_platform.database.tables import (
     AlarmRow,
     CalibrationRow,
     DriftChartRow,
@@ -28,6 +26,8 @@ from sawmill_store.tables import (
     ScannerRow,
     ScanRow,
 )
+from sawmill_platform.ledger.events import announce
+from sawmill_store.activations import active_since
 
 _READY = (ScanRow.phantom_id.is_not(None), ScanRow.state == ScanState.READY)
 _COMING = (ScanRow.phantom_id.is_not(None), ScanRow.state != ScanState.REFUSED)

@@ -1,4 +1,4 @@
-"""Asks that a job answers: one store for every kind that declares itself (`sawmill_contracts/kinds.py`).
+"""Asks that a job answers: one store for every kind that declares itself (`sawmill_platform/contracts/kinds.py`).
 
 A kind's rows stand in the table `asked`. The four kinds of the first versions keep tables of their own, so that no
 stored row had to move: `tables.OWN_TABLES` names them.
@@ -12,18 +12,18 @@ from typing import Any, Generic
 from sqlalchemy import Select, select
 from sqlalchemy.orm import Session
 
-from sawmill_contracts.jobs import JobState, Priority
-from sawmill_contracts.kinds import Answer, Ask, AskedKind
 from sawmill_platform.contracts.base import Page
+from sawmill_platform.contracts.jobs import JobState, Priority
+from sawmill_platform.contracts.kinds import Answer, Ask, AskedKind
+from sawmill_platform.database.database import Database
+from sawmill_platform.database.paging import created_between, narrowed, new_id, read_page, refuse_taken
+from sawmill_platform.database.tables import OWN_TABLES, Answered, JobRow, table_of
+from sawmill_platform.files.file_store import FileStore
+from sawmill_platform.jobs.queue_limits import Places
+from sawmill_platform.jobs.queueing import queue_job
 from sawmill_store.asked_rows import found_asked, read_asked
-from sawmill_store.database import Database
-from sawmill_store.files import FileStore
-from sawmill_store.paging import created_between, narrowed, new_id, read_page, refuse_taken
-from sawmill_store.places import Places
-from sawmill_store.queueing import queue_job
 from sawmill_store.references import looked_up
 from sawmill_store.scan_extent import refuse_beyond_scan
-from sawmill_store.tables import OWN_TABLES, Answered, JobRow, table_of
 
 NOTHING: Mapping[str, str] = MappingProxyType({})
 

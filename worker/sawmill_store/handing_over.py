@@ -7,17 +7,17 @@ from sqlalchemy.orm import Session
 from sawmill_contracts import calibrations
 from sawmill_contracts.calibrations import Calibration
 from sawmill_contracts.handed_over import HandedOver
-from sawmill_contracts.jobs import JobKind
-from sawmill_contracts.kinds import AskedKind, declaration_of
 from sawmill_contracts.scans import ScanState
+from sawmill_platform.contracts.jobs import JobKind
+from sawmill_platform.contracts.kinds import AskedKind, declaration_of
+from sawmill_platform.database.paging import found
+from sawmill_platform.database.tables import JobRow, PhantomRow, ScannerRow, ScanRow
+from sawmill_platform.files.file_store import SCAN_FILE, FileStore
 from sawmill_store.asked_rows import found_asked, read_asked
 from sawmill_store.drift_charts import known_baselines
-from sawmill_store.files import SCAN_FILE, FileStore
-from sawmill_store.paging import found
 from sawmill_store.phantoms import picture_of, read_phantom
 from sawmill_store.scanners import read_scanner
 from sawmill_store.scans import read_scan
-from sawmill_store.tables import JobRow, PhantomRow, ScannerRow, ScanRow
 
 
 def handed_over(session: Session, files: FileStore, job: JobRow) -> HandedOver:

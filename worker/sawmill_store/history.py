@@ -1,4 +1,4 @@
-"""Histories of scanners (`sawmill_store/entering.py` writes them): pages, charts, and files with the oldest first."""
+"""Histories of scanners (`sawmill_store/history_writer.py` writes them): pages, charts, and files with the oldest first."""
 
 from collections.abc import Iterator
 from datetime import datetime
@@ -8,11 +8,9 @@ from sqlalchemy import Row, Select, and_, select, tuple_
 
 from sawmill_contracts.history import HistoryEntry, HistoryKind, HistoryMark
 from sawmill_platform.contracts.base import Page
-from sawmill_store.database import Database
-from sawmill_store.errors import Invalid
-from sawmill_store.measurements import read_measurement
-from sawmill_store.paging import LARGEST_NUMBER, cursor_of, found, parse_cursor
-from sawmill_store.tables import (
+from sawmill_platform.database.database import Database
+from sawmill_platform.database.paging import LARGEST_NUMBER, cursor_of, found, parse_cursor
+from sawmill_platform.database.tables import (
     CalibrationRow,
     DriftRow,
     HistoryRow,
@@ -22,6 +20,8 @@ from sawmill_store.tables import (
     ScanRow,
     ScheduleRow,
 )
+from sawmill_platform.errors import Invalid
+from sawmill_store.measurements import read_measurement
 
 _BATCH = 500
 # Where what an entry is about is stored, and listed below /v1/.

@@ -1,20 +1,20 @@
 """Inspections: uploads that are looked at before they become scans."""
 
-from sawmill_contracts.audit import AuditAction
-from sawmill_contracts.events import EventKind
 from sawmill_contracts.inspections import DECLARATION, Inspection, InspectionAsk, InspectionOptions
-from sawmill_contracts.jobs import JobKind, Priority
-from sawmill_store.arriving import Received
+from sawmill_platform.contracts.audit import AuditAction
+from sawmill_platform.contracts.events import EventKind
+from sawmill_platform.contracts.jobs import JobKind, Priority
+from sawmill_platform.database.database import Database
+from sawmill_platform.database.paging import new_id
+from sawmill_platform.errors import Conflict
+from sawmill_platform.files.file_store import FileStore
+from sawmill_platform.files.upload_stream import Received
+from sawmill_platform.jobs.queue_limits import Places
+from sawmill_platform.ledger.audit import write_audit
+from sawmill_platform.ledger.events import announce
+from sawmill_platform.uploads.uploading import kept_upload
 from sawmill_store.asked import Asked
 from sawmill_store.asked_rows import found_asked, read_asked
-from sawmill_store.audit import write_audit
-from sawmill_store.database import Database
-from sawmill_store.errors import Conflict
-from sawmill_store.events import announce
-from sawmill_store.files import FileStore
-from sawmill_store.paging import new_id
-from sawmill_store.places import Places
-from sawmill_store.uploading import kept_upload
 
 
 class Inspections(Asked[InspectionAsk, Inspection]):

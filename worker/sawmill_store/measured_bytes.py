@@ -10,11 +10,11 @@ from pathlib import Path
 
 from sqlalchemy import bindparam, exists, select, update
 
-from sawmill_contracts.jobs import ENDED, JobKind
-from sawmill_store.database import Database
-from sawmill_store.files import FileStore
-from sawmill_store.retained import STOCKS
-from sawmill_store.tables import JobRow
+from sawmill_platform.contracts.jobs import ENDED, JobKind
+from sawmill_platform.database.database import Database
+from sawmill_platform.database.tables import JobRow
+from sawmill_platform.files.file_store import FileStore
+from sawmill_store.retention_rules import STOCKS
 
 MEASURED_A_ROUND = 500
 

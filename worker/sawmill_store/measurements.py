@@ -10,16 +10,14 @@ from sqlalchemy.orm import Session
 
 from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_contracts.drifts import DriftResult
-from sawmill_contracts.events import EventKind
-from sawmill_contracts.kinds import declaration_of
 from sawmill_contracts.measurements import Measurement, MeasurementKind, Movement
 from sawmill_contracts.two_questions import TwoQuestions
 from sawmill_platform.contracts.base import Page
-from sawmill_store.database import Database
-from sawmill_store.drift_looks import counts_since
-from sawmill_store.entering import enter
-from sawmill_store.paging import found, read_numbered_page
-from sawmill_store.tables import (
+from sawmill_platform.contracts.events import EventKind
+from sawmill_platform.contracts.kinds import declaration_of
+from sawmill_platform.database.database import Database
+from sawmill_platform.database.paging import found, read_numbered_page
+from sawmill_platform.database.tables import (
     Answered,
     CalibrationRow,
     DriftRow,
@@ -27,6 +25,8 @@ from sawmill_store.tables import (
     ScannerRow,
     UtcDateTime,
 )
+from sawmill_store.drift_looks import counts_since
+from sawmill_store.history_writer import enter
 
 MOST_READ, PARTS = 2000, 500
 _NEVER = datetime.max.replace(tzinfo=UTC)

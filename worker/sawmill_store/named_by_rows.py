@@ -6,11 +6,11 @@ from datetime import datetime
 from sqlalchemy import Select, or_, select
 
 from sawmill_contracts.inspections import FILE_KEPT
-from sawmill_contracts.jobs import UNFINISHED, JobKind, JobState
 from sawmill_contracts.phantoms import PhantomState
 from sawmill_contracts.scans import ScanState
-from sawmill_contracts.uploads import UploadState
-from sawmill_store.tables import AskedRow, JobRow, PhantomRow, ScanRow, UploadRow, table_of
+from sawmill_platform.contracts.jobs import UNFINISHED, JobKind, JobState
+from sawmill_platform.contracts.uploads import UploadState
+from sawmill_platform.database.tables import AskedRow, JobRow, PhantomRow, ScanRow, UploadRow, table_of
 
 Ids = Select[str]
 

@@ -13,13 +13,13 @@ from typing import Any
 
 from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_contracts.handed_over import HandedOver
-from sawmill_contracts.jobs import JobKind
-from sawmill_contracts.kinds import declaration_of
 from sawmill_contracts.reconstructions import Reconstruction, ReconstructionResult
 from sawmill_contracts.scans import ScanReading, ScanShape
 from sawmill_formats.errors import DamagedResult, NotAsWritten, damage_reported, quoted, regular_status
 from sawmill_platform.contracts.base import parse_rows
-from sawmill_store.errors import InvalidOutput
+from sawmill_platform.contracts.jobs import JobKind
+from sawmill_platform.contracts.kinds import declaration_of
+from sawmill_platform.errors import InvalidOutput
 
 
 def check_output(kind: JobKind, given: HandedOver, result: dict[str, Any], folder: Path) -> None:

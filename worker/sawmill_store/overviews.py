@@ -5,12 +5,12 @@ from typing import Any, NamedTuple
 from sqlalchemy import ScalarSelect, Select, select
 from sqlalchemy.orm import aliased
 
-from sawmill_contracts.jobs import JobState
 from sawmill_contracts.scanners import StoredScanner
+from sawmill_platform.contracts.jobs import JobState
+from sawmill_platform.database.database import Database
+from sawmill_platform.database.tables import CalibrationRow, DriftRow, JobRow, ScannerRow, ScanRow
 from sawmill_store.activations import active_calibration
-from sawmill_store.database import Database
 from sawmill_store.scanners import scanner_with
-from sawmill_store.tables import CalibrationRow, DriftRow, JobRow, ScannerRow, ScanRow
 
 _WITH_A_FATE = (JobState.SUCCEEDED, JobState.FAILED)
 

@@ -5,9 +5,6 @@ from collections.abc import Mapping
 from sqlalchemy import func, select
 
 from sawmill_contracts import phantoms
-from sawmill_contracts.audit import AuditAction
-from sawmill_contracts.events import EventKind
-from sawmill_contracts.jobs import JobKind, Priority
 from sawmill_contracts.phantoms import (
     MeasurementsAsk,
     PhantomDrawing,
@@ -15,20 +12,23 @@ from sawmill_contracts.phantoms import (
     PhantomState,
     StoredPhantom,
 )
+from sawmill_platform.contracts.audit import AuditAction
 from sawmill_platform.contracts.base import Page
-from sawmill_store.arriving import Received
-from sawmill_store.audit import write_audit
-from sawmill_store.database import Database, lock_for_setup
-from sawmill_store.errors import Conflict, Invalid
-from sawmill_store.events import announce
-from sawmill_store.files import FileStore
-from sawmill_store.paging import found, new_id, read_page, refuse_taken
-from sawmill_store.places import Places
-from sawmill_store.queueing import queue_job
+from sawmill_platform.contracts.events import EventKind
+from sawmill_platform.contracts.jobs import JobKind, Priority
+from sawmill_platform.database.database import Database, lock_for_setup
+from sawmill_platform.database.paging import found, new_id, read_page, refuse_taken
+from sawmill_platform.database.tables import PhantomRow, ScanRow
+from sawmill_platform.errors import Conflict, Invalid
+from sawmill_platform.files.file_store import FileStore
+from sawmill_platform.files.upload_stream import Received
+from sawmill_platform.jobs.queue_limits import Places
+from sawmill_platform.jobs.queueing import queue_job
+from sawmill_platform.ledger.audit import write_audit
+from sawmill_platform.ledger.events import announce
+from sawmill_platform.uploads.uploading import kept_upload
 from sawmill_store.references import check_usable
-from sawmill_store.tables import PhantomRow, ScanRow
-from sawmill_store.uploading import kept_upload
-from sawmill_store.uses import kept_by
+from sawmill_store.references_guard import kept_by
 
 
 class Phantoms:

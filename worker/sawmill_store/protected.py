@@ -6,15 +6,12 @@ from typing import NamedTuple, TypeVar
 from sqlalchemy import ColumnElement, Select, and_, exists, or_, select, true, union_all
 from sqlalchemy.orm import Session
 
-from sawmill_contracts.events import EventKind
-from sawmill_contracts.jobs import UNFINISHED, JobKind
-from sawmill_contracts.kinds import asked_kinds
 from sawmill_contracts.retention import RetentionKind, StaysBecause
 from sawmill_contracts.scans import ScanState
-from sawmill_store.activations import active_calibration
-from sawmill_store.retained import STOCKS, Stock
-from sawmill_store.scheduled import last_looked_at, newest_phantom_scan, next_log
-from sawmill_store.tables import (
+from sawmill_platform.contracts.events import EventKind
+from sawmill_platform.contracts.jobs import UNFINISHED, JobKind
+from sawmill_platform.contracts.kinds import asked_kinds
+from sawmill_platform.database.tables import (
     ActivationRow,
     AskedRow,
     CalibrationRow,
@@ -27,6 +24,9 @@ from sawmill_store.tables import (
     ScheduleRow,
     table_of,
 )
+from sawmill_store.activations import active_calibration
+from sawmill_store.retention_rules import STOCKS, Stock
+from sawmill_store.scheduled import last_looked_at, newest_phantom_scan, next_log
 
 Found = TypeVar("Found", str, int)
 

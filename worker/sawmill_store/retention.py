@@ -7,8 +7,6 @@ from typing import Any
 from sqlalchemy import Select, and_, func, null, select
 from sqlalchemy.orm import Session
 
-from sawmill_contracts.audit import AuditAction
-from sawmill_contracts.events import EventKind
 from sawmill_contracts.retention import (
     Going,
     KindPreview,
@@ -21,15 +19,17 @@ from sawmill_contracts.retention import (
     Staying,
     rule_name,
 )
-from sawmill_store.acting import actor
-from sawmill_store.audit import changed, write_audit
-from sawmill_store.database import Database, lock_for_setup
-from sawmill_store.errors import Conflict
-from sawmill_store.events import announce
+from sawmill_platform.acting import actor
+from sawmill_platform.contracts.audit import AuditAction
+from sawmill_platform.contracts.events import EventKind
+from sawmill_platform.database.database import Database, lock_for_setup
+from sawmill_platform.database.tables import EventRow, RetentionRow
+from sawmill_platform.errors import Conflict
+from sawmill_platform.ledger.audit import changed, write_audit
+from sawmill_platform.ledger.events import announce
 from sawmill_store.growth import Growth, fillings, growth_of
 from sawmill_store.protected import Protection, none_of, protections
-from sawmill_store.retained import STOCKS, Stock, last_old_event, reach_of
-from sawmill_store.tables import EventRow, RetentionRow
+from sawmill_store.retention_rules import STOCKS, Stock, last_old_event, reach_of
 
 THE_ROW = 1
 RULES = "rules"

@@ -6,26 +6,26 @@ from datetime import datetime
 from sqlalchemy import delete, func, select
 from sqlalchemy.orm import Session
 
-from sawmill_contracts.audit import AuditAction
-from sawmill_contracts.events import EventKind
 from sawmill_contracts.scanners import ScannerSpec, StoredScanner
+from sawmill_platform.contracts.audit import AuditAction
 from sawmill_platform.contracts.base import Page
-from sawmill_store.activations import active_calibration_id
-from sawmill_store.alarms import close_alarms
-from sawmill_store.audit import changed, write_audit
-from sawmill_store.database import Database
-from sawmill_store.entering import changes_in_words
-from sawmill_store.errors import Conflict, Invalid
-from sawmill_store.events import announce
-from sawmill_store.paging import found, new_id, read_page, refuse_taken
-from sawmill_store.tables import (
+from sawmill_platform.contracts.events import EventKind
+from sawmill_platform.database.database import Database
+from sawmill_platform.database.paging import found, new_id, read_page, refuse_taken
+from sawmill_platform.database.tables import (
     HistoryRow,
     MeasurementRow,
     ScannerRow,
     ScanRow,
     ScheduleRow,
 )
-from sawmill_store.uses import kept_by
+from sawmill_platform.errors import Conflict, Invalid
+from sawmill_platform.ledger.audit import changed, write_audit
+from sawmill_platform.ledger.events import announce
+from sawmill_store.activations import active_calibration_id
+from sawmill_store.alarms import close_alarms
+from sawmill_store.history_writer import changes_in_words
+from sawmill_store.references_guard import kept_by
 
 
 class Scanners:

@@ -6,23 +6,23 @@ from datetime import datetime
 from sqlalchemy import func, select
 
 from sawmill_contracts import scans
-from sawmill_contracts.audit import AuditAction
-from sawmill_contracts.events import EventKind
-from sawmill_contracts.jobs import JobKind, Priority
 from sawmill_contracts.scans import Scan, ScanSpec, ScanState
+from sawmill_platform.contracts.audit import AuditAction
 from sawmill_platform.contracts.base import Page
-from sawmill_store.arriving import Received
-from sawmill_store.audit import write_audit
-from sawmill_store.database import Database
-from sawmill_store.errors import Conflict
-from sawmill_store.events import announce
-from sawmill_store.files import FileStore
-from sawmill_store.paging import created_between, found, narrowed, new_id, read_page, refuse_taken
-from sawmill_store.places import Places
-from sawmill_store.queueing import queue_job
-from sawmill_store.tables import PhantomRow, ScannerRow, ScanRow
-from sawmill_store.uploading import kept_upload
-from sawmill_store.uses import unfinished_job_about
+from sawmill_platform.contracts.events import EventKind
+from sawmill_platform.contracts.jobs import JobKind, Priority
+from sawmill_platform.database.database import Database
+from sawmill_platform.database.paging import created_between, found, narrowed, new_id, read_page, refuse_taken
+from sawmill_platform.database.tables import PhantomRow, ScannerRow, ScanRow
+from sawmill_platform.errors import Conflict
+from sawmill_platform.files.file_store import FileStore
+from sawmill_platform.files.upload_stream import Received
+from sawmill_platform.jobs.queue_limits import Places
+from sawmill_platform.jobs.queueing import queue_job
+from sawmill_platform.ledger.audit import write_audit
+from sawmill_platform.ledger.events import announce
+from sawmill_platform.uploads.uploading import kept_upload
+from sawmill_store.references_guard import unfinished_job_about
 
 _COLUMNS = {"scanner_id", "phantom_id"}
 

@@ -9,12 +9,12 @@ from sqlalchemy.orm import Session
 from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.choices import ScheduleOutcome
 from sawmill_contracts.drifts import DriftAsk
-from sawmill_contracts.jobs import JobState, Priority
 from sawmill_contracts.phantoms import PhantomState
 from sawmill_contracts.scans import ScanState
+from sawmill_platform.contracts.jobs import JobState, Priority
+from sawmill_platform.database.tables import CalibrationRow, DriftRow, JobRow, PhantomRow, ScanRow, ScheduleRow
 from sawmill_store.activations import ScannerId, active_calibration_id
 from sawmill_store.asked import Asked
-from sawmill_store.tables import CalibrationRow, DriftRow, JobRow, PhantomRow, ScanRow, ScheduleRow
 from sawmill_vocabulary import FEWEST_PAIRED_VIEWS
 
 # A drift check whose job ended so has not looked at its scan.

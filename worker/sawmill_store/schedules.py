@@ -9,23 +9,23 @@ from pydantic import ValidationError
 from sqlalchemy import select, update
 from sqlalchemy.orm import Session
 
-from sawmill_contracts.audit import AuditAction
 from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.drifts import DriftAsk
-from sawmill_contracts.events import EventKind
 from sawmill_contracts.schedules import Schedule, ScheduleRun, ScheduleSpec
+from sawmill_platform.acting import Actor, acting_as
+from sawmill_platform.contracts.audit import AuditAction
 from sawmill_platform.contracts.base import Page, placed_complaint
-from sawmill_store.acting import Actor, acting_as
+from sawmill_platform.contracts.events import EventKind
+from sawmill_platform.database.database import Database
+from sawmill_platform.database.paging import found, narrowed, new_id, read_page, refuse_taken
+from sawmill_platform.database.tables import ScannerRow, ScheduleRow, ScheduleRunRow
+from sawmill_platform.due_times import latest_due, next_due
+from sawmill_platform.errors import Invalid, StorageError, StorageFull, StorageUnavailable
+from sawmill_platform.ledger.audit import changed, write_audit
+from sawmill_platform.ledger.events import announce
 from sawmill_store.asked import Asked
-from sawmill_store.audit import changed, write_audit
-from sawmill_store.database import Database
-from sawmill_store.due_times import latest_due, next_due
-from sawmill_store.entering import changes_in_words
-from sawmill_store.errors import Invalid, StorageError, StorageFull, StorageUnavailable
-from sawmill_store.events import announce
-from sawmill_store.paging import found, narrowed, new_id, read_page, refuse_taken
+from sawmill_store.history_writer import changes_in_words
 from sawmill_store.scheduled import queue_due
-from sawmill_store.tables import ScannerRow, ScheduleRow, ScheduleRunRow
 
 # Of a due time at which nothing was queued, by its outcome.
 _WHY_NOT = {

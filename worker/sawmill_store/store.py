@@ -6,42 +6,42 @@ from functools import partial
 
 from sawmill_contracts import drifts, plans, reconstructions
 from sawmill_contracts.built_in import BUILT_IN_PHANTOMS
-from sawmill_contracts.kinds import Answer, Ask, AskedKind
+from sawmill_platform.contracts.kinds import Answer, Ask, AskedKind
+from sawmill_platform.database.clock import Clock
+from sawmill_platform.database.database import Database
+from sawmill_platform.database.engines import make_engine
+from sawmill_platform.database.report import DatabaseReport, damage_of, report_of
+from sawmill_platform.errors import FolderUnavailable
+from sawmill_platform.files.file_store import FileStore, refuse_half_restored, refuse_read_only
+from sawmill_platform.files.folder_identity import check_identity, settle_identity
+from sawmill_platform.jobs.job_store import Jobs
+from sawmill_platform.jobs.queue_limits import Places
+from sawmill_platform.jobs.tallies import Tallies
+from sawmill_platform.keys.key_store import KeyStore
+from sawmill_platform.keys.repeats import Repeats
+from sawmill_platform.keys.sessions import Sessions
+from sawmill_platform.ledger.audit import Audit
+from sawmill_platform.ledger.events import Events
+from sawmill_platform.settings import StorageSettings
+from sawmill_platform.uploads.upload_store import Uploads
+from sawmill_platform.webhooks.outbox import Outbox
+from sawmill_platform.webhooks.webhook_store import WebhookStore
 from sawmill_store.alarms import Alarms
 from sawmill_store.asked import Asked
-from sawmill_store.audit import Audit
 from sawmill_store.backups.named_files import lost_files
 from sawmill_store.calibrations import Calibrations
-from sawmill_store.clock import Clock
-from sawmill_store.database import Database
-from sawmill_store.database_report import DatabaseReport, damage_of, report_of
 from sawmill_store.drift_charts import DriftCharts
-from sawmill_store.engines import make_engine
-from sawmill_store.errors import FolderUnavailable
-from sawmill_store.events import Events
-from sawmill_store.files import FileStore, refuse_half_restored, refuse_read_only
-from sawmill_store.folder_identity import check_identity, settle_identity
 from sawmill_store.history import Histories
 from sawmill_store.inspections import Inspections
-from sawmill_store.jobs import Jobs
-from sawmill_store.keys import KeyStore
 from sawmill_store.leftovers import Leftovers
 from sawmill_store.measurements import Measurements
-from sawmill_store.outbox import Outbox
 from sawmill_store.overviews import Overviews
 from sawmill_store.phantoms import Phantoms
-from sawmill_store.places import Places
-from sawmill_store.repeats import Repeats
 from sawmill_store.retention import RetentionStore
-from sawmill_store.retiring import RetentionKeeper
+from sawmill_store.retention_runner import RetentionKeeper
 from sawmill_store.scanners import Scanners
 from sawmill_store.scans import Scans
 from sawmill_store.schedules import Schedules
-from sawmill_store.sessions import Sessions
-from sawmill_store.settings import StorageSettings
-from sawmill_store.tallies import Tallies
-from sawmill_store.uploads import Uploads
-from sawmill_store.webhooks import WebhookStore
 
 
 class Store:

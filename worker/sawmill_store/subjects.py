@@ -5,18 +5,18 @@ from typing import Any
 
 from sqlalchemy.orm import Session
 
-from sawmill_contracts.events import EventKind
-from sawmill_contracts.jobs import JobKind
-from sawmill_contracts.kinds import AskedKind, declaration_of
 from sawmill_contracts.phantoms import PhantomState
 from sawmill_contracts.scans import ScanState
-from sawmill_store.acting import THE_SERVICE, Actor, acting_as
+from sawmill_platform.acting import THE_SERVICE, Actor, acting_as
+from sawmill_platform.contracts.events import EventKind
+from sawmill_platform.contracts.jobs import JobKind
+from sawmill_platform.contracts.kinds import AskedKind, declaration_of
+from sawmill_platform.database.paging import found
+from sawmill_platform.database.tables import CalibrationRow, Json, PhantomRow, ScanRow
+from sawmill_platform.ledger.events import announce
 from sawmill_store.activations import activate
 from sawmill_store.asked_rows import found_asked
-from sawmill_store.events import announce
 from sawmill_store.measurements import record_measurement
-from sawmill_store.paging import found
-from sawmill_store.tables import CalibrationRow, Json, PhantomRow, ScanRow
 
 
 def checked_result(kind: JobKind, result: dict[str, Any]) -> Json:

@@ -8,13 +8,13 @@ import typer
 
 from sawmill_contracts.calibrations import CalibrationOptions
 from sawmill_contracts.scanners import ScannerSpec, Tolerances
+from sawmill_platform.attempts.importing import importing
 from sawmill_vocabulary import CalibrationMethod
 from sawmill_worker.commands import options as shared
 from sawmill_worker.commands.command_line import Command
 from sawmill_worker.commands.from_contract import Flags, from_contracts, option
 from sawmill_worker.commands.phantom_options import PhantomSource, PhantomText, PhantomWidth
 from sawmill_worker.commands.terminal import answering, print_json, showing_progress
-from sawmill_worker.execution.importing import importing
 
 app = typer.Typer()
 ReportFlag = typer.Option(

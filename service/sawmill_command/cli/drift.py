@@ -9,6 +9,7 @@ import typer
 from sawmill_contracts.calibrations import CalibrationOptions
 from sawmill_contracts.drifts import DriftOptions
 from sawmill_contracts.scanners import Tolerances
+from sawmill_platform.attempts.importing import importing
 from sawmill_vocabulary import Theta
 from sawmill_worker.commands import options as shared
 from sawmill_worker.commands.from_contract import Flags, from_contracts, option
@@ -21,7 +22,6 @@ from sawmill_worker.commands.geometry_options import (
     given_geometry,
 )
 from sawmill_worker.commands.terminal import answering, print_json, showing_progress
-from sawmill_worker.execution.importing import importing
 
 app = typer.Typer()
 

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from sawmill_worker.execution.importing import importing
+from sawmill_platform.attempts.importing import importing
 
 
 class CommandsOnDemand(TyperGroup):

@@ -8,6 +8,7 @@ import typer
 from typer.models import OptionInfo
 
 from sawmill_contracts.reconstructions import ReconstructionOptions
+from sawmill_platform.attempts.importing import importing
 from sawmill_vocabulary import ReconstructionMethod, Theta
 from sawmill_worker.commands import options as shared
 from sawmill_worker.commands.from_contract import Flags, from_contracts
@@ -21,7 +22,6 @@ from sawmill_worker.commands.geometry_options import (
     position_of,
 )
 from sawmill_worker.commands.terminal import answering, print_json, say, showing_progress
-from sawmill_worker.execution.importing import importing
 
 app = typer.Typer()
 

@@ -6,9 +6,9 @@ from typing import Annotated
 
 import typer
 
+from sawmill_platform.attempts.importing import importing
 from sawmill_worker.commands.command_line import Command
 from sawmill_worker.commands.terminal import say, showing_progress
-from sawmill_worker.execution.importing import importing
 
 app = typer.Typer()
 
@@ -28,9 +28,9 @@ def watch(
 ) -> None:
     """Watch folders for scanners that can only write files, and bring each scan to the service once."""
     with importing():
-        from sawmill_worker.execution.logs import configure_logs
-        from sawmill_worker.execution.settings import ExecutionSettings
-        from sawmill_worker.execution.variables import WrongVariableError, variables_checked
+        from sawmill_platform.workers.logs import configure_logs
+        from sawmill_platform.workers.settings import ExecutionSettings
+        from sawmill_platform.workers.variables import WrongVariableError, variables_checked
         from sawmill_worker.watching import command
         from sawmill_worker.watching.settings import WrongFileError
 

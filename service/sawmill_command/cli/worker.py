@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from sawmill_contracts.jobs import JobKind
+from sawmill_platform.contracts.jobs import JobKind
 from sawmill_worker.commands.command_line import Command
 
 app = typer.Typer()
@@ -51,8 +51,8 @@ def worker(
     ] = None,
 ) -> None:
     """Run one embedded worker beside a service that uses the same data folder."""
-    from sawmill_worker.execution.poller import run
-    from sawmill_worker.execution.variables import WrongVariableError, variables_checked
+    from sawmill_platform.workers.poller import run
+    from sawmill_platform.workers.variables import WrongVariableError, variables_checked
 
     if data is not None:
         os.environ["SAWMILL_DATA_FOLDER"] = str(data)

@@ -11,11 +11,11 @@ from sawmill_command.data_option import settings_of
 from sawmill_command.doctor import machine, store
 from sawmill_command.doctor.findings import Finding, State
 from sawmill_command.doctor.science import science
+from sawmill_platform.settings import StorageSettings
+from sawmill_platform.workers.settings import ExecutionSettings
+from sawmill_platform.workers.sole_service import serving_process
+from sawmill_platform.workers.variables import WrongVariableError, variables_checked
 from sawmill_service.settings import ServiceSettings
-from sawmill_store.settings import StorageSettings
-from sawmill_worker.execution.settings import ExecutionSettings
-from sawmill_worker.execution.sole_service import serving_process
-from sawmill_worker.execution.variables import WrongVariableError, variables_checked
 
 _COLOURS = {State.GOOD: "green", State.WATCH: "yellow", State.BAD: "red"}
 

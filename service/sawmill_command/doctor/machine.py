@@ -12,16 +12,16 @@ from pathlib import Path
 from packaging.requirements import Requirement
 
 from sawmill_command.doctor.findings import Finding, State
+from sawmill_platform.confinement import landlock
+from sawmill_platform.errors import FolderUnavailable, StorageMisconfigured
+from sawmill_platform.files.file_store import is_read_only, refuse_half_restored
+from sawmill_platform.settings import StorageSettings
+from sawmill_platform.workers.settings import ExecutionSettings
 from sawmill_service.http.listening import ListenError, listen
 from sawmill_service.http.open_files import files_needed, possible_connections
 from sawmill_service.pages.system_parts import Disk
 from sawmill_service.settings import ServiceSettings
-from sawmill_store.errors import FolderUnavailable, StorageMisconfigured
-from sawmill_store.files import is_read_only, refuse_half_restored
-from sawmill_store.settings import StorageSettings
 from sawmill_vocabulary.version import VERSION
-from sawmill_worker.execution import landlock
-from sawmill_worker.execution.settings import ExecutionSettings
 
 PACKAGE = "sawmill-calibration"
 # SQLite's write-ahead log needs memory that all its users share, and locks that hold.

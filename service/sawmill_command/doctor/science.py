@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 import sawmill_tomography as tomography
 from sawmill_command.doctor.findings import Finding, State
+from sawmill_platform.attempts.limits import DATA_BYTES
 from sawmill_tomography.kernel_cache import holds_all
-from sawmill_worker.execution.limits import DATA_BYTES
 from sawmill_worker.use_cases.capacity import memory_available
 
 

@@ -7,17 +7,17 @@ from pathlib import Path
 
 from sawmill_command.doctor.findings import Finding, State
 from sawmill_command.doctor.webhooks import webhooks
+from sawmill_platform.database.report import DatabaseReport
+from sawmill_platform.errors import FolderUnavailable, StorageError, StorageFull, StorageMisconfigured
+from sawmill_platform.files.folder_identity import refuse_used
+from sawmill_platform.settings import StorageSettings
+from sawmill_platform.workers.broker_report import report_of
+from sawmill_platform.workers.housekeeping import TOLERABLE_S
 from sawmill_service.pages.system_parts import PLENTY_DAYS, SEEN
 from sawmill_service.routes.health import Readiness, health_of
 from sawmill_service.settings import ServiceSettings
 from sawmill_store.backups.newest import newest_backup
-from sawmill_store.database_report import DatabaseReport
-from sawmill_store.errors import FolderUnavailable, StorageError, StorageFull, StorageMisconfigured
-from sawmill_store.folder_identity import refuse_used
-from sawmill_store.settings import StorageSettings
 from sawmill_store.store import Store
-from sawmill_worker.execution.broker_report import report_of
-from sawmill_worker.execution.housekeeping import TOLERABLE_S
 
 _SLOW_S = 0.5
 _NAMED = 3  # lost files, of any number

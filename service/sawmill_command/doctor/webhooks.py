@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 from sawmill_command.doctor.findings import Finding, State
-from sawmill_contracts.webhooks import Webhook, WebhookState
+from sawmill_platform.contracts.webhooks import Webhook, WebhookState
 from sawmill_service.webhooks.destinations import SETTING
 from sawmill_store.store import Store
 

@@ -12,14 +12,14 @@ from pydantic import Field
 from starlette.datastructures import Headers
 from starlette.types import Receive, Scope, Send
 
-from sawmill_contracts.jobs import Priority
 from sawmill_formats.errors import regular_status
 from sawmill_platform.contracts import patterns
 from sawmill_platform.contracts.given import Given, GivenTime
+from sawmill_platform.contracts.jobs import Priority
+from sawmill_platform.keys import sessions
 from sawmill_service.http.conditional import CACHING, check_conditions, spans_of
 from sawmill_service.http.digests import Digests, key_of, repr_digest, tag_of
 from sawmill_service.http.problems import Refused
-from sawmill_store import sessions
 
 
 class Png(Response):

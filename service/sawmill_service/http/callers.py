@@ -4,7 +4,7 @@ from ipaddress import IPv6Address, ip_address, ip_network
 
 from starlette.types import Scope
 
-from sawmill_store.acting import actor
+from sawmill_platform.acting import actor
 
 
 def who(scope: Scope) -> str:

@@ -13,7 +13,7 @@ import structlog
 from fastapi.concurrency import run_in_threadpool
 
 from sawmill_formats.errors import DamagedResult
-from sawmill_store.noted_digests import NOTED_FROM_BYTES, compute_digest, note_digest, read_note
+from sawmill_platform.files.digests import NOTED_FROM_BYTES, compute_digest, note_digest, read_note
 
 # Of pictures that are kept as they were sent; one alone may have a quarter.
 _KEPT_BYTES = 16 * 1024**2

@@ -9,6 +9,8 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from sawmill_platform.acting import acting_as
+from sawmill_platform.errors import StorageError
 from sawmill_service.access import (
     ANYBODY,
     CHALLENGES,
@@ -29,8 +31,6 @@ from sawmill_service.http.problems import COME_BACK, Refused, is_navigation, ref
 from sawmill_service.http.rates import Rates
 from sawmill_service.http.session_cookie import NAME
 from sawmill_service.stopping import Stopping
-from sawmill_store.acting import acting_as
-from sawmill_store.errors import StorageError
 
 # Whoever has no key yet learns nothing of the database.
 KEYS_AWAY = "keys cannot be looked up now: the database does not answer; try again in a few seconds"

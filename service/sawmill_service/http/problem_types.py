@@ -12,9 +12,9 @@ from typing import Any
 
 from pydantic import Field
 
-from sawmill_contracts.jobs import FailureKind, JobKind
-from sawmill_contracts.kinds import declaration_of
 from sawmill_platform.contracts.base import Contract
+from sawmill_platform.contracts.jobs import FailureKind, JobKind
+from sawmill_platform.contracts.kinds import declaration_of
 
 PATH = "/problems/"
 CODE_PATTERN = r"^[a-z0-9]+(-[a-z0-9]+)*$"

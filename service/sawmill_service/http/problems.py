@@ -17,9 +17,7 @@ from starlette.requests import Request
 from structlog.contextvars import get_contextvars
 
 from sawmill_formats.errors import DamagedResult, FileError, NotStored, OutOfRange
-from sawmill_service.http.allowed_methods import allowed_methods
-from sawmill_service.http.problem_types import CODE_PATTERN, describe_code, title_of, type_of
-from sawmill_store.errors import (
+from sawmill_platform.errors import (
     Busy,
     Conflict,
     Damaged,
@@ -34,6 +32,8 @@ from sawmill_store.errors import (
     UploadTooLarge,
     outage_of,
 )
+from sawmill_service.http.allowed_methods import allowed_methods
+from sawmill_service.http.problem_types import CODE_PATTERN, describe_code, title_of, type_of
 
 MEDIA_TYPE = "application/problem+json"
 STATUS: Mapping[type[Exception], int] = {

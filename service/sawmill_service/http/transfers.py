@@ -10,7 +10,7 @@ from contextlib import asynccontextmanager
 
 import anyio
 
-from sawmill_store.errors import Busy
+from sawmill_platform.errors import Busy
 
 
 class Transfer:

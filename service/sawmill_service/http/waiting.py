@@ -8,13 +8,13 @@ from typing import Annotated, Any, TypeVar
 from fastapi import Depends, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 
-from sawmill_contracts.events import JOB_ENDS
-from sawmill_contracts.jobs import Job, JobState
 from sawmill_contracts.phantoms import PhantomState
 from sawmill_contracts.scans import ScanState
+from sawmill_platform.contracts.events import JOB_ENDS
+from sawmill_platform.contracts.jobs import Job, JobState
+from sawmill_platform.errors import StorageUnavailable
 from sawmill_service.event_feed import EventFeed
 from sawmill_service.stopping import Stopping
-from sawmill_store.errors import StorageUnavailable
 
 MOST_S = 60.0
 # Proxies give up a request that is silent for a minute, as nginx does by default.

@@ -15,10 +15,11 @@ from pydantic import ValidationError
 
 from sawmill_contracts.calibrations import CalibrationAsk, CalibrationSucceeded, CalibrationUnfinished
 from sawmill_contracts.inspections import Inspection, InspectionOptions
-from sawmill_contracts.jobs import JobKind
 from sawmill_contracts.scans import Scan, ScanSpec, ScanState
 from sawmill_platform.contracts.base import Identifier
 from sawmill_platform.contracts.given import Given
+from sawmill_platform.contracts.jobs import JobKind
+from sawmill_platform.errors import Conflict, NotFound, QueueFull, StorageError
 from sawmill_service.dependencies import TheSettings, TheStore, TheWake
 from sawmill_service.drawing import shown_log
 from sawmill_service.finished import scan_if_kept
@@ -27,7 +28,6 @@ from sawmill_service.http.problems import STATUS, complaint
 from sawmill_service.pages.calibrate_questions import questions_of, usable_phantoms
 from sawmill_service.pages.calibrate_words import advice_for, changes_of, headline, parameters_of, stages
 from sawmill_service.pages.frame import PageFrame, ThePage
-from sawmill_store.errors import Conflict, NotFound, QueueFull, StorageError
 from sawmill_store.store import Store
 
 CALIBRATE = "/calibrate"

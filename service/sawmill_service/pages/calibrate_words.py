@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from sawmill_contracts.calibrations import CalibrationSucceeded
 from sawmill_contracts.failure_codes import DEFECTS, LIMITS, LOSSES, OUTAGES
-from sawmill_contracts.jobs import Failure
+from sawmill_platform.contracts.jobs import Failure
 from sawmill_service.pages.frame import PageFrame
 from sawmill_service.pages.languages import marked
 

@@ -7,7 +7,7 @@ from fastapi import Depends, Request
 from fastapi.responses import HTMLResponse
 from jinja2 import Environment
 
-from sawmill_contracts.keys import Scope
+from sawmill_platform.contracts.keys import Scope
 from sawmill_service.access import ANYBODY, Caller
 from sawmill_service.http.session_cookie import SessionCookie
 from sawmill_service.pages.formats import Formats

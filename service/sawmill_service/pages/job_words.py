@@ -5,9 +5,9 @@ from datetime import timedelta
 
 from babel.dates import format_timedelta
 
-from sawmill_contracts.events import EventKind
-from sawmill_contracts.jobs import Job, JobKind, JobState
-from sawmill_contracts.kinds import declaration_of
+from sawmill_platform.contracts.events import EventKind
+from sawmill_platform.contracts.jobs import Job, JobKind, JobState
+from sawmill_platform.contracts.kinds import declaration_of
 from sawmill_service.pages.frame import PageFrame
 from sawmill_service.pages.languages import marked
 

@@ -6,14 +6,14 @@ from typing import Annotated, Literal, NamedTuple
 from fastapi import APIRouter, Query
 from fastapi.responses import HTMLResponse, RedirectResponse
 
-from sawmill_contracts.jobs import Job, JobKind, JobState
-from sawmill_contracts.kinds import declaration_of
 from sawmill_platform.contracts.base import Identifier, Page
+from sawmill_platform.contracts.jobs import Job, JobKind, JobState
+from sawmill_platform.contracts.kinds import declaration_of
+from sawmill_platform.errors import Conflict
 from sawmill_service.dependencies import TheStore
 from sawmill_service.http.answers import Paging
 from sawmill_service.pages.frame import PageFrame, ThePage
 from sawmill_service.pages.job_words import FATES, STATES, JobView, job_view
-from sawmill_store.errors import Conflict
 from sawmill_store.store import Store
 
 JOBS = "/jobs"

@@ -10,19 +10,19 @@ from markupsafe import Markup
 from pydantic import Field, JsonValue, TypeAdapter, ValidationError
 from pydantic_core import to_json
 
-from sawmill_contracts.jobs import JobKind
 from sawmill_contracts.phantoms import DrawnShape, PhantomPicture, StoredPhantom, faults_of
 from sawmill_contracts.scanners import StoredScanner
 from sawmill_platform.contracts.base import Contract, Identifier
 from sawmill_platform.contracts.given import Given
+from sawmill_platform.contracts.jobs import JobKind
 from sawmill_platform.contracts.strict_json import read_strictly
+from sawmill_platform.errors import Conflict, NotFound
 from sawmill_service.dependencies import TheSettings, TheStore
 from sawmill_service.http.answers import Paging, Svg, file, picture
 from sawmill_service.http.problems import complaint
 from sawmill_service.pages.frame import PageFrame, ThePage
 from sawmill_service.pages.phantom_plans import plan_views
 from sawmill_service.pages.phantom_words import SizeKnown, size_known, size_text
-from sawmill_store.errors import Conflict, NotFound
 from sawmill_store.store import Store
 from sawmill_vocabulary import Shape
 from sawmill_worker.pictures.phantom_drawing import outline_svg, shown_svg

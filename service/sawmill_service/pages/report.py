@@ -12,13 +12,13 @@ from fastapi.responses import HTMLResponse
 
 from sawmill_contracts.calibrations import CalibrationSucceeded
 from sawmill_contracts.history import HistoryEntry
-from sawmill_contracts.jobs import JobKind
 from sawmill_formats.errors import damage_reported
 from sawmill_platform.contracts.base import Identifier
+from sawmill_platform.contracts.jobs import JobKind
+from sawmill_platform.errors import NotFound
 from sawmill_service.dependencies import TheStore
 from sawmill_service.finished import scan_if_kept
 from sawmill_service.routes.calibrations import succeeded
-from sawmill_store.errors import NotFound
 from sawmill_store.store import Store
 
 if TYPE_CHECKING:

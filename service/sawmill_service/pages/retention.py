@@ -5,12 +5,12 @@ from fastapi.responses import HTMLResponse, RedirectResponse
 from pydantic import ValidationError
 
 from sawmill_contracts.retention import RetentionAsk, RetentionPreview, RetentionRules
+from sawmill_platform.errors import Conflict
 from sawmill_service.dependencies import TheStore
 from sawmill_service.http.forms import TheForm
 from sawmill_service.pages.frame import PageFrame, ThePage
 from sawmill_service.pages.languages import locale_of
 from sawmill_service.pages.retention_form import KINDS, REASONS, RetentionForm, form_of, read_form
-from sawmill_store.errors import Conflict
 from sawmill_store.store import Store
 
 PATH = "/retention"

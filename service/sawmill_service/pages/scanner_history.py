@@ -8,9 +8,9 @@ from urllib.parse import urlencode
 from fastapi import APIRouter, Depends, Query
 from fastapi.responses import HTMLResponse
 
-from sawmill_contracts.events import EventKind
 from sawmill_contracts.history import HistoryEntry, HistoryKind
 from sawmill_platform.contracts.base import Identifier
+from sawmill_platform.contracts.events import EventKind
 from sawmill_service.dependencies import TheStore
 from sawmill_service.pages.charts import is_calibration, span_of
 from sawmill_service.pages.frame import ThePage

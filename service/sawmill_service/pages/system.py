@@ -5,8 +5,8 @@ from datetime import UTC, datetime
 from fastapi import APIRouter, Request
 from fastapi.responses import HTMLResponse
 
-from sawmill_contracts.audit import AuditAction
-from sawmill_contracts.keys import Scope
+from sawmill_platform.contracts.audit import AuditAction
+from sawmill_platform.contracts.keys import Scope
 from sawmill_service.dependencies import TheSettings, TheStore
 from sawmill_service.pages.frame import ThePage
 from sawmill_service.pages.languages import marked

@@ -6,13 +6,13 @@ from functools import cache
 from importlib.metadata import version
 from typing import NamedTuple
 
-from sawmill_contracts.events import Event
-from sawmill_contracts.jobs import JobState
+from sawmill_platform.contracts.events import Event
+from sawmill_platform.contracts.jobs import JobState
+from sawmill_platform.jobs.queue_limits import Waiting
+from sawmill_platform.settings import StorageSettings
 from sawmill_service.pages.frame import PageFrame
 from sawmill_service.pages.job_words import JobView, job_view
 from sawmill_service.settings import ServiceSettings
-from sawmill_store.places import Waiting
-from sawmill_store.settings import StorageSettings
 from sawmill_store.store import Store
 from sawmill_vocabulary.version import VERSION
 

@@ -8,8 +8,8 @@ from datetime import datetime, timedelta
 from fastapi import APIRouter
 from fastapi.responses import HTMLResponse
 
-from sawmill_contracts.events import EventKind
 from sawmill_contracts.measurements import Movement
+from sawmill_platform.contracts.events import EventKind
 from sawmill_service.dependencies import TheStore
 from sawmill_service.pages.frame import PageFrame, ThePage
 from sawmill_service.pages.sparkline import Sparkline, sparkline

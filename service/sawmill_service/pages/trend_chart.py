@@ -5,10 +5,10 @@ from dataclasses import dataclass
 from statistics import median
 
 from sawmill_contracts.alarms import Alarm
-from sawmill_contracts.events import EventKind
 from sawmill_contracts.history import HistoryKind, HistoryMark
 from sawmill_contracts.measurements import Movement
 from sawmill_contracts.scanner_drift import PooledDrift
+from sawmill_platform.contracts.events import EventKind
 from sawmill_service.pages.charts import (
     Chart,
     Panel,

@@ -3,8 +3,8 @@
 from fastapi import APIRouter
 from fastapi.responses import HTMLResponse, RedirectResponse
 
-from sawmill_contracts.webhooks import WebhookState, WebhookTest
 from sawmill_platform.contracts.base import Identifier
+from sawmill_platform.contracts.webhooks import WebhookState, WebhookTest
 from sawmill_service.dependencies import TheSettings, TheStore
 from sawmill_service.pages.frame import PageFrame, ThePage
 from sawmill_service.pages.languages import marked

@@ -2,8 +2,8 @@
 
 from typing import NamedTuple
 
-from sawmill_contracts.jobs import JobState
 from sawmill_contracts.scans import ScanState
+from sawmill_platform.contracts.jobs import JobState
 from sawmill_service.pages.languages import marked
 from sawmill_vocabulary import ColorMap
 

@@ -6,7 +6,7 @@ from typing import Annotated
 from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import StreamingResponse
 
-from sawmill_contracts.audit import AuditEntry
+from sawmill_platform.contracts.audit import AuditEntry
 from sawmill_platform.contracts.base import Page
 from sawmill_service.dependencies import TheStore
 from sawmill_service.http.answers import NumberedPaging

@@ -4,10 +4,10 @@ from fastapi import APIRouter, Request, Response
 from pydantic import Field
 
 from sawmill_contracts.calibrations import CalibrationSucceeded
-from sawmill_contracts.jobs import JobKind
 from sawmill_contracts.scanners import StoredScanner
 from sawmill_platform.contracts.base import Identifier, Name
 from sawmill_platform.contracts.given import Given
+from sawmill_platform.contracts.jobs import JobKind
 from sawmill_service.dependencies import TheStore
 from sawmill_service.drawing import CalibrationPicture, calibration_picture
 from sawmill_service.http.answers import Hdf5, Png, file

@@ -9,16 +9,16 @@ from fastapi import APIRouter, Query, Request
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 from pydantic import Field
 
-from sawmill_contracts.events import EventKind
 from sawmill_platform.contracts.base import Identifier
+from sawmill_platform.contracts.events import EventKind
 from sawmill_platform.contracts.given import Given
+from sawmill_platform.errors import StorageUnavailable
 from sawmill_service.access import Access
 from sawmill_service.dependencies import TheAccess, TheEventFeed, TheSettings, TheStopping
 from sawmill_service.event_feed import LARGEST_NUMBER, LastEventId
 from sawmill_service.http.described_answers import events
 from sawmill_service.http.openapi_document import trying
 from sawmill_service.http.problems import Refused
-from sawmill_store.errors import StorageUnavailable
 
 # A page that hears nothing for three of these shows that its data may be old.
 ALIVE_S = 5.0

@@ -9,15 +9,15 @@ from fastapi.responses import PlainTextResponse
 from prometheus_client import generate_latest
 from pydantic import Field
 
-from sawmill_contracts.jobs import JobState
 from sawmill_platform.contracts.base import Contract
+from sawmill_platform.contracts.jobs import JobState
+from sawmill_platform.errors import FolderUnavailable, StorageFull, StorageUnavailable
 from sawmill_service.dependencies import TheStore
 from sawmill_service.http.problems import COME_BACK, MEDIA_TYPE
-from sawmill_store.errors import FolderUnavailable, StorageFull, StorageUnavailable
 from sawmill_store.store import Store
 
 if TYPE_CHECKING:
-    from sawmill_worker.execution.broker_report import BrokerReport
+    from sawmill_platform.workers.broker_report import BrokerReport
 
 NOT_READY = "the database cannot be used now: the service's log has the reason"
 PATIENCE_S = 30.0  # several times what an idle worker needs to take a job
@@ -102,7 +102,7 @@ def broker_of(broker_url: str | None) -> "BrokerReport | None":
     if broker_url is None:
         return None
     # Imported here: without a broker nobody needs its client.
-    from sawmill_worker.execution.broker_report import report_of  # noqa: PLC0415
+    from sawmill_platform.workers.broker_report import report_of  # noqa: PLC0415
 
     return report_of(broker_url)
 

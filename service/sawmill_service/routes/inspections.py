@@ -7,9 +7,9 @@ from fastapi.concurrency import run_in_threadpool
 from pydantic import Field
 
 from sawmill_contracts.inspections import DECLARATION, Inspection, InspectionOptions
-from sawmill_contracts.jobs import Priority
 from sawmill_platform.contracts.base import Identifier, Name
 from sawmill_platform.contracts.given import Given
+from sawmill_platform.contracts.jobs import Priority
 from sawmill_service.dependencies import TheSettings, TheStore, TheWake
 from sawmill_service.http.answers import AskedPriority, accept
 from sawmill_service.http.openapi_document import trying, trying_file

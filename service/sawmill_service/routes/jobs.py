@@ -9,9 +9,11 @@ from fastapi import APIRouter, Depends, Query, Response
 from fastapi.concurrency import run_in_threadpool
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 
-from sawmill_contracts.events import JobHistory
-from sawmill_contracts.jobs import Job, JobKind, JobState
 from sawmill_platform.contracts.base import Identifier, Page
+from sawmill_platform.contracts.events import JobHistory
+from sawmill_platform.contracts.jobs import Job, JobKind, JobState
+from sawmill_platform.errors import Conflict, StorageUnavailable
+from sawmill_platform.ledger.events import JobNumbers
 from sawmill_service.dependencies import TheSettings, TheStopping, TheStore
 from sawmill_service.event_feed import LastEventId
 from sawmill_service.http.answers import Paging, accept
@@ -19,8 +21,6 @@ from sawmill_service.http.described_answers import events
 from sawmill_service.http.refusals import refuses
 from sawmill_service.http.repeats import repeatable
 from sawmill_service.http.waiting import TheWaiting
-from sawmill_store.errors import Conflict, StorageUnavailable
-from sawmill_store.events import JobNumbers
 from sawmill_store.store import Store
 
 SHORTEST_PAUSE_S = 0.02

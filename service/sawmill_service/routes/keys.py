@@ -3,8 +3,8 @@
 from fastapi import APIRouter, Response
 from pydantic import Field
 
-from sawmill_contracts.keys import Key, KeyAsk, KeyRotation, Keys, NewKey, Scope
 from sawmill_platform.contracts.base import Contract, Identifier, Name
+from sawmill_platform.contracts.keys import Key, KeyAsk, KeyRotation, Keys, NewKey, Scope
 from sawmill_service.dependencies import TheCaller, TheStore
 from sawmill_service.http.openapi_document import trying
 from sawmill_service.http.refusals import refuses

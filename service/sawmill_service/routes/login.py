@@ -7,14 +7,14 @@ from fastapi import APIRouter, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import RedirectResponse
 
+from sawmill_platform.acting import acting_as
+from sawmill_platform.keys.key_store import hash_of
 from sawmill_service.access import CHALLENGES, LOGIN, LOGOUT
 from sawmill_service.dependencies import TheAccess, TheCaller, TheSessionCookie, TheStore
 from sawmill_service.http.forms import TheForm
 from sawmill_service.http.problems import Refused
 from sawmill_service.pages.addresses import local_path
 from sawmill_service.pages.frame import ThePage
-from sawmill_store.acting import acting_as
-from sawmill_store.keys import hash_of
 
 router = APIRouter(include_in_schema=False)
 

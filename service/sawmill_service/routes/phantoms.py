@@ -5,10 +5,10 @@ from typing import Annotated
 from fastapi import APIRouter, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 
-from sawmill_contracts.jobs import Priority
 from sawmill_contracts.phantoms import MeasurementsAsk, PhantomAsk, PhantomPicture, StoredPhantom
 from sawmill_platform.contracts.base import Identifier, Page
 from sawmill_platform.contracts.given import Given
+from sawmill_platform.contracts.jobs import Priority
 from sawmill_service.dependencies import TheSettings, TheStore, TheWake
 from sawmill_service.http.answers import AskedPriority, Paging, Svg, accept, picture
 from sawmill_service.http.described_answers import LOCATED, drawn

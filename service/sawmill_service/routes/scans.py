@@ -7,10 +7,11 @@ from fastapi import APIRouter, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 from pydantic import Field
 
-from sawmill_contracts.jobs import Priority
 from sawmill_contracts.scans import Scan, ScanShape, ScanSpec, ScanState
 from sawmill_platform.contracts.base import LARGEST_NUMBER, Identifier, Page
 from sawmill_platform.contracts.given import Given
+from sawmill_platform.contracts.jobs import Priority
+from sawmill_platform.files.upload_stream import Received
 from sawmill_service.dependencies import TheSettings, TheStore, TheWake, Wake
 from sawmill_service.drawing import scan_thumbnail
 from sawmill_service.finished import ready_scan
@@ -22,7 +23,6 @@ from sawmill_service.http.repeats import TheRepeatableWithFile
 from sawmill_service.http.waiting import TheWaiting
 from sawmill_service.settings import ServiceSettings
 from sawmill_service.uploads import InspectionId, UploadId, received_file
-from sawmill_store.arriving import Received
 from sawmill_store.store import Store
 
 router = APIRouter(prefix="/v1/scans", tags=["scans"])

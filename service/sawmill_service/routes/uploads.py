@@ -9,9 +9,13 @@ from fastapi.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
 
-from sawmill_contracts.keys import Scope
-from sawmill_contracts.uploads import Upload, UploadAsk, UploadState
 from sawmill_platform.contracts.base import Identifier
+from sawmill_platform.contracts.keys import Scope
+from sawmill_platform.contracts.uploads import Upload, UploadAsk, UploadState
+from sawmill_platform.errors import Busy, UploadTooLarge
+from sawmill_platform.files.upload_stream import in_parts
+from sawmill_platform.uploads.upload_parts import Part
+from sawmill_platform.uploads.upload_store import UploadQuota, WrongOffset
 from sawmill_service.dependencies import TheCaller, TheSettings, TheStore, TheTransfers
 from sawmill_service.http.announced_part import HEADERS, AnnouncedPart, announced_part
 from sawmill_service.http.described_answers import offset_answered, with_some
@@ -22,11 +26,7 @@ from sawmill_service.http.repeats import repeatable
 from sawmill_service.http.sent_content import BYTES, SentContent
 from sawmill_service.http.sent_json import Sent
 from sawmill_service.settings import ServiceSettings
-from sawmill_store.arriving import in_parts
-from sawmill_store.errors import Busy, UploadTooLarge
 from sawmill_store.store import Store
-from sawmill_store.upload_parts import Part
-from sawmill_store.uploads import UploadQuota, WrongOffset
 
 router = APIRouter(prefix="/v1/uploads", tags=["uploads"])
 # Summing up a large file takes as long as reading it; the threads that write others do not wait for that.

@@ -6,7 +6,8 @@ from typing import Annotated
 from fastapi import APIRouter, Query, Response
 from fastapi.concurrency import run_in_threadpool
 
-from sawmill_contracts.webhooks import (
+from sawmill_platform.contracts.base import Identifier, Page
+from sawmill_platform.contracts.webhooks import (
     Delivery,
     NewWebhook,
     Webhook,
@@ -16,7 +17,6 @@ from sawmill_contracts.webhooks import (
     WebhookTest,
     destination_of,
 )
-from sawmill_platform.contracts.base import Identifier, Page
 from sawmill_service.dependencies import TheSettings, TheStore
 from sawmill_service.http.answers import NumberedPaging
 from sawmill_service.http.described_answers import LOCATED

@@ -10,13 +10,13 @@ from http import HTTPStatus
 
 import structlog
 
-from sawmill_contracts.events import Event
+from sawmill_platform.contracts.events import Event
+from sawmill_platform.errors import StorageError
+from sawmill_platform.ledger.event_reader import EventReader
+from sawmill_platform.webhooks.outbox import Attempt, Outbox, Pending, message_id
+from sawmill_platform.workers.logs import going_on
 from sawmill_service.webhooks.messages import body_of_event, headers_of
 from sawmill_service.webhooks.sending import Answer, Sending
-from sawmill_store.errors import StorageError
-from sawmill_store.event_reader import EventReader
-from sawmill_store.outbox import Attempt, Outbox, Pending, message_id
-from sawmill_worker.execution.logs import going_on
 
 # Before the second attempt and the next ones, as the specification proposes: three days in all.
 WAITS_S = (5.0, 300.0, 1800.0, 7200.0, 18000.0, 36000.0, 50400.0, 72000.0, 86400.0)

@@ -4,7 +4,7 @@ from typing import Annotated
 
 from fastapi import APIRouter, Header
 
-from sawmill_contracts.webhooks import EventMessage, WebhookTestMessage
+from sawmill_platform.contracts.webhooks import EventMessage, WebhookTestMessage
 
 router = APIRouter(tags=["webhooks"], generate_unique_id_function=lambda route: route.name)
 

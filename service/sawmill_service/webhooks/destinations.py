@@ -9,7 +9,7 @@ import re
 from collections.abc import Iterable
 from ipaddress import IPv4Address, IPv4Network, IPv6Address, IPv6Network, ip_address, ip_network
 
-from sawmill_contracts.webhooks import LARGEST_PORT, Destination
+from sawmill_platform.contracts.webhooks import LARGEST_PORT, Destination
 
 SETTING = "SAWMILL_WEBHOOK_DESTINATIONS"
 _NAME = re.compile(r"([A-Za-z0-9_-]+(?:\.[A-Za-z0-9_-]+)*)\.?(?::([0-9]{1,5}))?")

@@ -6,9 +6,9 @@ from base64 import b64decode, b64encode
 from collections.abc import Sequence
 from datetime import datetime
 
-from sawmill_contracts.events import Event
-from sawmill_contracts.webhooks import EventMessage
-from sawmill_store.webhooks import PREFIX
+from sawmill_platform.contracts.events import Event
+from sawmill_platform.contracts.webhooks import EventMessage
+from sawmill_platform.webhooks.webhook_store import PREFIX
 from sawmill_vocabulary.version import VERSION
 
 

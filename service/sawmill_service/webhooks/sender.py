@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Self
 
 import structlog
 
+from sawmill_platform.errors import StorageError
+from sawmill_platform.webhooks.outbox import Outbox
+from sawmill_platform.workers.logs import going_on
 from sawmill_service.webhooks.destinations import AllowedDestinations
-from sawmill_store.errors import StorageError
-from sawmill_store.outbox import Outbox
-from sawmill_worker.execution.logs import going_on
 
 if TYPE_CHECKING:
     from sawmill_service.webhooks.couriers import Couriers

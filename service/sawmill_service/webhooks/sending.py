@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import httpcore
 
-from sawmill_contracts.webhooks import Destination, destination_of
+from sawmill_platform.contracts.webhooks import Destination, destination_of
 from sawmill_service.http.conditional import http_date
 from sawmill_service.webhooks.destinations import AllowedDestinations, RefusedDestinationError
 

@@ -3,7 +3,7 @@
 import asyncio
 from uuid import uuid4
 
-from sawmill_contracts.webhooks import TestedWebhook, WebhookTest, WebhookTestMessage
+from sawmill_platform.contracts.webhooks import TestedWebhook, WebhookTest, WebhookTestMessage
 from sawmill_service.webhooks.destinations import AllowedDestinations
 from sawmill_service.webhooks.messages import headers_of
 from sawmill_store.store import Store

@@ -9,8 +9,8 @@ from page_checks import overflowing, shot
 from playwright.sync_api import Page, expect
 
 import sawmill_service
-from sawmill_contracts.jobs import Failure, FailureKind
 from sawmill_contracts.plans import PlanAsk
+from sawmill_platform.contracts.jobs import Failure, FailureKind
 from sawmill_vocabulary import Progress, Theta
 
 PICTURE = Path(sawmill_service.__file__).parent / "static/phantom.png"

@@ -9,11 +9,11 @@ from page_checks import overflowing, shot, small_targets
 from PIL import Image
 from playwright.sync_api import Page, Route, expect
 
-from sawmill_contracts.jobs import JobKind
 from sawmill_contracts.reconstructions import ReconstructionAsk
 from sawmill_formats.output.volume_writer import new_reconstruction
+from sawmill_platform.contracts.jobs import JobKind
+from sawmill_platform.database.tables import ReconstructionRow
 from sawmill_service.settings import ServiceSettings
-from sawmill_store.tables import ReconstructionRow
 
 SIDE, PIXEL_MM = 32, 12.5
 TOKEN = "Zm9yIHRlc3RzIGFsb25lLCBub3QgYSBzZWNyZXQ"  # noqa: S105 - for tests alone

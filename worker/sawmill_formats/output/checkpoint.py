@@ -14,7 +14,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from sawmill_platform.whole_files import whole_file
+from sawmill_platform.files.whole_files import whole_file
 
 Arrays = Mapping[str, NDArray[Any]]
 

@@ -5,6 +5,7 @@ import stat
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
+from sawmill_platform.errors import Damaged
 from sawmill_store.backups.manifest import (
     DATA,
     MANIFEST,
@@ -16,7 +17,6 @@ from sawmill_store.backups.manifest import (
     read_manifest,
     summed,
 )
-from sawmill_store.errors import Damaged
 from sawmill_vocabulary import Progress, ProgressCallback
 
 

@@ -6,8 +6,8 @@ import shutil
 from pathlib import Path
 from typing import BinaryIO
 
+from sawmill_platform.errors import StorageFull
 from sawmill_store.backups.manifest import Counted, Summed, blocks_of
-from sawmill_store.errors import StorageFull
 
 
 def copy(reading: BinaryIO, target: Path, counted: Counted, *, mtime_ns: int, most_bytes: int | None = None) -> Summed:

@@ -1,6 +1,6 @@
 """What a backup or a restore cannot do as things are."""
 
-from sawmill_store.errors import StorageError
+from sawmill_platform.errors import StorageError
 
 
 class Refused(StorageError):  # noqa: N818 - an outcome

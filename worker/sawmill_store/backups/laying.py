@@ -5,10 +5,10 @@ from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 
+from sawmill_platform.errors import Damaged
 from sawmill_store.backups.copying import check_room_for, copy, has_links
 from sawmill_store.backups.manifest import Entry
 from sawmill_store.backups.named_files import Found
-from sawmill_store.errors import Damaged
 from sawmill_vocabulary import Progress, ProgressCallback
 
 

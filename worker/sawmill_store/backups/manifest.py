@@ -9,11 +9,11 @@ from typing import Annotated, Any, BinaryIO, Literal, NamedTuple
 
 from pydantic import Field, StringConstraints, ValidationError
 
-from sawmill_contracts.jobs import JobKind
 from sawmill_platform.contracts.base import Contract, Time
-from sawmill_platform.whole_files import open_regular
-from sawmill_store.errors import Damaged
-from sawmill_store.files import EXAMPLES, UNFINISHED
+from sawmill_platform.contracts.jobs import JobKind
+from sawmill_platform.errors import Damaged
+from sawmill_platform.files.file_store import EXAMPLES, UNFINISHED
+from sawmill_platform.files.whole_files import open_regular
 
 MANIFEST, MANIFEST_SUM, FILES, ROWS, DATA = "manifest.json", "manifest.sha256", "files.jsonl", "rows", "data"
 FORMAT = 1

@@ -9,12 +9,12 @@ from typing import NamedTuple
 
 from sqlalchemy import Connection, Select, Table
 
-from sawmill_contracts.jobs import JobKind
-from sawmill_contracts.kinds import AskedKind, declaration_of
+from sawmill_platform.contracts.jobs import JobKind
+from sawmill_platform.contracts.kinds import AskedKind, declaration_of
+from sawmill_platform.database.database import Database
+from sawmill_platform.database.tables import Base, UploadRow
+from sawmill_platform.files.file_store import EXAMPLES, SCAN_FILE, UNFINISHED, UPLOADED_FILE
 from sawmill_store import named_by_rows
-from sawmill_store.database import Database
-from sawmill_store.files import EXAMPLES, SCAN_FILE, UNFINISHED, UPLOADED_FILE
-from sawmill_store.tables import Base, UploadRow
 
 
 class Named(NamedTuple):

@@ -5,9 +5,9 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from sawmill_platform.contracts.base import Contract, Time
-from sawmill_platform.whole_files import renamed
+from sawmill_platform.files.file_store import LAST_BACKUP
+from sawmill_platform.files.whole_files import renamed
 from sawmill_store.backups.manifest import Manifest
-from sawmill_store.files import LAST_BACKUP
 
 
 class Newest(Contract):

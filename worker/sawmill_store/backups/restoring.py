@@ -17,24 +17,24 @@ from uuid import uuid4
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from sawmill_contracts.events import EventKind
-from sawmill_contracts.jobs import JobState
-from sawmill_platform.whole_files import flush, flushed_file_system
+from sawmill_platform.contracts.events import EventKind
+from sawmill_platform.contracts.jobs import JobState
+from sawmill_platform.database.database import Database, has_tables, is_known, newest_revision
+from sawmill_platform.database.engines import make_engine
+from sawmill_platform.database.tables import JobRow
+from sawmill_platform.errors import Damaged
+from sawmill_platform.files.file_store import IDENTITY, RESTORING
+from sawmill_platform.files.folder_identity import write_identity
+from sawmill_platform.files.whole_files import flush, flushed_file_system
+from sawmill_platform.jobs.job_store import requeue
+from sawmill_platform.ledger.events import record, record_restored
+from sawmill_platform.settings import StorageSettings
 from sawmill_store.backups.checking import Checked, Reporter, compare
 from sawmill_store.backups.copying import check_room_for, copy
 from sawmill_store.backups.errors import Refused
 from sawmill_store.backups.manifest import DATA, FOLDERS, Entry, Manifest, open_plain
 from sawmill_store.backups.row_contracts import refuse_unfit_row
 from sawmill_store.backups.rows import go_on_counting, read_rows
-from sawmill_store.database import Database, has_tables, is_known, newest_revision
-from sawmill_store.engines import make_engine
-from sawmill_store.errors import Damaged
-from sawmill_store.events import record, record_restored
-from sawmill_store.files import IDENTITY, RESTORING
-from sawmill_store.folder_identity import write_identity
-from sawmill_store.jobs import requeue
-from sawmill_store.settings import StorageSettings
-from sawmill_store.tables import JobRow
 from sawmill_vocabulary import ProgressCallback
 from sawmill_vocabulary.version import VERSION
 

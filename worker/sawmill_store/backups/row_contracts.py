@@ -13,34 +13,15 @@ from sqlalchemy.orm import Session
 from sqlalchemy.types import NullType
 
 from sawmill_contracts.alarms import Alarm, AlarmKind
-from sawmill_contracts.events import Event, EventKind
-from sawmill_contracts.jobs import JobKind, JobState
-from sawmill_contracts.kinds import AskedKind, declaration_of
 from sawmill_contracts.phantoms import PhantomState, StoredPhantom
 from sawmill_contracts.scanner_drift import PooledDrift
 from sawmill_contracts.scans import Scan, ScanState
 from sawmill_contracts.schedules import Schedule
 from sawmill_platform.contracts.base import placed_complaint
-from sawmill_store.alarms import read_alarm
-from sawmill_store.asked_rows import read_asked
-from sawmill_store.audit import read_audit_entry
-from sawmill_store.backups.manifest import ROWS
-from sawmill_store.backups.rows import line_of
-from sawmill_store.drift_charts import read_chart
-from sawmill_store.due_times import next_due
-from sawmill_store.errors import Damaged, Invalid
-from sawmill_store.event_reader import read_event
-from sawmill_store.history import read_entry
-from sawmill_store.jobs import read_job
-from sawmill_store.keys import read_key
-from sawmill_store.measurements import read_measurement
-from sawmill_store.phantoms import picture_of, read_phantom
-from sawmill_store.repeats import Answer, Kept, read_kept
-from sawmill_store.retention import read_retention
-from sawmill_store.scanners import read_scanner
-from sawmill_store.scans import read_scan
-from sawmill_store.schedules import read_schedule, read_schedule_run
-from sawmill_store.tables import (
+from sawmill_platform.contracts.events import Event, EventKind
+from sawmill_platform.contracts.jobs import JobKind, JobState
+from sawmill_platform.contracts.kinds import AskedKind, declaration_of
+from sawmill_platform.database.tables import (
     ActivationRow,
     AlarmRow,
     Answered,
@@ -71,8 +52,27 @@ from sawmill_store.tables import (
     WebhookRow,
     table_of,
 )
-from sawmill_store.uploads import read_upload
-from sawmill_store.webhooks import read_delivery, read_webhook
+from sawmill_platform.due_times import next_due
+from sawmill_platform.errors import Damaged, Invalid
+from sawmill_platform.jobs.job_store import read_job
+from sawmill_platform.keys.key_store import read_key
+from sawmill_platform.keys.repeats import Answer, Kept, read_kept
+from sawmill_platform.ledger.audit import read_audit_entry
+from sawmill_platform.ledger.event_reader import read_event
+from sawmill_platform.uploads.upload_store import read_upload
+from sawmill_platform.webhooks.webhook_store import read_delivery, read_webhook
+from sawmill_store.alarms import read_alarm
+from sawmill_store.asked_rows import read_asked
+from sawmill_store.backups.manifest import ROWS
+from sawmill_store.backups.rows import line_of
+from sawmill_store.drift_charts import read_chart
+from sawmill_store.history import read_entry
+from sawmill_store.measurements import read_measurement
+from sawmill_store.phantoms import picture_of, read_phantom
+from sawmill_store.retention import read_retention
+from sawmill_store.scanners import read_scanner
+from sawmill_store.scans import read_scan
+from sawmill_store.schedules import read_schedule, read_schedule_run
 
 _BATCH = 500
 # What reading a row raises where a value does not fit. A database that does not answer raises others.

@@ -37,9 +37,9 @@ from sqlalchemy.engine.interfaces import ReflectedColumn
 from sqlalchemy.exc import InterfaceError, OperationalError, StatementError
 from sqlalchemy.types import TypeEngine
 
+from sawmill_platform.database.tables import Base, ClockRow, DataFolderRow, JobTurnRow, SessionRow, UtcDateTime
+from sawmill_platform.errors import Damaged
 from sawmill_store.backups.manifest import ROWS, Table, open_plain
-from sawmill_store.errors import Damaged
-from sawmill_store.tables import Base, ClockRow, DataFolderRow, JobTurnRow, SessionRow, UtcDateTime
 
 # Logins are not restored, a clock is its machine's, a restored folder has an identity of its own, and turns begin anew.
 LEFT_OUT = {each.__tablename__ for each in (SessionRow, ClockRow, DataFolderRow, JobTurnRow)}

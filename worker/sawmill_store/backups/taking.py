@@ -15,7 +15,14 @@ from typing import NamedTuple
 
 from sqlalchemy import inspect
 
-from sawmill_platform.whole_files import flush_names, flushed_file_system
+from sawmill_platform.database.database import Database, known_revision
+from sawmill_platform.database.engines import make_engine
+from sawmill_platform.database.tables import DataFolderRow
+from sawmill_platform.errors import Damaged, StorageUnavailable
+from sawmill_platform.files.file_store import refuse_half_restored
+from sawmill_platform.files.folder_identity import check_identity
+from sawmill_platform.files.whole_files import flush_names, flushed_file_system
+from sawmill_platform.settings import StorageSettings
 from sawmill_store.backups.errors import Refused
 from sawmill_store.backups.folders import alone_in, backups_in, new_name, partial_of
 from sawmill_store.backups.laying import Laying
@@ -34,13 +41,6 @@ from sawmill_store.backups.manifest import (
 )
 from sawmill_store.backups.named_files import Named, look_for, named_by
 from sawmill_store.backups.rows import write_rows
-from sawmill_store.database import Database, known_revision
-from sawmill_store.engines import make_engine
-from sawmill_store.errors import Damaged, StorageUnavailable
-from sawmill_store.files import refuse_half_restored
-from sawmill_store.folder_identity import check_identity
-from sawmill_store.settings import StorageSettings
-from sawmill_store.tables import DataFolderRow
 from sawmill_vocabulary import ProgressCallback
 from sawmill_vocabulary.version import VERSION
 

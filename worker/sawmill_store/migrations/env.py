@@ -2,7 +2,7 @@
 
 from alembic import context
 
-from sawmill_store.tables import Base
+from sawmill_platform.database.tables import Base
 
 context.configure(
     connection=context.config.attributes["connection"],

@@ -14,7 +14,7 @@ import typer
 from sawmill_vocabulary import Progress, ProgressCallback
 
 if TYPE_CHECKING:
-    from sawmill_contracts.jobs import Failure
+    from sawmill_platform.contracts.jobs import Failure
 
 
 def say(sentence: str, *, trouble: str | None = None) -> None:
@@ -38,7 +38,7 @@ def answering(*, as_json: bool = False) -> Iterator[None]:
     A defect names its kind in the object and keeps its traceback. SIGTERM ends the work as Ctrl-C does, half-written
     files taken away, with exit code 143.
     """
-    from sawmill_contracts.jobs import Failure, FailureKind
+    from sawmill_platform.contracts.jobs import Failure, FailureKind
     from sawmill_worker.use_cases.failures import JobFailure, input_errors_translated
 
     try:

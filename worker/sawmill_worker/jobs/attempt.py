@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import TypeVar
 
 from sawmill_contracts.handed_over import HandedOver
-from sawmill_contracts.jobs import Job
 from sawmill_contracts.scanners import StoredScanner
 from sawmill_platform.contracts.base import Contract
-from sawmill_store.files import checkpoints_of
+from sawmill_platform.contracts.jobs import Job
+from sawmill_platform.files.file_store import checkpoints_of
 from sawmill_vocabulary import Progress, ProgressCallback
 
 Asked = TypeVar("Asked", bound=Contract)

@@ -8,8 +8,8 @@ from typing import Any
 import structlog
 
 from sawmill_formats.output.checkpoint import UnusableCheckpoint, read_checkpoint, write_checkpoint
-from sawmill_store.errors import FolderUnavailable, StorageFull, disk_outage_reported
-from sawmill_store.files import check_room
+from sawmill_platform.errors import FolderUnavailable, StorageFull, disk_outage_reported
+from sawmill_platform.files.file_store import check_room
 from sawmill_worker.jobs.attempt import Attempt
 from sawmill_worker.software import software
 from sawmill_worker.use_cases.keeping import Arrays, MadeWith

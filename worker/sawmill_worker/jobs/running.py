@@ -16,8 +16,8 @@ import scipy.sparse
 import scipy.special  # noqa: F401
 import tifffile  # noqa: F401
 
-from sawmill_contracts.jobs import JobKind
 from sawmill_formats import hdf5_chunks
+from sawmill_platform.contracts.jobs import JobKind
 from sawmill_tomography import warm_up as science
 from sawmill_tomography.kernel_cache import only_read
 from sawmill_worker.jobs import reconstruct

@@ -15,7 +15,6 @@ from sawmill_contracts.inspections import (
     MissingPart,
     ViewAngles,
 )
-from sawmill_contracts.jobs import Failure, FailureKind
 from sawmill_contracts.scans import ScanShape
 from sawmill_formats.errors import UnreadableScan, library_errors_translated
 from sawmill_formats.input.angles import AnglesGiven
@@ -27,6 +26,7 @@ from sawmill_formats.input.parts import alike_together
 from sawmill_formats.input.picture import is_picture, picture_parts
 from sawmill_formats.input.reading import canonical_scan, reading_bounds, reading_contents
 from sawmill_formats.input.recognising import Format, recognise
+from sawmill_platform.contracts.jobs import Failure, FailureKind
 from sawmill_vocabulary import DataKind
 from sawmill_worker.use_cases.capacity import memory_available
 from sawmill_worker.use_cases.own_disk import links_offered

@@ -3,8 +3,8 @@
 import os
 from collections.abc import Iterator
 
-from sawmill_contracts.keys import Scope
-from sawmill_worker.execution.kernel_lock import holder_of
+from sawmill_platform.contracts.keys import Scope
+from sawmill_platform.workers.kernel_lock import holder_of
 from sawmill_worker.watching.folder import LOCK
 from sawmill_worker.watching.looks import Looks
 from sawmill_worker.watching.news import News

@@ -9,7 +9,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import BinaryIO
 
-from sawmill_platform.whole_files import flush_names, flushed, open_regular, renamed, whole_file
+from sawmill_platform.files.whole_files import flush_names, flushed, open_regular, renamed, whole_file
 from sawmill_worker.watching.stopping import Stop
 
 _CHUNK_BYTES = 2**20

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TextIO
 
-from sawmill_platform.whole_files import DISK_AWAY, DISK_FULL
-from sawmill_worker.execution.kernel_lock import HeldByAnother, kernel_lock
+from sawmill_platform.files.whole_files import DISK_AWAY, DISK_FULL
+from sawmill_platform.workers.kernel_lock import HeldByAnother, kernel_lock
 from sawmill_worker.watching.backoff import Backoff
 from sawmill_worker.watching.durable import FileChanged, make_folder, signature
 from sawmill_worker.watching.fates import Fates

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import replace
 
-from sawmill_platform.whole_files import open_regular
+from sawmill_platform.files.whole_files import open_regular
 from sawmill_vocabulary import ProgressCallback
 from sawmill_worker.watching.durable import FileChanged, sha256_of, signature
 from sawmill_worker.watching.service import Json, Service

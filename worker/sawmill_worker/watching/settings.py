@@ -19,10 +19,10 @@ from pydantic import (
     model_validator,
 )
 
-from sawmill_contracts.jobs import Priority
 from sawmill_contracts.scans import ScanFileOptions
 from sawmill_platform.contracts.base import Identifier, Rows
 from sawmill_platform.contracts.given import Given, shown
+from sawmill_platform.contracts.jobs import Priority
 
 TAKEN = "taken"
 # What pydantic begins its sentences with.

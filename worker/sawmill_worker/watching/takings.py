@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any, Self
 from uuid import uuid4
 
-from sawmill_platform.whole_files import flush_names, open_regular
+from sawmill_platform.files.whole_files import flush_names, open_regular
 from sawmill_worker.watching.durable import (
     FileChanged,
     Signature,

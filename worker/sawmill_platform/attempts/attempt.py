@@ -1,0 +1,176 @@
+"""The process of one attempt at a job, and the template of such: `python -m sawmill_platform.attempts.attempt`.
+
+It imports the science and loads its kernels. An attempt then reports that it is ready, waits for its assignment, runs
+it within its limits (`limits`), with its own files alone (`confinement`), and ends (see `protocol`); a template forks
+attempts that begin there (see `forking`).
+"""
+
+import os
+import shutil
+import socket
+import threading
+import traceback
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import BinaryIO
+
+import structlog
+
+from sawmill_platform.attempts.failures import failure_of
+from sawmill_platform.attempts.forking import REQUESTS, TBB, serve
+from sawmill_platform.attempts.limits import keep_to, limits_of, peak_memory_bytes
+from sawmill_platform.attempts.protocol import (
+    CHANNEL,
+    Assignment,
+    Begun,
+    Failed,
+    Kept,
+    ProgressMade,
+    Ready,
+    Succeeded,
+    to_line,
+)
+from sawmill_platform.attempts.threading_layer import load
+from sawmill_platform.confinement.confinement import confine_to, installation, move_into
+from sawmill_platform.contracts.jobs import Failure, FailureKind
+from sawmill_platform.errors import FolderUnavailable
+from sawmill_platform.files.file_store import flush_tree, work_of
+from sawmill_platform.workers.logs import about_attempt, configure_logs
+from sawmill_platform.workers.settings import ExecutionSettings
+from sawmill_vocabulary import Progress
+from sawmill_worker.jobs.running import Attempt, make_ready, needs_of, run, warm_up
+from sawmill_worker.software import software
+from sawmill_worker.use_cases.failures import JobFailure
+
+
+def main() -> None:
+    """Run one attempt, or none when the supervisor goes away first; as a template, fork as many as are asked for."""
+    settings = ExecutionSettings()
+    configure_logs(settings.log_format)
+    attempt = partial(_attempt, settings=settings)
+    installation()
+    software()
+    if REQUESTS in os.environ:
+        load(Path(os.environ[TBB]))
+        warm_up()
+        serve(socket.socket(fileno=int(os.environ[REQUESTS])), attempt)
+    else:
+        with open(int(os.environ[CHANNEL]), "wb", buffering=0) as channel:  # noqa: PTH123 - a descriptor, not a path
+            warm_up()
+            attempt(channel)
+
+
+def _attempt(channel: BinaryIO, settings: ExecutionSettings) -> None:
+    """Wait for the assignment on standard input, and answer it."""
+    supervisor = open(0, "rb", buffering=0, closefd=False)  # noqa: SIM115 - lives as long as the process
+    try:
+        channel.write(to_line(Ready()))
+    except BrokenPipeError:  # the supervisor was killed meanwhile
+        return
+    line = _line_from(supervisor)
+    if line:
+        assignment = Assignment.model_validate_json(line)
+        with about_attempt(assignment.job):
+            attempt = _attempt_at(assignment, channel)
+            work = _gone_files_are_outages(attempt)(partial(_run, attempt, settings, supervisor, channel))
+            answer, error = _answer(work)
+            measured = answer.model_copy(update={"peak_memory_bytes": peak_memory_bytes()})
+            channel.write(to_line(measured))  # before it is logged: a log that cannot be written must not take it away
+            _log(answer, error)
+
+
+def _line_from(supervisor: BinaryIO) -> bytes:
+    """All that comes before the supervisor falls silent is one line; empty where it went away instead."""
+    line = b""
+    while not line.endswith(b"\n") and (part := supervisor.read(65_536)):
+        line += part
+    return line if line.endswith(b"\n") else b""
+
+
+def _end_with(supervisor: BinaryIO) -> None:
+    supervisor.read()
+    os._exit(1)
+
+
+def _answer(work: Callable[[], dict[str, object]]) -> tuple[Succeeded | Failed, Exception | None]:
+    """The attempt's answer, and the exception that nobody foresaw."""
+    try:
+        return Succeeded(result=work()), None
+    except JobFailure as error:
+        return Failed(failure=Failure(kind=error.kind, code=error.code, detail=error.detail)), None
+    except MemoryError as error:
+        traceback.clear_frames(error.__traceback__)  # they hold what filled the memory, and an answer takes some
+        return Failed(failure=failure_of(error)), None
+    except Exception as error:  # noqa: BLE001 - `_log` logs it once the answer is out
+        failure = failure_of(error)
+        return Failed(failure=failure), error if failure.kind is FailureKind.INTERNAL else None
+
+
+@contextmanager
+def _gone_files_are_outages(attempt: Attempt) -> Iterator[None]:
+    """Raise `FolderUnavailable` where the block failed because a file of the attempt's was not in its place.
+
+    Whatever the libraries made of that: when the supervisor looks, a data folder that was away is perhaps back.
+    """
+    try:
+        yield
+    except Exception as error:
+        ours = [str(path) for path in (attempt.output, attempt.given.file) if path is not None]
+        for cause in _with_causes(error):
+            if isinstance(cause, FileNotFoundError) and any(path in str(cause) for path in ours):
+                msg = "the data folder was away, or lacks a file of the job's: the attempt was given up; look at "
+                raise FolderUnavailable(f"{msg}its disk or mount in the system's log") from error
+        raise
+
+
+def _with_causes(error: BaseException | None) -> Iterator[BaseException]:
+    while error is not None:
+        yield error
+        error = error.__cause__ or error.__context__
+
+
+def _log(answer: Succeeded | Failed, error: Exception | None) -> None:
+    log = structlog.get_logger()
+    if error is not None:
+        log.error("job-failed-unexpectedly", exc_info=error)
+    elif isinstance(answer, Failed):
+        log.info("job-failed", code=answer.failure.code, detail=answer.failure.detail)
+
+
+def _attempt_at(assignment: Assignment, channel: BinaryIO) -> Attempt:
+    def report(progress: Progress) -> None:
+        channel.write(to_line(ProgressMade(progress=progress)))
+
+    def announce(names: Sequence[str]) -> None:
+        channel.write(to_line(Kept(names=list(names))))
+
+    return Attempt(
+        job=assignment.job, given=assignment.given, output=assignment.output, report=report, announce=announce
+    )
+
+
+def _run(attempt: Attempt, settings: ExecutionSettings, supervisor: BinaryIO, channel: BinaryIO) -> dict[str, object]:
+    # Only now: the process was started before anybody knew which job it would run.
+    limits = limits_of(attempt.job.kind, **needs_of(attempt)._asdict(), memory_limit_bytes=settings.memory_limit_bytes)
+    keep_to(limits)
+    make_ready(attempt)
+    move_into(work_of(attempt.output))
+    if settings.confine_attempts:
+        confine_to(attempt.given, attempt.output)
+    # Not before: it confines the threads that are started from then on.
+    threading.Thread(target=_end_with, args=(supervisor,), daemon=True).start()
+    channel.write(to_line(Begun(data_bytes=limits.data_bytes, file_bytes=limits.file_bytes)))
+    result = run(attempt)
+    os.chdir(attempt.output)
+    # Its supervisor may be taking checkpoints; none is needed any more, and none of this is a result.
+    for folder in (attempt.checkpoints, work_of(attempt.output)):
+        shutil.rmtree(folder, ignore_errors=True)
+    attempt.report(Progress(fraction=1.0, stage="store"))  # of gigabytes, on a slow disk, that takes minutes
+    flush_tree(attempt.output)
+    return result
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,42 @@
+"""Settings on their way into a child process."""
+
+import os
+import re
+from collections.abc import Iterable
+
+from pydantic_settings import BaseSettings
+
+from sawmill_platform.workers.settings import ExecutionSettings
+
+SECRETS = frozenset({"SAWMILL_TOKEN", "SAWMILL_TOKEN_FILE"})
+# What Python, the numerical libraries and the log look at; anything else may be somebody's password.
+FOR_ATTEMPTS = re.compile(
+    r"PATH|HOME|LANG|LANGUAGE|TZ|TERM|COLUMNS|NO_COLOR|FORCE_COLOR|TMPDIR|GLIBC_TUNABLES|VIRTUAL_ENV"
+    r"|(LC|LD|MALLOC|NUMBA|TBB|OMP|GOMP|KMP|OPENBLAS|MKL|HDF5)_\w+|PYTHON\w+"
+)
+
+
+def environment_with(*settings: BaseSettings) -> dict[str, str]:
+    """The environment of this process with these settings as the variables they are read from; null ones are unset.
+
+    The service's token stays with the service: its children read strangers' files and need none.
+    """
+    return _with_settings({name: value for name, value in os.environ.items() if name.upper() not in SECRETS}, settings)
+
+
+def environment_of_attempts(settings: ExecutionSettings) -> dict[str, str]:
+    """What the processes of attempts need of this one's environment, with the settings and without a secret."""
+    needed = {name: value for name, value in os.environ.items() if FOR_ATTEMPTS.fullmatch(name)}
+    return _with_settings(needed, [settings.model_copy(update={"broker_url": None})])
+
+
+def _with_settings(environment: dict[str, str], settings: Iterable[BaseSettings]) -> dict[str, str]:
+    for group in settings:
+        prefix = group.model_config.get("env_prefix", "")
+        for name, value in group.model_dump(mode="json").items():
+            variable = f"{prefix}{name}".upper()
+            if value is None:
+                environment.pop(variable, None)
+            else:
+                environment[variable] = str(value)
+    return environment

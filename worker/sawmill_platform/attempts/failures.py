@@ -1,0 +1,115 @@
+"""The failure that an attempt's unforeseen end stands for: an exception, a process that died, a limit that was met.
+
+What the science and the readers refuse is translated before, in `use_cases.failures`.
+"""
+
+import errno
+import resource
+import signal
+
+from sawmill_platform.attempts.limits import processor_s
+from sawmill_platform.contracts.jobs import Failure, FailureKind, JobKind
+from sawmill_platform.contracts.kinds import declaration_of
+from sawmill_platform.errors import StorageFull, StorageUnavailable, outage_of
+
+# A defect of a program, which comes again with the same input; a kill from outside does not.
+_CRASHES = frozenset({signal.SIGSEGV, signal.SIGBUS, signal.SIGABRT, signal.SIGFPE, signal.SIGILL})
+# A job that took more than it may was at fault, whatever else was wrong.
+LIMITS_MET = frozenset({"too-long", "file-too-large", "out-of-memory", "too-many-files"})
+# Python's message when there is no room for a thread's stack.
+_NO_THREAD = "can't start new thread"
+
+
+def failure_of(error: Exception) -> Failure:
+    """The failure that an exception stands for; what nobody foresaw is ours and keeps its details for the log."""
+    outage = outage_of(error, "the attempt") if isinstance(error, OSError) else error
+    if isinstance(outage, StorageFull | StorageUnavailable):
+        return Failure(kind=FailureKind.PASSING, code=outage.code, detail=str(outage))
+    beyond = _beyond_a_limit(error)
+    if beyond is not None:
+        return beyond
+    detail = f"the job stopped on an unexpected {type(error).__name__}, which is a defect; see the worker's log"
+    return Failure(kind=FailureKind.INTERNAL, code="internal-error", detail=detail)
+
+
+def died(exit_code: int, kind: JobKind) -> Failure:
+    """The failure of an attempt whose process ended without an answer.
+
+    The C readers of HDF5, MAT and PNG files crash on some damaged ones: such a file is at fault. Every other crash is a
+    defect. Neither is tried again; a process that was killed from outside is.
+    """
+    number = -exit_code
+    if number in _CRASHES:
+        return _crashed(signal.Signals(number), kind)
+    if number == signal.SIGXCPU:
+        return too_long(kind, processor_s(kind), of=" of processor time")
+    if number == signal.SIGXFSZ:
+        return _too_large()
+    how = f"was ended from outside by signal {number}" if exit_code < 0 else f"ended with exit code {exit_code}"
+    detail = f"the job's process {how} before it had an answer; the system's log may say why"
+    return Failure(kind=FailureKind.PASSING, code="attempt-died", detail=detail)
+
+
+def _crashed(how: signal.Signals, kind: JobKind) -> Failure:
+    declared = declaration_of(kind)
+    if declared.upload is not None:
+        detail = (
+            f"reading the {declared.upload} crashed the reader ({how.name}): it is damaged, or needs more memory than "
+            "reading may take; export it again"
+        )
+        return Failure(kind=FailureKind.INPUT, code="broken-file", detail=detail)
+    detail = f"the job's process crashed ({how.name}), which is a defect; please report it with the worker's log"
+    return Failure(kind=FailureKind.INTERNAL, code="attempt-crashed", detail=detail)
+
+
+def _beyond_a_limit(error: Exception) -> Failure | None:
+    """The failure of a job that took more than its process may (`execution.limits`); None for anything else."""
+    number = error.errno if isinstance(error, OSError) else None
+    if isinstance(error, MemoryError) or number == errno.ENOMEM or str(error) == _NO_THREAD:
+        return _out_of_memory()
+    if number == errno.EFBIG:
+        return _too_large()
+    if number == errno.EMFILE:
+        most, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
+        detail = f"the job needs more than the {most} open files that it may have: give a file of fewer parts"
+        return Failure(kind=FailureKind.INPUT, code="too-many-files", detail=detail)
+    return None
+
+
+def _out_of_memory() -> Failure:
+    limit, _ = resource.getrlimit(resource.RLIMIT_DATA)
+    than = "there is" if limit == resource.RLIM_INFINITY else f"the {limit / 2**30:.3g} GiB that it may take"
+    detail = f"the job needs more memory than {than}: ask for fewer rows, fewer views or a smaller size"
+    return Failure(kind=FailureKind.INPUT, code="out-of-memory", detail=detail)
+
+
+def too_long(kind: JobKind, limit_s: float, *, of: str = "") -> Failure:
+    """The failure of an attempt that took all the time that it may."""
+    detail = f"the job needs more than the {duration(limit_s)}{of} that it may take: {declaration_of(kind).lighter}"
+    return Failure(kind=FailureKind.INPUT, code="too-long", detail=detail)
+
+
+def stalled(still_s: float, stage: str | None) -> Failure:
+    """The failure of an attempt whose process is there and gets no further."""
+    where = "before its first stage" if stage is None else f"in the stage {stage!r}"
+    detail = f"the job hung: nothing moved for {duration(still_s)} {where}, and its process was ended"
+    return Failure(kind=FailureKind.PASSING, code="attempt-stalled", detail=detail)
+
+
+def not_begun(still_s: float) -> Failure:
+    """The failure of an attempt whose process was given its job and never began with it."""
+    detail = f"the job's process sent nothing for {duration(still_s)} after it was given the job, and was ended"
+    return Failure(kind=FailureKind.PASSING, code="attempt-stalled", detail=detail)
+
+
+def duration(seconds: float) -> str:
+    """In hours, minutes or seconds."""
+    for unit, length_s in (("hours", 3600.0), ("minutes", 60.0)):
+        if seconds >= 2.0 * length_s:
+            return f"{seconds / length_s:.3g} {unit}"
+    return f"{seconds:.3g} seconds"
+
+
+def _too_large() -> Failure:
+    detail = "the job writes a larger file than it may: ask for fewer rows or a smaller size"
+    return Failure(kind=FailureKind.INPUT, code="file-too-large", detail=detail)

@@ -1,0 +1,70 @@
+"""How long an attempt may take and its progress stand still, by its supervisor's own monotonic clock."""
+
+import time
+from collections.abc import Callable
+
+from sawmill_platform.attempts.failures import not_begun, stalled, too_long
+from sawmill_platform.attempts.observed_time import ObservedTime
+from sawmill_platform.contracts.jobs import Failure, JobKind
+from sawmill_platform.contracts.kinds import declaration_of
+from sawmill_platform.workers.settings import ExecutionSettings
+from sawmill_vocabulary import Progress
+
+# Beyond two looks: what a late one may count for.
+LATE_S = 5.0
+# From its assignment a process has this long to begin: it has imported everything, and compiles under a stage's name.
+BEGIN_S = 60.0
+
+
+class Patience:
+    """With one attempt.
+
+    Parameters
+    ----------
+    kind
+        Of the job: it declares the limits.
+    settings
+        Limits that override those of all kinds.
+    monotonic
+        Seconds; for tests.
+    """
+
+    def __init__(
+        self, kind: JobKind, settings: ExecutionSettings, *, monotonic: Callable[[], float] = time.monotonic
+    ) -> None:
+        declared = declaration_of(kind)
+        self._kind = kind
+        self._limit_s = settings.time_limit_s or declared.time_limit_s
+        self._stall_s = settings.stall_s or declared.stall_s
+        self._time = ObservedTime(2.0 * settings.progress_s + LATE_S, monotonic)
+        self._taken_s = self._still_s = 0.0
+        self._begun = False
+        self._seen: Progress | None = None
+
+    def heard(self, progress: Progress) -> None:
+        """Take a report; one that repeats stage, fraction and generation moves nothing."""
+        if self._seen is None or _place(progress) != _place(self._seen):
+            self.moved()
+        self._seen = progress
+
+    def moved(self) -> None:
+        """Something got further, the beginning included."""
+        self._begun = True
+        self._still_s = 0.0
+
+    def end(self) -> Failure | None:
+        """Why the attempt has to be ended now; None while it may go on."""
+        step_s = self._time.look_s()
+        self._taken_s += step_s
+        self._still_s += step_s
+        if self._taken_s >= self._limit_s:
+            return too_long(self._kind, self._limit_s)
+        if not self._begun and self._still_s >= min(BEGIN_S, self._stall_s):
+            return not_begun(self._still_s)
+        if self._still_s >= self._stall_s:
+            return stalled(self._still_s, None if self._seen is None else self._seen.stage)
+        return None
+
+
+def _place(progress: Progress) -> tuple[str, float, int | None]:
+    return progress.stage, progress.fraction, progress.generation

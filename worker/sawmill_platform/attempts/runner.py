@@ -1,0 +1,510 @@
+"""Claiming a job and running one attempt at it, under supervision."""
+
+import os
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor, wait
+from pathlib import Path
+
+import structlog
+from pydantic import ValidationError
+
+from sawmill_platform.attempts.environment import environment_of_attempts
+from sawmill_platform.attempts.failures import LIMITS_MET, died, failure_of
+from sawmill_platform.attempts.importing import PROGRAM
+from sawmill_platform.attempts.patience import Patience
+from sawmill_platform.attempts.process import (
+    AttemptNotStarted,
+    AttemptProcess,
+    AttemptTalksNonsense,
+    FreshProcesses,
+)
+from sawmill_platform.attempts.protocol import AnyMessage, Assignment, Begun, Failed, Kept, ProgressMade, Succeeded
+from sawmill_platform.attempts.template import Template, template_library
+from sawmill_platform.attempts.threading_layer import configure_threads
+from sawmill_platform.confinement.overuse import overuse
+from sawmill_platform.contracts.jobs import Failure, FailureKind, JobState
+from sawmill_platform.errors import (
+    InvalidOutput,
+    LeaseLost,
+    NotFound,
+    StorageFull,
+    StorageUnavailable,
+    disk_outage_reported,
+)
+from sawmill_platform.files.digests import note_digests
+from sawmill_platform.jobs.job_store import Claim
+from sawmill_platform.jobs.turns import ANY, Selection
+from sawmill_platform.workers import sharing
+from sawmill_platform.workers.logs import about_attempt
+from sawmill_platform.workers.naming import process_name
+from sawmill_platform.workers.settings import ExecutionSettings
+from sawmill_store.outputs import check_output
+from sawmill_store.store import Store
+from sawmill_vocabulary import Progress
+
+# What a library may have failed to write at once, and so what a full disk may have left free.
+BUFFER_BYTES = 16 * 2**20
+# Without the folder that the worker was started in on the path for imports.
+ATTEMPT_COMMAND = (*PROGRAM, "sawmill_platform.attempts.attempt")
+
+
+class Runner:
+    """Keeps processes ready and runs each claimed job in one; threads may share a runner.
+
+    Parameters
+    ----------
+    store
+        Where jobs are claimed and results go.
+    settings
+        Leases, graces and limits.
+    stop
+        Once set, a running attempt has `stop_grace_s` left before its job goes back to the queue.
+    command
+        Starts a process that speaks `sawmill_platform.attempts.protocol`.
+    on_ended
+        Called with the id of each job that has ended: others may have waited for it.
+    on_able
+        Called at the first look for a job, before it is run: a process is ready, and the database answers.
+
+    Attributes
+    ----------
+    able : bool
+        Whether there was such a look.
+    """
+
+    def __init__(
+        self,
+        store: Store,
+        settings: ExecutionSettings,
+        stop: threading.Event,
+        *,
+        command: Sequence[str] = ATTEMPT_COMMAND,
+        on_ended: Callable[[str], None] | None = None,
+        on_able: Callable[[], None] = lambda: None,
+    ) -> None:
+        self._store = store
+        self._on_ended = on_ended
+        self._on_able = on_able
+        self._settings = settings
+        self._stop = stop
+        self._attempts = _ways_to_start(command, _attempt_environment(store, settings), forked=settings.fork_attempts)
+        self._spares: list[AttemptProcess] = []
+        self._lock = threading.Lock()
+        self.name = process_name()
+        self.able = False
+        self._put_off_for = ""
+
+    def run_next(self, selection: Selection = ANY) -> JobState | None:
+        """Claim the job whose turn it is and run it to the end of the attempt.
+
+        Parameters
+        ----------
+        selection
+            Which jobs it takes.
+
+        Returns
+        -------
+        JobState or None
+            Its state afterwards (`queued`: it will be tried again), or None when there was nothing to claim, when this
+            worker is stopping, or when another attempt owns the job by now.
+
+        Raises
+        ------
+        AttemptNotStarted
+            No process becomes ready. No job was claimed.
+        OSError
+            The system starts no process now. No job was claimed.
+        StorageFull, StorageUnavailable
+            The database cannot write, or the data folder is not in its place. No job was claimed.
+        """
+        if self._stop.is_set():
+            return None
+        process = self._take_ready()
+        try:
+            claim = self._store.jobs.claim(self.name, selection)
+        except BaseException:
+            self._keep(process)
+            raise
+        self._put_off_for = ""
+        if not self.able:
+            self.able = True
+            self._on_able()
+        if claim is None:
+            self._keep(process)
+            return None
+        if not self._spares:
+            self.warm_up()
+        return self._run(claim, process)
+
+    def log_put_off(self, error: Exception) -> None:
+        """Log why no job was claimed: once, until one could be or the reason is another one."""
+        if str(error) != self._put_off_for:
+            self._put_off_for = str(error)
+            structlog.get_logger().warning("claim-put-off", reason=str(error))
+
+    def warm_up(self) -> None:
+        """Start the spare processes that are missing, so that no job need wait for one.
+
+        For times without a job: a process that starts keeps a core busy for about a second. One that the system does
+        not start now is started when a job needs it.
+        """
+        try:
+            with self._lock:
+                while len(self._spares) < self._settings.spare_processes and not self._stop.is_set():
+                    self._spares.append(self._attempts.start())
+        except OSError as error:
+            structlog.get_logger().warning("spare-not-started", reason=str(error))
+
+    def close(self) -> None:
+        """End the spare processes and their template; a later job starts new ones."""
+        with self._lock:
+            spares, self._spares = self._spares, []
+        self._attempts.close()
+        for process in spares:
+            process.end(self._settings.kill_grace_s)
+
+    def _take_ready(self) -> AttemptProcess:
+        with self._lock:
+            process = self._spares.pop(0) if self._spares else None
+        if process is not None:
+            if process.alive:
+                try:
+                    return self._ready(process)
+                except AttemptNotStarted as error:
+                    structlog.get_logger().warning("spare-not-ready", reason=str(error))
+            else:
+                process.end(self._settings.kill_grace_s)
+        return self._ready(self._attempts.start())
+
+    def _ready(self, process: AttemptProcess) -> AttemptProcess:
+        try:
+            process.wait_until_ready(self._attempts.patience_s(self._settings.start_timeout_s))
+        except BaseException:
+            self._attempts.close()  # a template that hangs is replaced at the next start
+            process.end(self._settings.kill_grace_s)
+            raise
+        return process
+
+    def _keep(self, process: AttemptProcess) -> None:
+        with self._lock:
+            self._spares.insert(0, process)  # it is ready, the others may not be yet
+
+    def _run(self, claim: Claim, process: AttemptProcess) -> JobState | None:
+        log = structlog.get_logger()
+        with about_attempt(claim.job):
+            log.info("attempt-started")
+            state: JobState | None = None
+            try:
+                try:
+                    with disk_outage_reported("an attempt"):  # wherever it was; else the job would wait for its lease
+                        state = self._attempt(claim, process)
+                except (StorageFull, StorageUnavailable) as error:
+                    state = self._put_off(claim, failure_of(error))
+            except LeaseLost:
+                log.warning("lease-lost")
+            log.info("attempt-ended", state=state)
+        if self._on_ended is not None and state is not None and state.ended:
+            self._on_ended(claim.job_id)
+        return state
+
+    def _attempt(self, claim: Claim, process: AttemptProcess) -> JobState:
+        output: Path | None = None
+        try:
+            output = self._store.files.make_attempt_folder(claim.job_id, claim.attempt)
+            return _Supervision(self._store, self._settings, self._stop, claim, process).run(output)
+        finally:
+            process.end(self._settings.kill_grace_s)
+            if output is not None:
+                self._store.files.remove(output)
+
+    def _put_off(self, claim: Claim, outage: Failure) -> JobState | None:
+        """Give a job back because of an outage, as soon as that lets its row be written.
+
+        Returns
+        -------
+        JobState or None
+            None when this worker had to stop before: the job is left to its lease.
+        """
+        said = ""
+        while True:
+            try:
+                return self._store.jobs.fail(claim, outage, retries=self._settings.retries)
+            except (StorageFull, StorageUnavailable) as error:
+                said = _say_once("end-put-off", error, said)
+                if self._stop.wait(self._settings.housekeeping_s):
+                    return None
+
+
+class _Supervision:
+    """One attempt: relays its progress, keeps its lease, and sees to its end."""
+
+    def __init__(
+        self,
+        store: Store,
+        settings: ExecutionSettings,
+        stop: threading.Event,
+        claim: Claim,
+        process: AttemptProcess,
+    ) -> None:
+        self._store = store
+        self._settings = settings
+        self._stop = stop
+        self._claim = claim
+        self._process = process
+        self._progress: Progress | None = None
+        self._patience = Patience(claim.job.kind, settings)
+        self._last_beat = time.monotonic()
+        self._give_back_at: float | None = None
+        self._last_look = self._last_beat
+        self._limits: Begun | None = None
+        self._input: Path | None = None
+
+    def run(self, output: Path) -> JobState:
+        answer: Succeeded | Failed | JobState | None = self._begin(output)
+        try:
+            if answer is None:
+                answer = self._watch(output)
+            if isinstance(answer, Succeeded):
+                # With all that it has started: nobody writes to what is checked and published.
+                self._process.end(self._settings.kill_grace_s)
+                self._check(answer, output)
+                self._publish(answer, output)
+                return JobState.SUCCEEDED
+        except InvalidOutput as error:
+            structlog.get_logger().exception("attempt-left-nonsense")
+            # Where the data folder has gone, the files are missing for that.
+            answer = Failed(failure=self._outage() or _invalid_result(str(error)))
+        except (AttemptTalksNonsense, ValidationError):
+            structlog.get_logger().exception("attempt-answered-nonsense")
+            answer = Failed(failure=_invalid_result("the job's answer is not what jobs of its kind answer with"))
+        if isinstance(answer, Failed):
+            return self._store.jobs.fail(
+                self._claim,
+                answer.failure,
+                retries=self._settings.retries,
+                peak_memory_bytes=answer.peak_memory_bytes,
+            )
+        return answer
+
+    def _begin(self, output: Path) -> Failed | None:
+        """Hand the job over to the process, or return why it cannot be handed over.
+
+        Raises
+        ------
+        StorageUnavailable
+            The database does not answer, or the file that the job reads is missing.
+        """
+        try:
+            self._given = self._store.jobs.handed_over(self._claim.job_id)
+        except NotFound as error:
+            return Failed(failure=Failure(kind=FailureKind.INPUT, code=error.code, detail=str(error)))
+        except ValidationError as error:
+            structlog.get_logger().exception("row-not-read")
+            return Failed(failure=failure_of(error))
+        self._input = self._given.file
+        if self._input is not None:
+            self._store.files.check_file(self._input)
+        self._process.assign(Assignment(job=self._claim.job, given=self._given, output=output))
+        return None
+
+    def _check(self, answer: Succeeded, output: Path) -> None:
+        """Check what the attempt left and take the digests of its files, in a thread: meanwhile the lease is kept.
+
+        Raises
+        ------
+        InvalidOutput, pydantic.ValidationError
+            It is not what jobs of this kind leave, or answer with.
+        StorageFull, StorageUnavailable
+            There is no room for the digests, or the disk fails.
+        LeaseLost
+            The attempt no longer holds the job.
+        """
+
+        def check() -> None:
+            with disk_outage_reported("checking a result"):
+                check_output(self._claim.job.kind, self._given, answer.result, output)
+                note_digests(output)
+
+        with ThreadPoolExecutor(1) as pool:
+            checking = pool.submit(check)
+            while not wait([checking], self._settings.progress_s).done:
+                self._cancellation_came_in()
+            checking.result()
+
+    def _publish(self, answer: Succeeded, output: Path) -> None:
+        """Publish as soon as the database answers: what was computed is not computed again for an outage."""
+        said = ""
+        while True:
+            try:
+                self._store.jobs.succeed(
+                    self._claim,
+                    answer.result,
+                    output,
+                    peak_memory_bytes=answer.peak_memory_bytes,
+                )
+            except StorageUnavailable as error:
+                # Without its folder it was published, and the row's commit failed: the job is run again.
+                if not output.exists() or self._stop.is_set():
+                    raise
+                said = _say_once("end-put-off", error, said)
+                self._stop.wait(self._settings.housekeeping_s)
+                if self._cancellation_came_in():
+                    raise
+            else:
+                return
+
+    def _watch(self, output: Path) -> Succeeded | Failed | JobState:
+        """Wait for the answer, or for the state in which the job was ended without one."""
+        while True:
+            for message in self._process.receive(self._settings.progress_s):
+                if isinstance(message, Succeeded | Failed):
+                    return self._checked(message, output)
+                self._note(message, output)
+            if self._process.hung_up:
+                failure = died(self._process.end(self._settings.kill_grace_s), self._claim.job.kind)
+                own_limit = failure.code in LIMITS_MET
+                return Failed(failure=failure if own_limit else self._outage() or failure)
+            looking = self._time_to_look()
+            beyond = (self._overuse(output) if looking else None) or self._patience.end()
+            if beyond is not None:
+                structlog.get_logger().warning("attempt-ended-by-limit", reason=beyond.detail)
+                self._process.end(self._settings.kill_grace_s)
+                return Failed(failure=beyond if beyond.code in LIMITS_MET else self._outage() or beyond)
+            if self._cancellation_came_in():
+                self._process.end(self._settings.kill_grace_s)
+                self._store.jobs.cancelled(self._claim)
+                return JobState.CANCELLED
+            if self._time_to_give_back() or (looking and self._others_wait()):
+                self._process.end(self._settings.kill_grace_s)
+                return self._store.jobs.release(self._claim)
+
+    def _checked(self, answer: Succeeded | Failed, output: Path) -> Succeeded | Failed:
+        """The answer, or the reason for which it does not count."""
+        if isinstance(answer, Failed):
+            return answer.model_copy(update={"failure": self._outage_behind(answer.failure)})
+        if self._limits is None:
+            raise AttemptTalksNonsense("an answer from a process that has not begun")
+        too_much = self._overuse(output)  # since the last look
+        return answer if too_much is None else Failed(failure=too_much)
+
+    def _note(self, message: AnyMessage, output: Path) -> None:
+        if isinstance(message, Begun) and self._limits is None:
+            self._limits = message
+            self._patience.moved()
+        if isinstance(message, ProgressMade):
+            self._progress = message.progress
+            self._patience.heard(message.progress)
+        if isinstance(message, Kept):
+            self._patience.moved()
+            self._keep(message, output)
+
+    def _time_to_look(self) -> bool:
+        """Whether `progress_s` have passed since this was so the last time."""
+        if time.monotonic() - self._last_look < self._settings.progress_s:
+            return False
+        self._last_look = time.monotonic()
+        return True
+
+    def _overuse(self, output: Path) -> Failure | None:
+        """The failure of an attempt that takes what its limits forbid and the system does not count."""
+        if self._limits is None:
+            return None
+        reserve_bytes = self._store.settings.disk_reserve_bytes
+        with disk_outage_reported("an attempt"):
+            return overuse(self._process.process_id, output, self._limits, reserve_bytes=reserve_bytes)
+
+    def _keep(self, message: Kept, output: Path) -> None:
+        try:
+            self._store.jobs.keep(self._claim, output, message.names)
+        except (NotFound, PermissionError) as error:  # a folder of checkpoints that is closed to its owner
+            raise AttemptTalksNonsense(str(error)) from error
+        except (StorageFull, StorageUnavailable) as error:
+            # The attempt goes on; its next checkpoint is due soon.
+            structlog.get_logger().warning("progress-not-kept", reason=str(error))
+
+    def _outage_behind(self, failure: Failure) -> Failure:
+        """Return the outage behind an attempt's failure; behind a refusal of its file, only that the file has gone."""
+        gone = self._input is not None and not self._input.is_file()
+        if failure.kind is FailureKind.INTERNAL or (failure.kind is FailureKind.INPUT and gone):
+            return self._outage() or failure
+        return failure
+
+    def _outage(self) -> Failure | None:
+        """The outage behind a crash or a defect: where nothing can be written, HDF5, for one, crashes."""
+        try:
+            self._store.check(reserve_bytes=min(BUFFER_BYTES, self._store.settings.disk_reserve_bytes))
+            if self._input is not None:
+                self._store.files.check_file(self._input)
+        except (StorageFull, StorageUnavailable) as error:
+            return failure_of(error)
+        return None
+
+    def _cancellation_came_in(self) -> bool:
+        silent_s = time.monotonic() - self._last_beat
+        wait_s = self._settings.heartbeat_s if self._progress is None else self._settings.progress_s
+        if silent_s < wait_s:
+            return False
+        self._last_beat = time.monotonic()
+        progress, self._progress = self._progress, None
+        try:
+            return self._store.jobs.heartbeat(self._claim, progress)
+        except (StorageFull, StorageUnavailable) as error:
+            # The lease outlives several heartbeats; the next one is due soon.
+            structlog.get_logger().warning("heartbeat-missed", reason=str(error))
+            return isinstance(error, StorageFull) and self._cancellation_can_be_read()
+
+    def _cancellation_can_be_read(self) -> bool:
+        """Whether somebody has asked for a cancellation, where the disk has no room for a heartbeat."""
+        try:
+            return self._store.jobs.get(self._claim.job_id).cancel_requested
+        except StorageUnavailable as error:
+            structlog.get_logger().warning("look-put-off", reason=str(error))
+            return False
+
+    def _others_wait(self) -> bool:
+        """Whether this is a background job, and another one waits."""
+        if not self._claim.job.background:
+            return False
+        try:
+            return self._store.jobs.is_in_the_way(self._claim)
+        except StorageUnavailable as error:
+            structlog.get_logger().warning("look-put-off", reason=str(error))
+            return False
+
+    def _time_to_give_back(self) -> bool:
+        if not self._stop.is_set():
+            return False
+        if self._give_back_at is None:
+            self._give_back_at = time.monotonic() + self._settings.stop_grace_s
+        return time.monotonic() >= self._give_back_at
+
+
+def _say_once(event: str, error: Exception, said: str) -> str:
+    """Log the reason for what waits, unless it was said last; return what was said last now."""
+    if str(error) != said:
+        structlog.get_logger().warning(event, reason=str(error))
+    return str(error)
+
+
+def _invalid_result(what: str) -> Failure:
+    detail = f"{what}, which is a defect; see the worker's log"
+    return Failure(kind=FailureKind.INTERNAL, code="invalid-result", detail=detail)
+
+
+def _ways_to_start(
+    command: Sequence[str], environment: Mapping[str, str], *, forked: bool
+) -> Template | FreshProcesses:
+    library = template_library() if forked else None
+    return FreshProcesses(command, environment) if library is None else Template(command, environment, library)
+
+
+def _attempt_environment(store: Store, settings: ExecutionSettings) -> dict[str, str]:
+    environment = environment_of_attempts(settings)
+    # Compiled kernels are kept with the installation; one that is read-only has no place for them and would raise.
+    if not os.access(Path(__file__).parent, os.W_OK):
+        environment.setdefault("NUMBA_CACHE_DIR", str(store.files.folder / "numba-cache"))
+    configure_threads(environment)
+    environment[sharing.VARIABLE] = str(sharing.threads_each(settings))
+    return environment

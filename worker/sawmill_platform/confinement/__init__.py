@@ -1,0 +1,1 @@
+"""Confinement: limits, files and system calls of an attempt's process."""

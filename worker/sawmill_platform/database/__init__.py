@@ -1,0 +1,1 @@
+"""Transactions, tables and pages of rows, on SQLite and PostgreSQL alike."""

@@ -1,0 +1,374 @@
+"""Transactions and migrations, on SQLite and PostgreSQL alike."""
+
+import fcntl
+import re
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextvars import ContextVar
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from sqlalchemy import Connection, Engine, inspect, text
+from sqlalchemy.exc import IntegrityError
+from sqlalchemy.orm import Session
+
+from sawmill_platform.database.clock import Clock, SharedClock, set_if_new
+from sawmill_platform.database.outages import Door, WriterQueue, trouble_translated
+from sawmill_platform.database.spare_room import SpareRoom
+from sawmill_platform.database.tables import Base
+from sawmill_platform.errors import Damaged, StorageMisconfigured, disk_outage_reported
+from sawmill_vocabulary.version import VERSION
+
+_MIGRATION_LOCK = 0x5A3111  # any number that only this product takes
+_FILES_LOCK = 0x5A3112
+_CHAIN = ('^revision = "(\\w+)"$', '^down_revision = "(\\w+)"$')
+# In `info` of a session: what is called after its commit.
+AFTER_COMMIT = "after commit"
+_MIGRATIONS = Path(__file__).with_name("migrations")
+
+
+@dataclass
+class _Whole:
+    """A transaction of which those that begin within it are parts."""
+
+    database: "Database"
+    session: Session
+    afterwards: list[Callable[[], None]] = field(default_factory=list)
+
+
+_WHOLE: ContextVar[_Whole | None] = ContextVar("whole", default=None)
+
+
+def after_commit(do: Callable[[], None]) -> None:
+    """Do it now, or once the transaction is committed of which whatever was written just now is a part."""
+    whole = _WHOLE.get()
+    if whole is None:
+        do()
+    else:
+        whole.afterwards.append(do)
+
+
+class Database:
+    """Transactions on one engine.
+
+    Parameters
+    ----------
+    engine
+        From `storage.engines`.
+    clock
+        The time for rows and due times; null: the one that all processes on this database share.
+    """
+
+    def __init__(self, engine: Engine, clock: Clock | None = None) -> None:
+        self.engine = engine
+        self.clock = SharedClock(self.read)
+        self.now = clock or self.clock
+        one_writer = engine.dialect.name == "sqlite"
+        self.spare_room = SpareRoom(Path(file) if one_writer and (file := engine.url.database) else None)
+        self._writer = engine.execution_options(writes=True)
+        self._reading = Door()
+        # SQLite reads while somebody holds its write lock.
+        self._writing = Door() if one_writer else self._reading
+        self._turn = WriterQueue().turn if one_writer else nullcontext
+
+    @contextmanager
+    def read(self) -> Iterator[Session]:
+        """A transaction that only reads.
+
+        Raises
+        ------
+        StorageUnavailable
+            The database does not answer.
+        """
+        if whole := self._whole():
+            yield whole.session
+            return
+        with trouble_translated(), Session(self.engine) as session:
+            self._reading.begin(session)
+            yield session
+
+    @contextmanager
+    def write(self) -> Iterator[Session]:
+        """A transaction that commits at the end of the block, or leaves no trace.
+
+        Raises
+        ------
+        StorageFull, StorageUnavailable
+            The database cannot write.
+        """
+        if whole := self._whole():
+            with trouble_translated(), whole.session.begin_nested():
+                yield whole.session
+            return
+        self._writing.check()
+        with trouble_translated(), Session(self._writer, expire_on_commit=False) as session:
+            with self._turn(), session.begin():
+                self._writing.begin(session)
+                yield session
+            for log in session.info.get(AFTER_COMMIT, ()):
+                log()
+
+    def check_writable(self) -> None:
+        """Refuse at once, before work that a transaction ends, while the database is known to be away.
+
+        Raises
+        ------
+        StorageUnavailable
+            It is.
+        """
+        self._writing.check()
+
+    @contextmanager
+    def write_as_one(self) -> Iterator[Session]:
+        """As `write`, and what this thread reads and writes otherwise within the block belongs to the transaction.
+
+        What is handed to `after_commit` meanwhile is done after the commit, and not at all without one.
+
+        Raises
+        ------
+        StorageFull, StorageUnavailable
+            The database cannot write.
+        """
+        with self.write() as session:
+            whole = _Whole(self, session)
+            token = _WHOLE.set(whole)
+            try:
+                yield session
+            finally:
+                _WHOLE.reset(token)
+        for do in whole.afterwards:
+            do()
+
+    def _whole(self) -> _Whole | None:
+        whole = _WHOLE.get()
+        return whole if whole is not None and whole.database is self else None
+
+    def upgrade(
+        self, revision: str = "head", *, and_then: Callable[[Connection, bool], None] = lambda *_: None
+    ) -> None:
+        """Bring the tables to a revision, the newest by default; safe when several processes start together.
+
+        Parameters
+        ----------
+        and_then
+            Called within the transaction, with whether the database had no tables before; if it raises, nothing is
+            changed.
+
+        Raises
+        ------
+        StorageMisconfigured
+            The tables are of a later version, or of a state between two releases.
+        StorageFull, StorageUnavailable
+            The database cannot write.
+        """
+        with self._setting_up() as connection:
+            found = known_revision(connection)
+            if revision != "head" or found != newest_revision():
+                _migrate(connection, revision)
+            and_then(connection, found is None)
+
+    def is_new(self) -> bool:
+        """Whether there are no tables yet, or raise `StorageUnavailable`."""
+        with self.read() as session:
+            return revision_of(session.connection()) is None
+
+    @contextmanager
+    def snapshot(self) -> Iterator[Connection]:
+        """A transaction in which all rows are as they were at one instant, however long they are read.
+
+        Raises
+        ------
+        StorageUnavailable
+            The database does not answer.
+        """
+        # On SQLite every transaction is one.
+        isolated = {} if self.engine.dialect.name == "sqlite" else {"isolation_level": "REPEATABLE READ"}
+        engine = self.engine.execution_options(**isolated)
+        with trouble_translated(), engine.connect() as connection, _any_time(connection):
+            yield connection
+
+    @contextmanager
+    def filled(self, revision: str, fill: Callable[[Connection], None]) -> Iterator[Session]:
+        """A transaction that fills a database without tables and brings it up to date; the block ends it.
+
+        Parameters
+        ----------
+        revision
+            Of the tables that `fill` writes rows into.
+
+        Raises
+        ------
+        StorageFull, StorageUnavailable
+            The database cannot write, or has tables.
+        Damaged
+            A migration cannot read a row.
+        """
+        with self._setting_up() as connection:
+            if has_tables(connection):
+                raise StorageMisconfigured("the database has tables already: give an empty one")
+            with _any_time(connection):
+                _migrate(connection, revision)
+                fill(connection)
+                if revision != newest_revision():
+                    _bring_up_to_date(connection, revision)
+                with Session(connection) as session:
+                    yield session
+                    session.flush()
+
+    @contextmanager
+    def _setting_up(self) -> Iterator[Connection]:
+        """A transaction that makes or changes tables: one of them at a time."""
+        with trouble_translated(), _one_process_at_a_time(self.engine), self._writer.begin() as connection:
+            lock_for_setup(connection)
+            yield connection
+
+    def start_clock(self) -> None:
+        """Write the machine's time where this is the first process since its start; the tables must be up to date.
+
+        Raises
+        ------
+        StorageFull, StorageUnavailable
+            The database cannot write.
+        """
+        with self.write() as session:
+            set_if_new(session)
+
+
+def newest_revision() -> str:
+    """The number of the migration after which none comes: they form a chain, whose order is not that of the numbers."""
+    numbers, before = _chain()
+    [newest] = numbers - before
+    return newest
+
+
+def is_known(revision: str) -> bool:
+    """Whether there is a migration of this number; later versions and states between two releases have others."""
+    return revision in _chain()[0]
+
+
+def _chain() -> tuple[set[str], set[str]]:
+    """The numbers of all migrations, and of those that another one follows."""
+    texts = "".join(path.read_text() for path in (_MIGRATIONS / "versions").glob("*.py"))
+    numbers, before = (set[str](re.findall(pattern, texts, re.MULTILINE)) for pattern in _CHAIN)
+    return numbers, before
+
+
+def revision_of(connection: Connection) -> str | None:
+    """The number of the migration to which the tables were brought; None: there are none yet."""
+    if not inspect(connection).has_table("alembic_version"):
+        return None
+    found: str | None = connection.scalar(text("SELECT version_num FROM alembic_version"))
+    return found
+
+
+def known_revision(connection: Connection) -> str | None:
+    """As `revision_of`, for whoever reads or changes the tables.
+
+    Raises
+    ------
+    StorageMisconfigured
+        They are of a later version of the program, or of a state between two releases.
+    """
+    reason = why_unreadable(connection)
+    if reason is not None:
+        raise StorageMisconfigured(reason)
+    return revision_of(connection)
+
+
+def why_unreadable(connection: Connection) -> str | None:
+    """Describe tables that this version does not know, with both versions; None: it knows them, or there are none."""
+    found = revision_of(connection)
+    if found is None or is_known(found):
+        return None
+    version = _product_version(connection)
+    tables = f"revision {found}" if version is None else f"version {version} (revision {found})"
+    return (
+        f"the database has tables of {tables}, which this program, version {VERSION} (revision {newest_revision()}), "
+        f"cannot read: start {'the version that wrote them' if version is None else f'version {version}'}, or give an "
+        "empty data folder or database"
+    )
+
+
+def _product_version(connection: Connection) -> str | None:
+    """The version of the program that brought the tables to their revision; None: one before 0.2.0."""
+    if not _notes_product_version(connection):
+        return None
+    version: str | None = connection.scalar(text("SELECT product_version FROM alembic_version"))
+    return version
+
+
+def _notes_product_version(connection: Connection) -> bool:
+    return "product_version" in {column["name"] for column in inspect(connection).get_columns("alembic_version")}
+
+
+def has_tables(connection: Connection) -> bool:
+    """Whether any table of ours is there."""
+    return not {"alembic_version", *Base.metadata.tables}.isdisjoint(inspect(connection).get_table_names())
+
+
+def _migrate(connection: Connection, revision: str) -> None:
+    # Imported here: tables are hardly ever out of date, and Alembic costs every process 10 MiB and 0.2 s.
+    from alembic import command  # noqa: PLC0415
+    from alembic.config import Config  # noqa: PLC0415
+
+    config = Config()
+    config.set_main_option("script_location", str(_MIGRATIONS))
+    config.attributes["connection"] = connection
+    with _any_time(connection):
+        command.upgrade(config, revision)
+    if _notes_product_version(connection):
+        connection.execute(text("UPDATE alembic_version SET product_version = :version"), {"version": VERSION})
+
+
+def _bring_up_to_date(connection: Connection, revision: str) -> None:
+    """Migrate rows that nobody has read yet."""
+    try:
+        _migrate(connection, "head")
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError, IntegrityError) as error:
+        reason = f"{type(error).__name__} {error}"
+        raise Damaged(f"the rows of revision {revision} cannot be brought up to date: {reason}") from error
+
+
+def _any_time(connection: Connection) -> AbstractContextManager[None]:
+    driver: Any = connection.connection.dbapi_connection
+    return driver.unlimited() if connection.dialect.name == "postgresql" else nullcontext()
+
+
+def lock_for_setup(connection: Connection | Session) -> None:
+    """Keep others from setting up the same database until the transaction ends; on SQLite any writer does."""
+    bind: Any = connection.get_bind() if isinstance(connection, Session) else connection
+    if bind.dialect.name == "postgresql":
+        connection.execute(text("SELECT pg_advisory_xact_lock(:number)"), {"number": _MIGRATION_LOCK})
+
+
+def lock_files_of(session: Session, subject_id: str, *, wait: bool = True) -> bool:
+    """Keep others from naming or removing a subject's files until the write transaction ends; on SQLite any does.
+
+    Returns
+    -------
+    bool
+        False: somebody else does so at the moment, and the caller did not want to wait.
+    """
+    if session.get_bind().dialect.name != "postgresql":
+        return True
+    key = {"files": _FILES_LOCK, "subject": subject_id}
+    if wait:
+        session.execute(text("SELECT pg_advisory_xact_lock(:files, hashtext(:subject))"), key)
+        return True
+    return bool(session.scalar(text("SELECT pg_try_advisory_xact_lock(:files, hashtext(:subject))"), key))
+
+
+def _one_process_at_a_time(engine: Engine) -> AbstractContextManager[None]:
+    # Turning a new SQLite file into a WAL one ignores the busy timeout, so the very first connection needs this lock.
+    file = engine.url.database if engine.dialect.name == "sqlite" else None
+    return _file_lock(Path(f"{file}.lock")) if file else nullcontext()
+
+
+@contextmanager
+def _file_lock(path: Path) -> Iterator[None]:
+    with disk_outage_reported("opening the database"):
+        opened = path.open("w")
+    with opened as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        yield

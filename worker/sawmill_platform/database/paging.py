@@ -1,0 +1,171 @@
+"""Lists, newest first, one page at a time."""
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from datetime import UTC, datetime, timedelta
+from typing import Any, TypeVar
+from uuid import uuid4
+
+from sqlalchemy import Select, and_, or_, select
+from sqlalchemy.orm import InstrumentedAttribute, Session
+
+from sawmill_platform.contracts.base import Contract, Page
+from sawmill_platform.contracts.patterns import CURSOR
+from sawmill_platform.database.tables import Resource
+from sawmill_platform.errors import Conflict, Invalid, NotFound
+
+Row = TypeVar("Row", bound=Resource)
+Item = TypeVar("Item", bound=Contract)
+
+_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+_MICROSECOND = timedelta(microseconds=1)
+# PostgreSQL's integer.
+LARGEST_NUMBER = 2**31 - 1
+
+
+def new_id() -> str:
+    """An identifier nobody can guess."""
+    return uuid4().hex
+
+
+def found(session: Session, table: type[Row], kind: str, identifier: str, *, lock: bool = False) -> Row:
+    """The row with this id.
+
+    Raises
+    ------
+    NotFound
+        There is none.
+    """
+    row = session.get(table, identifier, with_for_update=lock or None)
+    if row is None:
+        raise NotFound(kind, identifier)
+    return row
+
+
+def hold(session: Session, table: type[Row], kind: str, identifier: str) -> None:
+    """Keep a row from being deleted until the transaction ends, as what will refer to it needs; others may too.
+
+    Raises
+    ------
+    NotFound
+        There is none, or no longer.
+    """
+    there = select(table.id).where(table.id == identifier).with_for_update(read=True, key_share=True)
+    if session.scalar(there) is None:
+        raise NotFound(kind, identifier)
+
+
+def refuse_taken(session: Session, table: type[Resource], kind: str, identifier: str) -> None:
+    """Refuse an id that is in use already.
+
+    Raises
+    ------
+    Conflict
+        With code `<kind>-exists`.
+    """
+    if session.get(table, identifier) is not None:
+        raise Conflict(f"{kind}-exists", f"there is a {kind} {identifier!r} already; choose another id")
+
+
+def narrowed(statement: Select[Row], wanted: Mapping[InstrumentedAttribute[Any], str | None]) -> Select[Row]:
+    """The rows whose columns have the values wanted; None wants any."""
+    return statement.where(*(column == value for column, value in wanted.items() if value is not None))
+
+
+def created_between(
+    statement: Select[Row], table: type[Row], first: datetime | None, end: datetime | None
+) -> Select[Row]:
+    """The rows made from `first` on and before `end`; None does not narrow."""
+    bounds = (None if first is None else table.created_at >= first, None if end is None else table.created_at < end)
+    return statement.where(*(bound for bound in bounds if bound is not None))
+
+
+def read_page(
+    session: Session,
+    statement: Select[Row],
+    table: type[Row],
+    read: Callable[[Row], Item],
+    *,
+    after: str | None,
+    limit: int,
+) -> Page[Item]:
+    """Run a filtered statement as one page, newest first.
+
+    Raises
+    ------
+    Invalid
+        `after` is not a cursor that an earlier page gave.
+    """
+    rows, following = rows_of_page(session, statement, table, after=after, limit=limit)
+    return Page[Any](items=[read(row) for row in rows], next=following)
+
+
+def rows_of_page(
+    session: Session, statement: Select[Row], table: type[Row], *, after: str | None, limit: int
+) -> tuple[Sequence[Row], str | None]:
+    """The rows of a page, and the cursor of the next one if there is one; the rest as in `read_page`."""
+    if after is not None:
+        moment, identifier = parse_cursor(after)
+        older = or_(table.created_at < moment, and_(table.created_at == moment, table.id < identifier))
+        statement = statement.where(older)
+    order = (table.created_at.desc(), table.id.desc())
+    # The ids of the page first: where no index has this order, the whole table is sorted, without what its rows hold.
+    ids = statement.with_only_columns(table.id, maintain_column_froms=True).order_by(*order).limit(limit + 1).subquery()
+    rows: Sequence[Row] = session.scalars(select(table).join(ids, ids.c.id == table.id).order_by(*order)).all()
+    shown = rows[:limit]
+    return shown, cursor_of(shown[-1].created_at, shown[-1].id) if len(rows) > limit else None
+
+
+def read_numbered_page(
+    session: Session,
+    statement: Select[Any],
+    number: InstrumentedAttribute[int],
+    read: Callable[[Any], Item],
+    *,
+    after: str | None,
+    limit: int,
+) -> Page[Item]:
+    """As `read_page`, of rows that have a number: the cursor is the last number of the page before.
+
+    Raises
+    ------
+    Invalid
+        `after` is not a cursor that an earlier page gave.
+    """
+    if after is not None:
+        if re.fullmatch(r"[0-9]{1,18}", after) is None or int(after) > LARGEST_NUMBER:
+            raise Invalid("invalid-cursor", f"after must be the next of an earlier page, not {after!r}")
+        statement = statement.where(number < int(after))
+    rows = session.scalars(statement.order_by(number.desc()).limit(limit + 1)).all()
+    shown = rows[:limit]
+    following = str(getattr(shown[-1], number.key)) if len(rows) > limit else None
+    return Page[Any](items=[read(row) for row in shown], next=following)
+
+
+def microseconds_of(moment: datetime) -> int:
+    """Since 1970."""
+    return (moment - _EPOCH) // _MICROSECOND
+
+
+def moment_of(microseconds: int) -> datetime:
+    """That many microseconds after the beginning of 1970, UTC."""
+    return _EPOCH + microseconds * _MICROSECOND
+
+
+def cursor_of(moment: datetime, identifier: str) -> str:
+    """Of a page whose last row has this time, and this id among those of one time."""
+    return f"{microseconds_of(moment)}.{identifier}"
+
+
+def parse_cursor(cursor: str) -> tuple[datetime, str]:
+    """What `cursor_of` was made of.
+
+    Raises
+    ------
+    Invalid
+        It is not a cursor that an earlier page gave.
+    """
+    if re.fullmatch(CURSOR, cursor) is None:
+        raise Invalid("invalid-cursor", f"after must be the next of an earlier page, not {cursor!r}")
+    microseconds, _, identifier = cursor.partition(".")
+    return moment_of(int(microseconds)), identifier

@@ -1,0 +1,89 @@
+"""Which database it is, and how fast it answers, for those who run the service."""
+
+import sqlite3
+import time
+from typing import NamedTuple
+
+from sqlalchemy import text
+from sqlalchemy.exc import DatabaseError
+
+from sawmill_platform.database.database import Database, newest_revision, revision_of, why_unreadable
+
+
+class DatabaseReport(NamedTuple):
+    """What a database reports of itself.
+
+    Attributes
+    ----------
+    system : str
+        Its name and version.
+    migration, newest_migration : str or None
+        To which its tables were brought, and the newest that this version knows.
+    answered_s : float
+        How long these questions took.
+    size_bytes : int
+        Of its tables and indexes.
+    unreadable : str or None
+        Why this version cannot read its tables; None: it can, or brings them up to date.
+    """
+
+    system: str
+    migration: str | None
+    newest_migration: str
+    answered_s: float
+    size_bytes: int
+    unreadable: str | None
+
+
+# Version and size, by SQLAlchemy's name of the system.
+_ASKED = {
+    "sqlite": (
+        "SQLite",
+        "SELECT sqlite_version(), page_count * page_size FROM pragma_page_count(), pragma_page_size()",
+    ),
+    "postgresql": (
+        "PostgreSQL",
+        "SELECT current_setting('server_version'), pg_database_size(current_database())",
+    ),
+}
+
+
+def report_of(database: Database) -> DatabaseReport:
+    """Ask a database.
+
+    Raises
+    ------
+    StorageUnavailable
+        It does not answer.
+    """
+    name, statement = _ASKED[database.engine.dialect.name]
+    started = time.perf_counter()
+    with database.read() as session:
+        version, size_bytes = session.execute(text(statement)).one()
+        migration = revision_of(session.connection())
+        unreadable = why_unreadable(session.connection())
+    answered_s = time.perf_counter() - started
+    return DatabaseReport(f"{name} {version}", migration, newest_revision(), answered_s, size_bytes, unreadable)
+
+
+def damage_of(database: Database) -> list[str]:
+    """What SQLite finds wrong with its file, in its own words; a server looks after its own.
+
+    Reads the whole file: some seconds a gigabyte.
+
+    Raises
+    ------
+    StorageUnavailable
+        It does not answer.
+    """
+    if database.engine.dialect.name != "sqlite":
+        return []
+    with database.read() as session:
+        try:
+            found = session.scalars(text("PRAGMA quick_check(5)")).all()
+        except DatabaseError as error:
+            # So damaged that it cannot be checked.
+            if getattr(error.orig, "sqlite_errorcode", None) != sqlite3.SQLITE_CORRUPT:
+                raise
+            return [str(error.orig)]
+    return [] if found == ["ok"] else list(found)

@@ -1,0 +1,160 @@
+"""What can go wrong in storage.
+
+StorageError
+├── NotFound            no such resource, or it has no such file
+├── Conflict            the resource's state forbids it
+│   └── Busy            for a moment only
+├── Invalid             a value that cannot be right, such as a cron expression of four fields
+├── QueueFull           as many jobs wait as may
+├── UploadTooLarge      more bytes than allowed
+├── Damaged             other bytes than declared
+├── InvalidOutput       other files than a job of its kind leaves
+├── LeaseLost           another attempt owns the job
+├── StorageFull         no room left on the disk
+└── StorageUnavailable  the database does not answer, or the data folder cannot be used
+    ├── FolderUnavailable       the data folder is not in its place, or its disk fails or is read-only
+    └── StorageMisconfigured    the database will not answer before its settings are changed
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from sawmill_platform.files.whole_files import DISK_AWAY, DISK_FULL
+
+
+class StorageError(Exception):
+    """The root; `code` is stable, for programs."""
+
+    code = "storage-error"
+
+
+class NotFound(StorageError):  # noqa: N818 - an outcome's name, as HTTP has it
+    """There is no resource of this kind with this id."""
+
+    def __init__(self, kind: str, identifier: str) -> None:
+        super().__init__(f"there is no {kind} {identifier!r}")
+        self.kind = kind
+        self.identifier = identifier
+        self.code = f"{kind}-not-found"
+
+
+class Conflict(StorageError):  # noqa: N818
+    """The resource's state forbids what was asked."""
+
+    def __init__(self, code: str, sentence: str) -> None:
+        super().__init__(sentence)
+        self.code = code
+
+
+class Busy(Conflict):
+    """Somebody else is at it; asking again in a moment may help."""
+
+
+class Invalid(StorageError):  # noqa: N818
+    """A value that cannot be right whatever the state."""
+
+    def __init__(self, code: str, sentence: str) -> None:
+        super().__init__(sentence)
+        self.code = code
+
+
+class QueueFull(StorageError):  # noqa: N818
+    """As many jobs wait as may, in all or of one key."""
+
+    code = "queue-full"
+
+    def __init__(self, sentence: str, retry_after_s: int) -> None:
+        super().__init__(sentence)
+        self.retry_after_s = retry_after_s
+
+
+class UploadTooLarge(StorageError):  # noqa: N818
+    """An upload went beyond its limit; nothing of it was kept."""
+
+    code = "upload-too-large"
+
+    def __init__(self, limit_bytes: int) -> None:
+        super().__init__(f"the upload is larger than the {limit_bytes} bytes allowed")
+        self.limit_bytes = limit_bytes
+
+
+class Damaged(StorageError):  # noqa: N818
+    """Other bytes came than were declared; nothing of them was kept."""
+
+    code = "digest-mismatch"
+
+
+class InvalidOutput(StorageError):  # noqa: N818
+    """An attempt left other files than jobs of its kind leave: nothing of it is published."""
+
+    code = "invalid-result"
+
+
+class LeaseLost(StorageError):  # noqa: N818
+    """Another attempt owns the job now, or it has ended: this one's work no longer counts."""
+
+    code = "lease-lost"
+
+    def __init__(self, job_id: str, attempt: int) -> None:
+        super().__init__(f"attempt {attempt} no longer holds job {job_id!r}")
+
+
+class StorageFull(StorageError):  # noqa: N818
+    """The disk is full; nothing half-written was left behind."""
+
+    code = "storage-full"
+
+
+class StorageUnavailable(StorageError):  # noqa: N818
+    """The database does not answer, or the data folder cannot be used; asking again later may help."""
+
+    code = "storage-unavailable"
+
+
+class FolderUnavailable(StorageUnavailable):
+    """The data folder is missing, empty or another one, or its disk fails or is read-only."""
+
+
+class StorageMisconfigured(StorageUnavailable):
+    """The database refuses its user, or there is none of this name: waiting does not help."""
+
+
+def outage_of(error: OSError, doing: str) -> StorageFull | FolderUnavailable | None:
+    """Return the outage of a disk that an error of the system means; None where it means something else.
+
+    Parameters
+    ----------
+    error
+        Of a call that read or wrote in the data folder.
+    doing
+        What was being done, for the sentence.
+    """
+    if error.errno in DISK_FULL:
+        return StorageFull(f"the disk is full: {doing} was given up; free some space in the data folder and try again")
+    if error.errno in DISK_AWAY:
+        reason = f"the data folder cannot be used ({error.strerror}): {doing} was given up"
+        return FolderUnavailable(f"{reason}; look at its disk or mount in the system's log")
+    return None
+
+
+@contextmanager
+def disk_outage_reported(doing: str) -> Iterator[None]:
+    """Turn a disk that is full, fails, is read-only or away into `StorageFull` or `FolderUnavailable`.
+
+    In the block no file may be missing but with a folder of ours: that is an outage too.
+
+    Parameters
+    ----------
+    doing
+        What was being done, for the sentence.
+    """
+    try:
+        yield
+    except FileNotFoundError as error:
+        msg = f"the data folder is not as it was ({str(error.filename)!r} is missing): {doing} was given up; look at "
+        raise FolderUnavailable(f"{msg}its disk or mount in the system's log") from error
+    except OSError as error:
+        outage = outage_of(error, doing)
+        if outage is None:
+            raise
+        raise outage from error

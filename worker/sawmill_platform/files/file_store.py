@@ -1,0 +1,547 @@
+"""The folders that hold uploads, results and what is being written.
+
+incoming/                       uploads while they arrive; incoming.lock is held by who receives them
+unfinished/<id>                 uploads that can be resumed, until they are used
+uploads/{scans,phantoms}/<id>/  what was uploaded, as it came
+uploads/inspections/<id>/       the same, for a day; a scan that is made of it has a second name of the same bytes
+scans/<id>/scan.h5              line integrals
+phantoms/<id>/                  nothing
+calibrations/<id>/              result.h5; report.png and overlay.png, drawn from it when first asked for
+reconstructions/<id>/           volume.h5
+<plural>/<id>/.<name>.sha256    the digest of a large file, while it is as it was (`noted_digests`)
+<plural>/<id>/                  of every other kind, by its plural (`sawmill_platform/contracts/kinds.py`)
+attempts/<job>-<attempt>-<…>/   where one attempt writes, and nobody else; renamed to one of those above at its success
+attempts/<…>/kept/              checkpoints that its supervisor has not yet taken
+attempts/<…>/work/              where its process works: what libraries write beside results; never published
+kept/<job>/                     checkpoints, for the job's next attempt; until the job ends
+removed/                        what is being deleted
+examples/                       what the examples were made of, so that they are made once in a folder's life
+identity                        a random id that the database knows too (`folder_identity`)
+serve.lock                      of the process that serves the folder (`sawmill_platform/workers/sole_service.py`); SQLite alone
+sawmill.db.spare                room that a cancellation is written into when the disk is full (`spare_room`)
+last-backup.json                when and where the last one was taken (`backups/newest.py`)
+restoring/                      what a restore has not put into its place: no store opens (`backups/restoring.py`)
+
+What is in none of the rows goes with time (`leftovers`).
+"""
+
+import asyncio
+import errno
+import fcntl
+import os
+import re
+import shutil
+import threading
+from collections.abc import AsyncIterable, Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Executor
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import NamedTuple
+from uuid import uuid4
+
+import structlog
+
+from sawmill_platform.contracts.jobs import JobKind
+from sawmill_platform.errors import (
+    FolderUnavailable,
+    NotFound,
+    StorageFull,
+    StorageMisconfigured,
+    StorageUnavailable,
+    disk_outage_reported,
+    outage_of,
+)
+from sawmill_platform.files.upload_stream import Arriving, AsSent, Content, Received, check_free, receive_in_threads
+from sawmill_platform.files.whole_files import flush
+
+SCAN_FILE = "scan.h5"
+UPLOADED_FILE = "original"
+_TEMPORARY = ("incoming", "removed")
+_KEPT = "kept"
+UNFINISHED = "unfinished"
+EXAMPLES = "examples"
+LAST_BACKUP = "last-backup.json"
+RESTORING = "restoring"
+IDENTITY = "identity"
+_TRIAL_BYTES = 4096
+_SAFE_NAME = re.compile(r"[a-z0-9][a-z0-9-]{0,63}")
+
+_log = structlog.get_logger()
+
+
+class Room(NamedTuple):
+    """Of a disk."""
+
+    free_bytes: int
+    size_bytes: int
+
+
+class FileStore:
+    """Paths and safe writing below one data folder.
+
+    Parameters
+    ----------
+    folder
+        Everything in it must be on one file system: publishing is a rename. Nothing is made before `make_folders`.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder.absolute()
+
+    def make_folders(self) -> None:
+        """Make what a data folder has; only where it is known to be the right one."""
+        for name in (*_TEMPORARY, *(kind.plural for kind in JobKind), "attempts", _KEPT, UNFINISHED):
+            (self.folder / name).mkdir(parents=True, exist_ok=True)
+
+    def check_there(self) -> None:
+        """Check that a data folder is in its place, without asking the database which one.
+
+        Raises
+        ------
+        FolderUnavailable
+            It is missing or empty, or its disk fails.
+        """
+        if read_identity(self.folder) is None:
+            raise FolderUnavailable(f"the data folder {str(self.folder)!r} is missing, empty or not mounted")
+
+    def check_writable(self) -> None:
+        """Check that this user may write to the data folder.
+
+        Raises
+        ------
+        FolderUnavailable
+            The user may not, or its disk is read-only or fails.
+        """
+        refuse_read_only(self.folder)
+        if not os.access(self.folder, os.W_OK | os.X_OK):
+            raise FolderUnavailable(
+                f"the data folder {str(self.folder)!r} cannot be written to by this user: check its owner"
+            )
+
+    def check_file(self, path: Path) -> None:
+        """Check that a file is there that rows name.
+
+        Raises
+        ------
+        FolderUnavailable
+            It is not.
+        """
+        if not path.is_file():
+            name = str(path.relative_to(self.folder))
+            raise FolderUnavailable(
+                f"the data folder {str(self.folder)!r} lacks the file {name!r}, which the database names: mount the "
+                "right folder, or restore the file from a backup"
+            )
+
+    def upload(self, kind: JobKind, subject_id: str) -> Path:
+        """Where the file lies that was uploaded for a job of this kind, as a scan's (`ingest`)."""
+        return self.folder / "uploads" / kind.plural / _checked(subject_id) / UPLOADED_FILE
+
+    def results(self, kind: JobKind, subject_id: str) -> Path:
+        """The final folder of a job's subject."""
+        return self.folder / kind.plural / _checked(subject_id)
+
+    def result(self, kind: JobKind, subject_id: str, name: str) -> Path:
+        """One file of that folder.
+
+        Raises
+        ------
+        NotFound
+            The job has not written it.
+        FolderUnavailable
+            The data folder is not in its place.
+        """
+        path = self.results(kind, subject_id) / name
+        if not path.is_file():
+            self.check_there()
+            raise NotFound(name.replace(".", "-"), subject_id)
+        return path
+
+    def kept(
+        self, kind: JobKind, subject_id: str, name: str, make: Callable[[], bytes], *, one_at_a_time: threading.Lock
+    ) -> Path:
+        """A file of that folder which is made when it is first asked for; it is there whole or not at all.
+
+        What is there waits for nobody; what is not is made once, however many ask.
+
+        Raises
+        ------
+        NotFound
+            The folder was removed while the file was made.
+        StorageFull
+            The disk is full.
+        """
+        path = self.results(kind, subject_id) / name
+        if path.is_file():
+            return path
+        with one_at_a_time:
+            if not path.is_file():
+                self._keep(make(), path)
+        return path
+
+    def scan(self, scan_id: str) -> Path:
+        """The canonical file of a scan, which `ingest` wrote."""
+        return self.result(JobKind.INGEST, scan_id, SCAN_FILE)
+
+    def volume(self, reconstruction_id: str) -> Path:
+        """The volume of a reconstruction."""
+        return self.result(JobKind.RECONSTRUCT, reconstruction_id, "volume.h5")
+
+    def make_attempt_folder(self, job_id: str, attempt: int) -> Path:
+        """An empty folder that this attempt alone writes and removes; what others left is not touched."""
+        path = self.folder / "attempts" / f"{_checked(job_id)}-{attempt}-{uuid4().hex}"
+        with disk_outage_reported("a job's output folder"):
+            path.mkdir()
+        return path
+
+    def kept_with(self, job_id: str) -> Path:
+        """The folder with the checkpoints of earlier attempts at a job, if they kept any."""
+        return self.folder / _KEPT / _checked(job_id)
+
+    def keep(self, output: Path, job_id: str, names: Sequence[str]) -> None:
+        """Move an attempt's checkpoints to its job, in place of older ones; one that is gone was moved before."""
+        folder = self.kept_with(job_id)
+        with disk_outage_reported("keeping a job's progress"):
+            folder.mkdir(exist_ok=True)
+            for name in names:
+                checkpoint = checkpoints_of(output) / _checked(name)
+                if checkpoint.is_file() and not checkpoint.is_symlink():
+                    with suppress(FileNotFoundError):
+                        checkpoint.rename(folder / name)
+                elif os.path.lexists(checkpoint):
+                    raise NotFound("file", name)
+            flush(folder)
+
+    def forget_kept(self, job_id: str) -> None:
+        """Remove the checkpoints of a job."""
+        self.remove(self.kept_with(job_id))
+
+    def publish(self, output: Path, final: Path) -> None:
+        """Rename an attempt's flushed output folder to its final name; an older folder of that name goes."""
+        with disk_outage_reported("publishing a result"):
+            self._remove(final)
+            output.rename(final)
+            flush(final.parent)
+
+    def remove(self, path: Path) -> None:
+        """Remove a file or folder in one step, as others see it; nothing happens if there is none.
+
+        What a disk that fails or is read-only keeps is a leftover: housekeeping removes it later.
+        """
+        try:
+            self._remove(path)
+        except OSError as error:
+            outage = outage_of(error, "removing files")
+            if outage is None:
+                raise
+            _log.warning("left-for-housekeeping", name=str(path.relative_to(self.folder)), reason=str(outage))
+
+    def _remove(self, path: Path) -> None:
+        parting = self.set_aside(path)
+        if parting is not None:
+            self.delete(parting)
+
+    def set_aside(self, path: Path) -> Path | None:
+        """Take a file or folder away from its name; `delete` must follow.
+
+        Returns
+        -------
+        Path or None
+            Where it is until then. None: there is none, or somebody else was faster.
+        """
+        parting = self.folder / "removed" / uuid4().hex
+        try:
+            path.rename(parting)
+        except FileNotFoundError:
+            return None
+        except OSError as error:
+            if not isinstance(outage_of(error, "removing files"), StorageFull):
+                raise
+            return path  # a full disk may have no room for one more name: then its files go one by one
+        return parting
+
+    def delete(self, path: Path) -> None:
+        """Delete what was set aside."""
+        if not path.is_dir():
+            path.unlink()
+            return
+        try:
+            shutil.rmtree(path)
+        except (RecursionError, PermissionError):  # made by somebody who wanted it to stay
+            self._delete_one_by_one(path)
+
+    def _delete_one_by_one(self, path: Path) -> None:
+        """Delete a folder however deep its folders lie, and though they are closed to their owner."""
+        path.chmod(0o700)
+        folders = [path]
+        while folders:
+            folder = folders.pop()
+            with os.scandir(folder) as found:
+                entries = list(found)
+            for entry in entries:
+                if entry.is_dir(follow_symlinks=False):
+                    Path(entry.path).chmod(0o700)
+                    folders.append(Path(entry.path).rename(self.folder / "removed" / uuid4().hex))
+                else:
+                    Path(entry.path).unlink()
+            folder.rmdir()
+
+    def room(self) -> Room:
+        """Return what the data folder's disk has, or raise `FolderUnavailable`."""
+        self.check_there()
+        usage = shutil.disk_usage(self.folder)
+        return Room(free_bytes=usage.free, size_bytes=usage.total)
+
+    def check_room(self, reserve_bytes: int, *, needed_by: str) -> None:
+        """As the function, where uploads arrive."""
+        check_room(self.folder / "incoming", reserve_bytes, needed_by=needed_by)
+
+    def keep_upload(self, received: Received, kind: JobKind, subject_id: str) -> None:
+        """Give an upload its owner.
+
+        Raises
+        ------
+        StorageFull, StorageUnavailable
+            The disk is full, or the upload was so long on its way that it was taken for a leftover.
+        """
+        self.check_there()
+        path = self.upload(kind, subject_id)
+        with disk_outage_reported("storing the upload"):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            try:
+                received.path.rename(path)
+            except FileNotFoundError as error:
+                raise StorageUnavailable("the upload stood still until it was given up: send it again") from error
+            flush(path.parent)
+            flush(path.parent.parent)
+
+    def receive_again(self, kind: JobKind, subject_id: str, *, size_bytes: int, sha256: str) -> Received | None:
+        """An upload that has an owner, under a second name for another one: no byte is copied. None: it is gone."""
+        return self.second_name(self.upload(kind, subject_id), size_bytes=size_bytes, sha256=sha256)
+
+    def second_name(self, file: Path, *, size_bytes: int, sha256: str) -> Received | None:
+        """A file as an upload that belongs to nobody; None: it is gone."""
+        path = self.folder / "incoming" / uuid4().hex
+        with disk_outage_reported("the upload"):
+            try:
+                path.hardlink_to(file)
+            except FileNotFoundError:
+                self.check_there()
+                return None
+        return Received(path, size_bytes, sha256)
+
+    def unfinished(self, upload_id: str) -> Path:
+        """Where an upload lies that can be resumed."""
+        return self.folder / UNFINISHED / _checked(upload_id)
+
+    def remove_upload(self, kind: JobKind, subject_id: str) -> None:
+        """Remove an uploaded file."""
+        self.remove(self.upload(kind, subject_id).parent)
+
+    def discard(self, received: Received) -> None:
+        """Remove an upload that found no owner."""
+        received.path.unlink(missing_ok=True)
+
+    @contextmanager
+    def receiving(self) -> Iterator[None]:
+        """While a service receives uploads; where no other one does, what a killed one left goes first."""
+        with (self.folder / "incoming.lock").open("w") as lock:
+            with suppress(BlockingIOError):
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                for left in (self.folder / "incoming").iterdir():
+                    left.unlink(missing_ok=True)
+            fcntl.flock(lock, fcntl.LOCK_SH)
+            yield
+
+    def receive(self, chunks: Iterable[bytes], *, max_bytes: int) -> Received:
+        """Write an upload to the disk as it comes.
+
+        Parameters
+        ----------
+        chunks
+            The file's bytes.
+        max_bytes
+            The largest upload allowed.
+
+        Returns
+        -------
+        Received
+            Complete and flushed; `Scans.accept` or `discard` must follow.
+
+        Raises
+        ------
+        UploadTooLarge, StorageFull
+            Nothing is left behind; nor is it when the iterable raises.
+        """
+        upload = self._arriving(max_bytes)
+        try:
+            with disk_outage_reported("the upload"):
+                for chunk in chunks:
+                    upload.write(chunk)
+            return upload.finish(AsSent())
+        except BaseException:
+            upload.abandon()
+            raise
+
+    async def receive_stream(
+        self,
+        chunks: AsyncIterable[bytes],
+        *,
+        max_bytes: int,
+        reserve_bytes: int = 0,
+        content: Content | None = None,
+        executor: Executor | None = None,
+    ) -> Received:
+        """As `receive`, for a request's body; a client that goes away leaves nothing behind.
+
+        Parameters
+        ----------
+        reserve_bytes
+            What must stay free on the disk.
+        content
+            What the chunks stand for; null: the file's bytes are sent as they are.
+        executor
+            Whose threads take what comes; null: those of all uploads.
+        """
+        arriving = await asyncio.to_thread(self._arriving, max_bytes, reserve_bytes)
+        return await receive_in_threads(arriving, chunks, content or AsSent(), executor)
+
+    def _keep(self, content: bytes, path: Path) -> None:
+        made = self.receive([content], max_bytes=len(content))
+        try:
+            made.path.rename(path)
+        except FileNotFoundError:
+            self.discard(made)
+            raise NotFound(path.name.replace(".", "-"), path.parent.name) from None
+        flush(path.parent)
+
+    def _arriving(self, max_bytes: int, reserve_bytes: int = 0) -> Arriving:
+        path = self.folder / "incoming" / uuid4().hex
+        return Arriving(path, max_bytes=max_bytes, reserve_bytes=reserve_bytes)
+
+
+def read_identity(folder: Path) -> str | None:
+    """Return the identity in a folder; None: there is none, as where a share is not mounted.
+
+    Raises
+    ------
+    FolderUnavailable
+        The folder's disk fails, or the file cannot be read.
+    """
+    with disk_outage_reported("reading its identity"):
+        try:
+            return (folder / IDENTITY).read_text(errors="replace").strip()
+        except (FileNotFoundError, NotADirectoryError):
+            return None
+        except (IsADirectoryError, PermissionError) as error:
+            raise FolderUnavailable(
+                f"the file {IDENTITY!r} of the data folder {str(folder)!r} cannot be read by this user "
+                f"({error.strerror}): check its owner"
+            ) from error
+
+
+def is_read_only(folder: Path) -> bool:
+    """Whether a folder's disk is read-only now, as a file system makes itself when the disk has errors.
+
+    Raises
+    ------
+    FolderUnavailable
+        The folder is not there, or its disk fails.
+    """
+    with disk_outage_reported("looking at its disk"):
+        if os.statvfs(folder).f_flag & os.ST_RDONLY:
+            return True
+    # ext4 does not report it by that flag any more, and refuses every new file: also one without a name.
+    try:
+        os.close(os.open(folder, os.O_WRONLY | os.O_TMPFILE, 0o600))
+    except OSError as error:
+        return error.errno == errno.EROFS
+    return False
+
+
+def refuse_read_only(folder: Path) -> None:
+    """Refuse a folder on a disk that cannot be written to.
+
+    Raises
+    ------
+    FolderUnavailable
+        The disk is mounted read-only or fails, or the folder is not there.
+    """
+    if is_read_only(folder):
+        raise FolderUnavailable(
+            f"the data folder {str(folder)!r} is on a disk that is read-only now: look for the disk's errors in the "
+            "system's log, and mount it for writing again"
+        )
+
+
+def refuse_half_restored(folder: Path) -> None:
+    """Refuse a data folder that a restore was putting together when it was ended.
+
+    Raises
+    ------
+    StorageMisconfigured
+        It is one.
+    """
+    if (folder / RESTORING).exists():
+        msg = f"a restore into {str(folder)!r} goes on, or was ended before its end: wait for it, or give it once more"
+        raise StorageMisconfigured(msg)
+
+
+def checkpoints_of(output: Path) -> Path:
+    """The folder in an attempt's own where it leaves checkpoints: they are no results."""
+    return output / _KEPT
+
+
+def work_of(output: Path) -> Path:
+    """The folder in an attempt's own where its process works: what libraries write there is no result."""
+    return output / "work"
+
+
+def check_room(folder: Path, reserve_bytes: int, *, needed_by: str) -> None:
+    """Check that files can be written into a folder of ours, by writing one.
+
+    Parameters
+    ----------
+    reserve_bytes, needed_by
+        What must be free, and what needs it, for the sentence.
+
+    Raises
+    ------
+    StorageFull
+        Less than `reserve_bytes` is free, or no room for a small file.
+    FolderUnavailable
+        The folder is not there, or its disk fails or is read-only.
+    """
+    check_free(folder, reserve_bytes, needed_by=needed_by)
+    trial = folder / uuid4().hex
+    with disk_outage_reported("a trial"):
+        try:
+            trial.write_bytes(bytes(_TRIAL_BYTES))
+        finally:
+            trial.unlink(missing_ok=True)
+
+
+def flush_tree(folder: Path) -> None:
+    """Make a folder and the files in it durable.
+
+    Raises
+    ------
+    StorageFull
+        The disk is full.
+    """
+    with disk_outage_reported("a result"):
+        for path in folder.rglob("*"):
+            flush(path)
+        flush(folder)
+
+
+def note_of(path: Path) -> Path:
+    """Where a large file's digest is noted (`noted_digests`)."""
+    return path.with_name(f".{path.name}.sha256")
+
+
+def _checked(identifier: str) -> str:
+    """A name that cannot leave its folder."""
+    if not _SAFE_NAME.fullmatch(identifier):
+        raise NotFound("file", identifier)
+    return identifier

@@ -1,0 +1,109 @@
+"""The identity of a data folder: a random id, in a file of the folder and in a row of its database.
+
+A process whose share is not mounted sees an empty folder, or another one. By the identity it knows that, and does
+nothing there. A copied folder keeps its identity; a restore gives folder and database a new one.
+"""
+
+from datetime import UTC, datetime
+from pathlib import Path
+from uuid import uuid4
+
+from sqlalchemy import ColumnElement, Connection, exists, insert, select
+from sqlalchemy.orm import Session
+
+from sawmill_platform.contracts.jobs import JobKind
+from sawmill_platform.database.tables import DataFolderRow
+from sawmill_platform.errors import FolderUnavailable, StorageMisconfigured
+from sawmill_platform.files.file_store import IDENTITY, UNFINISHED, read_identity
+from sawmill_platform.files.whole_files import flush_names, whole_file
+from sawmill_store.named_by_rows import succeeded, uploaded
+
+# What has files once something was uploaded.
+_USED = ("uploads", UNFINISHED, *(kind.plural for kind in JobKind))
+_WITH_FILES = (JobKind.CALIBRATE, JobKind.RECONSTRUCT)
+_LOOKED_AT = 100
+
+
+def database_expects(identity: str | None) -> ColumnElement[bool]:
+    """Return a condition for statements: the database's identity is this one."""
+    return exists().where(DataFolderRow.identity == identity)
+
+
+def check_identity(connection: Connection | Session, folder: Path) -> None:
+    """Check that a folder is the one that its database knows.
+
+    Raises
+    ------
+    FolderUnavailable
+        It is missing, empty or another one.
+    """
+    expected, found = connection.scalar(select(DataFolderRow.identity)), read_identity(folder)
+    if found is None:
+        raise FolderUnavailable(
+            f"the data folder {str(folder)!r} is missing, empty or not mounted: it has no file {IDENTITY!r}, and the "
+            f"database expects the folder with the identity {expected}"
+        )
+    if found != expected:
+        raise FolderUnavailable(
+            f"the data folder {str(folder)!r} is another one: it has the identity {found!r}, and the database expects "
+            f"the folder with the identity {expected}"
+        )
+
+
+def settle_identity(connection: Connection, is_new: bool, *, folder: Path, may_begin: bool) -> None:  # noqa: FBT001
+    """Give a folder and its database one identity where the database has none; otherwise compare them.
+
+    Parameters
+    ----------
+    connection
+        Within the transaction that sets up the tables: one process at a time does.
+    is_new
+        Whether the database had no tables. Else they were those of 0.1.0, and the folder must have files of theirs.
+    may_begin
+        Whether an empty folder will do where the rows name no files.
+
+    Raises
+    ------
+    FolderUnavailable
+        The folder is not the database's.
+    StorageMisconfigured
+        The database is new, and the folder has files of another one.
+    """
+    if connection.scalar(select(DataFolderRow.identity)) is not None:
+        check_identity(connection, folder)
+        return
+    named = [] if is_new else _first_named(connection, folder)
+    if not (any(path.exists() for path in named) if named else may_begin):
+        raise FolderUnavailable(
+            f"the data folder {str(folder)!r} is missing, empty or not mounted: it has none of the files that the "
+            "database names"
+        )
+    if is_new:
+        refuse_used(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    # One that was killed before its commit has left a file.
+    write_identity(connection, folder, read_identity(folder) or uuid4().hex)
+
+
+def refuse_used(folder: Path) -> None:
+    """Refuse a folder with files for a new database, or raise `StorageMisconfigured`."""
+    if any(any((folder / name).glob("*")) for name in _USED):
+        raise StorageMisconfigured(
+            f"the data folder {str(folder)!r} has files, and the database is new and knows none of them: give the "
+            "database that belongs to the folder, or an empty folder"
+        )
+
+
+def write_identity(connection: Connection | Session, folder: Path, identity: str) -> None:
+    """Write an identity into a folder, and into a database that has none."""
+    with whole_file(folder / IDENTITY) as file:
+        file.write(f"{identity}\n".encode())
+    flush_names(folder)
+    connection.execute(insert(DataFolderRow).values(number=1, identity=identity))
+
+
+def _first_named(connection: Connection, folder: Path) -> list[Path]:
+    """Return some of the folders that rows name."""
+    uploads = uploaded(JobKind.INGEST, lambda: datetime.now(UTC))
+    named = {f"uploads/{JobKind.INGEST.plural}": uploads} | {kind.plural: succeeded(kind) for kind in _WITH_FILES}
+    return [folder / name / each for name, ids in named.items() for each in connection.scalars(ids.limit(_LOOKED_AT))]

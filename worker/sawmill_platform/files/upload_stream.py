@@ -1,0 +1,184 @@
+"""A file that is being written as it arrives: bounded, counted, hashed, and never into the disk's reserve."""
+
+import asyncio
+import contextvars
+import hashlib
+import os
+import shutil
+import time
+from collections.abc import AsyncIterable, AsyncIterator, Callable, Iterable
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO, Protocol, TypeVar
+
+from sawmill_platform.errors import StorageFull, UploadTooLarge, disk_outage_reported
+
+# What goes to a thread at once: as much for each upload is in memory twice at most.
+PART_BYTES = 256 * 2**10
+# On a slow line what has come goes there all the same.
+_PART_S = 1.0
+# Between two looks at the disk. What lies there then is flushed, so that no other write waits long for that.
+STEP_BYTES = 16 * 2**20
+
+Done = TypeVar("Done")
+
+
+@dataclass(frozen=True)
+class Received:
+    """An upload that is complete and durable, but belongs to nobody yet; `upload_id`: that which can be resumed."""
+
+    path: Path
+    size_bytes: int
+    sha256: str
+    upload_id: str | None = None
+
+
+class Content(Protocol):
+    """What the bytes that were sent stand for; its methods are called in a thread."""
+
+    def take(self, part: bytes) -> Iterable[bytes]:
+        """The file's bytes in a part of what was sent."""
+
+    def end(self) -> None:
+        """Refuse what did not come whole."""
+
+
+class AsSent:
+    """The file's bytes themselves."""
+
+    def take(self, part: bytes) -> Iterable[bytes]:
+        """That part."""
+        return (part,)
+
+    def end(self) -> None:
+        """Nothing can be missing."""
+
+
+class Arriving:
+    """A new file.
+
+    Parameters
+    ----------
+    path
+        Of no file yet.
+    max_bytes
+        The largest upload allowed.
+    reserve_bytes
+        What must stay free on the disk.
+    """
+
+    def __init__(self, path: Path, *, max_bytes: int, reserve_bytes: int = 0) -> None:
+        self._path = path
+        self._max_bytes, self._reserve_bytes = max_bytes, reserve_bytes
+        self._size, self._next_step = 0, STEP_BYTES
+        self._hash = hashlib.sha256()
+        with disk_outage_reported("the upload"):
+            self._file: BinaryIO = path.open("xb")
+
+    def write(self, chunk: bytes) -> None:
+        """Write on.
+
+        Raises
+        ------
+        UploadTooLarge, StorageFull
+            It may not, or cannot, become so long.
+        """
+        self._size += len(chunk)
+        if self._size > self._max_bytes:
+            raise UploadTooLarge(self._max_bytes)
+        with disk_outage_reported("the upload"):
+            self._file.write(chunk)
+            if self._size >= self._next_step:
+                self._next_step = self._size + STEP_BYTES
+                self._file.flush()
+                os.fdatasync(self._file.fileno())
+                check_free(self._path.parent, self._reserve_bytes, needed_by="SAWMILL_DISK_RESERVE_BYTES")
+        self._hash.update(chunk)
+
+    def take(self, content: Content, part: bytes) -> None:
+        """Write what a part stands for."""
+        for chunk in content.take(part):
+            self.write(chunk)
+
+    def take_last(self, content: Content, part: bytes) -> Received:
+        """Write the last part and end."""
+        self.take(content, part)
+        return self.finish(content)
+
+    def finish(self, content: Content) -> Received:
+        """Make it durable, if it came whole."""
+        content.end()
+        with disk_outage_reported("the upload"):
+            self._file.flush()
+            os.fsync(self._file.fileno())
+            self._file.close()
+        return Received(self._path, self._size, self._hash.hexdigest())
+
+    def abandon(self) -> None:
+        """Leave nothing behind."""
+        with disk_outage_reported("the upload"):
+            self._path.unlink(missing_ok=True)
+            self._file.close()
+
+
+async def receive_in_threads(
+    arriving: Arriving, chunks: AsyncIterable[bytes], content: Content, executor: Executor | None = None
+) -> Received:
+    """Write what comes, in threads: neither the disk nor the sums keep other requests waiting."""
+    last = b""  # with its end it takes one thread, not two: most bodies are one part
+    try:
+        async for part in in_parts(chunks):
+            if last:
+                await in_thread(executor, arriving.take, content, last)
+            last = part
+        return await in_thread(executor, arriving.take_last, content, last)
+    except Exception:
+        await asyncio.to_thread(arriving.abandon)
+        raise
+    except BaseException:  # cancelled: it may not wait for a thread
+        arriving.abandon()
+        raise
+
+
+async def in_thread(executor: Executor | None, call: Callable[..., Done], *given: object) -> Done:
+    """As `asyncio.to_thread`, in an executor's thread; null: the event loop's own executor."""
+    run = contextvars.copy_context().run
+    return await asyncio.get_running_loop().run_in_executor(executor, run, call, *given)
+
+
+async def in_parts(chunks: AsyncIterable[bytes]) -> AsyncIterator[bytes]:
+    """The same bytes in parts of about `PART_BYTES`, or of what comes in a second; the last one as it is."""
+    part, given_s = bytearray(), time.monotonic()
+    try:
+        async for chunk in chunks:
+            part += chunk
+            if len(part) >= PART_BYTES or (part and time.monotonic() - given_s > _PART_S):
+                yield bytes(part)
+                part.clear()
+                given_s = time.monotonic()
+    except Exception:  # they broke off: what came before that is not lost
+        yield bytes(part)
+        raise
+    if part:
+        yield bytes(part)
+
+
+def check_free(folder: Path, reserve_bytes: int, *, needed_by: str) -> None:
+    """Check that so much is free where a folder is.
+
+    Raises
+    ------
+    StorageFull
+        Less is.
+    FolderUnavailable
+        The folder is not there, or its disk fails.
+    """
+    with disk_outage_reported("measuring the disk"):
+        free = shutil.disk_usage(folder).free
+    if free < reserve_bytes:
+        msg = (
+            f"the disk is full: {free} bytes are free in the data folder, and {needed_by} needs {reserve_bytes}; "
+            "free some space"
+        )
+        raise StorageFull(msg)

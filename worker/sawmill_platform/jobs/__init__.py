@@ -1,0 +1,1 @@
+"""Jobs: the store of their rows, the queue, its limits and its estimates."""

@@ -1,0 +1,603 @@
+"""The job store: claims, leases, ends (docs/architecture.md#jobs).
+
+A claim is one conditional UPDATE of the job whose turn it is (`turns`). The attempt number fences: whatever an attempt
+reports counts only while the row is still running that attempt. Losses are counted apart from it, for a worker that
+stops cleanly loses nothing.
+"""
+
+import random
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, replace
+from datetime import UTC, datetime, timedelta
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from sqlalchemy import ColumnElement, Select, and_, exists, func, or_, select, update
+from sqlalchemy.orm import Session, aliased
+
+from sawmill_contracts.handed_over import HandedOver
+from sawmill_platform.contracts.audit import AuditAction
+from sawmill_platform.contracts.base import Page
+from sawmill_platform.contracts.events import EventKind
+from sawmill_platform.contracts.jobs import ENDED, Failure, FailureKind, Job, JobKind, JobState, Priority
+from sawmill_platform.database.database import Database, after_commit, lock_files_of
+from sawmill_platform.database.paging import found, narrowed, rows_of_page
+from sawmill_platform.database.tables import JobDependencyRow, JobRow, Json
+from sawmill_platform.errors import Conflict, LeaseLost, StorageFull, StorageUnavailable
+from sawmill_platform.files.file_store import FileStore, read_identity
+from sawmill_platform.files.folder_identity import check_identity, database_expects
+from sawmill_platform.jobs.retries import LONGEST_WAIT_S, Retries
+from sawmill_platform.jobs.turns import ANY, FIRST_COME, QUEUED, Selection, note_served, places, turns
+from sawmill_platform.jobs.wait_estimate import NOTHING_KNOWN, WaitEstimate, WaitEstimates
+from sawmill_platform.ledger.audit import write_audit
+from sawmill_platform.ledger.events import PEAK_MEMORY, record, record_cancel_requested
+from sawmill_store.handing_over import handed_over
+from sawmill_store.subjects import checked_result, record_end_without_result, record_success
+from sawmill_vocabulary import Progress
+
+_JITTER = 0.25  # what failed together is not tried again together
+# Not the job's fault nor its attempt's: waited out as long as they last. `disk-full`: a job's own check beforehand.
+_OUTAGES = {StorageFull.code, StorageUnavailable.code, "disk-full"}
+_ENDED_HERE = "jobs ended in this session"
+_CANCELLED = "its job was cancelled before it ended"
+
+
+RETRIES = Retries()
+
+
+class Pulse(NamedTuple):
+    """How often a running attempt has sent a heartbeat: what an observer compares with what it saw before."""
+
+    job_id: str
+    attempt: int
+    beats: int
+    cancel_requested: bool
+
+
+@dataclass(frozen=True)
+class Claim:
+    """The right to run one attempt at a job, for as long as observers see its heartbeats.
+
+    Attributes
+    ----------
+    job : Job
+        As it was claimed.
+    selection : Selection
+        Which jobs the worker that claimed it takes.
+    """
+
+    job: Job
+    selection: Selection = ANY
+
+    @property
+    def job_id(self) -> str:
+        """The job's id."""
+        return self.job.id
+
+    @property
+    def attempt(self) -> int:
+        """The number that fences this attempt off from earlier and later ones."""
+        return self.job.attempt
+
+
+class Jobs:
+    """Every method is one transaction."""
+
+    def __init__(self, database: Database, files: FileStore) -> None:
+        self._database = database
+        self._files = files
+        self._estimates = WaitEstimates()
+
+    def get(self, job_id: str) -> Job:
+        """One job, or `NotFound`."""
+        with self._database.read() as session:
+            return self._described(session, [found(session, JobRow, "job", job_id)])[0]
+
+    def page(
+        self,
+        *,
+        state: JobState | None = None,
+        kind: JobKind | None = None,
+        after: str | None = None,
+        limit: int = 50,
+    ) -> Page[Job]:
+        """Jobs, newest first."""
+        statement = narrowed(select(JobRow), {JobRow.state: state, JobRow.kind: kind})
+        with self._database.read() as session:
+            rows, following = rows_of_page(session, statement, JobRow, after=after, limit=limit)
+            return Page[Job](items=self._described(session, rows), next=following)
+
+    def waiting_in_line(self, *, kind: JobKind | None = None, limit: int = 50) -> list[Job]:
+        """Queued jobs, those first whose turn is next."""
+        with self._database.read() as session:
+            first = [place.job_id for place in places(session) if kind in {None, place.kind}][:limit]
+            rows = {row.id: row for row in session.scalars(select(JobRow).where(JobRow.id.in_(first)))}
+            return self._described(session, [rows[job_id] for job_id in first])
+
+    def ended_page(self, *, kind: JobKind | None = None, after: str | None = None, limit: int = 50) -> Page[Job]:
+        """Jobs that have ended however they did, those asked for last first."""
+        statement = narrowed(select(JobRow).where(JobRow.state.in_(ENDED)), {JobRow.kind: kind})
+        with self._database.read() as session:
+            rows, following = rows_of_page(session, statement, JobRow, after=after, limit=limit)
+            return Page[Job](items=self._described(session, rows), next=following)
+
+    def counts(self) -> dict[JobState, int]:
+        """How many jobs are in each state, none included."""
+        with self._database.read() as session:
+            counted = session.execute(select(JobRow.state, func.count().label("number")).group_by(JobRow.state))
+            return dict.fromkeys(JobState, 0) | {row.state: row.number for row in counted}
+
+    def request_cancel(self, job_id: str) -> Job:
+        """Cancel a queued job at once; ask the worker of a running one to stop; on a full disk too.
+
+        Raises
+        ------
+        NotFound, Conflict
+            There is no such job, or it has ended.
+        """
+        with self._ending() as session:
+            self._database.spare_room.give_up_piece()
+            row = found(session, JobRow, "job", job_id, lock=True)
+            if row.state.ended:
+                raise Conflict("job-ended", f"job {job_id!r} has {row.state} already and cannot be cancelled")
+            if not row.cancel_requested:
+                of = {"kind": row.kind, "subject_id": row.subject_id}
+                now = self._database.now()
+                write_audit(session, now, AuditAction.JOB_CANCELLED, job_id, of)
+                if row.state is JobState.RUNNING:
+                    record_cancel_requested(session, now, row)
+            row.cancel_requested = True
+            if row.state is JobState.QUEUED:
+                self._cancel(session, row)
+            session.flush()
+            return self._described(session, [row])[0]
+
+    def claim(self, worker: str, selection: Selection = ANY) -> Claim | None:
+        """Take the job whose turn it is: of those that could start and come first by priority, the oldest of its group.
+
+        Of several groups the one that was served longest ago has its turn.
+
+        Parameters
+        ----------
+        worker
+            Who takes it, for people to read.
+        selection
+            Which jobs it takes.
+
+        Returns
+        -------
+        Claim or None
+            None when there is nothing to do. Of many callers at once, one gets a job.
+
+        Raises
+        ------
+        FolderUnavailable
+            The data folder is missing, empty, another one than the database's or read-only.
+        StorageFull, StorageUnavailable
+            The database cannot write.
+        """
+        identity = read_identity(self._files.folder)
+        if identity is not None:
+            self._files.check_writable()
+        now = self._database.now()
+        ready = _claimable(now, selection).with_only_columns(JobRow.id).order_by(JobRow.created_at, JobRow.id).limit(1)
+        taken = (
+            update(JobRow)
+            .where(QUEUED, database_expects(identity))
+            .values(
+                state=JobState.RUNNING,
+                attempt=JobRow.attempt + 1,
+                worker=worker,
+                beats=0,
+                not_before_s=None,
+                waiting_for=None,
+                started_at=now,
+                progress=None,
+            )
+            .returning(JobRow.id)
+            .execution_options(synchronize_session=False)
+        )
+        with self._database.write() as session:
+            for turn in turns(session, selection):
+                oldest = ready.where(*turn.conditions()).with_for_update(skip_locked=True)
+                claimed = session.scalar(taken.where(JobRow.id == oldest.scalar_subquery()))
+                if claimed is not None:
+                    note_served(session, selection, turn)
+                    row = found(session, JobRow, "job", claimed)
+                    record(session, now, EventKind.STARTED, row)
+                    return Claim(read_job(row), selection)
+            check_identity(session, self._files.folder)
+            return None
+
+    def heartbeat(self, claim: Claim, progress: Progress | None = None) -> bool:
+        """Say that the attempt is alive, and carry progress out.
+
+        Returns
+        -------
+        bool
+            Whether somebody asked for the job to be cancelled.
+
+        Raises
+        ------
+        LeaseLost
+            The attempt no longer holds the job.
+        """
+        values: dict[str, Any] = {"beats": JobRow.beats + 1}
+        if progress is not None:
+            values["progress"] = asdict(progress)
+        with self._database.write() as session:
+            cancel = session.scalar(
+                update(JobRow)
+                .where(_held_by(claim))
+                .values(values)
+                .returning(JobRow.cancel_requested)
+                .execution_options(synchronize_session=False)
+            )
+        if cancel is None:
+            raise LeaseLost(claim.job_id, claim.attempt)
+        return cancel
+
+    def handed_over(self, job_id: str) -> HandedOver:
+        """What a job works on.
+
+        Raises
+        ------
+        NotFound
+            What it refers to was deleted since it was asked for, as a plan's phantom, which a plan does not keep.
+        StorageUnavailable
+            The database does not answer.
+        """
+        with self._database.read() as session:
+            return handed_over(session, self._files, found(session, JobRow, "job", job_id))
+
+    def keep(self, claim: Claim, output: Path, names: Sequence[str]) -> None:
+        """Keep an attempt's checkpoints with the job: it has made progress, so that its losses are counted anew.
+
+        Parameters
+        ----------
+        claim
+            The attempt's.
+        output
+            Its folder.
+        names
+            Of the checkpoints in it.
+
+        Raises
+        ------
+        LeaseLost
+            The attempt no longer holds the job: what was kept stays as it is.
+        """
+        with self._database.write() as session:
+            row = _held(session, claim)
+            # Moved while the row is locked: a late attempt cannot replace what a newer one has kept.
+            self._files.keep(output, claim.job_id, names)
+            row.losses = row.outages = 0
+
+    def succeed(
+        self,
+        claim: Claim,
+        result: dict[str, Any],
+        output: Path,
+        *,
+        peak_memory_bytes: int | None = None,
+    ) -> None:
+        """Publish an attempt's files and result, both or neither.
+
+        Parameters
+        ----------
+        claim
+            The attempt's.
+        result
+            What jobs of its kind answer with; stored with the job's subject.
+        output
+            The attempt's folder, flushed (`flush_tree`) by whoever wrote it; renamed to its subject's.
+        peak_memory_bytes
+            The most memory that the attempt's process held, for its event.
+
+        Raises
+        ------
+        LeaseLost
+            The attempt no longer holds the job: nothing was published.
+        pydantic.ValidationError
+            The result is not what jobs of this kind answer with.
+        """
+        kind, subject_id = claim.job.kind, claim.job.subject_id
+        checked = checked_result(kind, result)
+        with self._ending() as session:
+            row = _held(session, claim)
+            self._end(session, row, JobState.SUCCEEDED, EventKind.SUCCEEDED, detail=_measured(peak_memory_bytes))
+            record_success(session, kind, subject_id, checked, self._database.now())
+            session.flush()
+            # Renamed while the row is locked: a late attempt cannot replace a newer one's files. When the commit fails
+            # the files stay: it may have come through. If not, the next attempt replaces them, or `leftovers` does.
+            lock_files_of(session, subject_id)
+            self._files.publish(output, self._files.results(kind, subject_id))
+
+    def fail(
+        self,
+        claim: Claim,
+        failure: Failure,
+        *,
+        retries: Retries = RETRIES,
+        peak_memory_bytes: int | None = None,
+    ) -> JobState:
+        """End an attempt that failed: after a passing failure the job waits in the queue, up to its last loss.
+
+        Parameters
+        ----------
+        claim
+            The attempt's.
+        failure
+            Why it ended.
+        retries
+            When it is tried again.
+        peak_memory_bytes
+            The most memory that the attempt's process held, for its event.
+
+        Returns
+        -------
+        JobState
+            `queued`, `failed`, or `cancelled` where that was asked for meanwhile.
+
+        Raises
+        ------
+        LeaseLost
+            The attempt no longer holds the job.
+        """
+        with self._ending() as session:
+            row = _held(session, claim)
+            self._fail(session, row, failure, retries, peak_memory_bytes)
+            return row.state
+
+    def cancelled(self, claim: Claim) -> None:
+        """End a running job as asked by `request_cancel`, or raise `LeaseLost`."""
+        with self._ending() as session:
+            self._cancel(session, _held(session, claim))
+
+    def release(self, claim: Claim) -> JobState:
+        """Give a running job back to the queue because its worker stops or others go first, or raise `LeaseLost`.
+
+        Returns
+        -------
+        JobState
+            `queued`, or `cancelled` where that was asked for meanwhile.
+        """
+        with self._ending() as session:
+            row = _held(session, claim)
+            if row.cancel_requested:
+                self._cancel(session, row)
+            else:
+                record(session, self._database.now(), EventKind.GIVEN_BACK, row)
+                requeue(row)
+            return row.state
+
+    def pulses(self) -> Sequence[Pulse]:
+        """Of all running jobs."""
+        columns = (JobRow.id, JobRow.attempt, JobRow.beats, JobRow.cancel_requested)
+        with self._database.read() as session:
+            return [Pulse(*row) for row in session.execute(select(*columns).where(JobRow.state == JobState.RUNNING))]
+
+    def is_silent_still(self, pulse: Pulse) -> bool:
+        """Whether no heartbeat has come since, asked by a write: where nobody can write, silence says nothing.
+
+        Raises
+        ------
+        StorageFull, StorageUnavailable
+            The database cannot write.
+        """
+        asked = update(JobRow).where(_silent(pulse)).values(beats=JobRow.beats).returning(JobRow.id)
+        with self._database.write() as session:
+            return session.scalar(asked.execution_options(synchronize_session=False)) is not None
+
+    def take_back(self, pulse: Pulse, *, retries: Retries = RETRIES) -> Job | None:
+        """Take a job from an attempt that has sent no heartbeat since its pulse was seen.
+
+        Returns
+        -------
+        Job or None
+            As it stands now: queued again, failed at the last loss (`worker-lost`), or cancelled if asked. None: the
+            attempt has ended, or a heartbeat has come.
+        """
+        with self._ending() as session:
+            row = session.scalar(select(JobRow).where(_silent(pulse)).with_for_update())
+            if row is None:
+                return None
+            self._fail(session, row, _worker_lost(row), retries)
+            session.flush()
+            return read_job(row)
+
+    def queued_job_ids(
+        self, *, older_than_s: float = 0.0, short: bool | None = None, limit: int | None = None
+    ) -> Sequence[str]:
+        """Jobs that could have started that long ago, first come first: their wake-up may be lost."""
+        since = self._database.now() - timedelta(seconds=older_than_s)
+        # Not the column itself, by which SQLite would find them and then sort them all.
+        ready = _claimable(since, Selection(short=short)).where(func.coalesce(JobRow.created_at, since) <= since)
+        with self._database.read() as session:
+            return session.scalars(ready.with_only_columns(JobRow.id).order_by(*FIRST_COME).limit(limit)).all()
+
+    def could_start(self, selection: Selection) -> bool:
+        """Whether a job of a selection waits that could start now."""
+        ready = _claimable(self._database.now(), selection).with_only_columns(JobRow.id).limit(1)
+        with self._database.read() as session:
+            return session.scalar(ready) is not None
+
+    def is_short(self, job_id: str) -> bool:
+        """Whether there is such a job, and it takes seconds."""
+        with self._database.read() as session:
+            return bool(session.scalar(select(JobRow.short).where(JobRow.id == job_id)))
+
+    def short_job_is_held_up(self, workers: int) -> bool:
+        """Whether a short job could start, were it not for long ones that keep all of some workers busy."""
+        foreground = JobRow.priority < Priority.BACKGROUND  # others give way, or have time
+        long = select(func.count()).where(JobRow.state == JobState.RUNNING, ~JobRow.short, foreground)
+        waiting = _claimable(self._database.now(), Selection(short=True)).where(foreground).with_only_columns(JobRow.id)
+        with self._database.read() as session:
+            busy = (session.scalar(long) or 0) >= workers
+            return busy and session.scalar(waiting.limit(1)) is not None
+
+    def is_in_the_way(self, claim: Claim) -> bool:
+        """Whether an attempt's job is for idle times, as its row stands now, and one could start there that is not."""
+        others = JobRow.priority < Priority.BACKGROUND
+        # Who took a long job now may take a short one next.
+        takes = replace(claim.selection, short=claim.selection.short or None)
+        other = _claimable(self._database.now(), takes).with_only_columns(JobRow.id).where(others).limit(1)
+        itself = select(JobRow.id).where(_held_by(claim), ~others)
+        with self._database.read() as session:
+            return session.scalar(other) is not None and session.scalar(itself) is not None
+
+    def waiting_for(self, job_id: str) -> Sequence[str]:
+        """Queued jobs that needed this one and could start now."""
+        needs_it = JobRow.id.in_(select(JobDependencyRow.job_id).where(JobDependencyRow.needs_job_id == job_id))
+        with self._database.read() as session:
+            ready = _claimable(self._database.now()).with_only_columns(JobRow.id)
+            return session.scalars(ready.where(needs_it)).all()
+
+    @contextmanager
+    def _ending(self) -> Iterator[Session]:
+        """A transaction that may end jobs; what these kept goes when that is committed."""
+        with self._database.write() as session:
+            yield session
+        for job_id in session.info.pop(_ENDED_HERE, ()):
+            after_commit(partial(self._files.forget_kept, job_id))
+
+    def _described(self, session: Session, rows: Sequence[JobRow]) -> list[Job]:
+        """Jobs with their places and the time that they may take."""
+        estimates = self._estimates.of(session, rows, self._database.now())
+        return [read_job(row, estimates.get(row.id, NOTHING_KNOWN)) for row in rows]
+
+    def _fail(
+        self,
+        session: Session,
+        row: JobRow,
+        failure: Failure,
+        retries: Retries,
+        peak_memory_bytes: int | None = None,
+    ) -> None:
+        detail = failure.model_dump(mode="json")
+        reported = detail | (_measured(peak_memory_bytes) or {})
+        if failure.kind is FailureKind.PASSING:
+            if row.cancel_requested:
+                self._cancel(session, row)
+                return
+            now = self._database.now()
+            if failure.code in _OUTAGES:
+                row.outages += 1
+                record(session, now, EventKind.PUT_OFF, row, reported)
+                _wait(row, now, detail, retries.outage_wait_s, row.outages)
+                return
+            row.losses, row.outages = row.losses + 1, 0
+            record(session, now, EventKind.LOST, row, reported)
+            if row.losses < retries.max_losses:
+                _wait(row, now, detail, retries.loss_wait_s, row.losses)
+                return
+        row.failure = detail
+        self._end(session, row, JobState.FAILED, EventKind.FAILED, reason=failure.detail, detail=reported)
+
+    def _cancel(self, session: Session, row: JobRow) -> None:
+        self._database.spare_room.give_up_piece()
+        self._end(session, row, JobState.CANCELLED, EventKind.CANCELLED, reason=_CANCELLED)
+
+    def _end(
+        self,
+        session: Session,
+        row: JobRow,
+        state: JobState,
+        what: EventKind,
+        *,
+        reason: str | None = None,
+        detail: Json | None = None,
+    ) -> None:
+        session.info.setdefault(_ENDED_HERE, []).append(row.id)
+        row.state = state
+        row.finished_at = self._database.now()
+        row.not_before_s = row.waiting_for = None
+        record(session, row.finished_at, what, row, detail)
+        if reason is not None:
+            record_end_without_result(session, row.kind, row.subject_id, reason, row.finished_at)
+
+
+def _claimable(at: datetime, selection: Selection = ANY) -> Select[JobRow]:
+    """The jobs of a selection that could start at a time."""
+    needed = aliased(JobRow)
+    unfinished = exists().where(
+        JobDependencyRow.job_id == JobRow.id,
+        needed.id == JobDependencyRow.needs_job_id,
+        needed.state.not_in(ENDED),
+    )
+    due = or_(JobRow.not_before_s.is_(None), JobRow.not_before_s <= at.timestamp())
+    return select(JobRow).where(QUEUED, due, ~unfinished, *selection.conditions())
+
+
+def _held_by(attempt: Claim | Pulse) -> ColumnElement[bool]:
+    return and_(JobRow.id == attempt.job_id, JobRow.state == JobState.RUNNING, JobRow.attempt == attempt.attempt)
+
+
+def _silent(pulse: Pulse) -> ColumnElement[bool]:
+    return and_(_held_by(pulse), JobRow.beats == pulse.beats)
+
+
+def _held(session: Session, claim: Claim) -> JobRow:
+    row = session.scalar(select(JobRow).where(_held_by(claim)).with_for_update())
+    if row is None:
+        raise LeaseLost(claim.job_id, claim.attempt)
+    return row
+
+
+def _measured(peak_memory_bytes: int | None) -> Json | None:
+    return None if peak_memory_bytes is None else {PEAK_MEMORY: peak_memory_bytes}
+
+
+def requeue(row: JobRow) -> None:
+    """Put a job back into its place in the queue."""
+    row.state = JobState.QUEUED
+    row.worker = row.started_at = row.progress = None
+
+
+def _wait(row: JobRow, now: datetime, failure: Json, first_wait_s: float, time: int) -> None:
+    """Put a job back into the queue until its wait is over: the first one, the second one, and so on."""
+    requeue(row)
+    wait_s = min(first_wait_s * 2.0 ** min(time - 1, 30), LONGEST_WAIT_S)
+    row.not_before_s = now.timestamp() + wait_s * random.uniform(1.0 - _JITTER, 1.0 + _JITTER)  # noqa: S311
+    row.waiting_for = failure
+
+
+def _worker_lost(row: JobRow) -> Failure:
+    return Failure(
+        kind=FailureKind.PASSING,
+        code="worker-lost",
+        detail=f"attempt {row.attempt} ended unanswered: its worker {row.worker!r} stopped or lost its connection",
+    )
+
+
+def read_job(row: JobRow, estimate: WaitEstimate = NOTHING_KNOWN) -> Job:
+    """The job of a row."""
+    return Job.model_validate(
+        {
+            "id": row.id,
+            "created_at": row.created_at,
+            "kind": row.kind,
+            "state": row.state,
+            "subject_id": row.subject_id,
+            "short": row.short,
+            "priority": row.priority,
+            "queue_position": estimate.queue_position,
+            "seconds_left": estimate.seconds_left,
+            "background": row.priority is Priority.BACKGROUND,
+            "not_before": None if row.not_before_s is None else datetime.fromtimestamp(row.not_before_s, UTC),
+            "waiting_for": row.waiting_for,
+            "progress": row.progress,
+            "attempt": row.attempt,
+            "losses": row.losses,
+            "worker": row.worker,
+            "cancel_requested": row.cancel_requested,
+            "request_id": row.request_id,
+            "key_id": row.key_id,
+            "asked_by": row.asked_by,
+            "started_at": row.started_at,
+            "finished_at": row.finished_at,
+            "failure": row.failure,
+        }
+    )

@@ -1,0 +1,141 @@
+"""Places in the queue: how many jobs may wait in all, and how many that were asked for with one key.
+
+Whoever asks takes the place in the transaction that queues the job, one after the other on PostgreSQL too. So of many
+at once no more get places than there are. What the service itself queues, as for a schedule, and what is put back into
+the queue to be tried again is never refused: it waits beside the places and is counted with those who ask next.
+"""
+
+import math
+from typing import NamedTuple
+
+from sqlalchemy import func, literal_column, select
+from sqlalchemy.orm import Session
+
+from sawmill_platform.acting import actor
+from sawmill_platform.contracts.events import EventKind
+from sawmill_platform.database.database import Database, lock_files_of
+from sawmill_platform.database.tables import EventRow, JobRow
+from sawmill_platform.errors import QueueFull
+from sawmill_platform.jobs.turns import FIRST_COME
+from sawmill_platform.jobs.wait_estimate import WaitEstimates
+from sawmill_platform.settings import StorageSettings
+
+_LOCK = "places in the queue"
+# Until the next place, as refusals give it: nobody should ask every moment, nor sleep while places are free.
+LONGEST_RETRY_S = 300
+RETRY_IF_UNKNOWN_S = 60
+
+# Written out: both databases take the index of such rows only where the statement has its words.
+_QUEUED = JobRow.state == literal_column("'queued'")
+
+
+class Waiting(NamedTuple):
+    """How many jobs wait, in all and of the key that has most: its name, none where no key has any."""
+
+    in_all: int
+    most_of_a_key: int
+    fullest_key: str | None
+
+
+class _Full(NamedTuple):
+    """What has no place left."""
+
+    waits: int
+    most: int
+    key_id: str | None
+
+    @property
+    def sentence(self) -> str:
+        if self.key_id is None:
+            return f"{self.waits} jobs wait, and {self.most} may in all (SAWMILL_MAX_QUEUED_JOBS)"
+        whose = f"of one key may (SAWMILL_MAX_QUEUED_JOBS_PER_KEY), here of {actor().name!r}"
+        return f"{self.waits} jobs wait, and {self.most} {whose}"
+
+
+class Places:
+    """Places as the settings bound them.
+
+    Parameters
+    ----------
+    database
+        Where jobs wait.
+    settings
+        `max_queued_jobs` and `max_queued_jobs_per_key`.
+    """
+
+    def __init__(self, database: Database, settings: StorageSettings) -> None:
+        self._database = database
+        self._settings = settings
+        self._estimates = WaitEstimates()
+
+    def check(self) -> None:
+        """Refuse before a file is sent what would be refused after it.
+
+        Raises
+        ------
+        QueueFull
+            There is no place for whoever acts.
+        """
+        with self._database.read() as session:
+            full = self._full(session, actor().key_id)
+            if full is not None:
+                raise self._refusal(session, full)
+
+    def take(self, session: Session, job: JobRow) -> None:
+        """Take a place for a job that was queued in this transaction: last of all, for others wait until its end.
+
+        A job of the service itself waits beside the places, and its event says so.
+
+        Raises
+        ------
+        QueueFull
+            There is none.
+        """
+        if actor().of_service:
+            full = self._full(session, None, own=1)
+            if full is not None:
+                queued = select(EventRow).where(EventRow.job_id == job.id, EventRow.what == EventKind.QUEUED)
+                session.scalars(queued).one().detail = {
+                    "reason": f"{full.sentence}: this one is the service's own and waits as well"
+                }
+            return
+        lock_files_of(session, _LOCK)
+        full = self._full(session, job.key_id, own=1)
+        if full is not None:
+            raise self._refusal(session, full)
+
+    def waiting(self) -> Waiting:
+        """As it stands."""
+        by_key = select(func.count(), JobRow.key_id).where(_QUEUED).group_by(JobRow.key_id)
+        with self._database.read() as session:
+            numbers = [(number, key_id) for number, key_id in session.execute(by_key)]
+            most, key_id = max(
+                ((number, key_id) for number, key_id in numbers if key_id is not None), default=(0, None)
+            )
+            one = select(JobRow.asked_by).where(_QUEUED, JobRow.key_id == key_id).limit(1)
+            name = None if key_id is None else session.scalar(one)
+        return Waiting(sum(number for number, _ in numbers), most, name)
+
+    def _full(self, session: Session, key_id: str | None, *, own: int = 0) -> _Full | None:
+        """What is full, the key's own places first; `own` of those that are counted ask for a place themselves."""
+        in_all, of_a_key = self._settings.max_queued_jobs, self._settings.max_queued_jobs_per_key
+        waits = _number(session) - own
+        of_key = 0 if key_id is None else _number(session, key_id) - own
+        if of_key >= of_a_key:
+            return _Full(of_key, of_a_key, key_id)
+        return _Full(waits, in_all, None) if waits >= in_all else None
+
+    def _refusal(self, session: Session, full: _Full) -> QueueFull:
+        """With the time until the first of those that wait is likely to start."""
+        first = select(JobRow).where(_QUEUED, JobRow.not_before_s.is_(None)).order_by(*FIRST_COME).limit(1)
+        if full.key_id is not None:
+            first = first.where(JobRow.key_id == full.key_id)
+        row = session.scalar(first)
+        wait_s = None if row is None else self._estimates.wait_s(session, row, self._database.now())
+        retry_s = RETRY_IF_UNKNOWN_S if wait_s is None else min(max(1, math.ceil(wait_s)), LONGEST_RETRY_S)
+        return QueueFull(f"{full.sentence}: try again in {retry_s} s", retry_s)
+
+
+def _number(session: Session, key_id: str | None = None) -> int:
+    waiting = select(func.count()).select_from(JobRow).where(_QUEUED)
+    return session.scalar(waiting if key_id is None else waiting.where(JobRow.key_id == key_id)) or 0

@@ -1,0 +1,184 @@
+"""Jobs as they stand, and what has become of attempts, counted for whoever watches from outside.
+
+Counts come from the rows, so that they are right with any number of workers and outlive every process. Attempts are
+counted by their events, which are only added: what was counted once is not read again.
+"""
+
+import threading
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+from typing import Any, NamedTuple
+
+from sqlalchemy import ColumnElement, Select, case, func, select
+from sqlalchemy.orm import Session
+
+from sawmill_platform.contracts.events import EventKind
+from sawmill_platform.contracts.jobs import JobKind, JobState
+from sawmill_platform.database.database import Database
+from sawmill_platform.database.tables import EventRow, JobRow, seconds_between
+from sawmill_platform.ledger.events import PEAK_MEMORY
+
+# Ends of classes of durations: from a drift check of an empty queue to a reconstruction over night.
+DURATIONS_S = (0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0, 10_000.0, 30_000.0)
+# Transactions give up after seconds: whatever has a smaller number than an event of this age is there, or never comes.
+SETTLED = timedelta(minutes=10)
+_ALL = 2**62
+
+
+class Fate(NamedTuple):
+    """What became of some attempts: `fault` and `code` are those of a failure, `duration` a class of `DURATIONS_S`."""
+
+    what: EventKind
+    kind: JobKind
+    fault: str | None
+    code: str | None
+    duration: int
+
+
+class Amount(NamedTuple):
+    """Of one fate: the number of attempts, their seconds, and of how many the memory is known, its sum and most."""
+
+    number: int
+    seconds: float
+    measured: int
+    peak_bytes: float
+    most_bytes: float
+
+    def with_more(self, more: "Amount") -> "Amount":
+        """Both together."""
+        return Amount(
+            number=self.number + more.number,
+            seconds=self.seconds + more.seconds,
+            measured=self.measured + more.measured,
+            peak_bytes=self.peak_bytes + more.peak_bytes,
+            most_bytes=max(self.most_bytes, more.most_bytes),
+        )
+
+
+NONE = Amount(0, 0.0, 0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Tally:
+    """At one time.
+
+    Attributes
+    ----------
+    at : datetime
+        By the store's clock.
+    jobs : mapping
+        How many there are, by kind and state.
+    queued_s, running_s : mapping
+        By kind: seconds since the oldest queued job came, and since the first of those that run was started.
+    workers : int
+        That have begun or ended an attempt within `SETTLED`, or hold one.
+    fates : mapping
+        What has become of attempts so far.
+    """
+
+    at: datetime
+    jobs: Mapping[tuple[JobKind, JobState], int]
+    queued_s: Mapping[JobKind, float]
+    running_s: Mapping[JobKind, float]
+    workers: int
+    fates: Mapping[Fate, Amount]
+
+
+class Tallies:
+    """Counts, adding what is new to what was counted before."""
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+        self._lock = threading.Lock()
+        self._counted_to = 0
+        self._settled: dict[Fate, Amount] = {}
+
+    def read(self) -> Tally:
+        """Count.
+
+        Raises
+        ------
+        StorageUnavailable
+            The database does not answer.
+        """
+        now = self._database.now()
+        with self._lock, self._database.read() as session:
+            self._settle(session, now - SETTLED)
+            fates = _together(self._settled, _fates(session, EventRow.number > self._counted_to))
+            jobs, queued_s = _jobs(session, now)
+            running = session.execute(
+                select(JobRow.kind, JobRow.started_at, JobRow.worker).where(JobRow.state == JobState.RUNNING)
+            ).all()
+            recent = session.scalars(select(EventRow.worker).where(EventRow.number > self._counted_to).distinct())
+            workers = {*recent, *(worker for *_, worker in running)} - {None}
+        running_s: dict[JobKind, float] = {}
+        for kind, started_at, _ in running:
+            running_s[kind] = max(running_s.get(kind, 0.0), _since(started_at, now))
+        return Tally(at=now, jobs=jobs, queued_s=queued_s, running_s=running_s, workers=len(workers), fates=fates)
+
+    def _settle(self, session: Session, before: datetime) -> None:
+        newer = select(EventRow.number).where(EventRow.number > self._counted_to, EventRow.at <= before)
+        last = session.scalar(newer.order_by(EventRow.number.desc()).limit(1))
+        if last is not None:
+            these = _fates(session, EventRow.number > self._counted_to, EventRow.number <= last)
+            self._settled, self._counted_to = _together(self._settled, these), last
+
+
+def _jobs(session: Session, now: datetime) -> tuple[Counter[tuple[JobKind, JobState]], dict[JobKind, float]]:
+    """By one walk through an index (`ix_jobs_places`) in its own order."""
+    columns = (JobRow.state, JobRow.priority, JobRow.short, JobRow.kind)
+    counted = select(*columns, func.count(), func.min(JobRow.created_at)).group_by(*columns)
+    jobs: Counter[tuple[JobKind, JobState]] = Counter()
+    queued_s: dict[JobKind, float] = {}
+    for state, _, _, kind, number, oldest in session.execute(counted):
+        jobs[kind, state] += number
+        if state is JobState.QUEUED:
+            queued_s[kind] = max(queued_s.get(kind, 0.0), _since(oldest, now))
+    return jobs, queued_s
+
+
+def _fates(session: Session, *which: ColumnElement[bool]) -> dict[Fate, Amount]:
+    ended = _ended(session.get_bind().dialect.name, *which).subquery()
+    duration = case(
+        *((ended.c.seconds <= end_s, number) for number, end_s in enumerate(DURATIONS_S)), else_=len(DURATIONS_S)
+    )
+    classed = select(*ended.c, duration.label("duration")).subquery()
+    fate = (classed.c.what, classed.c.kind, classed.c.fault, classed.c.code, classed.c.duration)
+    amount = (
+        func.count(),
+        func.coalesce(func.sum(classed.c.seconds), 0.0),
+        func.count(classed.c.peak_bytes),
+        func.coalesce(func.sum(classed.c.peak_bytes), 0.0),
+        func.coalesce(func.max(classed.c.peak_bytes), 0.0),
+    )
+    rows = session.execute(select(*fate, *amount).group_by(*fate))
+    return {Fate(*row[: len(fate)]): Amount(*row[len(fate) :]) for row in rows}
+
+
+def _ended(dialect: str, *which: ColumnElement[bool]) -> Select[Any]:
+    """A row an attempt that a worker has ended; its seconds are known where it ended the job with a result."""
+    succeeded = EventRow.what == EventKind.SUCCEEDED
+    seconds = case((succeeded, seconds_between(dialect, JobRow.started_at, JobRow.finished_at)))
+    return (
+        select(
+            EventRow.what,
+            JobRow.kind,
+            EventRow.detail["kind"].as_string().label("fault"),
+            EventRow.detail["code"].as_string().label("code"),
+            EventRow.detail[PEAK_MEMORY].as_float().label("peak_bytes"),
+            seconds.label("seconds"),
+        )
+        .join(JobRow, JobRow.id == EventRow.job_id)
+        .where(EventRow.what != EventKind.STARTED, EventRow.worker.is_not(None), *which)
+        .limit(_ALL)  # else SQLite works out the seconds anew for each class of durations
+    )
+
+
+def _since(then: datetime | None, now: datetime) -> float:
+    return 0.0 if then is None else max((now - then).total_seconds(), 0.0)
+
+
+def _together(some: Mapping[Fate, Amount], others: Mapping[Fate, Amount]) -> dict[Fate, Amount]:
+    return {fate: some.get(fate, NONE).with_more(others.get(fate, NONE)) for fate in some.keys() | others.keys()}

@@ -1,0 +1,154 @@
+"""Places in the queue, and how long jobs may still take by the median of the last jobs of their kind."""
+
+import time
+from collections import Counter, defaultdict
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from datetime import datetime
+from statistics import median
+from typing import NamedTuple
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from sawmill_platform.contracts.jobs import JobKind, JobState, Priority
+from sawmill_platform.database.tables import JobRow
+from sawmill_platform.jobs.turns import ANY, Selection, places
+
+_KINDS = {kind.value: kind for kind in JobKind}
+_RECENT = 1000  # ended jobs among which those of a kind are looked for
+_ENOUGH = 20  # of a kind: its median changes little by more
+_REFRESH_S = 5.0
+# Share of a job that must be done before its pace says more than other jobs of its kind.
+_TELLING = 0.1
+
+
+class Line(NamedTuple):
+    """Jobs that take about as long as one another: of one kind, in one lane."""
+
+    kind: JobKind
+    short: bool
+
+
+class WaitEstimate(NamedTuple):
+    """Jobs before one in the queue, and seconds until it succeeds; null where there is none, or nothing is known."""
+
+    queue_position: int | None
+    seconds_left: float | None
+
+
+Durations = Mapping[Line, float]
+NOTHING_KNOWN = WaitEstimate(None, None)
+
+
+class WaitEstimates:
+    """Estimates for jobs in a transaction that reads, in at most six statements however many jobs these are."""
+
+    def __init__(self) -> None:
+        self._durations: Durations = {}
+        self._read_at_s: float | None = None
+
+    def of(self, session: Session, rows: Sequence[JobRow], now: datetime) -> dict[str, WaitEstimate]:
+        """Estimate by the jobs' ids; those that have ended are left out."""
+        running = [row for row in rows if row.state is JobState.RUNNING]
+        queued = {row.id: row for row in rows if row.state is JobState.QUEUED}
+        if not running and not queued:
+            return {}
+        durations = self._typical(session)
+        estimates = {row.id: WaitEstimate(None, _rounded(_remaining_s(row, durations, now))) for row in running}
+        if queued:
+            at_work = _at_work(session)
+            for job_id, before in _before(session, list(queued.values())).items():
+                row = queued[job_id]
+                wait_s = _wait_s(row, before, at_work, durations, now)
+                seconds_left = _rounded(_sum([wait_s, durations.get(_line(row))]))
+                estimates[job_id] = WaitEstimate(before.total(), seconds_left)
+        return estimates
+
+    def wait_s(self, session: Session, row: JobRow, now: datetime) -> float | None:
+        """Estimate the seconds until a queued job may start; null: nothing runs, or too little is known."""
+        at_work = _at_work(session)
+        if not at_work:
+            return None
+        before = _before(session, [row]).get(row.id, Counter())
+        return _wait_s(row, before, at_work, self._typical(session), now)
+
+    def _typical(self, session: Session) -> Durations:
+        """Read the seconds from start to success: medians of the last jobs, of a few seconds ago at most."""
+        if self._read_at_s is None or time.monotonic() - self._read_at_s > _REFRESH_S:
+            self._durations, self._read_at_s = _durations(session), time.monotonic()
+        return self._durations
+
+
+def _durations(session: Session) -> Durations:
+    columns = (JobRow.kind, JobRow.short, JobRow.started_at, JobRow.finished_at)
+    succeeded = select(*columns).where(JobRow.state == JobState.SUCCEEDED)
+    newest = succeeded.order_by(JobRow.created_at.desc(), JobRow.id.desc()).limit(_RECENT)
+    taken_s: defaultdict[Line, list[float]] = defaultdict(list)
+    for kind, short, started_at, finished_at in session.execute(newest):
+        if started_at is not None and finished_at is not None:
+            taken_s[Line(kind, short)].append((finished_at - started_at).total_seconds())
+    return {line: median(all_s[:_ENOUGH]) for line, all_s in taken_s.items()}
+
+
+def _at_work(session: Session) -> Sequence[JobRow]:
+    return session.scalars(select(JobRow).where(JobRow.state == JobState.RUNNING)).all()
+
+
+def _before(session: Session, rows: Iterable[JobRow]) -> dict[str, Counter[Line]]:
+    """Count what each queued job waits for: long jobs for all before them, short ones for short ones."""
+    short = {row.id for row in rows if row.short}
+    long = {row.id for row in rows if not row.short}
+    return _before_in(session, Selection(short=True), short) | _before_in(session, ANY, long)
+
+
+def _before_in(session: Session, selection: Selection, job_ids: Collection[str]) -> dict[str, Counter[Line]]:
+    before: dict[str, Counter[Line]] = {}
+    counts: Counter[tuple[str, bool]] = Counter()
+    for place in places(session, selection) if job_ids else ():
+        if place.job_id in job_ids:
+            before[place.job_id] = Counter({Line(_KINDS[kind], short): n for (kind, short), n in counts.items()})
+        counts[place.kind, place.short] += 1
+    return before
+
+
+def _line(row: JobRow) -> Line:
+    return Line(row.kind, row.short)
+
+
+def _wait_s(
+    row: JobRow, before: Counter[Line], at_work: Iterable[JobRow], durations: Durations, now: datetime
+) -> float | None:
+    """Estimate when a queued job may start: after those before it, which share as many workers as there are now."""
+    running = [
+        job
+        for job in at_work
+        if (job.short or not row.short)
+        and (job.priority is not Priority.BACKGROUND or row.priority is Priority.BACKGROUND)
+    ]
+    queued_s = _sum(number * durations[line] if line in durations else None for line, number in before.items())
+    work_s = _sum([queued_s, *(_remaining_s(job, durations, now) for job in running)])
+    workers = max(1, sum(job.short == row.short for job in running))
+    return None if work_s is None else max(work_s / workers, (row.not_before_s or 0.0) - now.timestamp())
+
+
+def _remaining_s(row: JobRow, durations: Durations, now: datetime) -> float | None:
+    """Estimate by what the job says itself, else by its pace, else by how long others took."""
+    progress = row.progress or {}
+    if progress.get("seconds_left") is not None:
+        return float(progress["seconds_left"])
+    elapsed_s = max(0.0, (now - (row.started_at or now)).total_seconds())
+    done = float(progress.get("fraction", 0.0))
+    if done >= _TELLING:
+        return elapsed_s * (1.0 - done) / done
+    typical_s = durations.get(_line(row))
+    return None if typical_s is None else max(0.0, typical_s - elapsed_s)
+
+
+def _sum(parts: Iterable[float | None]) -> float | None:
+    """Add up; null where a part is unknown."""
+    known = list(parts)
+    return None if None in known else sum(part for part in known if part is not None)
+
+
+def _rounded(seconds: float | None) -> float | None:
+    return None if seconds is None else round(seconds, 1)

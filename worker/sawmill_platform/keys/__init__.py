@@ -1,0 +1,1 @@
+"""Keys, sessions of browsers, and answers to repeated requests."""

@@ -1,0 +1,157 @@
+"""Keys: made, found by their secrets, rotated, revoked. Of a secret only its SHA-256 is stored.
+
+A secret has 256 random bits: nobody can try them, so a slow hash would protect nothing and cost every request.
+"""
+
+import hashlib
+import secrets
+from datetime import datetime, timedelta
+
+from sqlalchemy import ColumnElement, and_, or_, select, update
+from sqlalchemy.orm import QueryableAttribute, Session
+
+from sawmill_platform.acting import actor
+from sawmill_platform.contracts.audit import AuditAction
+from sawmill_platform.contracts.events import EventKind
+from sawmill_platform.contracts.keys import Key, KeyAsk, Keys, NewKey
+from sawmill_platform.database.database import Database
+from sawmill_platform.database.paging import found, new_id
+from sawmill_platform.database.tables import KeyRow
+from sawmill_platform.errors import Conflict, Invalid
+from sawmill_platform.ledger.audit import write_audit
+from sawmill_platform.ledger.events import announce
+
+# By which a scanner for leaked secrets can know one.
+PREFIX = "sawmill_"
+RANDOM_BYTES = 32
+# How exactly `last_used_at` is kept: each step is a write.
+USE_STEP = timedelta(minutes=1)
+
+
+def hash_of(secret: str) -> str:
+    """What is stored of a secret."""
+    return hashlib.sha256(secret.encode()).hexdigest()
+
+
+class KeyStore:
+    """Every method is one transaction."""
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+
+    def create(self, ask: KeyAsk) -> NewKey:
+        """Make a key.
+
+        Raises
+        ------
+        Invalid
+            It would have expired already.
+        """
+        now, secret = self._database.now(), _new_secret()
+        if ask.expires_at is not None and ask.expires_at <= now:
+            msg = f"expires_at must lie ahead, not at {ask.expires_at.isoformat()}: it is {now.isoformat()}"
+            raise Invalid("key-expired", msg)
+        row = KeyRow(
+            id=new_id(), created_at=now, **ask.model_dump(), secret_hash=hash_of(secret), created_by=actor().name
+        )
+        with self._database.write() as session:
+            session.add(row)
+            write_audit(session, now, AuditAction.KEY_CREATED, row.id, ask.model_dump(mode="json"))
+            _announce(session, now, EventKind.KEY_CREATED, row.id)
+            session.flush()
+            return _with_secret(row, secret)
+
+    def all(self) -> Keys:
+        """Every key, the newest first."""
+        with self._database.read() as session:
+            rows = session.scalars(select(KeyRow).order_by(KeyRow.created_at.desc(), KeyRow.id))
+            return Keys(keys=[read_key(row) for row in rows])
+
+    def rotate(self, key_id: str, *, grace_s: int = 0) -> NewKey:
+        """Replace a key's secret; the old one opens for `grace_s` seconds more.
+
+        Raises
+        ------
+        NotFound, Conflict
+            There is none, or it is revoked or expired.
+        """
+        now, secret = self._database.now(), _new_secret()
+        with self._database.write() as session:
+            row = found(session, KeyRow, "key", key_id, lock=True)
+            if not _is_good(row, now):
+                msg = f"key {key_id!r} is revoked or expired: make a new one"
+                raise Conflict("key-ended", msg)
+            row.previous_hash, row.previous_until = row.secret_hash, now + timedelta(seconds=grace_s)
+            row.secret_hash, row.rotated_at = hash_of(secret), now
+            write_audit(session, now, AuditAction.KEY_ROTATED, key_id, {"name": row.name, "grace_s": grace_s})
+            _announce(session, now, EventKind.KEY_ROTATED, key_id)
+            return _with_secret(row, secret)
+
+    def revoke(self, key_id: str) -> Key:
+        """End a key at once, and the sessions that it opened; one that is revoked already stays as it is.
+
+        Raises
+        ------
+        NotFound
+            There is none.
+        """
+        now = self._database.now()
+        with self._database.write() as session:
+            row = found(session, KeyRow, "key", key_id, lock=True)
+            if row.revoked_at is None:
+                row.revoked_at = now
+                write_audit(session, now, AuditAction.KEY_REVOKED, key_id, {"name": row.name})
+                _announce(session, now, EventKind.KEY_REVOKED, key_id)
+            return read_key(row)
+
+    def good(self, secret_hash: str) -> Key | None:
+        """The key that a secret of this hash opens now, if there is one."""
+        now = self._database.now()
+        with self._database.read() as session:
+            row = session.scalar(select(KeyRow).where(opened_by(secret_hash, now)))
+            return None if row is None or not _is_good(row, now) else read_key(row)
+
+    def used(self, key: Key) -> None:
+        """Note that a key was used, at most once a minute."""
+        now = self._database.now()
+        if key.last_used_at is not None and now - key.last_used_at < USE_STEP:
+            return
+        with self._database.write() as session:
+            session.execute(update(KeyRow).where(KeyRow.id == key.id).values(last_used_at=now))
+
+    def any_good(self) -> bool:
+        """Whether there is a key that opens something."""
+        with self._database.read() as session:
+            return _any_good(session, self._database.now())
+
+
+def _announce(session: Session, now: datetime, what: EventKind, key_id: str) -> None:
+    """Tell followers, who need not be administrators, no more than the id."""
+    announce(session, now, what, "key", key_id)
+
+
+def _any_good(session: Session, now: datetime) -> bool:
+    return any(_is_good(row, now) for row in session.scalars(select(KeyRow).where(KeyRow.revoked_at.is_(None))))
+
+
+def opened_by(secret_hash: str | QueryableAttribute[str], now: datetime) -> ColumnElement[bool]:
+    """Whether a secret of this hash is a key's own, or the one before it within its grace."""
+    still = and_(KeyRow.previous_hash == secret_hash, KeyRow.previous_until > now)
+    return or_(KeyRow.secret_hash == secret_hash, still)
+
+
+def _is_good(row: KeyRow, now: datetime) -> bool:
+    return row.revoked_at is None and (row.expires_at is None or row.expires_at > now)
+
+
+def _new_secret() -> str:
+    return PREFIX + secrets.token_urlsafe(RANDOM_BYTES)
+
+
+def read_key(row: KeyRow) -> Key:
+    """The key of a row."""
+    return Key.model_validate({name: getattr(row, name) for name in Key.model_fields})
+
+
+def _with_secret(row: KeyRow, secret: str) -> NewKey:
+    return NewKey(**read_key(row).model_dump(), secret=secret)

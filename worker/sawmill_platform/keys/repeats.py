@@ -1,0 +1,170 @@
+"""Answers to requests that may be sent again: kept in the transaction that makes what is answered (migration 0010).
+
+A key is claimed before anything is made, so of many requests at once the others wait for the first one's commit and
+find its answer. When what is made is refused, or the process is killed, the claim goes with the rest.
+"""
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from datetime import datetime, timedelta
+from typing import TypeVar
+
+from sqlalchemy import ColumnElement, delete, select
+from sqlalchemy.dialects.postgresql import insert as insert_on_postgresql
+from sqlalchemy.dialects.sqlite import insert as insert_on_sqlite
+from sqlalchemy.orm import Session
+
+from sawmill_platform.database.database import Database
+from sawmill_platform.database.tables import RepeatRow
+from sawmill_platform.errors import Invalid
+
+KEPT = timedelta(hours=48)
+
+Made = TypeVar("Made")
+
+
+@dataclass(frozen=True)
+class KeyedRequest:
+    """A request that may be sent again.
+
+    Attributes
+    ----------
+    caller : str
+        Whose keys are told apart from others'.
+    key : str
+        What the caller calls the request.
+    request_sha256 : str
+        Of everything that makes it the same request, but for a file.
+    file_sha256 : str or None
+        Of the file that was sent with it, of a form of the fields beside it too; null: none was.
+    """
+
+    caller: str
+    key: str
+    request_sha256: str
+    file_sha256: str | None = None
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a request was answered with.
+
+    Attributes
+    ----------
+    status : int
+        Of HTTP.
+    headers : dict
+        Those that the route has set.
+    body : str
+        JSON.
+    whole : bool
+        False: the body had a secret, which is not kept.
+    """
+
+    status: int
+    headers: dict[str, str]
+    body: str
+    whole: bool = True
+
+
+@dataclass(frozen=True)
+class Kept:
+    """A request that has been answered."""
+
+    request: KeyedRequest
+    answered_at: datetime
+    answer: Answer
+
+    def answer_to(self, again: KeyedRequest) -> Answer:
+        """The answer, where it is the same request.
+
+        Raises
+        ------
+        Invalid
+            The key is that of another request.
+        """
+        if again == self.request:
+            return self.answer
+        msg = (
+            f"Idempotency-Key {again.key!r} is that of another request, answered at "
+            f"{self.answered_at.isoformat(timespec='seconds')}: send that one as it was, or take a new key for this one"
+        )
+        raise Invalid("idempotency-key-reused", msg)
+
+
+class Repeats:
+    """Every method is one transaction."""
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+
+    def once(self, request: KeyedRequest, make: Callable[[], Made], kept_as: Callable[[Made], Answer]) -> Made | Answer:
+        """Make something and keep what is answered, in one transaction with all that this thread writes meanwhile.
+
+        Parameters
+        ----------
+        request
+            With its key.
+        make
+            Does what was asked for. It is not called when the request has been answered before.
+        kept_as
+            From what was made to the answer that repeats get.
+
+        Returns
+        -------
+        Made or Answer
+            What was made, or the answer from before.
+
+        Raises
+        ------
+        Invalid
+            The key is that of another request.
+        """
+        with self._database.write_as_one() as session:
+            if not self._claim(session, request):
+                return read_kept(_row(session, request)).answer_to(request)
+            made = make()
+            _row(session, request).answer = asdict(kept_as(made))
+            return made
+
+    def find(self, request: KeyedRequest) -> Kept | None:
+        """What has been answered under a request's key."""
+        with self._database.read() as session:
+            row = session.scalar(select(RepeatRow).where(_named(request), ~_old(self._database.now())))
+            return None if row is None else read_kept(row)
+
+    def forget_old(self) -> None:
+        """Remove the answers that have been kept for their time."""
+        old = _old(self._database.now())
+        with self._database.read() as session:
+            if session.scalar(select(RepeatRow.key).where(old).limit(1)) is None:
+                return
+        with self._database.write() as session:
+            session.execute(delete(RepeatRow).where(old))
+
+    def _claim(self, session: Session, request: KeyedRequest) -> bool:
+        """Whether the key is new; whoever else brings it waits for the end of the transaction."""
+        now = self._database.now()
+        session.execute(delete(RepeatRow).where(_named(request), _old(now)))
+        insert = insert_on_sqlite if session.get_bind().dialect.name == "sqlite" else insert_on_postgresql
+        claimed = insert(RepeatRow).values(asdict(request) | {"created_at": now}).on_conflict_do_nothing()
+        return session.scalar(claimed.returning(RepeatRow.key)) is not None
+
+
+def _named(request: KeyedRequest) -> ColumnElement[bool]:
+    return (RepeatRow.caller == request.caller) & (RepeatRow.key == request.key)
+
+
+def _old(now: datetime) -> ColumnElement[bool]:
+    return RepeatRow.created_at <= now - KEPT
+
+
+def _row(session: Session, request: KeyedRequest) -> RepeatRow:
+    return session.get_one(RepeatRow, (request.caller, request.key))
+
+
+def read_kept(row: RepeatRow) -> Kept:
+    """What a row keeps."""
+    request = KeyedRequest(row.caller, row.key, row.request_sha256, row.file_sha256)
+    assert row.answer is not None  # noqa: S101 - written before the claim is committed
+    return Kept(request, row.created_at, Answer(**row.answer))

@@ -1,0 +1,1 @@
+"""Events and the audit: rows that are only added, in the transaction of the change itself."""

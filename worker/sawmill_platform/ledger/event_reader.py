@@ -1,0 +1,113 @@
+"""Reading events in the order of their numbers, without missing one that is committed late.
+
+SQLite has one writer at a time: numbers are committed in their order. On PostgreSQL each transaction takes its numbers
+when it writes, and a later number may be committed first. A number that is missing belongs to a transaction that is
+open still, or to one that was rolled back; the reader waits at it until every transaction that was open when it was
+missed has ended.
+"""
+
+import time
+from datetime import timedelta
+from itertools import pairwise, takewhile
+
+from sqlalchemy import func, select, text
+from sqlalchemy.orm import Session
+
+from sawmill_platform.contracts.events import Event
+from sawmill_platform.database.database import Database
+from sawmill_platform.database.tables import EventRow
+
+_BATCH = 500
+# A number is taken just before its transaction gets the id by which the server knows it as open.
+_SHORTEST_WAIT_S = 0.5
+# The server ends transactions that stand still for 60 s (`sawmill_platform/database/postgresql.py`).
+_LONGEST_TRANSACTION = timedelta(seconds=90)
+# The oldest transaction that is open, and the first that has not begun: equal where none is open.
+_OPEN = text("SELECT txid_snapshot_xmin(now), txid_snapshot_xmax(now) FROM txid_current_snapshot() AS now")
+_NEWEST = text(
+    "SELECT (SELECT max(number) FROM events), txid_snapshot_xmin(now), txid_snapshot_xmax(now)"
+    " FROM txid_current_snapshot() AS now"
+)
+_LOOKED_THROUGH = 5000  # rows of a minute and a half in a busy mill
+
+
+class EventReader:
+    """Reads on from where it stands; not for several threads at once.
+
+    Attributes
+    ----------
+    number : int
+        Through which all events are written: nothing will appear before it.
+    """
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+        self._missed: int | None = None  # the number before the gap at which it waits
+        self._missed_at_s = 0.0
+        self._settled_by = 0  # the first transaction that had not begun when the gap was found
+        with database.read() as session:
+            self._sequential = session.get_bind().dialect.name == "sqlite"
+            self.number = self._newest(session)
+
+    def read(self) -> list[Event]:
+        """The next events, the oldest first; a few hundred at most.
+
+        Raises
+        ------
+        StorageUnavailable
+            The database does not answer; the next call reads on.
+        """
+        with self._database.read() as session:
+            # Before the rows: what has ended by then shows its rows to the next statement.
+            open_since, _ = (0, 0) if self._sequential else _transactions(session)
+            following = select(EventRow).where(EventRow.number > self.number).order_by(EventRow.number).limit(_BATCH)
+            rows = session.scalars(following).all()
+            before = self.number
+            there: list[Event] = []
+            for row in rows:
+                if row.number > before + 1 and not self._is_settled(before, open_since):
+                    self._miss(before, session)
+                    break
+                there.append(read_event(row))
+                before = row.number
+        self.number = before
+        return there
+
+    def _is_settled(self, before: int, open_since: int) -> bool:
+        """Whether nothing will appear any more in the gap that follows a number."""
+        if self._sequential:
+            return True
+        waited_s = time.monotonic() - self._missed_at_s
+        return self._missed == before and open_since >= self._settled_by and waited_s >= _SHORTEST_WAIT_S
+
+    def _miss(self, before: int, session: Session) -> None:
+        """Wait at a gap, from now on where it is a new one."""
+        if self._missed != before:
+            self._missed, self._missed_at_s = before, time.monotonic()
+            self._settled_by = _transactions(session)[1]
+
+    def _newest(self, session: Session) -> int:
+        """The newest number before which nothing is missing that may still appear."""
+        newest = select(func.max(EventRow.number))
+        if self._sequential:
+            return session.scalar(newest) or 0
+        # One statement: it sees the rows of what had ended by then, and no others.
+        last, open_since, not_begun = session.execute(_NEWEST).one()
+        if open_since == not_begun:
+            return last or 0
+        since = self._database.now() - _LONGEST_TRANSACTION
+        newest_first = select(EventRow.number, EventRow.at).order_by(EventRow.number.desc()).limit(_LOOKED_THROUGH)
+        recent = [row.number for row in takewhile(lambda row: row.at >= since, session.execute(newest_first))]
+        older = select(func.max(EventRow.number)).where(EventRow.number < min(recent, default=0))
+        numbers = [*recent, session.scalar(older) or 0]
+        return min((before for number, before in pairwise(numbers) if number > before + 1), default=last or 0)
+
+
+def _transactions(session: Session) -> tuple[int, int]:
+    open_since, not_begun = session.execute(_OPEN).one()
+    return open_since, not_begun
+
+
+def read_event(row: EventRow) -> Event:
+    """The event of a row."""
+    return Event.model_validate({name: getattr(row, name) for name in Event.model_fields})

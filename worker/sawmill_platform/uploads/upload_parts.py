@@ -1,0 +1,189 @@
+"""One part of an upload that can be resumed: written, flushed, and only then counted in its row."""
+
+import fcntl
+import hashlib
+import os
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import datetime
+from pathlib import Path
+
+from sqlalchemy import delete, update
+from sqlalchemy.orm import Session
+
+from sawmill_platform.contracts.events import EventKind
+from sawmill_platform.contracts.uploads import Upload, UploadState
+from sawmill_platform.database.database import Database
+from sawmill_platform.database.tables import UploadRow
+from sawmill_platform.errors import Busy, Conflict, Damaged, NotFound, disk_outage_reported
+from sawmill_platform.files.upload_stream import STEP_BYTES, Content, check_free
+from sawmill_platform.files.whole_files import flush
+from sawmill_platform.ledger.events import announce
+
+# A service that is killed loses what came in this time, or `STEP_BYTES`, whichever is less.
+_STEP_S = 1.0
+_PIECE_BYTES = 2**20
+
+
+class Part:
+    """The file of an upload, locked: by the system, so that it is free again however its writer ends.
+
+    Parameters
+    ----------
+    path
+        Of the file, which is made if it is missing.
+
+    Raises
+    ------
+    Busy
+        Another part of it is coming.
+    """
+
+    def __init__(self, path: Path, upload_id: str, database: Database) -> None:
+        self._path, self._id, self._database = path, upload_id, database
+        # Who is cancelled closes the file while a thread may still write to it.
+        self._writing = threading.Lock()
+        self._closed = False
+        with disk_outage_reported("the upload"):
+            self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+        try:
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            os.close(self._file)
+            msg = f"another part of upload {upload_id!r} is coming: wait for its end, and ask for the offset"
+            raise Busy("upload-busy", msg) from None
+
+    def begin(self, upload: Upload, *, reserve_bytes: int = 0) -> None:
+        """Go on where the row says.
+
+        Raises
+        ------
+        Conflict
+            The file has lost what the row says has come.
+        """
+        self.upload, self._reserve_bytes = upload, reserve_bytes
+        self._committed = self._written = upload.offset_bytes
+        self._flushed, self._flushed_s = self._written, time.monotonic()
+        if os.fstat(self._file).st_size < upload.offset_bytes:
+            raise lost(self._id)
+        os.ftruncate(self._file, upload.offset_bytes)
+        os.lseek(self._file, upload.offset_bytes, os.SEEK_SET)
+
+    @property
+    def missing_bytes(self) -> int:
+        """What must still come before the file is whole."""
+        return self.upload.size_bytes - self._written
+
+    def take(self, content: Content, part: bytes, *, commits: bool) -> None:
+        """Write on, and now and then flush what has come; it is counted where it may before the part has come whole.
+
+        Raises
+        ------
+        Conflict, NotFound, StorageFull
+            The file would become too long, has been deleted, or there is no room for it.
+        """
+        for chunk in content.take(part):
+            if self._written + len(chunk) > self.upload.size_bytes:
+                msg = f"more comes than the {self.upload.size_bytes} bytes that upload {self._id!r} was declared with"
+                raise Conflict("upload-too-long", msg)
+            self._write(chunk)
+        if self._written - self._flushed >= STEP_BYTES or time.monotonic() - self._flushed_s > _STEP_S:
+            check_free(self._path.parent, self._reserve_bytes, needed_by="SAWMILL_DISK_RESERVE_BYTES")
+            if commits:
+                self.commit()
+            else:
+                self._flush()
+
+    def commit(self) -> None:
+        """Make what has come durable, then count it."""
+        self._flush()
+        with self._database.write() as session:
+            self._change(session, offset_bytes=self._written)
+        self._committed = self._written
+
+    def finish(self, content: Content) -> None:
+        """Count the rest of a part that has come whole."""
+        content.end()
+        self.commit()
+
+    def complete(self) -> None:
+        """Make the upload complete; for a large file the sum takes long.
+
+        Raises
+        ------
+        Damaged
+            The file is another one than declared: nothing of it is kept.
+        NotFound
+            It has been deleted.
+        """
+        self._complete(self._sha256())
+
+    def close(self) -> None:
+        """Let others write."""
+        with self._open():
+            self._closed = True
+            os.close(self._file)
+
+    @contextmanager
+    def _open(self) -> Iterator[None]:
+        with self._writing:
+            if self._closed:
+                raise Busy("upload-busy", f"this part of upload {self._id!r} was ended: ask for the offset")
+            yield
+
+    def _flush(self) -> None:
+        """Make what has come durable, at first with the file's name."""
+        with self._open(), disk_outage_reported("the upload"):
+            os.fdatasync(self._file)
+            if not self._committed:
+                flush(self._path.parent)
+        self._flushed, self._flushed_s = self._written, time.monotonic()
+
+    def _write(self, chunk: bytes) -> None:
+        with self._open(), disk_outage_reported("the upload"):
+            left = memoryview(chunk)
+            while left:
+                left = left[os.write(self._file, left) :]
+        self._written += len(chunk)
+
+    def _sha256(self) -> str:
+        """Of what lies on the disk: the parts may have come to several processes. Ends when the part is closed."""
+        computed = hashlib.sha256()
+        for begin in range(0, self.upload.size_bytes, _PIECE_BYTES):
+            with self._open():
+                piece = os.pread(self._file, _PIECE_BYTES, begin)
+            computed.update(piece)
+        return computed.hexdigest()
+
+    def _complete(self, sha256: str) -> None:
+        if self.upload.sha256 not in {None, sha256}:
+            with self._database.write() as session:
+                session.execute(delete(UploadRow).where(UploadRow.id == self._id))
+                announce_deleted(session, self._database.now(), self._id, "the file that came has another sha256")
+            self._path.unlink(missing_ok=True)
+            msg = f"the file that came has the sha256 {sha256}, not {self.upload.sha256}: send it again"
+            raise Damaged(msg)
+        with self._database.write() as session:
+            now = self._change(session, sha256=sha256, state=UploadState.COMPLETE)
+            announce(session, now, EventKind.UPLOAD_COMPLETE, "upload", self._id)
+
+    def _change(self, session: Session, **values: object) -> datetime:
+        """Change the row, which is as this part knows it or gone; when."""
+        now = self._database.now()
+        mine = (UploadRow.id == self._id, UploadRow.offset_bytes == self._committed)
+        changed = session.execute(update(UploadRow).where(*mine).values(changed_at=now, **values))
+        if changed.rowcount != 1:  # type: ignore[attr-defined]
+            raise NotFound("upload", self._id)
+        return now
+
+
+def lost(upload_id: str) -> Conflict:
+    """The disk does not have what the row says has come."""
+    return Conflict("upload-lost", f"the bytes of upload {upload_id!r} are gone: delete it, and send them again")
+
+
+def announce_deleted(session: Session, now: datetime, upload_id: str, reason: str) -> None:
+    """Tell followers that an upload has gone, and why."""
+    announce(session, now, EventKind.UPLOAD_DELETED, "upload", upload_id, detail={"reason": reason})

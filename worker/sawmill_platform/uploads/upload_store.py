@@ -1,0 +1,257 @@
+"""Uploads that can be resumed. What their rows say has come is on the disk; what a file has beyond that never came."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime
+
+from sqlalchemy import ColumnElement, delete, func, select, update
+from sqlalchemy.orm import Session
+
+from sawmill_platform.acting import actor
+from sawmill_platform.contracts.events import EventKind
+from sawmill_platform.contracts.jobs import JobKind
+from sawmill_platform.contracts.uploads import UPLOAD_KEPT, Upload, UploadAsk, UploadState
+from sawmill_platform.database.database import Database, lock_files_of
+from sawmill_platform.database.paging import found, new_id, refuse_taken
+from sawmill_platform.database.tables import UploadRow
+from sawmill_platform.errors import Conflict, NotFound
+from sawmill_platform.files.file_store import FileStore
+from sawmill_platform.files.upload_stream import Received
+from sawmill_platform.ledger.events import announce
+from sawmill_platform.uploads.upload_parts import Part, announce_deleted, lost
+
+_QUOTA_LOCK = "uploads"
+
+
+@dataclass(frozen=True)
+class UploadQuota:
+    """What may wait for its end, or for its use, at once.
+
+    Attributes
+    ----------
+    number, size_bytes
+        Of uploads of one key, and of their bytes as declared.
+    all_bytes
+        Of those of everybody.
+    """
+
+    number: int
+    size_bytes: int
+    all_bytes: int
+
+
+class Uploads:
+    """Every method is one transaction. An upload is its key's: for every other one it does not exist."""
+
+    def __init__(self, database: Database, files: FileStore) -> None:
+        self._database = database
+        self._files = files
+
+    def create(self, ask: UploadAsk, quota: UploadQuota, *, identifier: str | None = None) -> Upload:
+        """Expect a file.
+
+        Raises
+        ------
+        Conflict
+            More bytes are awaited already than the quota allows, or the id is taken.
+        """
+        now = self._database.now()
+        row = UploadRow(
+            id=identifier or new_id(),
+            created_at=now,
+            changed_at=now,
+            key_id=actor().key_id,
+            offset_bytes=0,
+            state=UploadState.RECEIVING,
+            **ask.model_dump(),
+        )
+        with self._database.write() as session:
+            lock_files_of(session, _QUOTA_LOCK)
+            refuse_taken(session, UploadRow, "upload", row.id)
+            _check_quota(session, row, quota)
+            session.add(row)
+            announce(session, now, EventKind.UPLOAD_CREATED, "upload", row.id)
+            return read_upload(row)
+
+    def get(self, upload_id: str) -> Upload:
+        """One upload of the actor's key, or `NotFound`."""
+        with self._database.read() as session:
+            row = found(session, UploadRow, "upload", upload_id)
+            if row.key_id != actor().key_id:
+                raise NotFound("upload", upload_id)
+            return read_upload(row)
+
+    def begin_part(self, upload_id: str, offset_bytes: int, *, part_bytes: int = 0, reserve_bytes: int = 0) -> Part:
+        """Open an upload for its next part, which nobody else writes meanwhile; `close` must follow.
+
+        Parameters
+        ----------
+        offset_bytes
+            Where the part begins.
+        part_bytes
+            Its length, as far as declared.
+        reserve_bytes
+            What must stay free on the disk.
+
+        Raises
+        ------
+        NotFound, WrongOffset, Conflict
+            There is no such upload, it goes on elsewhere, it is complete or would become too long, or another part of
+            it is coming.
+        StorageUnavailable
+            The database does not answer, or could not take the part.
+        """
+        self._database.check_writable()
+        self._awaited(upload_id, offset_bytes, part_bytes)  # before a file of this name is made
+        part = Part(self._files.unfinished(upload_id), upload_id, self._database)
+        try:
+            # Once more: another part may have ended just now.
+            part.begin(self._awaited(upload_id, offset_bytes, part_bytes), reserve_bytes=reserve_bytes)
+        except BaseException:
+            part.close()
+            raise
+        return part
+
+    def received(self, upload_id: str) -> Received:
+        """A complete file under a second name; `accept` or `discard` must follow, as after an upload.
+
+        Raises
+        ------
+        NotFound, Conflict
+            There is no such upload, or it is not complete, or used.
+        """
+        upload = self.get(upload_id)
+        if upload.state is not UploadState.COMPLETE:
+            raise _not_usable(upload)
+        again = self._files.second_name(
+            self._files.unfinished(upload_id), size_bytes=upload.size_bytes, sha256=str(upload.sha256)
+        )
+        if again is None:
+            raise _not_usable(self.get(upload_id))  # somebody has just used it, or deleted it
+        return Received(again.path, again.size_bytes, again.sha256, upload_id)
+
+    def promised_bytes(self) -> int:
+        """Of all uploads, what is still to come."""
+        missing = func.sum(UploadRow.size_bytes - UploadRow.offset_bytes)
+        with self._database.read() as session:
+            return int(session.scalar(select(missing).where(UploadRow.state == UploadState.RECEIVING)) or 0)
+
+    def delete(self, upload_id: str, *, of_all_keys: bool = False) -> None:
+        """Remove an upload and its file; what was made of it stays.
+
+        Parameters
+        ----------
+        of_all_keys
+            Whether it may be another key's.
+
+        Raises
+        ------
+        NotFound
+            There is none.
+        """
+        chosen = UploadRow.id == upload_id
+        if not of_all_keys:
+            chosen &= UploadRow.key_id.is_not_distinct_from(actor().key_id)
+        self._remove(chosen, "deleted", or_else=NotFound("upload", upload_id))
+
+    def remove_expired(self) -> Sequence[str]:
+        """Remove those that have stood still for a day; their ids."""
+        return self._remove(UploadRow.changed_at < self._database.now() - UPLOAD_KEPT, "expired")
+
+    def _awaited(self, upload_id: str, offset_bytes: int, part_bytes: int) -> Upload:
+        upload = self.get(upload_id)
+        if upload.state is UploadState.USED:
+            raise _not_usable(upload)
+        if upload.state is UploadState.COMPLETE:
+            raise Conflict("upload-complete", f"upload {upload_id!r} is complete: nothing more is missing")
+        if upload.offset_bytes != offset_bytes:
+            raise WrongOffset(upload, offset_bytes)
+        missing = upload.size_bytes - upload.offset_bytes
+        if part_bytes > missing:
+            msg = f"upload {upload_id!r} lacks {missing} of {upload.size_bytes} bytes, but the part has {part_bytes}"
+            raise Conflict("upload-too-long", msg)
+        return upload
+
+    def _remove(self, chosen: ColumnElement[bool], reason: str, *, or_else: NotFound | None = None) -> Sequence[str]:
+        with self._database.write() as session:
+            removed = session.scalars(delete(UploadRow).where(chosen).returning(UploadRow.id)).all()
+            for upload_id in removed:
+                announce_deleted(session, self._database.now(), upload_id, reason)
+        if or_else is not None and not removed:
+            raise or_else
+        for upload_id in removed:
+            self._files.remove(self._files.unfinished(upload_id))
+        return removed
+
+
+class WrongOffset(Conflict):
+    """A part begins where the upload does not go on."""
+
+    def __init__(self, upload: Upload, offset_bytes: int) -> None:
+        msg = (
+            f"upload {upload.id!r} goes on at {upload.offset_bytes}, not at {offset_bytes}: {upload.offset_bytes} bytes"
+        )
+        super().__init__("wrong-offset", f"{msg} have come")
+        self.expected_bytes = upload.offset_bytes
+
+
+def use_up(session: Session, now: datetime, received: Received, kind: JobKind, subject_id: str) -> None:
+    """Note within the transaction that makes a resource what became of the upload; nothing where it was none.
+
+    Raises
+    ------
+    Conflict
+        Somebody else was faster, or it has gone.
+    """
+    if received.upload_id is None:
+        return
+    complete = (UploadRow.id == received.upload_id, UploadRow.state == UploadState.COMPLETE)
+    used_by = f"/v1/{kind.plural}/{subject_id}"
+    used = {"state": UploadState.USED, "used_by": used_by}
+    if session.execute(update(UploadRow).where(*complete).values(used)).rowcount != 1:  # type: ignore[attr-defined]
+        raise Conflict(
+            "upload-used", f"upload {received.upload_id!r} has been used or deleted meanwhile: send it again"
+        )
+    announce(session, now, EventKind.UPLOAD_USED, "upload", received.upload_id, detail={"used_by": used_by})
+
+
+def _check_quota(session: Session, row: UploadRow, quota: UploadQuota) -> None:
+    waiting = select(func.count(), func.coalesce(func.sum(UploadRow.size_bytes), 0))
+    waiting = waiting.where(UploadRow.state != UploadState.USED)
+    number, own_bytes = session.execute(waiting.where(UploadRow.key_id.is_not_distinct_from(row.key_id))).one()
+    _, all_bytes = session.execute(waiting).one()
+    advice = "use or delete one, or wait until it expires"
+    if number >= quota.number:
+        raise Conflict("upload-quota", f"{number} uploads of {actor().name} wait to be used: {advice}")
+    for whose, waits, most in ((actor().name, own_bytes, quota.size_bytes), ("all keys", all_bytes, quota.all_bytes)):
+        if waits + row.size_bytes > most:
+            msg = f"uploads of {whose} may have {most} bytes before they are used, and {waits} are taken: {advice}"
+            raise Conflict("upload-quota", msg)
+
+
+def _not_usable(upload: Upload) -> Conflict:
+    """Why nothing can be made of it; of one that is complete, that its file is gone."""
+    if upload.state is UploadState.USED:
+        return Conflict("upload-used", f"upload {upload.id!r} has become {upload.used_by}: send the file again")
+    if upload.state is UploadState.COMPLETE:
+        return lost(upload.id)
+    if upload.offset_bytes == upload.size_bytes:
+        msg = f"upload {upload.id!r} has come whole and was not yet summed up: send an empty part at its end"
+        return Conflict("upload-incomplete", msg)
+    msg = f"of upload {upload.id!r} {upload.offset_bytes} of {upload.size_bytes} bytes have come: send the rest first"
+    return Conflict("upload-incomplete", msg)
+
+
+def read_upload(row: UploadRow) -> Upload:
+    """The upload of a row."""
+    return Upload(
+        id=row.id,
+        created_at=row.created_at,
+        name=row.name,
+        size_bytes=row.size_bytes,
+        offset_bytes=row.offset_bytes,
+        sha256=row.sha256,
+        state=row.state,
+        used_by=row.used_by,
+        expires_at=row.changed_at + UPLOAD_KEPT,
+    )

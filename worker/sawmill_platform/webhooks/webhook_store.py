@@ -1,0 +1,224 @@
+"""Webhooks: made, changed, listed. Their events are found in the table of events (`sawmill_platform/webhooks/outbox.py`).
+
+A secret is stored as it is: each message is signed with it.
+"""
+
+import secrets
+from base64 import b64encode
+from collections.abc import Sequence
+from datetime import datetime, timedelta
+
+from sqlalchemy import ColumnElement, delete, func, select
+from sqlalchemy.orm import Session
+
+from sawmill_platform.contracts.audit import AuditAction
+from sawmill_platform.contracts.base import Page
+from sawmill_platform.contracts.events import EventKind
+from sawmill_platform.contracts.webhooks import (
+    Delivery,
+    NewWebhook,
+    Webhook,
+    WebhookAsk,
+    Webhooks,
+    WebhookState,
+    WebhookTest,
+    kinds_of,
+)
+from sawmill_platform.database.database import Database
+from sawmill_platform.database.paging import found, new_id, read_numbered_page
+from sawmill_platform.database.tables import DeliveryRow, EventRow, WebhookRow
+from sawmill_platform.errors import Conflict
+from sawmill_platform.ledger.audit import changed, write_audit
+from sawmill_platform.ledger.events import announce
+
+PREFIX = "whsec_"
+RANDOM_BYTES = 32  # the specification has 24 to 64
+MOST = 50
+# Of events that wait: who was away for a year must not make every look at the webhooks count all of them.
+COUNTED = 10_000
+# Deliveries, after the last attempt.
+KEPT = timedelta(days=7)
+_FORGOTTEN_AT_ONCE = 1000
+_AUDITED = ("url", "description", "events", "enabled")
+
+
+def secret_of(row: WebhookRow, now: datetime) -> tuple[str, ...]:
+    """With what its messages are signed now: its own secret, and the one before within its grace."""
+    if row.previous_secret is None or row.previous_secret_until is None or row.previous_secret_until <= now:
+        return (row.secret,)
+    return row.secret, row.previous_secret
+
+
+def wanted_by(row: WebhookRow) -> ColumnElement[bool]:
+    """Whether an event is one of those that it is sent and has not been."""
+    behind = EventRow.number > row.after
+    return behind if "*" in row.events else behind & EventRow.what.in_(sorted(kinds_of(row.events)))
+
+
+class WebhookStore:
+    """Every method is one transaction."""
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+
+    def create(self, ask: WebhookAsk, *, webhook_id: str | None = None) -> NewWebhook:
+        """Add a webhook.
+
+        Raises
+        ------
+        Conflict
+            `too-many-webhooks`.
+        """
+        now = self._database.now()
+        with self._database.write() as session:
+            if (session.scalar(select(func.count()).select_from(WebhookRow)) or 0) >= MOST:
+                msg = f"there are {MOST} webhooks already, and there can be no more: delete one"
+                raise Conflict("too-many-webhooks", msg)
+            row = WebhookRow(id=webhook_id or new_id(), created_at=now, secret=_new_secret())
+            announce(session, now, EventKind.WEBHOOK_CREATED, "webhook", row.id)
+            session.flush()
+            row.after = _newest(session)
+            _describe(session, row, ask)
+            session.add(row)
+            write_audit(session, now, AuditAction.WEBHOOK_CREATED, row.id, _audited(row))
+            session.flush()
+            return _with_secret(session, row)
+
+    def all(self) -> Webhooks:
+        """Every one, the newest first."""
+        with self._database.read() as session:
+            rows = session.scalars(select(WebhookRow).order_by(WebhookRow.created_at.desc(), WebhookRow.id))
+            return Webhooks(webhooks=[read_webhook(session, row) for row in rows.all()])
+
+    def get(self, webhook_id: str) -> Webhook:
+        """One webhook, or `NotFound`."""
+        with self._database.read() as session:
+            return read_webhook(session, found(session, WebhookRow, "webhook", webhook_id))
+
+    def signing(self, webhook_id: str) -> tuple[Webhook, tuple[str, ...]]:
+        """One webhook and its secrets, or `NotFound`."""
+        with self._database.read() as session:
+            row = found(session, WebhookRow, "webhook", webhook_id)
+            return read_webhook(session, row), secret_of(row, self._database.now())
+
+    def update(self, webhook_id: str, ask: WebhookAsk) -> Webhook:
+        """Replace a webhook; where it is enabled, the next attempt comes at once."""
+        with self._database.write() as session:
+            row = found(session, WebhookRow, "webhook", webhook_id, lock=True)
+            _replace(session, self._database.now(), row, ask)
+            return read_webhook(session, row)
+
+    def enable(self, webhook_id: str, *, enabled: bool) -> None:
+        """Turn it on or off, or `NotFound`."""
+        with self._database.write() as session:
+            row = found(session, WebhookRow, "webhook", webhook_id, lock=True)
+            ask = WebhookAsk(url=row.url, description=row.description, events=row.events, enabled=enabled)
+            _replace(session, self._database.now(), row, ask)
+
+    def rotate(self, webhook_id: str, *, grace_s: int) -> NewWebhook:
+        """Replace its secret, or `NotFound`; messages are signed with the old one too for `grace_s` seconds."""
+        now = self._database.now()
+        with self._database.write() as session:
+            row = found(session, WebhookRow, "webhook", webhook_id, lock=True)
+            row.previous_secret, row.previous_secret_until = row.secret, now + timedelta(seconds=grace_s)
+            row.secret = _new_secret()
+            write_audit(session, now, AuditAction.WEBHOOK_ROTATED, webhook_id, {"grace_s": grace_s})
+            announce(session, now, EventKind.WEBHOOK_ROTATED, "webhook", webhook_id)
+            return _with_secret(session, row)
+
+    def note_test(self, test: WebhookTest) -> WebhookTest:
+        """Enter that somebody sent a test, and why it was not delivered; the webhook stands as before."""
+        now, detail = self._database.now(), {} if test.reason is None else {"reason": test.reason}
+        with self._database.write() as session:
+            write_audit(session, now, AuditAction.WEBHOOK_TESTED, test.webhook_id, detail)
+            announce(session, now, EventKind.WEBHOOK_TESTED, "webhook", test.webhook_id, detail=detail)
+        return test
+
+    def delete(self, webhook_id: str) -> None:
+        """Remove a webhook and the list of what it was sent, or `NotFound`."""
+        with self._database.write() as session:
+            row, now = found(session, WebhookRow, "webhook", webhook_id, lock=True), self._database.now()
+            write_audit(session, now, AuditAction.WEBHOOK_DELETED, webhook_id, _audited(row))
+            announce(session, now, EventKind.WEBHOOK_DELETED, "webhook", webhook_id)
+            session.delete(row)
+
+    def deliveries(self, webhook_id: str, *, after: str | None = None, limit: int = 50) -> Page[Delivery]:
+        """What it was sent, the newest first.
+
+        Raises
+        ------
+        NotFound, Invalid
+            There is no such webhook, or `after` is not a cursor that an earlier page gave.
+        """
+        statement = select(DeliveryRow).where(DeliveryRow.webhook_id == webhook_id)
+        with self._database.read() as session:
+            found(session, WebhookRow, "webhook", webhook_id)
+            return read_numbered_page(session, statement, DeliveryRow.number, read_delivery, after=after, limit=limit)
+
+    def forget_deliveries(self) -> None:
+        """Remove entries of deliveries that are older than is kept, some at a time."""
+        old = select(DeliveryRow.number).where(DeliveryRow.last_at < self._database.now() - KEPT)
+        with self._database.read() as session:
+            numbers = session.scalars(old.limit(_FORGOTTEN_AT_ONCE)).all()
+        if numbers:
+            with self._database.write() as session:
+                session.execute(delete(DeliveryRow).where(DeliveryRow.number.in_(numbers)))
+
+
+def _replace(session: Session, now: datetime, row: WebhookRow, ask: WebhookAsk) -> None:
+    before = _audited(row) | {"after": row.after}
+    _describe(session, row, ask)
+    row.paused, row.failures, row.next_attempt_at = False, 0, None
+    after = _audited(row) | {"after": row.after}
+    write_audit(session, now, AuditAction.WEBHOOK_CHANGED, row.id, changed(before, after))
+    announce(session, now, EventKind.WEBHOOK_CHANGED, "webhook", row.id)
+    session.flush()
+
+
+def _describe(session: Session, row: WebhookRow, ask: WebhookAsk) -> None:
+    row.url, row.description, row.events, row.enabled = ask.url, ask.description, ask.events, ask.enabled
+    if ask.after is not None:
+        row.after = min(ask.after, _newest(session))  # what has not happened yet is not passed over
+
+
+def _newest(session: Session) -> int:
+    return session.scalar(select(func.max(EventRow.number))) or 0
+
+
+def _audited(row: WebhookRow) -> dict[str, object]:
+    return {name: getattr(row, name) for name in _AUDITED}
+
+
+def _new_secret() -> str:
+    return PREFIX + b64encode(secrets.token_bytes(RANDOM_BYTES)).decode()
+
+
+def _state(row: WebhookRow) -> WebhookState:
+    if not row.enabled:
+        return WebhookState.PAUSED if row.paused else WebhookState.DISABLED
+    return WebhookState.RETRYING if row.failures else WebhookState.ACTIVE
+
+
+def read_webhook(session: Session, row: WebhookRow) -> Webhook:
+    """The webhook of a row as it stands, with what waits for it."""
+    oldest = session.scalar(select(EventRow.at).where(wanted_by(row)).order_by(EventRow.number).limit(1))
+    some = select(EventRow.number).where(wanted_by(row)).limit(COUNTED).subquery()
+    waiting = session.scalar(select(func.count()).select_from(some))
+    computed = {"state": _state(row), "waiting": waiting, "waiting_since": oldest}
+    stored = {name: getattr(row, name) for name in Webhook.model_fields.keys() - computed}
+    return Webhook.model_validate(stored | computed)
+
+
+def _with_secret(session: Session, row: WebhookRow) -> NewWebhook:
+    return NewWebhook(**read_webhook(session, row).model_dump(), secret=row.secret)
+
+
+def read_delivery(row: DeliveryRow) -> Delivery:
+    """The delivery of a row."""
+    return Delivery.model_validate({name: getattr(row, name) for name in Delivery.model_fields})
+
+
+def read_events(session: Session, row: WebhookRow, through: int, limit: int) -> Sequence[EventRow]:
+    """The events that it is sent next, the oldest first, none behind a number."""
+    wanted = select(EventRow).where(wanted_by(row), EventRow.number <= through)
+    return session.scalars(wanted.order_by(EventRow.number).limit(limit)).all()

@@ -1,0 +1,285 @@
+"""The cluster's engine: Redis carries wake-ups, Celery workers claim jobs when they are woken.
+
+A message announces only that there may be a job, not which one is next: it is acknowledged at once, and losing or
+repeating it does no harm.
+Start a worker with `celery -A sawmill_platform.workers.celery_app worker`. It serves both lanes, one after the other as
+messages come; one with `-Q sawmill-short` serves short jobs alone, so that these wait for no long one.
+"""
+
+import queue
+import signal
+import sys
+import threading
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from types import FrameType
+from typing import Any
+
+import structlog
+from celery import Celery, signals
+from celery.worker import WorkController
+from kombu.entity import Queue
+from kombu.exceptions import OperationalError
+from redis.exceptions import RedisError
+
+from sawmill_platform.attempts.process import AttemptNotStarted
+from sawmill_platform.attempts.runner import ATTEMPT_COMMAND, Runner
+from sawmill_platform.confinement.confinement import say_if_unconfined
+from sawmill_platform.errors import StorageError, StorageFull, StorageUnavailable
+from sawmill_platform.jobs.turns import Selection
+from sawmill_platform.settings import StorageSettings
+from sawmill_platform.workers.broker_report import report_of
+from sawmill_platform.workers.housekeeping import Housekeeping
+from sawmill_platform.workers.logs import configure_logs
+from sawmill_platform.workers.opening import open_store
+from sawmill_platform.workers.settings import ExecutionSettings
+from sawmill_platform.workers.sharing import say_if_crowded
+from sawmill_platform.workers.variables import WrongVariableError, variables_checked
+from sawmill_store.store import Store
+
+RUN_JOB = "sawmill.run_job"
+_QUEUE = "sawmill"
+_SHORT_QUEUE = "sawmill-short"
+_LANES = {False: _QUEUE, True: _SHORT_QUEUE}  # by whether a job is short
+_CONNECT_TIMEOUT_S = 1.0
+_ANSWER_TIMEOUT_S = 2.0  # of a server that does little but move a few bytes
+_HEALTH_CHECK_S = 5.0  # a worker's waiting for messages is begun anew 6 to 11 s after Redis fell silent
+_MOST_WAITING = 100  # wake-ups; more of them add nothing
+_CLOSE_S = 2.0
+
+
+def make_celery(
+    settings: ExecutionSettings, storage: StorageSettings, *, command: Sequence[str] = ATTEMPT_COMMAND
+) -> Celery:
+    """The Celery application, for workers and for senders.
+
+    Parameters
+    ----------
+    settings
+        With a broker.
+    storage
+        The store that all machines share.
+    command
+        Starts the process of an attempt, as for `Runner`.
+
+    Raises
+    ------
+    ValueError
+        The settings name no broker.
+    """
+    if settings.broker_url is None:
+        raise ValueError("broker_url must name a Redis server, as in redis://127.0.0.1:6379/0; set SAWMILL_BROKER_URL")
+    app = Celery("sawmill", broker=settings.broker_url, set_as_current=False)
+    app.conf.update(
+        accept_content=["json"],
+        task_serializer="json",
+        task_default_queue=_QUEUE,
+        task_queues=[Queue(name) for name in _LANES.values()],  # type: ignore[no-untyped-call]
+        task_ignore_result=True,
+        task_acks_late=False,
+        task_publish_retry=False,  # the sweep sends lost wake-ups again
+        worker_pool="threads",  # each thread supervises a process; forked children and Numba do not go together
+        worker_concurrency=settings.workers,
+        worker_prefetch_multiplier=1,
+        worker_disable_prefetch=True,  # a message that a busy worker holds would keep an idle one waiting
+        worker_soft_shutdown_timeout=settings.stop_grace_s + settings.kill_grace_s + _CLOSE_S,
+        worker_hijack_root_logger=False,
+        broker_connection_retry_on_startup=True,
+        broker_connection_max_retries=None,  # a worker outlives any outage of Redis
+        broker_transport_options={
+            "socket_timeout": _ANSWER_TIMEOUT_S,
+            "socket_connect_timeout": _CONNECT_TIMEOUT_S,
+            "socket_keepalive": True,
+            "connect_retries_timeout": _CONNECT_TIMEOUT_S,
+            "health_check_interval": _HEALTH_CHECK_S,
+            "interval_start": 0.1,
+        },
+    )
+    engine = _Engine(app, settings, storage, command)
+    app.task(engine.run_job, name=RUN_JOB)
+    # The signals are Celery's own and fire in worker processes only.
+    signals.worker_init.connect(engine.start, weak=False)
+    signals.worker_ready.connect(engine.stop_on_signals, weak=False)
+    signals.worker_shutting_down.connect(engine.stop, weak=False)
+    signals.worker_shutdown.connect(engine.close, weak=False)
+    return app
+
+
+class Waker:
+    """Sends wake-ups from a thread of its own, best effort: whoever wakes a worker never waits for Redis.
+
+    Parameters
+    ----------
+    app
+        From `make_celery`.
+    is_short
+        Which lane a job waits in.
+    """
+
+    def __init__(self, app: Celery, is_short: Callable[[str], bool]) -> None:
+        self._app = app
+        self._is_short = is_short
+        self._waiting: queue.Queue[str | None] = queue.Queue(_MOST_WAITING)
+        self._given_up = threading.Event()
+        self._thread = threading.Thread(target=self._send_until_closed, name="wake-ups", daemon=True)
+
+    def start(self) -> None:
+        """Begin to send."""
+        self._thread.start()
+
+    def __call__(self, job_id: str) -> None:
+        """Announce a job soon. What Redis does not take is dropped: the sweep sends it again later."""
+        try:
+            self._waiting.put_nowait(job_id)
+        except queue.Full:
+            structlog.get_logger().warning("wake-up-dropped", job_id=job_id, reason=f"{_MOST_WAITING} wait to be sent")
+
+    def close(self) -> None:
+        """Send what waits, for two seconds at most; the sweep sends the rest."""
+        with suppress(queue.Full):  # then Redis does not answer, and waiting for it would be in vain
+            self._waiting.put_nowait(None)
+            self._thread.join(_CLOSE_S)
+        self._given_up.set()
+
+    def _send_until_closed(self) -> None:
+        while (job_id := self._waiting.get()) is not None and not self._given_up.is_set():
+            try:
+                short = self._is_short(job_id)
+                self._app.send_task(RUN_JOB, args=[job_id, short], queue=_LANES[short])
+            except (OperationalError, RedisError, StorageError) as error:
+                structlog.get_logger().warning("wake-up-not-sent", job_id=job_id, reason=str(error))
+            except Exception:  # noqa: BLE001 - jobs are found by this thread alone: whatever happens, it goes on
+                structlog.get_logger().exception("wake-up-not-sent", job_id=job_id)
+
+
+class _Engine:
+    """What a Celery worker process holds while it runs."""
+
+    def __init__(
+        self, app: Celery, settings: ExecutionSettings, storage: StorageSettings, command: Sequence[str]
+    ) -> None:
+        self._app = app
+        self._command = command
+        self._settings = settings
+        self._storage = storage
+        self._stop = threading.Event()
+
+    def start(self, sender: WorkController, **_: Any) -> None:  # noqa: ANN401 - Celery's signal arguments
+        configure_logs(self._settings.log_format)
+        pool = str(sender.pool_cls)
+        if "prefork" in pool:
+            raise SystemExit("use the threads or the solo pool: each job has a process of its own already")
+        # Nobody listens to the messages among workers, and Celery sends its heartbeat again for ever, in the thread
+        # that has to end the worker, when Redis is silent.
+        sender.options |= {"without_heartbeat": True, "without_gossip": True, "without_mingle": True}
+        # As many as Celery runs at once, whatever `--concurrency` says.
+        slots = 1 if "solo" in pool else int(sender.concurrency)
+        self._settings = self._settings.model_copy(update={"workers": slots})
+        say_if_crowded(self._settings)
+        say_if_unconfined(self._settings)
+        self._store = self._opened()
+        self._wake = Waker(self._app, self._store.jobs.is_short)
+        self._runner = Runner(
+            self._store, self._settings, self._stop, command=self._command, on_ended=self._wake_waiting
+        )
+        self._runner.warm_up()
+        self._housekeeping = Housekeeping(self._store, self._settings, self._stop)
+        self._housekeeping.start()
+        self._wake.start()
+        # Apart from the housekeeping, which goes on whatever Redis does.
+        threading.Thread(target=self._sweep_until_stopped, name="sweep", daemon=True).start()
+
+    def _opened(self) -> Store:
+        # Celery listens to signals later, and the first process of a container hears none that it does not handle.
+        before = signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
+        try:
+            store = open_store(self._storage, self._stop, may_begin=False)
+        except (StorageError, OSError) as error:  # Celery would log it and go on without a store
+            raise SystemExit(f"this worker cannot start: {error}") from error
+        finally:
+            signal.signal(signal.SIGTERM, before)
+        assert store is not None  # noqa: S101 - nothing has set `stop` yet
+        return store
+
+    def stop_on_signals(self, **_: Any) -> None:  # noqa: ANN401
+        """Give jobs back from the first signal on: in a cold shutdown Celery tells of it only when it has waited."""
+        for number in (signal.SIGTERM, signal.SIGQUIT):
+            signal.signal(number, self._stopping_before(signal.getsignal(number)))
+
+    def _stopping_before(self, handler: Any) -> Callable[[int, FrameType | None], None]:  # noqa: ANN401
+        def stop_and_handle(number: int, frame: FrameType | None) -> None:
+            if not self._stop.is_set():  # whoever is being interrupted may be setting it
+                self._stop.set()
+            handler(number, frame)
+
+        return stop_and_handle
+
+    def stop(self, **_: Any) -> None:  # noqa: ANN401
+        self._stop.set()
+
+    def close(self, **_: Any) -> None:  # noqa: ANN401
+        self._stop.set()
+        self._runner.close()
+        self._housekeeping.join()
+        self._wake.close()
+        self._store.close()
+
+    def run_job(self, _job_id: str, short: bool | None = None) -> None:  # noqa: FBT001 - Celery's argument
+        """Run the job whose turn it is in a lane: the queue's order is the database's, not that of the messages."""
+        try:
+            self._runner.run_next(Selection(short=short))
+        except (StorageFull, StorageUnavailable) as error:
+            self._runner.log_put_off(error)
+            return
+        except (AttemptNotStarted, OSError) as error:  # no job was claimed: the sweep announces it again
+            structlog.get_logger().error("attempt-not-started", reason=str(error))
+            return
+        self._runner.warm_up()
+
+    def _wake_waiting(self, job_id: str) -> None:
+        for waiting in self._store.jobs.waiting_for(job_id):
+            self._wake(waiting)
+
+    def _sweep_until_stopped(self) -> None:
+        trouble: str | None = None
+        while not self._stop.wait(self._settings.housekeeping_s):
+            before, trouble = trouble, report_of(str(self._settings.broker_url)).trouble
+            if trouble is not None:
+                if trouble != before:
+                    structlog.get_logger().warning("sweep-put-off", reason=trouble)
+                continue
+            try:
+                self._sweep()
+            except (OperationalError, RedisError, StorageError) as error:
+                structlog.get_logger().warning("sweep-put-off", reason=str(error))
+            except Exception:  # noqa: BLE001 - lost wake-ups are found by this thread alone: whatever happens, it goes on
+                structlog.get_logger().exception("sweep-put-off")
+
+    def _sweep(self) -> None:
+        """Send the wake-ups of waiting jobs again, once no message of their lane is on its way: they cannot pile up."""
+        for short, name in _LANES.items():
+            lost = self._store.jobs.queued_job_ids(
+                older_than_s=self._settings.sweep_s, short=short, limit=_MOST_WAITING // len(_LANES)
+            )
+            if lost and self._messages_waiting(name) == 0:
+                for job_id in lost:
+                    self._wake(job_id)
+
+    def _messages_waiting(self, name: str) -> int:
+        with self._app.connection_for_write() as connection:
+            declared = connection.default_channel.queue_declare(queue=name, durable=True)
+            return int(declared.message_count)
+
+
+def __getattr__(name: str) -> Celery:
+    """Make `app` when Celery's command line looks for it, from the environment; importing makes nothing."""
+    if name != "app":
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    try:
+        with variables_checked():
+            app = make_celery(ExecutionSettings(), StorageSettings())
+    except (WrongVariableError, ValueError) as error:
+        sys.stderr.write(f"{error}\n")
+        raise SystemExit(2) from error
+    globals()["app"] = app
+    return app

@@ -1,0 +1,186 @@
+"""The embedded worker (`python -m sawmill_platform.workers.poller`): claims jobs from the database, no broker."""
+
+import argparse
+import math
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable, Collection, Sequence
+from contextlib import closing, suppress
+
+from sawmill_platform.attempts.process import AttemptNotStarted
+from sawmill_platform.attempts.runner import ATTEMPT_COMMAND, Runner
+from sawmill_platform.contracts.jobs import JobKind
+from sawmill_platform.errors import StorageError, StorageFull, StorageUnavailable
+from sawmill_platform.jobs.turns import ANY, Selection
+from sawmill_platform.settings import StorageSettings
+from sawmill_platform.workers.housekeeping import Housekeeping
+from sawmill_platform.workers.logs import configure_logs
+from sawmill_platform.workers.opening import open_store
+from sawmill_platform.workers.settings import ExecutionSettings
+from sawmill_store.store import Store
+
+# Of the short lane: its memory is worth keeping while somebody works at a scan, and no longer.
+SHORT_IDLE_S = 60.0
+
+
+def run_worker(
+    store: Store,
+    settings: ExecutionSettings,
+    stop: threading.Event,
+    *,
+    command: Sequence[str] = ATTEMPT_COMMAND,
+    wake: threading.Event | None = None,
+    on_able: Callable[[], None] = lambda: None,
+    selection: Selection = ANY,
+    idle_s: float = math.inf,
+) -> None:
+    """Claim and run jobs until `stop` is set; a job that is running then is finished or given back.
+
+    Parameters
+    ----------
+    wake
+        Set by whoever knows of a new job, or has set `stop`: an idle worker then looks before its time.
+    on_able
+        As for `Runner`.
+    selection
+        Which jobs it takes; the others are left to other workers.
+    idle_s
+        End after so long without a job.
+
+    Raises
+    ------
+    AttemptNotStarted
+        No job can be run on this installation.
+    """
+    wake = wake or threading.Event()
+    runner = Runner(store, settings, stop, command=command, on_able=on_able)
+    housekeeping = Housekeeping(store, settings, stop)
+    housekeeping.start()
+    worked_at = time.monotonic()
+    try:
+        while not stop.is_set() and (idle_for_s := time.monotonic() - worked_at) < idle_s:
+            wake.clear()
+            resting = idle_for_s >= settings.spare_idle_s
+            try:
+                idle = (resting and not store.jobs.could_start(selection)) or runner.run_next(selection) is None
+            except (StorageFull, StorageUnavailable, AttemptNotStarted, OSError) as error:
+                if isinstance(error, AttemptNotStarted) and not runner.able:
+                    raise
+                runner.log_put_off(error)
+                wake.wait(settings.outage_wait_s)
+                continue
+            if idle:
+                if resting:
+                    runner.close()
+                else:
+                    runner.warm_up()
+                wake.wait(settings.poll_s)
+            else:
+                worked_at = time.monotonic()
+    finally:
+        stop.set()
+        runner.close()
+        housekeeping.join()
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run one embedded worker, set up by the environment."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument(
+        "--watch-parent", action="store_true", help="look for a job at each byte on standard input, stop at its end"
+    )
+    parser.add_argument(
+        "--short", action="store_true", help=f"take short jobs only, and end after {SHORT_IDLE_S:g} s without any"
+    )
+    options = parser.parse_args(arguments)
+    run(watch_parent=options.watch_parent, short_only=options.short)
+
+
+def run(
+    *,
+    watch_parent: bool = False,
+    short_only: bool = False,
+    kinds: Collection[str] = (),
+    scanners: Collection[str] = (),
+) -> None:
+    """Run one embedded worker, set up by the environment.
+
+    Parameters
+    ----------
+    watch_parent
+        Look for a job at each byte on standard input, and stop at its end.
+    short_only
+        Take short jobs only, and end after `SHORT_IDLE_S` without any.
+    kinds
+        Take jobs of these kinds only; empty: of all.
+    scanners
+        Take jobs of these scanners only, ids or names; empty: of all, and those of no scanner.
+
+    Raises
+    ------
+    SystemExit
+        The worker cannot start, in one sentence.
+    """
+    settings = ExecutionSettings()
+    configure_logs(settings.log_format)
+    stop, wake = threading.Event(), threading.Event()
+    _end_on_signals(stop, wake)
+    if watch_parent:
+        threading.Thread(target=_listen_to_parent, args=(stop, wake), daemon=True).start()
+    try:
+        store = open_store(StorageSettings(), stop, may_begin=False)
+        if store is not None:
+            with closing(store):
+                selection = Selection(
+                    short=True if short_only else None,
+                    kinds=frozenset(kind for kind in JobKind if kind in kinds) or None,
+                    group_ids=frozenset(store.scanners.ids_of(scanners)) or None,
+                )
+                run_worker(
+                    store,
+                    settings,
+                    stop,
+                    wake=wake,
+                    on_able=report_to_parent if watch_parent else lambda: None,
+                    selection=selection,
+                    idle_s=SHORT_IDLE_S if short_only else math.inf,
+                )
+    except (StorageError, AttemptNotStarted, OSError) as error:
+        raise SystemExit(f"this worker cannot start: {error}") from error
+
+
+def report_to_parent() -> None:
+    """Tell the process that started this one that it works (`supervise`): a byte on standard input, a socket."""
+    with suppress(OSError):  # the parent is gone: `_listen_to_parent` sees to that
+        os.write(0, b"\n")
+
+
+def _end_on_signals(stop: threading.Event, wake: threading.Event) -> None:
+    """Set both at the first signal to stop; in a thread, for a handler interrupts whoever holds an event's lock."""
+    reading, writing = os.pipe()
+    os.set_blocking(writing, False)
+    signal.set_wakeup_fd(writing)
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: None)
+
+    def listen() -> None:
+        os.read(reading, 1)
+        stop.set()
+        wake.set()
+
+    threading.Thread(target=listen, daemon=True).start()
+
+
+def _listen_to_parent(stop: threading.Event, wake: threading.Event) -> None:
+    # A parent that is killed before it has read this worker's report resets the connection instead of closing it.
+    with suppress(ConnectionResetError), open(0, "rb", buffering=0, closefd=False) as parent:
+        while parent.read(1024):
+            wake.set()
+    stop.set()
+    wake.set()
+
+
+if __name__ == "__main__":
+    main()

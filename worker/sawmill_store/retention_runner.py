@@ -1,0 +1,239 @@
+"""Carrying out the rules of retention: the oldest first, a few in a transaction, rows first and then files.
+
+A kill between the two leaves files that no row knows, which go as `leftovers`. What is about to go is locked and asked
+about once more: an activation or a job that came after it was chosen keeps it.
+"""
+
+import time
+from collections.abc import Callable, Sequence
+from datetime import datetime
+from pathlib import Path
+from typing import NamedTuple
+
+import structlog
+from sqlalchemy import CursorResult, and_, delete, or_, select, update
+from sqlalchemy.orm import Session
+
+from sawmill_contracts.retention import Removed, RetentionKind, RetentionRules
+from sawmill_platform.contracts.events import EventKind
+from sawmill_platform.database.database import Database
+from sawmill_platform.database.tables import (
+    CalibrationRow,
+    EventRow,
+    JobDependencyRow,
+    JobRow,
+    RetentionRow,
+    ScannerRow,
+    ScheduleRunRow,
+)
+from sawmill_platform.files.file_store import FileStore
+from sawmill_platform.ledger.events import announce
+from sawmill_store.leftovers import noted
+from sawmill_store.measured_bytes import freed_bytes_of, measure_some, places_of
+from sawmill_store.protected import none_of, protections
+from sawmill_store.retention import SUBJECT, THE_ROW, rules_of, waits_since
+from sawmill_store.retention_rules import STOCKS, Reach, Stock, last_old_event, reach_of
+
+EVERY_S = 600.0
+# In a transaction: files of 230 MB each are deleted within the time of a round.
+ITEMS_A_ROUND = 50
+EVENTS_A_ROUND = 2000
+_DAYS = [name for name in RetentionRules.model_fields if name.endswith("_days")]
+_log = structlog.get_logger()
+
+
+class _Task(NamedTuple):
+    """What the rules in force reach of one kind; `reach` is a number of events."""
+
+    kind: RetentionKind
+    revision: int
+    reach: Reach | int
+
+
+class RetentionKeeper:
+    """Removes what the rules reach, a batch a round; of several processes one at a time.
+
+    Parameters
+    ----------
+    database, files
+        Several processes may look after the same ones.
+    now_s
+        The keeper's clock, which never goes back.
+    """
+
+    def __init__(self, database: Database, files: FileStore, *, now_s: Callable[[], float] = time.monotonic) -> None:
+        self._database = database
+        self._files = files
+        self._now_s = now_s
+        self._due_s = now_s()
+        self._measures = False
+        self._known: int | None = None
+        self._tasks: list[_Task] = []
+
+    def remove_some(self) -> Removed | None:
+        """Measure what is new, and remove the next batch where there is one: every ten minutes, and at new rules.
+
+        Returns
+        -------
+        Removed or None
+            What went. None: nothing that the rules reach may go now.
+
+        Raises
+        ------
+        StorageFull, StorageUnavailable
+            The database cannot write.
+        OSError
+            A file could not be removed: its row is gone, and it goes as a leftover.
+        """
+        with self._database.read() as session:
+            revision = session.scalar(select(RetentionRow.revision).where(RetentionRow.number == THE_ROW))
+        is_due = self._now_s() >= self._due_s
+        if is_due or self._measures:
+            self._measures = measure_some(self._database, self._files)
+        if is_due or revision != self._known:
+            self._due_s, self._known, self._tasks = self._now_s() + EVERY_S, revision, self._find_tasks()
+        while self._tasks:
+            task = self._tasks.pop(0)
+            removed, is_full = self._remove(task)
+            if is_full:
+                self._tasks.insert(0, task)
+            if removed is not None:
+                return removed
+        return None
+
+    def _find_tasks(self) -> list[_Task]:
+        now = self._database.now()
+        with self._database.read() as session:
+            row = session.get(RetentionRow, THE_ROW)
+            if row is None:
+                return []
+            rules, tasks, waits = rules_of(row), [], waits_since(row, now)
+            if waits is not None:  # all that is stored may seem too old
+                _log.warning("retention-days-wait", since=waits.isoformat())
+                rules = rules.model_copy(update=dict.fromkeys(_DAYS))
+            for kind in rules.kinds():
+                stock = STOCKS.get(kind)
+                reach = last_old_event(session, rules, now) if stock is None else reach_of(session, stock, rules, now)
+                tasks.append(_Task(kind, row.revision, reach))
+        if waits is None:
+            with self._database.write() as session:
+                same = RetentionRow.number == THE_ROW, RetentionRow.revision == row.revision
+                session.execute(update(RetentionRow).where(*same).values(followed_at=now))
+        return tasks
+
+    def _remove(self, task: _Task) -> tuple[Removed | None, bool]:
+        """What went of a kind, and whether there may be more."""
+        if isinstance(task.reach, int):
+            return self._remove_events(task, task.reach)
+        return self._remove_stored(task, STOCKS[task.kind], task.reach)
+
+    def _remove_stored(self, task: _Task, stock: Stock, reach: Reach) -> tuple[Removed | None, bool]:
+        with self._database.read() as session:
+            chosen = _oldest(session, stock, reach)
+        if not chosen:
+            return None, False
+        is_full = len(chosen) == ITEMS_A_ROUND
+        with self._database.write() as session:
+            row = _held_rules(session, task)
+            if row is None:
+                return None, False
+            _lock(session, stock, chosen)
+            going = _may_still_go(session, stock, chosen)
+            if not going:
+                return None, is_full
+            places = [place for identifier in going for place in places_of(self._files, stock.job, identifier)]
+            removed = Removed(kind=stock.kind, number=len(going), freed_bytes=freed_bytes_of(places))
+            _delete(session, stock, list(going))
+            self._note(session, row, removed, min(going.values()), max(going.values()))
+        self._delete_files(places)
+        return removed, is_full
+
+    def _remove_events(self, task: _Task, last: int) -> tuple[Removed | None, bool]:
+        with self._database.write() as session:
+            row = _held_rules(session, task)
+            if row is None:
+                return None, False
+            goes = EventRow.number <= last, none_of(protections(session, RetentionKind.EVENTS))
+            oldest = select(EventRow.number, EventRow.at).where(*goes).order_by(EventRow.number).limit(EVENTS_A_ROUND)
+            chosen = session.execute(oldest).all()
+            if not chosen:
+                return None, False
+            up_to = EventRow.number <= chosen[-1].number
+            gone = session.execute(delete(EventRow).where(up_to, *goes).execution_options(synchronize_session=False))
+            assert isinstance(gone, CursorResult)  # noqa: S101 - of a DELETE
+            removed = Removed(kind=task.kind, number=gone.rowcount, freed_bytes=0)
+            self._note(session, row, removed, chosen[0].at, chosen[-1].at)
+            return removed, len(chosen) == EVENTS_A_ROUND
+
+    def _note(
+        self, session: Session, row: RetentionRow, removed: Removed, first_at: datetime, last_at: datetime
+    ) -> None:
+        """Count it, and announce it, in the transaction that removes it."""
+        number, freed_bytes = row.removed.get(removed.kind.value, (0, 0))
+        counted = [number + removed.number, freed_bytes + removed.freed_bytes]
+        row.removed = {**row.removed, removed.kind.value: counted}
+        detail = {
+            "number": removed.number,
+            "freed_bytes": removed.freed_bytes,
+            "first_at": first_at.isoformat(),
+            "last_at": last_at.isoformat(),
+        }
+        now = self._database.now()
+        announce(session, now, EventKind.RETENTION_REMOVED, SUBJECT, removed.kind.value, detail=detail)
+
+    def _delete_files(self, places: Sequence[Path]) -> None:
+        errors = list[OSError]()
+        for place in places:
+            with noted(errors):
+                self._files.remove(place)
+        if errors:
+            raise errors[0]
+
+
+def _held_rules(session: Session, task: _Task) -> RetentionRow | None:
+    """The row of the rules, locked; None where another process works by it, or the rules are others by now."""
+    held = select(RetentionRow).where(RetentionRow.number == THE_ROW, RetentionRow.revision == task.revision)
+    return session.scalar(held.with_for_update(skip_locked=True))
+
+
+def _oldest(session: Session, stock: Stock, reach: Reach) -> Sequence[str]:
+    """Ids of the oldest that may go."""
+    table = stock.table
+    goes = stock.select(table.id, until=and_(reach.beyond(stock), none_of(protections(session, stock.kind))))
+    return session.scalars(goes.order_by(table.created_at, table.id).limit(ITEMS_A_ROUND)).all()
+
+
+def _may_still_go(session: Session, stock: Stock, chosen: Sequence[str]) -> dict[str, datetime]:
+    """Of these rows, which are locked: when each came."""
+    table = stock.table
+    still = table.id.in_(chosen), none_of(protections(session, stock.kind))
+    return {row.id: row.created_at for row in session.execute(select(table.id, table.created_at).where(*still))}
+
+
+def _lock(session: Session, stock: Stock, identifiers: Sequence[str]) -> None:
+    """Wait for whoever is about to activate, use or delete one of these, and keep others from it; scanners first.
+
+    Who asks for something of one of these has locked it, and then refers to its scanner: that must not wait for us.
+    SQLite has one writer at a time: it needs no locks, and takes none.
+    """
+    table = stock.table
+    theirs = select(table.scanner_id).where(table.id.in_(identifiers))
+    scanners = select(ScannerRow.id).where(ScannerRow.id.in_(theirs)).order_by(ScannerRow.id)
+    session.execute(scanners.with_for_update(key_share=True))
+    session.execute(select(table.id).where(table.id.in_(identifiers)).order_by(table.id).with_for_update())
+
+
+def _delete(session: Session, stock: Stock, identifiers: Sequence[str]) -> None:
+    """The rows and their jobs; the job that read a phantom scan stays, since alarms go by it."""
+    table = stock.table
+    job_ids = session.scalars(select(table.job_id).where(table.id.in_(identifiers))).all()
+    if table is CalibrationRow:
+        runs = update(ScheduleRunRow).where(ScheduleRunRow.calibration_id.in_(identifiers))
+        session.execute(runs.values(calibration_id=None).execution_options(synchronize_session=False))
+    statements = [delete(table).where(table.id.in_(identifiers))]
+    if stock.kind is not RetentionKind.PHANTOM_SCANS:
+        waited = or_(JobDependencyRow.job_id.in_(job_ids), JobDependencyRow.needs_job_id.in_(job_ids))
+        statements.insert(0, delete(JobDependencyRow).where(waited))
+        statements.append(delete(JobRow).where(JobRow.id.in_(job_ids)))
+    for statement in statements:
+        session.execute(statement.execution_options(synchronize_session=False))

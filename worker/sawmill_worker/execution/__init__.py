@@ -1,1 +1,0 @@
-"""Claiming jobs and running each attempt in a process of its own (docs/architecture.md#jobs)."""
