@@ -22,19 +22,21 @@ from typing import Any, TypeVar
 from measurement import RESULTS, Measurement, reference_s
 from sqlalchemy import insert
 
+from sawmill_contracts import job_kinds
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import ScanState
-from sawmill_platform.contracts.events import EventKind
-from sawmill_platform.contracts.jobs import Failure, FailureKind, JobKind, JobState
+from sawmill_platform.contracts import event_kinds
+from sawmill_platform.contracts.jobs import Failure, FailureKind, JobState
 from sawmill_platform.database.database import Database
 from sawmill_platform.database.engines import make_engine
-from sawmill_platform.database.tables import EventRow, JobRow, ScanRow
+from sawmill_platform.database.tables import EventRow, JobRow
 from sawmill_platform.settings import StorageSettings
 from sawmill_store.backups.checking import check_backup
 from sawmill_store.backups.restoring import restore
 from sawmill_store.backups.taking import take_backup
 from sawmill_store.store import Store
+from sawmill_store.tables import ScanRow
 
 FILES, FILE_BYTES, NEW = 58_000, 10_000, 10
 PARTS = {
@@ -72,7 +74,7 @@ def _rows(name: str, at: datetime, file_bytes: int) -> tuple[dict[str, Any], ...
     job = {
         "id": f"job-{name}",
         "created_at": at,
-        "kind": JobKind.INGEST,
+        "kind": job_kinds.INGEST,
         "state": JobState.FAILED,
         "subject_id": name,
         "attempt": 1,
@@ -93,7 +95,7 @@ def _rows(name: str, at: datetime, file_bytes: int) -> tuple[dict[str, Any], ...
     }
     event = {
         "at": at,
-        "what": EventKind.FAILED,
+        "what": event_kinds.FAILED,
         "scanner_id": "line",
         "subject": "scan",
         "subject_id": name,

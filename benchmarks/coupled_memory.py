@@ -22,12 +22,12 @@ from numba import get_num_threads
 from scanners import SCANNER
 from waiting_job import Done, do_waiting_job
 
+from sawmill_contracts import job_kinds
 from sawmill_contracts.geometry import GivenTheta, ScannerConstants
 from sawmill_contracts.reconstructions import ReconstructionAsk
 from sawmill_contracts.scanners import ScannerSpec, Tolerances
 from sawmill_contracts.scans import ScanSpec
 from sawmill_platform.attempts.limits import peak_memory_bytes
-from sawmill_platform.contracts.jobs import JobKind
 from sawmill_platform.settings import StorageSettings
 from sawmill_store.store import Store
 from sawmill_vocabulary import DataKind, ReconstructionMethod
@@ -77,7 +77,7 @@ def main() -> None:
         with path.open("rb") as file:
             received = store.files.receive(iter(lambda: file.read(2**20), b""), max_bytes=2**40)
         scan = store.scans.accept(given, received)
-        do_waiting_job(store, JobKind.INGEST)
+        do_waiting_job(store, job_kinds.INGEST)
         print(
             f"{options.views} views x {options.rows} rows, read: {largest_gb():.2f} GB at most",
             flush=True,
@@ -86,7 +86,7 @@ def main() -> None:
             scan_id=scan.id, theta=THETA, method=ReconstructionMethod.TOTAL_VARIATION, coupling=COUPLING
         )
         store.reconstructions.accept(ask)
-        done = do_waiting_job(store, JobKind.RECONSTRUCT)
+        done = do_waiting_job(store, job_kinds.RECONSTRUCT)
         largest = largest_gb()
         print(
             f"reconstructed {done.result['shape']}: {largest:.2f} GB at most, {done.clock_s:.0f} s by "

@@ -14,10 +14,12 @@ from scans import TRUE_THETA
 from sqlalchemy import func, insert, select
 
 from sawmill_command import demo_client
-from sawmill_platform.contracts.events import EventKind
-from sawmill_platform.contracts.jobs import JobKind, JobState
-from sawmill_platform.database.tables import EventRow, JobRow, PlanRow
+from sawmill_contracts import job_kinds
+from sawmill_platform.contracts import event_kinds
+from sawmill_platform.contracts.jobs import JobState
+from sawmill_platform.database.tables import EventRow, JobRow
 from sawmill_store.store import Store
+from sawmill_store.tables import PlanRow
 
 CLIENTS, PAGE_JOBS = 4, 50
 WINDOW_S, NOBODY_WORKS_S = 6.0, 60.0
@@ -61,7 +63,7 @@ class Line:
             made = [now - timedelta(days=1) + timedelta(seconds=number) for number in numbers]
             names = [f"filled-{number}" for number in numbers]
             jobs = [
-                {"id": name, "subject_id": name, "created_at": at, "kind": JobKind.PLAN, "state": JobState.QUEUED}
+                {"id": name, "subject_id": name, "created_at": at, "kind": job_kinds.PLAN, "state": JobState.QUEUED}
                 | {"short": True}
                 for name, at in zip(names, made, strict=True)
             ]
@@ -77,7 +79,7 @@ class Line:
         """From the first end on to the last that is waited for, by the events' own times."""
         begun = self.store.events.newest_number()
         ended = select(func.count(), func.min(EventRow.at), func.max(EventRow.at))
-        ended = ended.where(EventRow.number > begun, EventRow.what == EventKind.SUCCEEDED)
+        ended = ended.where(EventRow.number > begun, EventRow.what == event_kinds.SUCCEEDED)
         self.fill(length)
         deadline, wanted = time.monotonic() + WINDOW_S, min(jobs, length)
         while True:

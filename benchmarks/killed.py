@@ -23,13 +23,14 @@ import h5py
 import numpy as np
 from job_price import processes
 
+from sawmill_contracts import job_kinds
 from sawmill_contracts.calibrations import CalibrationAsk, PaperOptions
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.reconstructions import ReconstructionAsk
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import ScanSpec
 from sawmill_platform.attempts.runner import Runner
-from sawmill_platform.contracts.jobs import Job, JobKind, JobState
+from sawmill_platform.contracts.jobs import Job, JobState
 from sawmill_platform.settings import StorageSettings
 from sawmill_platform.workers.settings import ExecutionSettings
 from sawmill_store.store import Store
@@ -37,6 +38,7 @@ from sawmill_tomography.geometry.geometry import FanBeamGeometry, Scanner, Theta
 from sawmill_tomography.phantoms.built_in import L_SHAPE
 from sawmill_tomography.projection.simulate import simulate_sinogram
 from sawmill_vocabulary import CalibrationMethod, DataKind, ReconstructionMethod
+from sawmill_worker.program import ATTEMPT_COMMAND
 
 SCANNER, THETA, VIEWS, ROWS = Scanner(859.46, 256, 4.5), Theta(0.9, 710.0, 240.0, 35.0, 0.2), 60, 640
 SEARCH = PaperOptions(image_size=128, stop="tight", max_generations=120)
@@ -142,7 +144,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         store = Store.open(StorageSettings(data_folder=Path(folder), database_url=None))
         settings = ExecutionSettings(fork_attempts=False, spare_processes=1, loss_wait_s=0, broker_url=None)
-        runner = Runner(store, settings, threading.Event())
+        runner = Runner(store, settings, threading.Event(), command=ATTEMPT_COMMAND)
         scan_id = ingested(store)
         run_to_the_end(store, runner, store.scans.get(scan_id).job_id)
 
@@ -159,7 +161,7 @@ def main() -> None:
             return repr(store.calibrations.get(job.subject_id).theta).encode()
 
         def values_of(job: Job) -> bytes:
-            with h5py.File(store.files.result(JobKind.RECONSTRUCT, job.subject_id, "volume.h5")) as file:
+            with h5py.File(store.files.result(job_kinds.RECONSTRUCT, job.subject_id, "volume.h5")) as file:
                 return file["entry/reconstruction/data"][()].tobytes()
 
         if options.only != "volume":

@@ -23,10 +23,10 @@ import tifffile
 from numpy.typing import NDArray
 from scanners import SCANNER
 
+from sawmill_contracts import job_kinds
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.scanners import ScannerSpec, Tolerances
 from sawmill_contracts.scans import ScanSpec
-from sawmill_platform.contracts.jobs import JobKind
 from sawmill_platform.settings import StorageSettings
 from sawmill_store.store import Store
 from sawmill_vocabulary import DataKind
@@ -118,7 +118,7 @@ def ingest(path: Path, kind: DataKind) -> None:
             angles_deg=None if kind is DataKind.COUNTS else "0.5:1",
         )
         store.scans.accept(given, store.files.receive([b"in place of the file"], max_bytes=100))
-        (job,) = store.jobs.page(kind=JobKind.INGEST, limit=1).items
+        (job,) = store.jobs.page(kind=job_kinds.INGEST, limit=1).items
         upload = store.files.upload(job.kind, job.subject_id)
         upload.unlink()
         upload.symlink_to(path)

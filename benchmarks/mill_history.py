@@ -16,6 +16,7 @@ from pathlib import Path
 from waiting_job import do_waiting_job
 
 from sawmill_command import examples
+from sawmill_contracts import job_kinds
 from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.drifts import DriftAsk
 from sawmill_contracts.geometry import ScannerConstants
@@ -23,7 +24,6 @@ from sawmill_contracts.reconstructions import ReconstructionAsk
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import ScanSpec
 from sawmill_contracts.schedules import ScheduleSpec
-from sawmill_platform.contracts.jobs import JobKind
 from sawmill_store.store import Store
 from sawmill_tomography.geometry.geometry import FanBeamGeometry, Scanner, Theta
 from sawmill_tomography.phantoms.built_in import L_SHAPE
@@ -152,15 +152,15 @@ def _day(store: Store, clock: PastClock, scans: _Scans, day: int, *, first: bool
     clock.now += timedelta(minutes=1)
     if not phantom:
         store.drifts.accept(DriftAsk(scan_id=scan_id))
-        do_waiting_job(store, JobKind.DRIFT)
+        do_waiting_job(store, job_kinds.DRIFT)
         return
     asked = store.calibrations.accept(CalibrationAsk(scan_id=scan_id))
-    do_waiting_job(store, JobKind.CALIBRATE)
+    do_waiting_job(store, job_kinds.CALIBRATE)
     if first:
         store.calibrations.activate(asked.id, "the first calibration")
     if shown:
         store.reconstructions.accept(ReconstructionAsk(scan_id=scan_id, rows=f"{PHANTOM_ROWS}:{PHANTOM_ROWS + rows}"))
-        do_waiting_job(store, JobKind.RECONSTRUCT)
+        do_waiting_job(store, job_kinds.RECONSTRUCT)
 
 
 def _uploaded(store: Store, scanner_id: str, content: bytes, day: date, *, phantom: bool) -> str:
@@ -173,5 +173,5 @@ def _uploaded(store: Store, scanner_id: str, content: bytes, day: date, *, phant
         phantom_rows=f"0:{PHANTOM_ROWS}" if phantom else None,
     )
     scan_id = store.scans.accept(spec, store.files.receive(io.BytesIO(content), max_bytes=2**30)).id
-    do_waiting_job(store, JobKind.INGEST)
+    do_waiting_job(store, job_kinds.INGEST)
     return scan_id

@@ -27,6 +27,9 @@ import structlog
 from sqlalchemy import insert
 from sqlalchemy.orm import Session
 
+from sawmill_contracts import job_kinds
+from sawmill_platform.contracts import event_kinds
+
 ROOT = Path(__file__).parents[1]
 sys.path.append(str(ROOT / "tests/support"))
 import results  # noqa: E402
@@ -34,26 +37,18 @@ import results  # noqa: E402
 from sawmill_contracts.geometry import ScannerConstants  # noqa: E402
 from sawmill_contracts.scanners import ScannerSpec  # noqa: E402
 from sawmill_contracts.scans import ScanState  # noqa: E402
-from sawmill_platform.contracts.events import EventKind  # noqa: E402
 from sawmill_platform.contracts.jobs import JobKind, JobState, Priority  # noqa: E402
 from sawmill_platform.contracts.kinds import declaration_of  # noqa: E402
 from sawmill_platform.database.database import Database  # noqa: E402
 from sawmill_platform.database.engines import make_engine  # noqa: E402
-from sawmill_platform.database.tables import (  # noqa: E402
-    ActivationRow,
-    CalibrationRow,
-    DriftRow,
-    EventRow,
-    JobRow,
-    ReconstructionRow,
-    ScanRow,
-)
+from sawmill_platform.database.tables import EventRow, JobRow
 from sawmill_platform.settings import StorageSettings  # noqa: E402
 from sawmill_service.app import create_app  # noqa: E402
 from sawmill_service.pages.all_pages import PAGES  # noqa: E402
 from sawmill_service.settings import ServiceSettings  # noqa: E402
 from sawmill_store.measurements import record_measurement  # noqa: E402
 from sawmill_store.store import Store  # noqa: E402
+from sawmill_store.tables import ActivationRow, CalibrationRow, DriftRow, ReconstructionRow, ScanRow
 
 REPEATS = 5
 BATCH = 500
@@ -117,8 +112,8 @@ def fill_scanner(
         scan_id = f"{scanner_id}-{place}"
         made: dict[str, Any] = {"created_at": at, "scanner_id": scanner_id}
         of_log = bool(place % 10)
-        kinds = [JobKind.DRIFT] * checks + [JobKind.RECONSTRUCT] if of_log else [JobKind.CALIBRATE]
-        jobs = [job(scan_id, scan_id, JobKind.INGEST, at)]
+        kinds = [job_kinds.DRIFT] * checks + [job_kinds.RECONSTRUCT] if of_log else [job_kinds.CALIBRATE]
+        jobs = [job(scan_id, scan_id, job_kinds.INGEST, at)]
         jobs += [job(f"{scan_id}-job-{number}", f"{scan_id}-{number}", kind, at) for number, kind in enumerate(kinds)]
         session.execute(insert(JobRow), jobs)
         session.execute(insert(EventRow), [each for one in jobs for each in events(one, scanner_id)])
@@ -140,10 +135,10 @@ def fill_scanner(
             active_id = f"{scanner_id}-{place - place % 10}-0"
             share = 1.0 if place == len(times) - 1 else (place % 10) / 10.0
             moved = moved_mm * share
-            if kind is JobKind.CALIBRATE:
+            if kind is job_kinds.CALIBRATE:
                 answer = results.calibration_result(scanner=results.CONSTANTS)
                 row: Any = CalibrationRow(**asked, options={}, phantom_id="l-shape", activate=True, result=answer)
-            elif kind is JobKind.DRIFT:
+            elif kind is job_kinds.DRIFT:
                 answer = results.drift_result(ray_change_mm=moved, within_tolerance=moved <= 0.5)
                 row = DriftRow(**asked, options={}, calibration_id=active_id, result=answer)
             else:
@@ -151,7 +146,7 @@ def fill_scanner(
                 row = ReconstructionRow(**asked, **about, result=results.reconstruction_result())
             session.add(row)
             session.flush()
-            if kind is JobKind.CALIBRATE:
+            if kind is job_kinds.CALIBRATE:
                 session.add(
                     ActivationRow(scanner_id=scanner_id, calibration_id=row.id, activated_at=at, reason="the rays pass")
                 )
@@ -182,7 +177,7 @@ def job(job_id: str, subject_id: str, kind: JobKind, at: datetime) -> dict[str, 
 def events(of: dict[str, Any], scanner_id: str) -> list[dict[str, Any]]:
     """What happened to a job: it was queued, and it succeeded."""
     about = {"scanner_id": scanner_id, "subject": declaration_of(of["kind"]).noun, "subject_id": of["subject_id"]}
-    both = ((of["created_at"], EventKind.QUEUED), (of["finished_at"], EventKind.SUCCEEDED))
+    both = ((of["created_at"], event_kinds.QUEUED), (of["finished_at"], event_kinds.SUCCEEDED))
     return [about | {"at": at, "what": what, "job_id": of["id"]} for at, what in both]
 
 

@@ -17,17 +17,19 @@ from typing import Any
 
 from sqlalchemy import insert
 
+from sawmill_contracts import job_kinds
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.retention import RetentionAsk, RetentionRules
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import ScanState
-from sawmill_platform.contracts.events import EventKind
+from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.jobs import JobKind, JobState
 from sawmill_platform.database.database import Database
 from sawmill_platform.database.engines import make_engine
-from sawmill_platform.database.tables import EventRow, JobRow, ReconstructionRow, ScanRow
+from sawmill_platform.database.tables import EventRow, JobRow
 from sawmill_platform.settings import StorageSettings
 from sawmill_store.store import Store
+from sawmill_store.tables import ReconstructionRow, ScanRow
 
 LOGS_A_DAY = 2000
 LOG_BYTES = 230_400_000
@@ -98,8 +100,8 @@ def fill(database: Database, logs: int, queued: int) -> None:
         for start in range(0, logs, BATCH):
             numbers = range(start, min(start + BATCH, logs))
             times = {number: first + number * apart for number in numbers}
-            session.execute(insert(JobRow), [_job("i", JobKind.INGEST, n, at, done=True) for n, at in times.items()])
-            jobs = [_job("r", JobKind.RECONSTRUCT, n, at, done=n < logs - queued) for n, at in times.items()]
+            session.execute(insert(JobRow), [_job("i", job_kinds.INGEST, n, at, done=True) for n, at in times.items()])
+            jobs = [_job("r", job_kinds.RECONSTRUCT, n, at, done=n < logs - queued) for n, at in times.items()]
             session.execute(insert(JobRow), jobs)
             session.execute(insert(ScanRow), [_scan(n, at) for n, at in times.items()])
             session.execute(insert(ReconstructionRow), [_volume(n, at) for n, at in times.items()])
@@ -138,7 +140,7 @@ def _volume(number: int, at: Any) -> dict[str, Any]:  # noqa: ANN401 - a time
 
 def _events(number: int, at: Any) -> list[dict[str, Any]]:  # noqa: ANN401 - a time
     job = {"at": at, "job_id": f"i{number:08d}", "scanner_id": "line", "subject": "scan", "subject_id": f"{number:08d}"}
-    return [{**job, "what": what} for what in (EventKind.QUEUED, EventKind.STARTED, EventKind.SUCCEEDED)]
+    return [{**job, "what": what} for what in (event_kinds.QUEUED, event_kinds.STARTED, event_kinds.SUCCEEDED)]
 
 
 if __name__ == "__main__":

@@ -25,22 +25,25 @@ import structlog
 from sqlalchemy import Engine, event, insert
 from sqlalchemy.orm import Session
 
+from sawmill_contracts import job_kinds, mill_events
 from sawmill_contracts.alarms import AlarmKind
 from sawmill_contracts.calibrations import CalibrationOptions
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.history import HistoryKind
 from sawmill_contracts.measurements import MeasurementKind
 from sawmill_contracts.scanners import ScannerSpec
-from sawmill_platform.contracts.events import EventKind
-from sawmill_platform.contracts.jobs import JobKind, JobState
+from sawmill_platform.contracts import event_kinds
+from sawmill_platform.contracts.event_kinds import EventKind
+from sawmill_platform.contracts.jobs import JobState
 from sawmill_platform.database.database import Database
 from sawmill_platform.database.engines import make_engine
-from sawmill_platform.database.tables import CalibrationRow, HistoryRow, JobRow, MeasurementRow
+from sawmill_platform.database.tables import JobRow
 from sawmill_platform.settings import StorageSettings
 from sawmill_service.app import create_app
 from sawmill_service.history_file import history_csv
 from sawmill_service.settings import ServiceSettings
 from sawmill_store.store import Store
+from sawmill_store.tables import CalibrationRow, HistoryRow, MeasurementRow
 
 SEED, REPEATS, DAYS = 17, 5, 365
 SCANNER_ID = "line-2"
@@ -88,7 +91,7 @@ def calibrations(session: Session, now: datetime) -> Iterator[Row]:
     jobs, asked = [], []
     for day in range(DAYS):
         at, identifier = now - timedelta(days=DAYS - day, hours=3), f"calibration-{day:03}"
-        job = {"id": identifier, "created_at": at, "kind": JobKind.CALIBRATE, "state": JobState.SUCCEEDED}
+        job = {"id": identifier, "created_at": at, "kind": job_kinds.CALIBRATE, "state": JobState.SUCCEEDED}
         jobs.append(job | {"subject_id": identifier})
         about = {"scanner_id": SCANNER_ID, "scan_id": identifier, "phantom_id": "l-shape", "activate": True}
         options = CalibrationOptions().model_dump(mode="json")
@@ -136,7 +139,7 @@ def measured(at: datetime, kind: MeasurementKind, identifier: str, day: float, *
 def entry_of(row: Row) -> Row:
     """The entry of a measurement."""
     phantom = row["kind"] is MeasurementKind.CALIBRATION
-    entry = about(row["at"], HistoryKind.CALIBRATION if phantom else HistoryKind.DRIFT_CHECK, EventKind.SUCCEEDED)
+    entry = about(row["at"], HistoryKind.CALIBRATION if phantom else HistoryKind.DRIFT_CHECK, event_kinds.SUCCEEDED)
     subject = {"subject": "calibration" if phantom else "drift", "subject_id": row["subject_id"]}
     return entry | subject | {"measurement_number": row["number"], "why": "nothing moved beyond the tolerance"}
 
@@ -145,7 +148,7 @@ def activations(now: datetime) -> Iterator[Row]:
     """Of each calibration, an hour later."""
     for day in range(DAYS):
         entry = about(
-            now - timedelta(days=DAYS - day, hours=2), HistoryKind.ACTIVATION, EventKind.CALIBRATION_ACTIVATED
+            now - timedelta(days=DAYS - day, hours=2), HistoryKind.ACTIVATION, mill_events.CALIBRATION_ACTIVATED
         )
         why = "the rays pass; schedule nightly asked for activation on pass"
         yield entry | {"subject": "calibration", "subject_id": f"calibration-{day:03}", "why": why}
@@ -154,7 +157,7 @@ def activations(now: datetime) -> Iterator[Row]:
 def alarms(now: datetime) -> Iterator[Row]:
     """One a month, for two days."""
     for month in range(1, 12):
-        for what, days in ((EventKind.ALARM_OPENED, 0), (EventKind.ALARM_CLOSED, 2)):
+        for what, days in ((mill_events.ALARM_OPENED, 0), (mill_events.ALARM_CLOSED, 2)):
             entry = about(now - timedelta(days=30 * month - days), HistoryKind.ALARM, what)
             yield entry | {"alarm": AlarmKind.SCANNER_QUIET, "why": "no scan came for 24 hours"}
 

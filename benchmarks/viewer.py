@@ -29,17 +29,19 @@ from measurement import Measurement
 from numpy.typing import NDArray
 from playwright.sync_api import Browser, Page, sync_playwright
 
+from sawmill_contracts import job_kinds
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import ScanState
 from sawmill_formats.output.volume_writer import new_reconstruction
-from sawmill_platform.contracts.jobs import JobKind, JobState
-from sawmill_platform.database.tables import JobRow, ReconstructionRow, ScanRow
+from sawmill_platform.contracts.jobs import JobState
+from sawmill_platform.database.tables import JobRow
 from sawmill_platform.settings import StorageSettings
 from sawmill_service.app import create_app
 from sawmill_service.http.listening import listen
 from sawmill_service.settings import ServiceSettings
 from sawmill_store.store import Store
+from sawmill_store.tables import ReconstructionRow, ScanRow
 
 SCANNERS, SCANS, MINUTES_APART = 50, 10_000, 7
 PIXEL_FIELD_MM, SPACING_MM = 400.0, 10.0
@@ -125,14 +127,14 @@ def fill(store: Store, slices: int, size: int) -> None:
     for number in range(SCANNERS):
         spec = ScannerSpec(name=f"Line {number}", constants=constants)
         store.scanners.create(spec, scanner_id=f"line-{number}")
-    write_volume(store.files.results(JobKind.RECONSTRUCT, "r0"), slices, size)
+    write_volume(store.files.results(job_kinds.RECONSTRUCT, "r0"), slices, size)
     shape = {"views": 360, "rows": slices, "detector": 704}
     reading = {"format": "NXtomo", "shape": shape, "angular_range_deg": [0, 359]}
     result, now = result_of(slices, size), store._database.now()  # noqa: SLF001 - rows that no job made
     with store._database.write() as session:  # noqa: SLF001
         for number in range(SCANS):
             at, scanner_id = now - timedelta(minutes=MINUTES_APART * number), f"line-{number % SCANNERS}"
-            jobs = {"i": (JobKind.INGEST, f"s{number}"), "j": (JobKind.RECONSTRUCT, f"r{number}")}
+            jobs = {"i": (job_kinds.INGEST, f"s{number}"), "j": (job_kinds.RECONSTRUCT, f"r{number}")}
             for prefix, (kind, subject_id) in jobs.items():
                 done = {"state": JobState.SUCCEEDED, "subject_id": subject_id}
                 session.add(JobRow(id=f"{prefix}{number}", created_at=at, kind=kind, **done))

@@ -19,7 +19,8 @@ from pathlib import Path
 import h11
 from sqlalchemy import func, insert, select
 
-from sawmill_platform.contracts.events import EventKind
+from sawmill_contracts import mill_events
+from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.webhooks import WebhookAsk
 from sawmill_platform.database.tables import DeliveryRow, EventRow
 from sawmill_platform.settings import StorageSettings
@@ -146,7 +147,7 @@ async def year(store: Store, clock: GivenClock, receiver: Receiver, events: int)
 def happen(store: Store, number: int) -> None:
     """Events in one transaction; every fiftieth is an alarm."""
     first, now = store.events.newest_number(), store.now()
-    kinds = [EventKind.SUCCEEDED] * (ALARMS_EACH - 1) + [EventKind.ALARM_OPENED]
+    kinds = [event_kinds.SUCCEEDED] * (ALARMS_EACH - 1) + [mill_events.ALARM_OPENED]
     rows = [
         {"at": now, "what": kinds[(first + k) % ALARMS_EACH], "subject": "scan", "subject_id": f"scan-{first + k}"}
         for k in range(number)
@@ -172,7 +173,7 @@ def all_arrived(store: Store, receiver: Receiver) -> bool:
             wanted += [
                 message_id(webhook.id, event)
                 for event in events
-                if (path == "all" and event.number > 1) or event.what is EventKind.ALARM_OPENED
+                if (path == "all" and event.number > 1) or event.what is mill_events.ALARM_OPENED
             ]
         if receiver.arrived[f"/{path}"] != wanted:
             return False

@@ -134,7 +134,7 @@ def test_a_calibration_waits_for_nothing_that_only_other_work_needs(tmp_path):
 
 
 def test_a_process_that_is_kept_ready_has_all_jobs_imported():
-    modules = imported_by("import sawmill_platform.attempts.attempt")
+    modules = imported_by("import sawmill_worker.attempt")
     jobs = ("ingest", "calibrate", "reconstruct", "trace_phantom", "plan", "drift")
     assert {f"sawmill_worker.jobs.{job}" for job in jobs} <= modules
     assert {"scipy.fft", "scipy.ndimage", "scipy.sparse", "scipy.special", "tifffile"} <= modules
@@ -142,17 +142,17 @@ def test_a_process_that_is_kept_ready_has_all_jobs_imported():
 
 def test_what_runs_idle_holds_no_library_that_only_work_needs():
     """The memory of a service at rest (`make bench-job-price`)."""
-    for resting in ("sawmill_command.commands, sawmill_service.serving", "sawmill_platform.workers.poller"):
+    for resting in ("sawmill_command.commands, sawmill_service.serving", "sawmill_worker.poller"):
         loaded = imported_by(f"import {resting}")
         assert not loaded & {"numpy", "scipy", "numba", "h5py", "PIL", "matplotlib", "alembic", "celery"}, resting
-    ready = imported_by("import sawmill_platform.attempts.attempt")
+    ready = imported_by("import sawmill_worker.attempt")
     never = {"scipy.stats", "scipy.optimize", "scipy.interpolate", "matplotlib", "alembic", "celery", "sqlalchemy"}
     assert not ready & never
 
 
 def test_a_worker_and_its_template_hold_no_library_that_others_bring_along(tmp_path):
     """As they are started: `structlog` would import one, Numba and NumPy the others."""
-    started = "import sys, sawmill_platform.attempts.attempt, sawmill_platform.workers.poller\n"
+    started = "import sys, sawmill_platform.attempts.attempt, sawmill_worker.poller\n"
     tells = "def main():\n    print(*(name for name, module in sys.modules.items() if module is not None))\n"
     (tmp_path / "program.py").write_text(started + tells)
     done = subprocess.run(

@@ -9,7 +9,8 @@ from typing import NamedTuple, get_args
 
 import jinja2
 
-from sawmill_platform.contracts.events import JOB_ENDS, EventKind
+from sawmill_platform.contracts import event_kinds
+from sawmill_platform.contracts.event_kinds import JOB_ENDS, EventKind
 from sawmill_platform.contracts.jobs import JobKind
 from sawmill_platform.contracts.kinds import declaration_of
 from sawmill_service.pages.scanner_history import EVENT_WORDS
@@ -135,14 +136,14 @@ def test_every_table_has_a_row_for_each_member():
 
 
 def test_every_event_of_a_scanner_s_history_has_its_word():
-    nouns = {declaration_of(kind).noun for kind in JobKind} | {"scanner", "schedule"}
+    nouns = {declaration_of(kind).noun for kind in JobKind.all()} | {"scanner", "schedule"}
     shown = {
         (event, noun)
-        for event in EventKind
+        for event in EventKind.all()
         for noun in nouns
         if (event in JOB_ENDS or event.startswith((f"{noun}-", "alarm-"))) and kind_of(event, noun)
     }
-    without = {event for event, _ in shown} - EVENT_WORDS.keys() - {EventKind.SUCCEEDED}  # which shows a verdict
+    without = {event for event, _ in shown} - EVENT_WORDS.keys() - {event_kinds.SUCCEEDED}  # which shows a verdict
     assert not without, "add them to EVENT_WORDS in service/sawmill_service/pages/scanner_history.py"
     unknown = {noun for event, noun in shown if not event.startswith("alarm-")} - SUBJECTS.keys()
     assert not unknown, "add them to SUBJECTS in worker/sawmill_store/history.py"

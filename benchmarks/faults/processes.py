@@ -10,9 +10,9 @@ from pathlib import Path
 MARK = "PYTHON_FAULTS_WORLD"
 _PARTS = {
     "sawmill_service": "api",
-    "sawmill_platform.workers.poller": "worker",
-    "sawmill_platform.workers.celery_app": "worker",
-    "sawmill_platform.attempts.attempt": "attempt",
+    "sawmill_worker.poller": "worker",
+    "sawmill_worker.celery_app": "worker",
+    "sawmill_worker.attempt": "attempt",
 }
 
 

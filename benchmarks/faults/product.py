@@ -61,9 +61,7 @@ class Product:
         serve = [sys.executable, "-m", "sawmill_command.commands", "serve", "--no-examples", "--port"]
         self._commands = [[*serve, str(port)] for port in ports]
         if broker:
-            self._commands.append(
-                [sys.executable, "-m", "celery", "-A", "sawmill_platform.workers.celery_app", "worker"]
-            )
+            self._commands.append([sys.executable, "-m", "celery", "-A", "sawmill_worker.celery_app", "worker"])
         self._running: dict[int, subprocess.Popen[bytes]] = {}
         self._keeping, self._ended = threading.Lock(), threading.Event()
         self._keeper = threading.Thread(target=self._keep_up, daemon=True)

@@ -20,6 +20,7 @@ from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.drifts import DriftAsk
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.inspections import InspectionOptions
+from sawmill_contracts.kinds import Ask, asked_kinds
 from sawmill_contracts.phantoms import PhantomDrawing
 from sawmill_contracts.plans import PlanAsk
 from sawmill_contracts.reconstructions import ReconstructionAsk
@@ -27,7 +28,6 @@ from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import ScanSpec
 from sawmill_contracts.schedules import ScheduleSpec
 from sawmill_platform.contracts.jobs import Priority
-from sawmill_platform.contracts.kinds import Ask, asked_kinds
 from sawmill_platform.contracts.uploads import UploadAsk
 from sawmill_platform.errors import Conflict
 from sawmill_platform.settings import StorageSettings

@@ -17,9 +17,9 @@ from starlette.datastructures import Headers
 from starlette.requests import Request
 from starlette.types import Scope as RequestScope
 
+from sawmill_contracts.kinds import asked_kinds
 from sawmill_platform.acting import Actor
 from sawmill_platform.contracts.keys import Scope
-from sawmill_platform.contracts.kinds import asked_kinds
 from sawmill_platform.errors import StorageError
 from sawmill_platform.keys.key_store import KeyStore, hash_of
 from sawmill_platform.keys.sessions import Sessions

@@ -11,11 +11,11 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from sawmill_contracts import job_kinds
 from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_contracts.reconstructions import ReconstructionResult
 from sawmill_contracts.scans import Scan, ScanShape
 from sawmill_formats.errors import damage_reported
-from sawmill_platform.contracts.jobs import JobKind
 from sawmill_service.finished import middle_row
 from sawmill_service.http.problems import Refused
 from sawmill_store.store import Store
@@ -57,12 +57,12 @@ def calibration_picture(store: Store, calibration_id: str, picture: CalibrationP
     StorageFull
         The disk is full.
     """
-    path = store.files.result(JobKind.CALIBRATE, calibration_id, "result.h5")
+    path = store.files.result(job_kinds.CALIBRATE, calibration_id, "result.h5")
 
     def draw() -> bytes:
         return _log_png(path, calibration_id, _LOGS[picture]) if picture in _LOGS else _page_png(path, picture)
 
-    return store.files.kept(JobKind.CALIBRATE, calibration_id, picture, draw, one_at_a_time=_DRAWING)
+    return store.files.kept(job_kinds.CALIBRATE, calibration_id, picture, draw, one_at_a_time=_DRAWING)
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ def shown_log(store: Store, calibration_id: str) -> ShownLog | None:
     from sawmill_contracts.calibration_arrays import log_before_with
     from sawmill_formats.output.calibration_file import read_arrays
 
-    path = store.files.results(JobKind.CALIBRATE, calibration_id) / "result.h5"
+    path = store.files.results(job_kinds.CALIBRATE, calibration_id) / "result.h5"
     arrays = read_arrays(path, "log_row", "log_before", "log_before_with") if path.is_file() else {}
     if "log_row" not in arrays:
         return None
@@ -139,7 +139,7 @@ def scan_thumbnail(store: Store, scan: Scan, shape: ScanShape) -> Path:
         path, row = store.files.scan(scan.id), middle_row(scan, shape)
         return thumbnail_png(scan_reader.sinogram(path, shape.lengths, row).data)
 
-    return store.files.kept(JobKind.INGEST, scan.id, THUMBNAIL, draw, one_at_a_time=_SMALL)
+    return store.files.kept(job_kinds.INGEST, scan.id, THUMBNAIL, draw, one_at_a_time=_SMALL)
 
 
 def volume_thumbnail(store: Store, reconstruction_id: str, result: ReconstructionResult) -> Path:
@@ -153,4 +153,4 @@ def volume_thumbnail(store: Store, reconstruction_id: str, result: Reconstructio
         middle = volume_reader.volume_slice(path, result.shape, result.shape[0] // 2)
         return thumbnail_png(middle.data, result.value_range)
 
-    return store.files.kept(JobKind.RECONSTRUCT, reconstruction_id, THUMBNAIL, draw, one_at_a_time=_SMALL)
+    return store.files.kept(job_kinds.RECONSTRUCT, reconstruction_id, THUMBNAIL, draw, one_at_a_time=_SMALL)

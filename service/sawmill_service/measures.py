@@ -17,7 +17,7 @@ from prometheus_client.registry import Collector
 
 from sawmill_contracts.failure_codes import DEFECTS, OTHER, counted_as
 from sawmill_contracts.retention import Removed
-from sawmill_platform.contracts.events import EventKind
+from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.jobs import FailureKind, JobKind, JobState
 from sawmill_platform.errors import FolderUnavailable, StorageMisconfigured, StorageUnavailable
 from sawmill_platform.jobs.tallies import DURATIONS_S, NONE, Amount, Fate, Tally
@@ -29,12 +29,12 @@ from sawmill_store.store import Store
 
 Key = TypeVar("Key", bound=Hashable)
 OUTCOMES = (
-    EventKind.SUCCEEDED,
-    EventKind.FAILED,
-    EventKind.CANCELLED,
-    EventKind.LOST,
-    EventKind.PUT_OFF,
-    EventKind.GIVEN_BACK,
+    event_kinds.SUCCEEDED,
+    event_kinds.FAILED,
+    event_kinds.CANCELLED,
+    event_kinds.LOST,
+    event_kinds.PUT_OFF,
+    event_kinds.GIVEN_BACK,
 )
 
 
@@ -112,7 +112,7 @@ def _jobs(tally: Tally) -> Iterator[Metric]:
     by_state = GaugeMetricFamily("sawmill_jobs", "Jobs by state.", labels=["state"])
     by_kind = GaugeMetricFamily("sawmill_jobs_by_kind", "Jobs by kind and state.", labels=["kind", "state"])
     for state in JobState:
-        numbers = {kind: tally.jobs.get((kind, state), 0) for kind in JobKind}
+        numbers = {kind: tally.jobs.get((kind, state), 0) for kind in JobKind.all()}
         by_state.add_metric([state], sum(numbers.values()))
         for kind, number in numbers.items():
             by_kind.add_metric([kind, state], number)
@@ -127,7 +127,7 @@ def _jobs(tally: Tally) -> Iterator[Metric]:
 def _attempts(fates: Mapping[Fate, Amount]) -> Iterator[Metric]:
     outcomes = CounterMetricFamily("sawmill_attempts", "Attempts that ended.", labels=["kind", "outcome"])
     by_outcome = _summed(fates, lambda fate: (fate.kind, fate.what))
-    for kind in JobKind:
+    for kind in JobKind.all():
         for what in OUTCOMES:
             outcomes.add_metric([kind, what], by_outcome[kind, what].number)
     yield outcomes
@@ -135,17 +135,17 @@ def _attempts(fates: Mapping[Fate, Amount]) -> Iterator[Metric]:
     yield _durations(fates)
     by_kind = _summed(fates, lambda fate: fate.kind)
     memory = SummaryMetricFamily("sawmill_attempt_peak_memory_bytes", "Peak memory of attempts.", labels=["kind"])
-    for kind in JobKind:
+    for kind in JobKind.all():
         memory.add_metric([kind], count_value=by_kind[kind].measured, sum_value=by_kind[kind].peak_bytes)
     yield memory
-    most = {kind: by_kind[kind].most_bytes for kind in JobKind}
+    most = {kind: by_kind[kind].most_bytes for kind in JobKind.all()}
     yield _by_kind("sawmill_attempt_peak_memory_max_bytes", "The largest peak memory of an attempt; 0: none.", most)
 
 
 def _failures(fates: Mapping[Fate, Amount]) -> Metric:
     """Defects stand at 0 before the first: an increase from nothing is none to Prometheus."""
-    failed = {fate: amount for fate, amount in fates.items() if fate.what is EventKind.FAILED}
-    numbers = {(kind, FailureKind.INTERNAL.value, code): 0 for kind in JobKind for code in sorted(DEFECTS)}
+    failed = {fate: amount for fate, amount in fates.items() if fate.what is event_kinds.FAILED}
+    numbers = {(kind, FailureKind.INTERNAL.value, code): 0 for kind in JobKind.all() for code in sorted(DEFECTS)}
     for key, amount in _summed(failed, lambda fate: (fate.kind, _fault(fate), counted_as(fate.code))).items():
         numbers[key] = amount.number
     family = CounterMetricFamily("sawmill_job_failures", "Jobs that failed.", labels=["kind", "fault", "code"])
@@ -159,13 +159,13 @@ def _fault(fate: Fate) -> str:
 
 
 def _durations(fates: Mapping[Fate, Amount]) -> Metric:
-    succeeded = {fate: amount for fate, amount in fates.items() if fate.what is EventKind.SUCCEEDED}
+    succeeded = {fate: amount for fate, amount in fates.items() if fate.what is event_kinds.SUCCEEDED}
     numbers = _summed(succeeded, lambda fate: (fate.kind, fate.duration))
     seconds = _summed(succeeded, lambda fate: fate.kind)
     ends = [*(f"{end_s:g}" for end_s in DURATIONS_S), "+Inf"]
     text = "Seconds from the start of the attempt that succeeded to its end."
     family = HistogramMetricFamily("sawmill_job_duration_seconds", text, labels=["kind"])
-    for kind in JobKind:
+    for kind in JobKind.all():
         counted, buckets = 0, []
         for duration, end in enumerate(ends):
             counted += numbers[kind, duration].number
@@ -193,6 +193,6 @@ def _summed(fates: Mapping[Fate, Amount], key: Callable[[Fate], Key]) -> default
 
 def _by_kind(name: str, text: str, values: Mapping[JobKind, float]) -> GaugeMetricFamily:
     family = GaugeMetricFamily(name, text, labels=["kind"])
-    for kind in JobKind:
+    for kind in JobKind.all():
         family.add_metric([kind], values.get(kind, 0.0))
     return family

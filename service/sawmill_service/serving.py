@@ -4,11 +4,13 @@ import signal
 import threading
 from collections.abc import Callable
 from contextlib import ExitStack, closing
+from functools import partial
 from types import FrameType
 
 import structlog
 import uvicorn
 
+from sawmill_platform.attempts.importing import PROGRAM
 from sawmill_platform.errors import StorageError
 from sawmill_platform.settings import StorageSettings
 from sawmill_platform.workers.clock_keeper import ClockKeeper
@@ -29,6 +31,8 @@ from sawmill_service.webhooks.destinations import AllowedDestinations
 from sawmill_service.webhooks.sender import WebhookSender
 from sawmill_store.store import Store
 
+# The process of a worker, which alone imports the science.
+WORKER_COMMAND = (*PROGRAM, "sawmill_worker.poller", "--watch-parent")
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 # A connection ends when its next request does not come within this time. Nothing ends one that never had a request.
 _IDLE_S = 5
@@ -94,11 +98,11 @@ def serve_until_stopped(
             # Imported here: without a broker nobody needs Celery's 11 MiB.
             from sawmill_platform.workers.celery_app import Waker, make_celery  # noqa: PLC0415
 
-            waker = stack.enter_context(closing(Waker(make_celery(execution, storage), store.jobs.is_short)))
+            waker = stack.enter_context(closing(Waker(make_celery(execution), store.jobs.is_short)))
             waker.start()
             wake = waker
         elif workers:
-            supervisor = WorkerSupervisor(storage, execution, held_up=store.jobs.short_job_is_held_up)
+            supervisor = WorkerSupervisor(storage, execution, WORKER_COMMAND, held_up=store.jobs.short_job_is_held_up)
             wake = stack.enter_context(supervisor).wake
         if seed is not None:
             threading.Thread(target=_seed, args=(seed, store), name="examples", daemon=True).start()
@@ -148,7 +152,7 @@ def _ignore_signals() -> None:
 
 def _opened(storage: StorageSettings) -> Store:
     """The store, however long that takes: until then those who have connected wait, and a signal ends the process."""
-    store = open_store(storage, threading.Event())
+    store = open_store(partial(Store.open, storage), threading.Event())
     assert store is not None  # noqa: S101 - nobody sets the event
     return store
 

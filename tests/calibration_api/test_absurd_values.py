@@ -16,8 +16,9 @@ from sawmill_contracts.geometry import GivenTheta, ScannerConstants
 from sawmill_contracts.phantoms import PhantomAsk
 from sawmill_contracts.plans import PlanOptions
 from sawmill_contracts.reconstructions import ReconstructionOptions
+from sawmill_platform.contracts.attempts import JobFailure
 from sawmill_worker.use_cases.calibrate import CalibrationInput, run_calibration
-from sawmill_worker.use_cases.failures import JobFailure, input_errors_translated
+from sawmill_worker.use_cases.failures import input_errors_translated
 from sawmill_worker.use_cases.json_file import read_json
 from sawmill_worker.use_cases.plan import PlanInput, run_plan
 

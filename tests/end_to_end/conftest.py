@@ -36,7 +36,7 @@ def serve() -> Callable[..., AbstractContextManager[Service]]:
 
 @contextmanager
 def celery_worker(folder: Path, environment: dict[str, str]) -> Iterator[None]:
-    command = [sys.executable, "-m", "celery", "-A", "sawmill_platform.workers.celery_app", "worker"]
+    command = [sys.executable, "-m", "celery", "-A", "sawmill_worker.celery_app", "worker"]
     with process(command, environment, folder / "celery.log"):
         yield
 

@@ -18,8 +18,8 @@ pytestmark = pytest.mark.slow
 PATIENCE_S = 120.0
 PROCESSES = {
     "serve": ["sawmill_command.commands", "serve", "--no-examples", "--port", "0"],
-    "worker": ["sawmill_platform.workers.poller"],
-    "celery": ["celery", "-A", "sawmill_platform.workers.celery_app", "worker"],
+    "worker": ["sawmill_worker.poller"],
+    "celery": ["celery", "-A", "sawmill_worker.celery_app", "worker"],
 }
 
 

@@ -24,7 +24,7 @@ from sawmill_store.store import Store
 from sawmill_vocabulary import DataKind
 
 HERE = Path(__file__).parent
-WITHOUT_KERNELS = "from sawmill_worker.execution import attempt; attempt.warm_up = lambda: None; attempt.main()"
+WITHOUT_KERNELS = "from sawmill_worker import attempt; attempt.running.warm_up = lambda: None; attempt.main()"
 
 
 @pytest.fixture

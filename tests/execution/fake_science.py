@@ -15,48 +15,31 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
-from types import ModuleType
-from typing import Any, NamedTuple
+from typing import Any
 
 import h5py
 import numpy as np
 from reaching import endings
 
+from sawmill_contracts import job_kinds
 from sawmill_contracts.handed_over import HandedOver
 from sawmill_contracts.reconstructions import Reconstruction
 from sawmill_formats.output.scan_layout import DATA
 from sawmill_formats.output.scan_writer import write_scan
 from sawmill_formats.output.volume_writer import new_reconstruction
+from sawmill_platform.attempts.attempt import main
 from sawmill_platform.attempts.protocol import Succeeded, to_line
-from sawmill_platform.contracts.jobs import FailureKind, Job, JobKind
-from sawmill_platform.files.file_store import checkpoints_of, work_of
+from sawmill_platform.attempts.work import Attempt, Needs
+from sawmill_platform.contracts.attempts import JobFailure
+from sawmill_platform.contracts.jobs import FailureKind, Job
+from sawmill_platform.files.file_store import work_of
 from sawmill_vocabulary import Progress
 
 sys.path.append(str(Path(__file__).parents[1] / "support"))
 import results
 
 LIMITS = ("DATA", "CPU", "FSIZE", "NOFILE", "CORE")
-
-
-class JobFailure(Exception):  # noqa: N818 - the name of the real one
-    def __init__(self, kind: FailureKind, code: str, detail: str) -> None:
-        super().__init__(detail)
-        self.kind, self.code, self.detail = kind, code, detail
-
-
-@dataclass(frozen=True)
-class Attempt:
-    job: Job
-    given: HandedOver
-    output: Path
-    report: Callable[[Progress], None]
-    announce: Callable[[list[str]], None]
-
-    @property
-    def checkpoints(self) -> Path:
-        return checkpoints_of(self.output)
 
 
 def succeed(attempt: Attempt) -> dict[str, Any]:
@@ -421,48 +404,32 @@ BEHAVIOURS = {
 }
 
 
-class Needs(NamedTuple):
-    memory_bytes: int
-    file_bytes: int
-
-
 def needs_of(attempt: Attempt) -> Needs:
-    if attempt.job.kind is JobKind.INGEST and attempt.given.file.read_text() == "never-begin":
+    if attempt.job.kind is job_kinds.INGEST and attempt.given.file.read_text() == "never-begin":
         time.sleep(600)
     return Needs(0, 0)
 
 
 def run(attempt: Attempt) -> dict[str, Any]:
     given = attempt.given
-    if attempt.job.kind in {JobKind.INGEST, JobKind.INSPECT, JobKind.TRACE_PHANTOM}:
+    if attempt.job.kind in {job_kinds.INGEST, job_kinds.INSPECT, job_kinds.TRACE_PHANTOM}:
         return BEHAVIOURS[given.file.read_text()](attempt)
     named = (each.name for each in (given.phantom, given.scanner) if each is not None and each.name in BEHAVIOURS)
-    unnamed = "write-a-volume" if attempt.job.kind is JobKind.RECONSTRUCT else "refuse"
+    unnamed = "write-a-volume" if attempt.job.kind is job_kinds.RECONSTRUCT else "refuse"
     return BEHAVIOURS[next(named, unnamed)](attempt)
 
 
-def install() -> None:
-    """Put the fakes where the real process imports the science: no test waits for kernels to compile."""
-    fakes: dict[str, dict[str, Any]] = {
-        "sawmill_worker.jobs": {},
-        "sawmill_worker.use_cases": {},
-        "sawmill_worker.jobs.running": {
-            "Attempt": Attempt,
-            "make_ready": lambda _: None,
-            "needs_of": needs_of,
-            "run": run,
-            "warm_up": lambda: None,
-        },
-        "sawmill_worker.use_cases.failures": {"JobFailure": JobFailure},
-    }
-    for name, contents in fakes.items():
-        module = ModuleType(name)
-        vars(module).update(contents)
-        sys.modules[name] = module
+def attempt(job: Job, given_json: str, output: Path, report: Any, announce: Any) -> Attempt[HandedOver]:
+    return Attempt(job, HandedOver.model_validate_json(given_json), output, report, announce)
+
+
+def warm_up() -> None:
+    """No test waits for kernels to compile."""
+
+
+def make_ready(_: Attempt) -> None:
+    """Nothing is compiled."""
 
 
 if __name__ == "__main__":
-    install()
-    from sawmill_platform.attempts.attempt import main
-
-    main()
+    main(sys.modules[__name__])

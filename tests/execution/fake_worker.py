@@ -4,6 +4,7 @@ import math
 import signal
 import sys
 import threading
+from dataclasses import replace
 from pathlib import Path
 
 from sawmill_platform.jobs.turns import ANY, Selection
@@ -11,6 +12,7 @@ from sawmill_platform.settings import StorageSettings
 from sawmill_platform.workers.poller import _listen_to_parent, report_to_parent, run_worker
 from sawmill_platform.workers.settings import ExecutionSettings
 from sawmill_store.store import Store
+from sawmill_worker.program import MILL
 
 stop, wake = threading.Event(), threading.Event()
 signal.signal(signal.SIGTERM, lambda *_: (stop.set(), wake.set()))
@@ -20,10 +22,10 @@ store = Store(StorageSettings())
 short_only = "--short" in sys.argv
 idle_s = 1.0 if short_only else math.inf
 run_worker(
+    replace(MILL, attempt_command=command),
     store,
     ExecutionSettings(),
     stop,
-    command=command,
     wake=wake,
     on_able=report_to_parent,
     selection=Selection(short=True) if short_only else ANY,

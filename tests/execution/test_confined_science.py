@@ -17,12 +17,13 @@ from sawmill_contracts.plans import PlanAsk
 from sawmill_contracts.reconstructions import ReconstructionAsk
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import ScanSpec
-from sawmill_platform.attempts.runner import ATTEMPT_COMMAND, Runner
+from sawmill_platform.attempts.runner import Runner
 from sawmill_platform.contracts.jobs import JobKind, JobState
 from sawmill_tomography.geometry.geometry import TAU, FanBeamGeometry
 from sawmill_tomography.phantoms.built_in import L_SHAPE
 from sawmill_tomography.projection.analytic import DetectorCells, project
 from sawmill_vocabulary import DataKind, ReconstructionMethod
+from sawmill_worker.program import ATTEMPT_COMMAND
 
 pytestmark = pytest.mark.slow
 VIEWS = 120
@@ -68,7 +69,7 @@ def test_every_kind_of_job_does_its_work_with_its_own_files_alone(store, setting
         pass
     runner.close()
     jobs = store.jobs.page(limit=50).items
-    assert {job.kind for job in jobs} == set(JobKind)
+    assert {job.kind for job in jobs} == set(JobKind.all())
     assert {job.kind: job.failure for job in jobs if job.state is not JobState.SUCCEEDED} == {}
     log = "".join(capfd.readouterr())
     assert "Permission" not in log

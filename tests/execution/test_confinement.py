@@ -8,6 +8,7 @@ import pytest
 from missing_parts import skip_without
 from results import RESULTS, THETA
 
+from sawmill_contracts import job_kinds
 from sawmill_contracts.built_in import BUILT_IN_PHANTOMS
 from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.drifts import DriftAsk
@@ -21,7 +22,7 @@ from sawmill_contracts.scans import ScanSpec
 from sawmill_platform.attempts.limits import OPEN_FILES, limits_of, processor_s
 from sawmill_platform.confinement import landlock
 from sawmill_platform.contracts.jobs import JobKind, JobState
-from sawmill_platform.files.file_store import SCAN_FILE
+from sawmill_store.mill_files import SCAN_FILE
 from sawmill_vocabulary import DataKind
 
 pytestmark = pytest.mark.slow
@@ -69,7 +70,7 @@ def one_of_each(store, finish):
 @pytest.fixture
 def reported(store, start, settings, one_of_each, monkeypatch):  # noqa: ARG001 - waiting jobs
     """By kind, what the attempts reported, with secrets all around; afresh, of the first two kinds."""
-    for path in (store.files.folder.parent / "canary", store.files.upload(JobKind.INGEST, "other")):
+    for path in (store.files.folder.parent / "canary", store.files.upload(job_kinds.INGEST, "other")):
         path.parent.mkdir(exist_ok=True)
         path.write_text("canary")
     monkeypatch.setenv("SAWMILL_TOKEN", "canary")

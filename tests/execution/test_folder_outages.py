@@ -5,6 +5,7 @@ import os
 import shutil
 import threading
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -12,8 +13,9 @@ from structlog.testing import capture_logs
 
 from sawmill_platform.contracts.jobs import JobState
 from sawmill_platform.errors import InvalidOutput
-from sawmill_platform.workers.housekeeping import Housekeeping
 from sawmill_platform.workers.poller import run_worker
+from sawmill_worker.housekeeping import MillHousekeeping
+from sawmill_worker.program import MILL
 
 pytestmark = pytest.mark.slow
 
@@ -35,7 +37,7 @@ def test_a_worker_waits_for_its_folder_says_so_once_and_does_the_job_then(store,
         def said(event):
             return [entry for entry in log if entry["event"] == event]
 
-        outcome = pool.submit(run_worker, store, settings, stop, command=command)
+        outcome = pool.submit(run_worker, replace(MILL, attempt_command=command), store, settings, stop)
         wait_for(lambda: said("claim-put-off") and said("files-not-looked-after"))
         assert (list(folder.iterdir()), store.jobs.get(job.id).state) == ([], JobState.QUEUED)
         folder.rmdir()
@@ -64,7 +66,7 @@ def test_housekeeping_removes_nothing_in_a_folder_of_another_service(store, sett
     identity, theirs = store.files.folder / "identity", store.files.folder / "scans" / "theirs"
     ours = identity.read_text()
     theirs.mkdir()
-    housekeeping = Housekeeping(store, settings.model_copy(update={"leftovers_s": 0.0}), stop)
+    housekeeping = MillHousekeeping(store, settings.model_copy(update={"leftovers_s": 0.0}), stop)
     for content, stays in (("of another service", True), (ours, False)):
         identity.write_text(content)
         for _ in range(3):
@@ -74,7 +76,7 @@ def test_housekeeping_removes_nothing_in_a_folder_of_another_service(store, sett
 
 def test_housekeeping_says_once_that_a_disk_is_read_only(store, settings, stop, monkeypatch):
     monkeypatch.setattr("sawmill_platform.files.file_store.is_read_only", lambda _: True)
-    housekeeping = Housekeeping(store, settings, stop)
+    housekeeping = MillHousekeeping(store, settings, stop)
     with capture_logs() as log:
         for _ in range(3):
             housekeeping.once()
@@ -108,7 +110,7 @@ def test_a_folder_that_goes_before_a_result_is_checked_costs_no_loss(store, runn
         raise InvalidOutput("the job left the files [], and scan.h5 is due")
 
     with monkeypatch.context() as patched:
-        patched.setattr("sawmill_platform.attempts.runner.check_output", check)
+        patched.setattr("sawmill_store.outputs.check_output", check)
         assert runner.run_next() is JobState.QUEUED
     waiting = store.jobs.get(job.id)
     assert (waiting.waiting_for.code, waiting.losses) == ("storage-unavailable", 0)

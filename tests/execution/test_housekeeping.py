@@ -18,15 +18,16 @@ from sawmill_contracts.scanners import AlarmLimits
 from sawmill_contracts.schedules import ScheduleSpec
 from sawmill_platform.contracts.jobs import JobState
 from sawmill_platform.contracts.webhooks import WebhookAsk
-from sawmill_platform.database.tables import ActivationRow, DeliveryRow, EventRow, JobRow, MeasurementRow, ScannerRow
+from sawmill_platform.database.tables import DeliveryRow, EventRow, JobRow
 from sawmill_platform.errors import StorageUnavailable
 from sawmill_platform.jobs.job_store import Pulse
 from sawmill_platform.webhooks.outbox import Attempt
 from sawmill_platform.webhooks.webhook_store import KEPT
 from sawmill_platform.workers import housekeeping
-from sawmill_platform.workers.housekeeping import Housekeeping
 from sawmill_platform.workers.logs import configure_logs
 from sawmill_store import retention_runner as retiring
+from sawmill_store.tables import ActivationRow, MeasurementRow, ScannerRow
+from sawmill_worker.housekeeping import MillHousekeeping
 
 pytestmark = pytest.mark.slow
 
@@ -40,7 +41,7 @@ def test_it_sees_to_expired_leases_and_due_schedules(store, settings, queue, wai
     with store._database.write() as session:
         session.connection().exec_driver_sql("UPDATE schedules SET next_due_at = created_at")
     stop = threading.Event()
-    housekeeping = Housekeeping(store, settings, stop)
+    housekeeping = MillHousekeeping(store, settings, stop)
     housekeeping.start()
     wait_for(lambda: store.jobs.get(job.id).state is JobState.QUEUED)
     wait_for(lambda: store.schedules.get(schedule.id).last_run is not None)
@@ -53,7 +54,7 @@ def test_it_looks_at_alarms_at_once_and_then_each_minute(store, settings, queue,
     known = store.scanners.get(scanner_id)
     store.scanners.update(scanner_id, known.model_copy(update={"alarms": AlarmLimits(quiet_after_hours=1e-6)}))
     time.sleep(0.05)
-    housekeeping = Housekeeping(store, settings, threading.Event())
+    housekeeping = MillHousekeeping(store, settings, threading.Event())
     with capture_logs() as log:
         housekeeping.once()
     assert [entry["what"] for entry in log if entry["event"] == "alarm-opened"] == ["scanner-quiet"]
@@ -108,7 +109,7 @@ def test_a_drift_check_that_ended_goes_into_its_scanner_s_chart(store, settings,
         }
         session.add(MeasurementRow(**columns | {"scanner_id": "a-first-one", "activation_number": 1_000}))
     with capture_logs() as log:
-        Housekeeping(store, settings, threading.Event()).once()
+        MillHousekeeping(store, settings, threading.Event()).once()
     put_off = [(entry["event"], entry["scanner_id"]) for entry in log if entry["log_level"] == "error"]
     assert put_off == [("drift-chart-put-off", "a-first-one")]
     (chart,) = store.drift_charts.of_scanner(scan.scanner_id).charts
@@ -122,7 +123,7 @@ def test_old_deliveries_are_forgotten_each_minute(store, settings, monkeypatch):
     outbox = store.outbox()
     pending = outbox.pending(webhook.id, store.events.newest_number())
     outbox.note(pending, pending.events[0], Attempt(200))
-    housekeeping = Housekeeping(store, settings, threading.Event())
+    housekeeping = MillHousekeeping(store, settings, threading.Event())
     housekeeping.once()
     assert len(store.webhooks.deliveries(webhook.id).items) == 1
     with store._database.write() as session:
@@ -145,7 +146,7 @@ def test_many_batches_go_by_the_rules_of_retention_in_a_round(store, settings, q
         session.execute(update(JobRow).values(state=JobState.CANCELLED))
     monkeypatch.setattr(retiring, "EVENTS_A_ROUND", 2)
     monkeypatch.setattr(housekeeping, "RETENTION_S", 60.0)
-    Housekeeping(store, settings, threading.Event()).once()
+    MillHousekeeping(store, settings, threading.Event()).once()
     (went,) = (each.number for each in store.retention.get().removed if each.number)
     assert went == 3, "the newest events stay"
 
@@ -155,7 +156,7 @@ def test_trouble_is_logged_and_the_next_round_comes(store, settings, wait_for, m
     monkeypatch.setattr(store.jobs, "pulses", away)
     stop = threading.Event()
     with capture_logs() as log:
-        housekeeping = Housekeeping(store, settings, stop)
+        housekeeping = MillHousekeeping(store, settings, stop)
         housekeeping.start()
         wait_for(lambda: len(away.calls) > 1)
         stop.set()
@@ -167,7 +168,7 @@ def test_an_outage_of_all_duties_is_one_line(store, settings, monkeypatch):
     def away(*_):
         raise StorageUnavailable("the database does not answer: it was stopped")
 
-    housekeeping = Housekeeping(store, settings, threading.Event())
+    housekeeping = MillHousekeeping(store, settings, threading.Event())
     monkeypatch.setattr(store._database, "read", away)
     monkeypatch.setattr(store._database, "write", away)
     monkeypatch.setattr(store, "check_folder", away)
@@ -207,7 +208,7 @@ def test_a_log_that_cannot_be_written_stops_nothing(store, settings, wait_for, m
     before = structlog.get_config()
     configure_logs("json")
     stop = threading.Event()
-    housekeeping = Housekeeping(store, settings, stop)
+    housekeeping = MillHousekeeping(store, settings, stop)
     housekeeping.start()
     try:
         wait_for(lambda: len(rounds) > 2)

@@ -9,7 +9,7 @@ from sawmill_platform.attempts.leases import LeaseObserver
 from sawmill_platform.contracts.jobs import JobState
 from sawmill_platform.errors import StorageUnavailable
 from sawmill_platform.jobs.job_store import Pulse
-from sawmill_platform.workers.housekeeping import Housekeeping
+from sawmill_worker.housekeeping import MillHousekeeping
 
 
 class Looks:
@@ -82,8 +82,8 @@ def test_jobs_are_told_apart(looks):
 
 
 @pytest.fixture
-def housekeeping(store, settings) -> Housekeeping:
-    return Housekeeping(store, settings, threading.Event())
+def housekeeping(store, settings) -> MillHousekeeping:
+    return MillHousekeeping(store, settings, threading.Event())
 
 
 @pytest.mark.slow
@@ -107,7 +107,7 @@ def test_a_worker_that_could_not_write_keeps_its_job(store, settings, queue, hou
 @pytest.mark.slow
 def test_a_cancelled_job_of_a_dead_worker_ends_before_its_lease(store, settings, queue, wait_for):
     patient = settings.model_copy(update={"lease_s": 86_400.0, "heartbeat_s": 0.3})
-    housekeeping = Housekeeping(store, patient, threading.Event())
+    housekeeping = MillHousekeeping(store, patient, threading.Event())
     job = queue("succeed")
     store.jobs.claim("dead")
     store.jobs.request_cancel(job.id)

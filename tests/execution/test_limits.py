@@ -6,6 +6,7 @@ import signal
 
 import pytest
 
+from sawmill_contracts import job_kinds
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.phantoms import PhantomDrawing, PhantomPicture
 from sawmill_contracts.plans import PlanAsk
@@ -33,9 +34,9 @@ SCANNER = ScannerSpec(
 
 @pytest.mark.parametrize("number", CRASHES)
 def test_no_crash_is_tried_again(number):
-    for kind in JobKind:
+    for kind in JobKind.all():
         failure = died(-number, kind)
-        if kind in {JobKind.INGEST, JobKind.INSPECT, JobKind.TRACE_PHANTOM}:
+        if kind in {job_kinds.INGEST, job_kinds.INSPECT, job_kinds.TRACE_PHANTOM}:
             assert (failure.kind, failure.code) == (FailureKind.INPUT, "broken-file")
         else:
             assert (failure.kind, failure.code) == (FailureKind.INTERNAL, "attempt-crashed")
@@ -112,7 +113,7 @@ def test_every_attempt_has_limits_by_default(store, start, queue):
     assert start(memory_limit_bytes=None).run_next() is JobState.SUCCEEDED
     soft = {name: soft for name, (soft, _) in json.loads(store.scans.get(job.subject_id).remarks[0]).items()}
     hours = len(os.sched_getaffinity(0))
-    assert soft["DATA"] == limits_of(JobKind.INGEST, memory_bytes=0, file_bytes=0, memory_limit_bytes=None).data_bytes
+    assert soft["DATA"] == limits_of(job_kinds.INGEST, memory_bytes=0, file_bytes=0, memory_limit_bytes=None).data_bytes
     assert 0 < soft["CPU"] <= 3600 * hours + 60
     assert 0 < soft["FSIZE"] < 2**34
     assert (soft["NOFILE"], soft["CORE"]) == (256, 0)
@@ -129,5 +130,5 @@ def test_every_attempt_has_limits_by_default(store, start, queue):
 )
 def test_memory_is_what_the_sizes_need_and_room_for_threads(monkeypatch, cores, needed, override, limit):
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(cores)))
-    limits = limits_of(JobKind.CALIBRATE, memory_bytes=needed, file_bytes=0, memory_limit_bytes=override)
+    limits = limits_of(job_kinds.CALIBRATE, memory_bytes=needed, file_bytes=0, memory_limit_bytes=override)
     assert limits.data_bytes == limit

@@ -7,9 +7,9 @@ import pytest
 import results
 from damaged_files import DAMAGES
 
+from sawmill_contracts import job_kinds
 from sawmill_contracts.reconstructions import ReconstructionAsk
 from sawmill_formats.output.volume_writer import new_reconstruction
-from sawmill_platform.contracts.jobs import JobKind
 from sawmill_platform.errors import InvalidOutput
 from sawmill_store.outputs import check_output
 
@@ -38,7 +38,7 @@ def output(tmp_path):
 
 
 def check(given, output, **changes):
-    check_output(JobKind.RECONSTRUCT, given, results.reconstruction_result(**{"shape": SHAPE} | changes), output)
+    check_output(job_kinds.RECONSTRUCT, given, results.reconstruction_result(**{"shape": SHAPE} | changes), output)
 
 
 def test_what_a_job_of_its_kind_writes_is_taken_and_anything_else_is_not(given, output):
@@ -46,7 +46,7 @@ def test_what_a_job_of_its_kind_writes_is_taken_and_anything_else_is_not(given, 
     with pytest.raises(InvalidOutput, match=r"the shape \(2, 16, 16\), and \(1, 16, 16\) was asked for"):
         check(given, output, shape=(2, 16, 16))
     with pytest.raises(InvalidOutput, match="and none is due"):
-        check_output(JobKind.PLAN, given, results.plan_result(), output)
+        check_output(job_kinds.PLAN, given, results.plan_result(), output)
     (output / "more").mkdir()
     with pytest.raises(InvalidOutput, match=r"and volume\.h5 is due"):
         check(given, output)

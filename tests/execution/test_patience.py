@@ -2,9 +2,10 @@
 
 import pytest
 
+from sawmill_contracts import job_kinds
 from sawmill_platform.attempts.failures import duration
 from sawmill_platform.attempts.patience import LATE_S, Patience
-from sawmill_platform.contracts.events import EventKind
+from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.jobs import FailureKind, JobKind, JobState
 from sawmill_platform.contracts.kinds import declaration_of
 from sawmill_platform.errors import StorageFull
@@ -18,7 +19,7 @@ class Waiting:
     def __init__(self, *, begun: bool = True, **settings: float) -> None:
         self.now = 1000.0
         asked = ExecutionSettings(progress_s=1.0, broker_url=None, **settings)
-        self.patience = Patience(JobKind.CALIBRATE, asked, monotonic=lambda: self.now)
+        self.patience = Patience(job_kinds.CALIBRATE, asked, monotonic=lambda: self.now)
         if begun:
             self.patience.moved()
 
@@ -34,7 +35,7 @@ class Waiting:
 
 
 def test_silence_ends_an_attempt_after_its_kinds_time():
-    assert Waiting().until_ended() == declaration_of(JobKind.CALIBRATE).stall_s
+    assert Waiting().until_ended() == declaration_of(job_kinds.CALIBRATE).stall_s
 
 
 def test_a_process_that_does_not_begin_has_a_minute():
@@ -98,7 +99,7 @@ def test_limits_of_every_kind_follow_each_other(kind):
 
 
 def fates(store, job):
-    return [event.what for event in store.events.of_job(job.id) if event.what is not EventKind.STARTED]
+    return [event.what for event in store.events.of_job(job.id) if event.what is not event_kinds.STARTED]
 
 
 @pytest.mark.slow
@@ -110,7 +111,7 @@ def test_an_attempt_that_hangs_is_a_loss_and_the_third_is_final(store, start, qu
     assert (failure.kind, failure.code) == (FailureKind.PASSING, "attempt-stalled")
     assert "nothing moved for 0.6" in failure.detail
     assert "in the stage 'search', and its process was ended" in failure.detail
-    assert fates(store, job) == [EventKind.LOST] * 3 + [EventKind.FAILED]
+    assert fates(store, job) == [event_kinds.LOST] * 3 + [event_kinds.FAILED]
     assert store.events.of_job(job.id)[1].detail["code"] == "attempt-stalled"
     assert list((store.files.folder / "attempts").iterdir()) == []
 
@@ -120,7 +121,7 @@ def test_an_attempt_that_does_not_begin_is_a_loss(store, start, queue):
     job = queue("never-begin")
     assert start(stall_s=0.6).run_next() is JobState.QUEUED
     assert "sent nothing for 0.6" in store.jobs.get(job.id).waiting_for.detail
-    assert (store.jobs.get(job.id).losses, fates(store, job)) == (1, [EventKind.LOST])
+    assert (store.jobs.get(job.id).losses, fates(store, job)) == (1, [event_kinds.LOST])
 
 
 @pytest.mark.slow
@@ -158,7 +159,7 @@ def test_a_job_beyond_its_time_fails_once(store, start, queue):
     failure = store.jobs.get(job.id).failure
     assert (failure.kind, failure.code) == (FailureKind.INPUT, "too-long")
     assert failure.detail == "the job needs more than the 1 seconds that it may take: give a smaller file"
-    assert fates(store, job) == [EventKind.FAILED]
+    assert fates(store, job) == [event_kinds.FAILED]
 
 
 @pytest.mark.slow
@@ -170,7 +171,7 @@ def test_a_hang_on_a_full_disk_is_its_consequence(store, start, queue, monkeypat
 
     monkeypatch.setattr(store, "check", full)
     assert start(stall_s=0.6).run_next() is JobState.QUEUED
-    assert (store.jobs.get(job.id).losses, fates(store, job)) == (0, [EventKind.PUT_OFF])
+    assert (store.jobs.get(job.id).losses, fates(store, job)) == (0, [event_kinds.PUT_OFF])
 
 
 def test_an_attempt_that_never_said_a_word_hung_before_its_first_stage():

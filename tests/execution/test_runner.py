@@ -7,6 +7,7 @@ import sys
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import pytest
 import results
@@ -29,6 +30,7 @@ from sawmill_platform.files.digests import note_digests, read_note
 from sawmill_platform.jobs.job_store import Jobs
 from sawmill_platform.workers.poller import run_worker
 from sawmill_store.store import Store
+from sawmill_worker.program import MILL
 
 pytestmark = pytest.mark.slow
 
@@ -118,7 +120,7 @@ def test_a_worker_that_works_outlives_troubles_with_starting_processes(store, se
             return super().is_set() or all(store.jobs.get(job.id).state.ended for job in jobs)
 
     monkeypatch.setattr(AttemptProcess, "wait_until_ready", stumble)
-    run_worker(store, settings, EndsWithThem(), command=command)
+    run_worker(replace(MILL, attempt_command=command), store, settings, EndsWithThem())
     assert troubles == []
     assert {store.jobs.get(job.id).state for job in jobs} == {JobState.SUCCEEDED}
 
@@ -321,7 +323,7 @@ def test_a_worker_outlives_claims_that_cannot_be_written(store, settings, comman
     monkeypatch.setattr(store.jobs, "claim", Outage(store.jobs.claim, 3, StorageFull("the disk is full")))
     stop = threading.Event()
     with ThreadPoolExecutor(1) as pool:
-        outcome = pool.submit(run_worker, store, settings, stop, command=command)
+        outcome = pool.submit(run_worker, replace(MILL, attempt_command=command), store, settings, stop)
         wait_for(lambda: store.jobs.get(job.id).state is JobState.SUCCEEDED or outcome.done())
         stop.set()
         outcome.result(timeout=60)

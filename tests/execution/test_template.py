@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,17 +14,19 @@ import pytest
 from missing_parts import skip_without
 
 from sawmill_command import examples
+from sawmill_contracts import job_kinds
 from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import ScanSpec
 from sawmill_formats.output import calibration_file
 from sawmill_platform.attempts import template
-from sawmill_platform.attempts.runner import ATTEMPT_COMMAND, Runner
+from sawmill_platform.attempts.runner import Runner
 from sawmill_platform.attempts.template import ForkedProcess, Template, template_library
-from sawmill_platform.contracts.jobs import JobKind, JobState
+from sawmill_platform.contracts.jobs import JobState
 from sawmill_platform.workers.poller import run_worker
 from sawmill_vocabulary import DataKind
+from sawmill_worker.program import ATTEMPT_COMMAND, MILL
 
 pytestmark = [
     pytest.mark.slow,
@@ -208,7 +211,7 @@ def small_calibration(store, folder):
 
 def read_back(store, calibration_id):
     """The answer as text, but for the times that it took, and the arrays behind it."""
-    path = store.files.result(JobKind.CALIBRATE, calibration_id, "result.h5")
+    path = store.files.result(job_kinds.CALIBRATE, calibration_id, "result.h5")
     record = calibration_file.read_calibration(path)
     return json.dumps({**record.answer, "timing_s": None}, sort_keys=True), record.arrays
 
@@ -243,7 +246,13 @@ def test_a_worker_without_a_job_for_long_ends_its_template_and_starts_one_for_th
         return [each for each in found if command[-1].encode() in each]
 
     first = queue("succeed")
-    outcome = in_background(run_worker, store, settings.model_copy(update={"spare_idle_s": 0.3}), stop, command=command)
+    outcome = in_background(
+        run_worker,
+        replace(MILL, attempt_command=command),
+        store,
+        settings.model_copy(update={"spare_idle_s": 0.3}),
+        stop,
+    )
     wait_for(lambda: store.jobs.get(first.id).state is JobState.SUCCEEDED)
     wait_for(lambda: not templates())
     second = queue("succeed")

@@ -11,6 +11,7 @@ import pytest
 from numpy.typing import NDArray
 from small_scanner import calibration, constants, scanner, sinogram, spec, theta, turn  # noqa: F401 - fixtures
 
+from sawmill_contracts import job_kinds
 from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import Scan, ScanSpec
@@ -92,7 +93,7 @@ def ingested(
 
     def ready(stack: NDArray[np.float64], angles_deg: str) -> Scan:
         scan = upload(stack, angles_deg)
-        reading = attempt(JobKind.INGEST)
+        reading = attempt(job_kinds.INGEST)
         finish(reading, run(reading))
         return scan
 

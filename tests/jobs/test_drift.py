@@ -8,13 +8,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from sawmill_contracts import job_kinds
 from sawmill_contracts.calibrations import CalibrationAsk, CalibrationResult
 from sawmill_contracts.drift_baselines import KnownBaseline
 from sawmill_contracts.drifts import DriftAsk, DriftResult
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.scanners import ScannerSpec, Tolerances
 from sawmill_contracts.scans import ScanSpec
-from sawmill_platform.contracts.jobs import FailureKind, JobKind
+from sawmill_platform.contracts.attempts import JobFailure
+from sawmill_platform.contracts.jobs import FailureKind
 from sawmill_tomography.geometry.geometry import FanBeamGeometry, Scanner, Theta
 from sawmill_tomography.phantoms.log_model import LogModel
 from sawmill_tomography.projection.simulate import simulate_sinogram
@@ -22,7 +24,6 @@ from sawmill_vocabulary import DataKind
 from sawmill_worker.jobs.running import run
 from sawmill_worker.use_cases.drift import CommonMean, DriftInput, run_drift
 from sawmill_worker.use_cases.drift_baseline import baselines_of, read_answers
-from sawmill_worker.use_cases.failures import JobFailure
 
 MILL = Scanner(source_to_cor_mm=859.46, num_detector_pixels=384, detector_pitch_mm=3.0)
 CONSTANTS = ScannerConstants(**vars(MILL))
@@ -139,13 +140,13 @@ def asked(store, attempt, finish, known):
             averaged_rows=averaged_rows,
         )
         scan = store.scans.accept(spec, store.files.receive([buffer.getvalue()], max_bytes=10**8))
-        reading = attempt(JobKind.INGEST)
+        reading = attempt(job_kinds.INGEST)
         finish(reading, run(reading))
         calibration = store.calibrations.accept(CalibrationAsk(scan_id=scan.id))
         result = known.model_dump(mode="json", include=set(CalibrationResult.model_fields))
-        finish(attempt(JobKind.CALIBRATE), result)
+        finish(attempt(job_kinds.CALIBRATE), result)
         store.drifts.accept(DriftAsk(scan_id=scan.id, calibration_id=calibration.id, rows=rows))
-        return attempt(JobKind.DRIFT)
+        return attempt(job_kinds.DRIFT)
 
     return ask
 
@@ -267,7 +268,7 @@ def test_a_calibration_that_was_cancelled_is_refused(asked, log_scan, store, att
     store.drifts.accept(DriftAsk(scan_id=scan.id, calibration_id=calibration.id), identifier="late")
     store.jobs.request_cancel(calibration.job_id)
     with pytest.raises(JobFailure, match="is cancelled and has no geometry to compare with"):
-        run(attempt(JobKind.DRIFT))
+        run(attempt(job_kinds.DRIFT))
 
 
 def test_the_tilt_is_reported_in_the_units_of_its_name(look, log_scan):

@@ -4,7 +4,7 @@ import ast
 from pathlib import Path
 
 from sawmill_contracts.failure_codes import CODES, OTHER, counted_as
-from sawmill_platform.contracts.kinds import Reference
+from sawmill_contracts.kinds import Reference
 from sawmill_platform.errors import NotFound, StorageFull, StorageUnavailable
 
 WORKER = Path(__file__).parents[2] / "worker" / "sawmill_worker"

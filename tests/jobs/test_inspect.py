@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from sawmill_contracts import job_kinds
 from sawmill_contracts.inspections import InspectionOptions, InspectionResult
-from sawmill_platform.contracts.jobs import JobKind
+from sawmill_platform.contracts.attempts import JobFailure
 from sawmill_vocabulary import DataKind
 from sawmill_worker.jobs.running import run
-from sawmill_worker.use_cases.failures import JobFailure
 
 COUNTS = np.random.default_rng(7).integers(1000, 30_000, (12, 1, 8)).astype(np.uint16)
 
@@ -22,7 +22,7 @@ def inspected(store, attempt):
     def inspect(content, **options):
         received = store.files.receive([content], max_bytes=10**7)
         store.inspections.accept_file(InspectionOptions(**options), received, name="morning.npz")
-        return InspectionResult.model_validate(run(attempt(JobKind.INSPECT)))
+        return InspectionResult.model_validate(run(attempt(job_kinds.INSPECT)))
 
     return inspect
 

@@ -9,12 +9,14 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from sawmill_contracts import job_kinds
 from sawmill_contracts.calibration_arrays import CalibrationArrays
 from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_contracts.phantoms import PhantomDrawing, PhantomPicture
 from sawmill_contracts.reconstructions import ReconstructionAsk
 from sawmill_formats.output import calibration_file
-from sawmill_platform.contracts.jobs import FailureKind, JobKind
+from sawmill_platform.contracts.attempts import JobFailure
+from sawmill_platform.contracts.jobs import FailureKind
 from sawmill_tomography.geometry.ray_error import ray_error
 from sawmill_tomography.phantoms.built_in import RECTANGLE_WITH_HOLE
 from sawmill_tomography.phantoms.phantom import Disc, Phantom
@@ -23,7 +25,6 @@ from sawmill_vocabulary import ReconstructionMethod
 from sawmill_worker.jobs.running import run
 from sawmill_worker.pictures.calibration_report import overlay_png
 from sawmill_worker.use_cases.conversion import to_phantom
-from sawmill_worker.use_cases.failures import JobFailure
 
 pytestmark = pytest.mark.slow
 
@@ -31,7 +32,7 @@ pytestmark = pytest.mark.slow
 def test_an_upload_becomes_the_one_form(upload, attempt):
     stack = np.random.default_rng(4).uniform(0, 1, (6, 2, 128))
     upload(stack, "10:60")
-    reading = attempt(JobKind.INGEST)
+    reading = attempt(job_kinds.INGEST)
     result = run(reading)
     assert result["shape"] == {"views": 6, "rows": 2, "detector": 128}
     assert result["angular_range_deg"] == pytest.approx([10.0, 310.0])
@@ -45,7 +46,7 @@ def test_an_upload_becomes_the_one_form(upload, attempt):
 def test_another_detectors_upload_is_refused(upload, attempt):
     upload(np.ones((6, 1, 100)), "0:60")
     with pytest.raises(JobFailure, match=r"100 detector cells .* num_detector_pixels 128") as failure:
-        run(attempt(JobKind.INGEST))
+        run(attempt(job_kinds.INGEST))
     assert (failure.value.kind, failure.value.code) == (FailureKind.INPUT, "wrong-shape")
 
 
@@ -53,7 +54,7 @@ def test_a_calibration_writes_its_numbers(store, ingested, attempt, ask, sinogra
     scan = ingested(sinogram(turn(60))[:, None], "3:6")
     store.calibrations.accept(ask(scan_id=scan.id))
     reported = []
-    calibrating = attempt(JobKind.CALIBRATE, reported)
+    calibrating = attempt(job_kinds.CALIBRATE, reported)
     result = CalibrationResult.model_validate(run(calibrating))
     error = ray_error(scanner, theta.source_frame(859.46), result.source_frame)
     assert error.rms_mm < 0.02
@@ -66,13 +67,13 @@ def test_a_calibration_writes_its_numbers(store, ingested, attempt, ask, sinogra
 def test_a_calibration_is_compared_with_the_active_one(store, ingested, attempt, finish, ask, sinogram, turn):
     scan = ingested(sinogram(turn(60))[:, None], "3:6")
     first = store.calibrations.accept(ask(scan_id=scan.id, activate=True))
-    calibrating = attempt(JobKind.CALIBRATE)
+    calibrating = attempt(job_kinds.CALIBRATE)
     finish(calibrating, run(calibrating))
     assert store.scanners.get("line-2").active_calibration_id == first.id
     # The same sinogram with its angles counted backwards: a scanner that now turns the other way.
     other = ingested(sinogram(turn(60))[:, None], "-3:-6")
     store.calibrations.accept(ask(scan_id=other.id))
-    result = run(attempt(JobKind.CALIBRATE))
+    result = run(attempt(job_kinds.CALIBRATE))
     assert result["comparison"]["calibration_id"] == first.id
     assert not result["comparison"]["within_tolerance"]
     assert "turns the other way" in result["comparison"]["reason"]
@@ -84,7 +85,7 @@ def test_a_partial_turn_has_an_image_by_total_variation_and_a_report(
     angles = np.deg2rad(np.arange(0.0, 200.0, 4.0))
     scan = ingested(sinogram(angles)[:, None], "0:4")
     store.calibrations.accept(ask(scan_id=scan.id))
-    calibrating = attempt(JobKind.CALIBRATE)
+    calibrating = attempt(job_kinds.CALIBRATE)
     result = CalibrationResult.model_validate(run(calibrating))
     error = ray_error(scanner, theta.source_frame(859.46), result.source_frame)
     assert error.rms_mm < 0.05
@@ -104,7 +105,7 @@ def test_a_partial_turn_has_an_image_by_total_variation_and_a_report(
 def test_what_a_picture_is_drawn_from_is_in_the_file(store, ingested, attempt, ask, sinogram, turn):
     scan = ingested(sinogram(turn(60))[:, None], "3:6")
     store.calibrations.accept(ask(scan_id=scan.id))
-    calibrating = attempt(JobKind.CALIBRATE)
+    calibrating = attempt(job_kinds.CALIBRATE)
     result = run(calibrating)
     with h5py.File(calibrating.output / "result.h5") as file:
         units = {name: data.attrs["units"] for name, data in file["entry/arrays"].items()}
@@ -135,7 +136,7 @@ def test_a_log_beside_the_phantom_is_kept_before_and_after(
     kept = []
     for _ in range(2):
         store.calibrations.accept(ask(scan_id=scan.id, activate=True, rows="0:2"))
-        calibrating = attempt(JobKind.CALIBRATE)
+        calibrating = attempt(job_kinds.CALIBRATE)
         result = run(calibrating)
         kept.append(calibration_file.read_calibration(calibrating.output / "result.h5").arrays)
         finish(calibrating, result)
@@ -153,7 +154,7 @@ def test_a_reconstruction_uses_the_theta_it_is_given(store, ingested, attempt, s
     scan = ingested(np.repeat(sinogram(turn(60))[:, None], 2, axis=1), "3:6")
     wanted = ReconstructionAsk(scan_id=scan.id, theta=theta, rows="1:2", size=64, field_mm=420.0)
     store.reconstructions.accept(wanted)
-    reconstructing = attempt(JobKind.RECONSTRUCT)
+    reconstructing = attempt(job_kinds.RECONSTRUCT)
     result = run(reconstructing)
     assert (result["shape"], result["rows"]) == ([1, 64, 64], [1, 2])
     with h5py.File(reconstructing.output / "volume.h5") as file:
@@ -171,12 +172,12 @@ def test_a_reconstruction_takes_out_the_hardening_that_its_calibration_found(
     spread = 0.3 / lengths.max()
     scan = ingested((np.log1p(spread * lengths) / spread)[:, None], "3:6")
     known = store.calibrations.accept(ask(scan_id=scan.id))
-    calibrating = attempt(JobKind.CALIBRATE)
+    calibrating = attempt(job_kinds.CALIBRATE)
     finish(calibrating, run(calibrating))
     for handling, sentences in (("auto", 1), ("none", 0)):
         asked = {"scan_id": scan.id, "calibration_id": known.id, "hardening": handling, "size": 32}
         store.reconstructions.accept(ReconstructionAsk(**asked))
-        reconstructing = attempt(JobKind.RECONSTRUCT)
+        reconstructing = attempt(job_kinds.RECONSTRUCT)
         result = run(reconstructing)
         finish(reconstructing, result)
         assert sum(done.startswith("beam hardening of -") for done in result["preparation"]) == sentences
@@ -191,7 +192,7 @@ def test_rows_by_step_and_a_region_of_interest_say_where_they_lie(
     results, images, middles = [], [], []
     for options in ({"rows": "1:7:2", "field_mm": 100.0, "field_centre_mm": (60.0, -60.0)}, {"field_mm": 400.0}):
         store.reconstructions.accept(ReconstructionAsk(**asked, **options))
-        reconstructing = attempt(JobKind.RECONSTRUCT)
+        reconstructing = attempt(job_kinds.RECONSTRUCT)
         results.append(run(reconstructing))
         with h5py.File(reconstructing.output / "volume.h5") as file:
             volume = file["entry/reconstruction"]
@@ -215,7 +216,7 @@ def test_a_picture_is_traced_to_its_drawing(store, attempt):
     drawn.save(buffer, format="PNG")
     given = PhantomPicture(name="traced", width_mm=400.0, size_tolerance=0.002)
     store.phantoms.accept_picture(given, store.files.receive([buffer.getvalue()], max_bytes=10**7))
-    drawing = PhantomDrawing.model_validate(run(attempt(JobKind.TRACE_PHANTOM)))
+    drawing = PhantomDrawing.model_validate(run(attempt(job_kinds.TRACE_PHANTOM)))
     assert (drawing.name, drawing.size_tolerance) == ("traced", 0.002)
     traced = replace(to_phantom(drawing), name=RECTANGLE_WITH_HOLE.name)
     difference = traced.rasterise(400, 400.0) - RECTANGLE_WITH_HOLE.rasterise(400, 400.0)

@@ -10,9 +10,9 @@ import h5py
 import numpy as np
 import pytest
 
+from sawmill_contracts import job_kinds
 from sawmill_contracts.calibrations import CalibrationAsk, PaperOptions
 from sawmill_contracts.reconstructions import ReconstructionAsk
-from sawmill_platform.contracts.jobs import JobKind
 from sawmill_platform.errors import StorageFull
 from sawmill_vocabulary import CalibrationMethod
 from sawmill_worker.jobs import keeping
@@ -83,7 +83,7 @@ def search(store, ingested, sinogram, turn):
 @pytest.mark.usefixtures("hours_go_by")
 def test_a_published_search_killed_again_and_again_finds_the_same_theta(search, attempt, run_killed):
     search()
-    job = attempt(JobKind.CALIBRATE)
+    job = attempt(job_kinds.CALIBRATE)
     whole = run(job)
     result, deaths = run_killed(job, 4)
     assert deaths > 3
@@ -94,7 +94,7 @@ def test_a_short_job_keeps_nothing(search, attempt, monkeypatch):
     monkeypatch.setattr(keeping, "time", SimpleNamespace(monotonic=lambda: 0.0))
     search()
     announced = []
-    job = attempt(JobKind.CALIBRATE)
+    job = attempt(job_kinds.CALIBRATE)
     run(replace(job, announce=announced.append))
     assert announced == []
     assert not job.checkpoints.exists()
@@ -104,7 +104,7 @@ def test_a_short_job_keeps_nothing(search, attempt, monkeypatch):
 @pytest.mark.parametrize("damage", ["truncated", "another scanner", "another version"])
 def test_progress_that_does_not_fit_is_passed_over(search, store, attempt, spec, monkeypatch, damage):
     search()
-    job = attempt(JobKind.CALIBRATE)
+    job = attempt(job_kinds.CALIBRATE)
 
     def die(names):
         store.files.keep(job.output, job.job.id, names)
@@ -164,7 +164,7 @@ def test_a_volume_killed_again_and_again_has_the_same_values(
     volume, attempt, run_killed, tmp_path, method, rows, options
 ):
     volume(rows, method=method, **options)
-    job = attempt(JobKind.RECONSTRUCT)
+    job = attempt(job_kinds.RECONSTRUCT)
     whole = run(job)
     result, deaths = run_killed(job, 0)
     assert deaths > 1
@@ -179,7 +179,7 @@ def test_a_volume_killed_again_and_again_has_the_same_values(
 @pytest.mark.usefixtures("hours_go_by")
 def test_blocks_that_are_damaged_are_made_again(volume, store, attempt, run_killed):
     volume(150, method="fbp")
-    job = attempt(JobKind.RECONSTRUCT)
+    job = attempt(job_kinds.RECONSTRUCT)
     whole = run(job)
     folder = store.files.kept_with(job.job.id)
     announced = []
@@ -198,7 +198,7 @@ def test_blocks_that_are_damaged_are_made_again(volume, store, attempt, run_kill
 @pytest.mark.usefixtures("hours_go_by")
 def test_checkpoints_leave_room_for_the_volume(volume, attempt, monkeypatch):
     volume(150, method="fbp")
-    job = attempt(JobKind.RECONSTRUCT)
+    job = attempt(job_kinds.RECONSTRUCT)
     free = keeping.check_room
 
     def nearly_full(folder, needed, *, needed_by):
@@ -225,7 +225,7 @@ def test_a_full_disk_is_logged_once_and_tried_again_after_the_pause(search, atte
     search()
     lines, announced = [], []
     monkeypatch.setattr(keeping.structlog, "get_logger", lambda: Log(lines))
-    keeper = AttemptKeeper(replace(attempt(JobKind.CALIBRATE), announce=announced.extend), {})
+    keeper = AttemptKeeper(replace(attempt(job_kinds.CALIBRATE), announce=announced.extend), {})
 
     def keep_when_due(name):
         now[0] += PAUSE_S

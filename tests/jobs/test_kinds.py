@@ -5,8 +5,8 @@ from inspect import signature
 
 import pytest
 
+from sawmill_platform.attempts.work import Needs
 from sawmill_platform.contracts.jobs import JobKind
-from sawmill_worker.jobs.needs import Needs
 
 
 @pytest.mark.parametrize("kind", JobKind)

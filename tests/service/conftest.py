@@ -18,6 +18,7 @@ import results
 from plain_logs import log_plainly
 from postgres_server import PostgresDatabases
 
+from sawmill_contracts import job_kinds
 from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.drifts import DriftAsk
 from sawmill_contracts.geometry import ScannerConstants
@@ -33,7 +34,7 @@ from sawmill_formats.output.calibration_file import NamedArray
 from sawmill_formats.output.calibration_file import write_calibration as write_calibration_file
 from sawmill_formats.output.scan_writer import write_scan as write_scan_file
 from sawmill_formats.output.volume_writer import NewVolume, new_reconstruction
-from sawmill_platform.contracts.jobs import JobKind, JobState
+from sawmill_platform.contracts.jobs import JobState
 from sawmill_platform.contracts.uploads import UploadAsk
 from sawmill_platform.contracts.webhooks import WebhookAsk
 from sawmill_platform.database.tables import JobRow
@@ -285,7 +286,7 @@ def add_finished_job(store: Store, job_id: str) -> None:
             JobRow(
                 id=job_id,
                 created_at=store._database.now(),
-                kind=JobKind.CALIBRATE,
+                kind=job_kinds.CALIBRATE,
                 state=JobState.SUCCEEDED,
                 subject_id="example",
             )

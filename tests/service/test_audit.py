@@ -6,7 +6,8 @@ import pytest
 from typer.testing import CliRunner
 
 from sawmill_command.commands import main
-from sawmill_platform.contracts.audit import AuditAction
+from sawmill_contracts import mill_events
+from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.keys import KeyAsk, Scope
 from sawmill_service.app import create_app
 from sawmill_service.settings import ServiceSettings
@@ -47,16 +48,16 @@ def test_every_decision_is_entered_with_who_made_it(anna, store):
     anna.delete(f"/v1/phantoms/{phantom}")
     entries = [entry for entry in store.audit.all() if entry.number > before]
     assert [entry.action for entry in entries] == [
-        AuditAction.SCANNER_CREATED,
-        AuditAction.SCANNER_CHANGED,
-        AuditAction.SCANNER_DELETED,
-        AuditAction.SCHEDULE_CREATED,
-        AuditAction.SCHEDULE_CHANGED,
-        AuditAction.SCHEDULE_DELETED,
-        AuditAction.CALIBRATION_ROLLED_BACK,
-        AuditAction.JOB_CANCELLED,
-        AuditAction.SCAN_DELETED,
-        AuditAction.PHANTOM_DELETED,
+        mill_events.SCANNER_CREATED,
+        mill_events.SCANNER_CHANGED,
+        mill_events.SCANNER_DELETED,
+        mill_events.SCHEDULE_CREATED,
+        mill_events.SCHEDULE_CHANGED,
+        mill_events.SCHEDULE_DELETED,
+        mill_events.CALIBRATION_ROLLED_BACK,
+        event_kinds.JOB_CANCELLED,
+        mill_events.SCAN_DELETED,
+        mill_events.PHANTOM_DELETED,
     ]
     assert {(entry.who, entry.key_id, entry.address) for entry in entries} == {("anna", anna.key.id, "127.0.0.1")}
     was, now = entries[1].detail["tolerances"]
@@ -78,7 +79,7 @@ def test_a_calibration_that_activates_itself_names_the_key_that_asked(anna, stor
     worker.finish_calibration()
     newest = store.audit.page(limit=1).items[0]
     assert (newest.action, newest.who, newest.key_id) == (
-        AuditAction.CALIBRATION_ACTIVATED,
+        mill_events.CALIBRATION_ACTIVATED,
         "anna",
         anna.key.id,
     )

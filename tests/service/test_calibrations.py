@@ -6,7 +6,7 @@ import httpx
 import pytest
 from PIL import Image
 
-from sawmill_platform.contracts.jobs import JobKind
+from sawmill_contracts import job_kinds
 from sawmill_platform.errors import NotFound
 from sawmill_service.drawing import CalibrationPicture, calibration_picture
 from sawmill_worker.pictures import calibration_report
@@ -57,7 +57,7 @@ def drawn(monkeypatch):
 
 
 def test_a_picture_is_drawn_when_it_is_first_asked_for_and_kept(seeded, store, drawn):
-    folder = store.files.results(JobKind.CALIBRATE, "example")
+    folder = store.files.results(job_kinds.CALIBRATE, "example")
     assert [path.name for path in folder.iterdir()] == ["result.h5"]
     first, second = (seeded.get("/v1/calibrations/example/overlay.png") for _ in range(2))
     assert drawn == ["L-shape"]
@@ -82,12 +82,12 @@ def test_a_picture_that_many_ask_for_at_once_is_drawn_once(seeded, drawn):
 
 
 def test_a_picture_of_an_older_version_stays(seeded, store):
-    (store.files.results(JobKind.CALIBRATE, "example") / "report.png").write_bytes(b"drawn by the job")
+    (store.files.results(job_kinds.CALIBRATE, "example") / "report.png").write_bytes(b"drawn by the job")
     assert seeded.get("/v1/calibrations/example/report.png").content == b"drawn by the job"
 
 
 def test_a_picture_cannot_outlive_its_calibration(store, seeded, monkeypatch):  # noqa: ARG001 - fills the store
-    folder = store.files.results(JobKind.CALIBRATE, "example")
+    folder = store.files.results(job_kinds.CALIBRATE, "example")
 
     def removed_meanwhile(result, arrays):  # noqa: ARG001
         store.files.remove(folder)
@@ -157,14 +157,14 @@ def test_the_log_before_and_after_are_of_one_size_and_one_window(seeded, store):
         assert first.size == second.size == (512, 512)
         # The same value, at the middle of the first and a quarter beside it in the second, is the same grey.
         assert abs(first.getpixel((136, 250)) - second.getpixel((264, 250))) < 12  # a pixel's step of the ramp
-    folder = store.files.results(JobKind.CALIBRATE, "example")
+    folder = store.files.results(job_kinds.CALIBRATE, "example")
     assert (folder / "log-before.png").read_bytes() == before.content
 
 
 def test_a_calibration_that_shows_no_log_has_no_picture_of_one(seeded, store, worker):
     identifier = seeded.post("/v1/calibrations", json={"scan_id": "example"}).json()["id"]
     worker.finish_calibration()
-    with h5py.File(store.files.result(JobKind.CALIBRATE, identifier, "result.h5"), "r+") as file:
+    with h5py.File(store.files.result(job_kinds.CALIBRATE, identifier, "result.h5"), "r+") as file:
         del file["entry/arrays/log_before"]
     refused = seeded.get(f"/v1/calibrations/{identifier}/log-before.png")
     assert (refused.status_code, refused.json()["code"]) == (404, "no-log")

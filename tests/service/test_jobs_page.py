@@ -5,8 +5,9 @@ import re
 from page_text import text_of
 from sqlalchemy import event, insert
 
+from sawmill_contracts import job_kinds
 from sawmill_contracts.plans import PlanAsk
-from sawmill_platform.contracts.jobs import Failure, FailureKind, JobKind, JobState
+from sawmill_platform.contracts.jobs import Failure, FailureKind, JobState
 from sawmill_platform.contracts.keys import KeyAsk, Scope
 from sawmill_platform.database.tables import JobRow
 from sawmill_vocabulary import Progress, Theta
@@ -113,7 +114,7 @@ def fill(store) -> None:
     """Half of them wait, half have succeeded."""
     now = store._database.now()
     states = (JobState.QUEUED, JobState.SUCCEEDED)
-    shared = {"created_at": now, "started_at": now, "kind": JobKind.CALIBRATE, "subject_id": "example"}
+    shared = {"created_at": now, "started_at": now, "kind": job_kinds.CALIBRATE, "subject_id": "example"}
     rows = [{"id": f"job-{number}", "state": states[number % 2], **shared} for number in range(DECK)]
     with store._database.write() as session:
         session.execute(insert(JobRow), rows)

@@ -2,8 +2,8 @@
 
 import pytest
 
+from sawmill_contracts.kinds import asked_kinds
 from sawmill_platform.contracts.keys import KeyAsk, Scope
-from sawmill_platform.contracts.kinds import asked_kinds
 from sawmill_platform.database.tables import JobRow
 from sawmill_platform.errors import StorageFull, StorageUnavailable
 from sawmill_service.access import NEEDED, OPEN_PATHS, needed_scope

@@ -7,7 +7,7 @@ from urllib.parse import parse_qs, urlsplit
 import pytest
 
 from sawmill_contracts.calibrations import CalibrationAsk
-from sawmill_platform.contracts.audit import AuditAction
+from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.keys import KeyAsk, Scope
 from sawmill_service.access import LOGIN_PATHS
 from sawmill_service.app import create_app
@@ -93,7 +93,7 @@ def test_a_wrong_key_is_answered_with_one_sentence_on_the_page(browser, store, s
     assert 'name="next" value="/docs"' in answer.text
     assert "Set-Cookie" not in answer.headers
     assert not answer.headers["WWW-Authenticate"].startswith("Basic")
-    assert AuditAction.LOGGED_IN not in {entry.action for entry in store.audit.all()}
+    assert event_kinds.LOGGED_IN not in {entry.action for entry in store.audit.all()}
 
 
 def test_too_many_wrong_keys_of_an_address_are_refused_and_a_good_one_opens(browser, store, monkeypatch):
@@ -227,7 +227,7 @@ def test_a_logout_ends_the_session_and_both_are_in_the_audit(browser, store):
     assert answer.headers["Set-Cookie"].startswith(f'{NAME}=""; HttpOnly; Max-Age=0;')
     assert browser.get("/").headers["Location"] == "/login?next=%2F"
     went, came = store.audit.page(limit=2).items
-    assert (came.action, went.action) == (AuditAction.LOGGED_IN, AuditAction.LOGGED_OUT)
+    assert (came.action, went.action) == (event_kinds.LOGGED_IN, event_kinds.LOGGED_OUT)
     assert {entry.who for entry in (came, went)} == {key.name}
     assert {entry.key_id for entry in (came, went)} == {key.id}
     assert came.address == "127.0.0.1"

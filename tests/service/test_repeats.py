@@ -6,7 +6,7 @@ from datetime import timedelta
 
 import pytest
 
-from sawmill_platform.contracts.jobs import JobKind
+from sawmill_contracts import job_kinds
 from sawmill_platform.contracts.keys import KeyAsk, Scope
 from sawmill_platform.database.tables import RepeatRow
 from sawmill_platform.keys.repeats import KEPT
@@ -177,7 +177,7 @@ def test_keys_of_different_callers_are_different_keys(seeded, store):
         answers = [seeded.post("/v1/calibrations", json=ASK, headers=headers).json()["id"] for _ in range(2)]
         ids |= set(answers)
     assert len(ids) == 2
-    assert len(store.jobs.page(kind=JobKind.CALIBRATE).items) == 5
+    assert len(store.jobs.page(kind=job_kinds.CALIBRATE).items) == 5
 
 
 def test_after_its_time_a_key_is_new(seeded, store):

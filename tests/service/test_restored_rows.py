@@ -15,26 +15,20 @@ import pytest
 from make_data_0_1_0 import ARCHIVE
 from sqlalchemy import JSON, Boolean, Column, Date, Enum, Float, Integer, String, select
 
+from sawmill_contracts import mill_events
 from sawmill_contracts.alarms import AlarmKind
 from sawmill_contracts.measurements import MeasurementKind
 from sawmill_contracts.scanner_drift import DriftFinding
-from sawmill_platform.contracts.events import EventKind
 from sawmill_platform.contracts.keys import KeyAsk, Scope
 from sawmill_platform.contracts.webhooks import DeliveryState
 from sawmill_platform.database.database import Database
 from sawmill_platform.database.engines import make_engine
 from sawmill_platform.database.tables import (
-    ActivationRow,
-    AlarmRow,
     Base,
     DeliveryRow,
-    DriftChartRow,
     JobDependencyRow,
-    MeasurementRow,
     Ranked,
     RepeatRow,
-    RetentionRow,
-    ScheduleRunRow,
     SenderRow,
     UtcDateTime,
 )
@@ -47,6 +41,7 @@ from sawmill_store.backups.row_contracts import READ, refuse_unfit_row
 from sawmill_store.backups.rows import LEFT_OUT, read_rows
 from sawmill_store.backups.taking import take_backup
 from sawmill_store.store import Store
+from sawmill_store.tables import ActivationRow, AlarmRow, DriftChartRow, MeasurementRow, RetentionRow, ScheduleRunRow
 
 pytestmark = pytest.mark.slow
 
@@ -85,7 +80,7 @@ def fill_the_other_tables(store: Store) -> None:
                     webhook_id="example",
                     event_number=1,
                     message_id="msg_1",
-                    what=EventKind.ALARM_OPENED,
+                    what=mill_events.ALARM_OPENED,
                     state=DeliveryState.DELIVERED,
                     attempts=1,
                     first_at=now,

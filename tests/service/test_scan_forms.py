@@ -12,7 +12,7 @@ import pytest
 from documented import check_documented
 from pydantic import SecretStr
 
-from sawmill_platform.contracts.jobs import JobKind
+from sawmill_contracts import job_kinds
 from sawmill_platform.files.upload_stream import PART_BYTES
 from sawmill_service.app import create_app
 from sawmill_service.http.sent_content import Gunzip
@@ -64,7 +64,7 @@ async def untouchable():
 
 
 def kept(store, scan):
-    return store.files.upload(JobKind.INGEST, scan["id"]).read_bytes()
+    return store.files.upload(job_kinds.INGEST, scan["id"]).read_bytes()
 
 
 @pytest.mark.parametrize("fields_first", [True, False])

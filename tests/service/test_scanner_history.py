@@ -8,22 +8,16 @@ from datetime import UTC, datetime, timedelta
 import pytest
 from sqlalchemy import delete, event, insert
 
+from sawmill_contracts import mill_events
 from sawmill_contracts.alarms import Alarm, AlarmKind
 from sawmill_contracts.history import HistoryEntry, HistoryKind, HistoryMark
 from sawmill_contracts.measurements import Measurement, MeasurementKind, Movement
-from sawmill_platform.contracts.events import EventKind
+from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.keys import KeyAsk, Scope
-from sawmill_platform.database.tables import (
-    ActivationRow,
-    CalibrationRow,
-    DriftRow,
-    HistoryRow,
-    MeasurementRow,
-    ReconstructionRow,
-)
 from sawmill_service.history_file import COLUMNS, history_csv
 from sawmill_service.pages.charts import HEIGHT_PX, MOST_MARKS, span_of
 from sawmill_service.pages.trend_chart import trend_chart
+from sawmill_store.tables import ActivationRow, CalibrationRow, DriftRow, HistoryRow, MeasurementRow, ReconstructionRow
 
 HISTORY, PAGE = "/v1/scanners/example/history", "/scanners/example/history"
 PATH, FILE = f"{HISTORY}/entries", f"{HISTORY}.csv"
@@ -155,7 +149,7 @@ def test_a_deleted_calibration_is_shown_with_its_numbers_and_without_a_link(seed
 def test_an_unknown_kind_of_event_is_shown_by_its_name(seeded, store):
     entry = store.history.page("example").items[0]
     with store._database.write() as session:
-        later = {"at": entry.at, "kind": HistoryKind.SETTINGS, "what": EventKind.CLOCK_STEPPED, "subject": "scanner"}
+        later = {"at": entry.at, "kind": HistoryKind.SETTINGS, "what": event_kinds.CLOCK_STEPPED, "subject": "scanner"}
         session.add(HistoryRow(scanner_id="example", subject_id="example", **later))
     assert "clock-stepped" in seeded.get(PAGE).text
 
@@ -180,11 +174,11 @@ def test_a_trend_has_error_bars_lines_and_open_alarms():
     wide = movement(1, kind=MeasurementKind.DRIFT, cor_column_standard_deviation_mm=50.0)
     marks = [
         HistoryMark(
-            NOW - timedelta(days=9), HistoryKind.ALARM, EventKind.ALARM_CLOSED, "example", AlarmKind.SCANNER_QUIET
+            NOW - timedelta(days=9), HistoryKind.ALARM, mill_events.ALARM_CLOSED, "example", AlarmKind.SCANNER_QUIET
         ),
-        HistoryMark(NOW - timedelta(days=4), HistoryKind.ACTIVATION, EventKind.CALIBRATION_ACTIVATED, "one", None),
+        HistoryMark(NOW - timedelta(days=4), HistoryKind.ACTIVATION, mill_events.CALIBRATION_ACTIVATED, "one", None),
         HistoryMark(
-            NOW - timedelta(days=3), HistoryKind.ALARM, EventKind.ALARM_OPENED, "example", AlarmKind.NO_PHANTOM_SCAN
+            NOW - timedelta(days=3), HistoryKind.ALARM, mill_events.ALARM_OPENED, "example", AlarmKind.NO_PHANTOM_SCAN
         ),
     ]
     opened = [Alarm(scanner_id="example", what=AlarmKind.NO_PHANTOM_SCAN, since=NOW - timedelta(days=3))]
@@ -225,7 +219,7 @@ def test_a_year_is_a_small_page_and_few_queries(seeded, store):
         MeasurementKind.DRIFT: ("drift-check", "drift"),
     }
     entries = [
-        {"scanner_id": "example", "at": one["at"], "kind": kinds[one["kind"]][0], "what": EventKind.SUCCEEDED}
+        {"scanner_id": "example", "at": one["at"], "kind": kinds[one["kind"]][0], "what": event_kinds.SUCCEEDED}
         | {"subject": kinds[one["kind"]][1], "subject_id": one["subject_id"], "measurement_number": one["number"]}
         for one in measured
     ]

@@ -6,7 +6,7 @@ import pytest
 from page_text import text_of
 
 from sawmill_contracts.plans import PlanAsk
-from sawmill_platform.contracts.audit import AuditAction
+from sawmill_platform.contracts.event_kinds import EventKind
 from sawmill_platform.contracts.keys import KeyAsk, Scope
 from sawmill_platform.files.file_store import FileStore, Room
 from sawmill_service.app import create_app
@@ -78,4 +78,4 @@ def test_nobody_else_does_and_is_told_so(client, store):
 
 
 def test_every_action_of_the_audit_has_words():
-    assert set(ACTIONS) == set(AuditAction)
+    assert set(ACTIONS) == set(EventKind.decisions())

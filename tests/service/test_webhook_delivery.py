@@ -22,16 +22,16 @@ import receivers
 from missing_parts import skip_without
 from receivers import receiving, status
 
-from sawmill_platform.contracts.events import EventKind
+from sawmill_contracts import mill_events
 from sawmill_platform.contracts.webhooks import WebhookAsk
 from sawmill_platform.errors import StorageUnavailable
-from sawmill_platform.ledger.events import announce
 from sawmill_platform.settings import StorageSettings
 from sawmill_platform.webhooks.outbox import LEASE
 from sawmill_service.webhooks.couriers import JITTER, WAITS_S, Couriers
 from sawmill_service.webhooks.destinations import AllowedDestinations
 from sawmill_service.webhooks.sender import WebhookSender
 from sawmill_service.webhooks.sending import Sending
+from sawmill_store.history_writer import announce
 from sawmill_store.store import Store
 
 LOOPBACK = AllowedDestinations(["127.0.0.0/8"])
@@ -78,7 +78,7 @@ def hook(store, receiver):
 def happen(store, number: int = 1) -> None:
     with store._database.write() as session:
         for k in range(number):
-            announce(session, store._database.now(), EventKind.ALARM_OPENED, "scanner", f"line-{k}")
+            announce(session, store._database.now(), mill_events.ALARM_OPENED, "scanner", f"line-{k}")
 
 
 def send(store, sending: Sending | None = None) -> None:

@@ -11,20 +11,21 @@ from pydantic import ValidationError
 from receivers import receiving, status
 
 from sawmill_command.doctor.webhooks import webhooks as findings
-from sawmill_platform.contracts.events import Event, EventKind
+from sawmill_contracts import mill_events
+from sawmill_platform.contracts.events import Event
 from sawmill_platform.contracts.webhooks import WebhookAsk, destination_of
-from sawmill_platform.ledger.events import announce
 from sawmill_platform.webhooks.outbox import Attempt
 from sawmill_service.app import create_app
 from sawmill_service.settings import ServiceSettings
 from sawmill_service.webhooks.destinations import AllowedDestinations, RefusedDestinationError
+from sawmill_store.history_writer import announce
 
 URL = "https://alarms.mill.example/sawmill"
 
 
 def happen(store) -> Event:
     with store._database.write() as session:
-        announce(session, store._database.now(), EventKind.ALARM_OPENED, "scanner", "line-2")
+        announce(session, store._database.now(), mill_events.ALARM_OPENED, "scanner", "line-2")
     return store.events.following(0)[-1]
 
 
@@ -163,7 +164,7 @@ def test_the_doctor_names_a_webhook_that_fails_its_reason_and_the_cure(store):
 def undo(store) -> None:
     """An event that is written and not committed."""
     with suppress(ZeroDivisionError), store._database.write() as session:
-        announce(session, store._database.now(), EventKind.ALARM_OPENED, "scanner", "undone")
+        announce(session, store._database.now(), mill_events.ALARM_OPENED, "scanner", "undone")
         session.flush()
         _ = 1 / 0
 

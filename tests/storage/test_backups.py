@@ -21,13 +21,14 @@ from make_data_0_1_0 import ARCHIVE
 from results import CONSTANTS, RESULTS
 from sqlalchemy import JSON, Boolean, Date, Float, Integer, String, text
 
+from sawmill_contracts import job_kinds
 from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import ScanSpec
 from sawmill_contracts.schedules import ScheduleSpec
-from sawmill_platform.contracts.events import EventKind
-from sawmill_platform.contracts.jobs import JobKind, JobState
+from sawmill_platform.contracts import event_kinds
+from sawmill_platform.contracts.jobs import JobState
 from sawmill_platform.contracts.keys import KeyAsk, Scope
 from sawmill_platform.contracts.uploads import UploadAsk
 from sawmill_platform.database.database import Database, newest_revision
@@ -158,8 +159,8 @@ def test_what_is_restored_elsewhere_is_all_there_and_goes_on(
     numbers = [event["number"] for event in before["events"]]
     assert after["events"][: len(numbers)] == before["events"]
     mark, given_back = after["events"][len(numbers) :]
-    assert (mark["what"], mark["number"]) == (EventKind.RESTORED, numbers[-1] + NUMBERS_SKIPPED)
-    assert (given_back["what"], given_back["job_id"]) == (EventKind.GIVEN_BACK, running.job_id)
+    assert (mark["what"], mark["number"]) == (event_kinds.RESTORED, numbers[-1] + NUMBERS_SKIPPED)
+    assert (given_back["what"], given_back["job_id"]) == (event_kinds.GIVEN_BACK, running.job_id)
     theirs, ours = files_of(target), files_of(settings)
     ours.pop(f"unfinished/{half.id}")
     assert theirs.pop(f"unfinished/{half.id}")[1] == hashlib.sha256(b"0123").hexdigest()
@@ -189,7 +190,7 @@ def test_every_column_has_a_form_in_a_backup():
 @sqlite_alone
 def test_a_second_backup_copies_what_is_new_alone(store, settings, work, into):
     first_scan = work()
-    twin = store.files.results(JobKind.INGEST, first_scan) / "twin"
+    twin = store.files.results(job_kinds.INGEST, first_scan) / "twin"
     twin.hardlink_to(twin.with_name("result"))
     first = take_backup(settings, into, silent)
     second_scan = work()
@@ -279,7 +280,7 @@ def test_a_file_that_is_really_missing_is_named_and_keeps_nothing_else_out(
 ):
     monkeypatch.setattr(taking, "_PAUSE_S", 0.0)
     lost, kept = work(), work()
-    shutil.rmtree(store.files.results(JobKind.INGEST, lost))
+    shutil.rmtree(store.files.results(job_kinds.INGEST, lost))
     taken = take_backup(settings, into, silent)
     assert taken.manifest.lacking == [f"scans/{lost}"]
     restore(taken.path, elsewhere, silent)
@@ -300,7 +301,7 @@ def one_backup(tmp_path_factory: pytest.TempPathFactory, empty_data: Path) -> Pa
             claim = store.jobs.claim("test")
             output = store.files.make_attempt_folder(claim.job_id, claim.attempt)
             (output / "scan.h5").write_text(f"line integrals {number}")
-            store.jobs.succeed(claim, RESULTS[JobKind.INGEST](), output)
+            store.jobs.succeed(claim, RESULTS[job_kinds.INGEST](), output)
     (folder / "disk").mkdir()
     return take_backup(settings, folder / "disk", silent).path
 

@@ -6,7 +6,7 @@ from datetime import UTC, datetime, timedelta
 import pytest
 from databases import sqlite_alone
 
-from sawmill_platform.contracts.events import EventKind
+from sawmill_platform.contracts import event_kinds
 from sawmill_platform.database import clock
 from sawmill_platform.database.tables import ClockRow
 from sawmill_platform.workers.clock_keeper import LASTING_S, ClockKeeper, _Step
@@ -72,7 +72,7 @@ def test_a_lasting_step_is_taken_over_with_an_event_and_a_short_one_is_not(store
     before = now(store)
     look(200.0 + LASTING_S)
     (event,) = store.events.of_clock()
-    assert (event.what, round(event.detail["off_s"])) == (EventKind.CLOCK_STEPPED, 7200)
+    assert (event.what, round(event.detail["off_s"])) == (event_kinds.CLOCK_STEPPED, 7200)
     assert HOURS - timedelta(minutes=1) < now(store) - before < HOURS + timedelta(minutes=1)
     assert abs(store.clock_off_s()) < 60.0
 

@@ -130,13 +130,13 @@ def test_a_commit_is_durable_and_references_are_checked(store):
 @pytest.mark.dialect
 def test_several_processes_may_open_a_new_store_at_once(tmp_path, empty_url):
     imports = (
-        "from pathlib import Path\nfrom threading import Event\nimport alembic.command\n"
+        "from functools import partial\nfrom pathlib import Path\nfrom threading import Event\nimport alembic.command\n"
         "from sawmill_platform.workers.opening import open_store\n"
-        "from sawmill_platform.settings import StorageSettings"
+        "from sawmill_platform.settings import StorageSettings\nfrom sawmill_store.store import Store"
     )
     program = (
         f"settings = StorageSettings(data_folder=Path({str(tmp_path / 'data')!r}), database_url={empty_url!r})\n"
-        "print('phantoms', len(open_store(settings, Event()).phantoms.page().items))"
+        "print('phantoms', len(open_store(partial(Store.open, settings), Event()).phantoms.page().items))"
     )
     # What waits for the others is logged as well.
     answers = [line for line in race(2, imports, program).splitlines() if line.startswith("phantoms")]

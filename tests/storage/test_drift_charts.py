@@ -14,9 +14,9 @@ from sawmill_contracts.drifts import DriftAsk
 from sawmill_contracts.history import HistoryKind
 from sawmill_contracts.measurements import MeasurementKind
 from sawmill_contracts.scans import ScanSpec
-from sawmill_platform.database.tables import ActivationRow, DriftChartRow, MeasurementRow
 from sawmill_store import drift_charts
 from sawmill_store.drift_charts import _counted
+from sawmill_store.tables import ActivationRow, DriftChartRow, MeasurementRow
 from sawmill_vocabulary import DataKind
 from sawmill_worker.use_cases.drift_following import follow
 

@@ -6,16 +6,16 @@ import pytest
 from databases import postgresql_alone, sqlite_alone
 from sqlalchemy.orm import Session
 
+from sawmill_contracts import mill_events
 from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.schedules import ScheduleSpec
-from sawmill_platform.contracts.events import EventKind
 from sawmill_platform.contracts.jobs import Failure, FailureKind
 from sawmill_platform.contracts.keys import KeyAsk, Scope
 from sawmill_platform.contracts.uploads import UploadAsk
 from sawmill_platform.errors import Damaged
 from sawmill_platform.files.upload_stream import AsSent
-from sawmill_platform.ledger.events import announce
 from sawmill_platform.uploads.upload_store import UploadQuota
+from sawmill_store.history_writer import announce
 
 pytestmark = pytest.mark.slow
 
@@ -35,7 +35,7 @@ def words(events) -> list[tuple[str, str | None, str | None]]:
 
 
 def announced(session: Session, store, scanner_id: str) -> None:
-    announce(session, store._database.now(), EventKind.SCANNER_CHANGED, "scanner", scanner_id, scanner_id=scanner_id)
+    announce(session, store._database.now(), mill_events.SCANNER_CHANGED, "scanner", scanner_id, scanner_id=scanner_id)
     session.flush()
 
 

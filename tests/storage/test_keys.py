@@ -8,7 +8,7 @@ from sqlalchemy import text
 from sqlalchemy.exc import DBAPIError
 
 from sawmill_platform.acting import Actor, acting_as
-from sawmill_platform.contracts.audit import AuditAction
+from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.keys import KeyAsk, Scope
 from sawmill_platform.errors import Conflict, Invalid, NotFound
 from sawmill_platform.keys.key_store import PREFIX, USE_STEP, hash_of
@@ -94,7 +94,7 @@ def test_the_audit_names_who_and_only_grows(store):
     store.keys.revoke(key.id)
     made, revoked = store.audit.all()
     assert (made.who, made.key_id, made.address, made.request_id) == ("anna", "k1", "192.0.2.7", "r1")
-    assert (made.action, made.subject_id) == (AuditAction.KEY_CREATED, key.id)
+    assert (made.action, made.subject_id) == (event_kinds.KEY_CREATED, key.id)
     assert (revoked.who, revoked.key_id) == ("the service", None)
     newest = store.audit.page(limit=1)
     assert (newest.items, store.audit.page(after=newest.next).items) == ([revoked], [made])

@@ -2,13 +2,15 @@
 
 import pytest
 
+from sawmill_contracts import job_kinds
 from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.drifts import DriftAsk
+from sawmill_contracts.kinds import AskedKind, asked_kinds
 from sawmill_contracts.plans import PlanAsk
 from sawmill_platform.contracts.jobs import JobKind
-from sawmill_platform.contracts.kinds import AskedKind, asked_kinds, declaration_of
-from sawmill_platform.database.tables import OWN_TABLES, AskedRow, table_of
+from sawmill_platform.contracts.kinds import declaration_of
 from sawmill_platform.errors import Conflict, NotFound
+from sawmill_store.tables import OWN_TABLES, AskedRow, table_of
 from sawmill_vocabulary import Theta
 
 NOMINAL = Theta(
@@ -26,7 +28,7 @@ def calibration(store, ready_scan, finish):
 @pytest.fixture
 def as_new_kinds(monkeypatch):
     """Drift checks and plans as they were stored if they came after the first versions."""
-    for kind in (JobKind.DRIFT, JobKind.PLAN):
+    for kind in (job_kinds.DRIFT, job_kinds.PLAN):
         monkeypatch.delitem(OWN_TABLES, kind)
 
 

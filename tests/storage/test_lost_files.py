@@ -2,9 +2,9 @@
 
 import pytest
 
+from sawmill_contracts import job_kinds
 from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.reconstructions import ReconstructionAsk
-from sawmill_platform.contracts.jobs import JobKind
 from sawmill_store.backups import named_files
 
 pytestmark = pytest.mark.slow
@@ -19,10 +19,10 @@ def test_uploads_and_results_without_their_file_are_lost(store, upload, finish):
     finish(store)
     unread = upload(store)
     files = [
-        store.files.results(JobKind.CALIBRATE, calibration.id) / "result.h5",
-        store.files.results(JobKind.RECONSTRUCT, reconstruction.id) / "volume.h5",
-        store.files.results(JobKind.INGEST, scan.id) / "scan.h5",
-        *sorted(store.files.upload(JobKind.INGEST, one.id) for one in (scan, unread)),
+        store.files.results(job_kinds.CALIBRATE, calibration.id) / "result.h5",
+        store.files.results(job_kinds.RECONSTRUCT, reconstruction.id) / "volume.h5",
+        store.files.results(job_kinds.INGEST, scan.id) / "scan.h5",
+        *sorted(store.files.upload(job_kinds.INGEST, one.id) for one in (scan, unread)),
     ]
     for file in files[:3]:
         file.touch()

@@ -14,10 +14,10 @@ from sawmill_contracts.measurements import MeasurementKind
 from sawmill_platform.contracts.jobs import Failure, FailureKind
 from sawmill_platform.database.database import Database
 from sawmill_platform.database.engines import make_engine
-from sawmill_platform.database.tables import MeasurementRow
 from sawmill_platform.errors import Invalid, NotFound
 from sawmill_store.measurements import MOST_READ
 from sawmill_store.store import Store
+from sawmill_store.tables import MeasurementRow
 
 BEFORE = datetime(2026, 1, 1, tzinfo=UTC)
 FAILURE = '{"kind": "input", "code": "phantom-not-found", "detail": "no phantom"}'

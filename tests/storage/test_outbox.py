@@ -9,14 +9,15 @@ from pydantic import ValidationError
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
-from sawmill_platform.contracts.audit import AuditAction
-from sawmill_platform.contracts.events import EventKind
+from sawmill_contracts import mill_events
+from sawmill_platform.contracts import event_kinds
+from sawmill_platform.contracts.event_kinds import EventKind
 from sawmill_platform.contracts.webhooks import WebhookAsk, WebhookTest, destination_of, kinds_of
 from sawmill_platform.database.tables import DeliveryRow
 from sawmill_platform.errors import Conflict, NotFound
-from sawmill_platform.ledger.events import announce
 from sawmill_platform.webhooks import webhook_store as webhooks
 from sawmill_platform.webhooks.outbox import LEASE, Attempt, message_id
+from sawmill_store.history_writer import announce
 
 URL = "https://alarms.mill.example/sawmill"
 DELIVERED = Attempt(200)
@@ -57,11 +58,13 @@ def failed(wait_s: float | None = 5.0) -> Attempt:
 
 
 def test_a_webhook_is_sent_what_it_asked_for_in_order_from_now_on(store, outbox):
-    happen(store, EventKind.ALARM_OPENED)
+    happen(store, mill_events.ALARM_OPENED)
     alarms = store.webhooks.create(WebhookAsk(url=URL))
     everything = store.webhooks.create(WebhookAsk(url=URL, events=["*"]))
     disabled = store.webhooks.create(WebhookAsk(url=URL, enabled=False))
-    first, changed, last = happen(store, EventKind.ALARM_OPENED, EventKind.SCANNER_CHANGED, EventKind.ALARM_CLOSED)
+    first, changed, last = happen(
+        store, mill_events.ALARM_OPENED, mill_events.SCANNER_CHANGED, mill_events.ALARM_CLOSED
+    )
     assert waiting(outbox, alarms) == [first, last]
     assert waiting(outbox, everything)[-3:] == [first, changed, last]
     assert waiting(outbox, disabled) == []
@@ -78,7 +81,7 @@ def test_a_webhook_that_is_moved_or_asks_for_more_is_looked_at_again(store, outb
     assert not outbox.is_wanted()
     webhook = store.webhooks.create(WebhookAsk(url=URL))
     assert outbox.is_wanted()
-    [first, refused] = happen(store, EventKind.ALARM_OPENED, EventKind.SCAN_REFUSED)
+    [first, refused] = happen(store, mill_events.ALARM_OPENED, mill_events.SCAN_REFUSED)
     deliver(outbox, webhook)
     assert [outbox.due(refused), outbox.due(refused)] == [[], []]
     store.webhooks.update(webhook.id, WebhookAsk(url=URL, events=["scan-refused"]))
@@ -89,7 +92,7 @@ def test_a_webhook_that_is_moved_or_asks_for_more_is_looked_at_again(store, outb
     assert outbox.due(refused) == [webhook.id]
     deliver(outbox, webhook)
     assert outbox.due(refused) == []
-    [opened] = happen(store, EventKind.ALARM_OPENED)
+    [opened] = happen(store, mill_events.ALARM_OPENED)
     assert outbox.due(opened) == [webhook.id]
     store.webhooks.enable(webhook.id, enabled=False)
     assert not outbox.is_wanted()
@@ -98,7 +101,7 @@ def test_a_webhook_that_is_moved_or_asks_for_more_is_looked_at_again(store, outb
 @pytest.mark.dialect
 def test_a_failure_holds_back_what_follows_until_it_is_delivered(store, outbox, clock):
     webhook = store.webhooks.create(WebhookAsk(url=URL))
-    first, second = happen(store, EventKind.ALARM_OPENED, EventKind.ALARM_CLOSED)
+    first, second = happen(store, mill_events.ALARM_OPENED, mill_events.ALARM_CLOSED)
     assert deliver(outbox, webhook, failed(60.0)) is False
     assert outbox.due(second) == []
     stands = store.webhooks.get(webhook.id)
@@ -119,7 +122,7 @@ def test_a_failure_holds_back_what_follows_until_it_is_delivered(store, outbox, 
 def test_the_last_failure_pauses_a_webhook_and_says_so_and_nothing_is_lost(store, outbox):
     webhook = store.webhooks.create(WebhookAsk(url=URL))
     watching = store.webhooks.create(WebhookAsk(url=URL, events=["webhook-paused"]))
-    [number] = happen(store, EventKind.ALARM_OPENED)
+    [number] = happen(store, mill_events.ALARM_OPENED)
     deliver(outbox, webhook, failed(None))
     assert waiting(outbox, webhook) == []
     stands = store.webhooks.get(webhook.id)
@@ -140,7 +143,7 @@ def test_the_last_failure_pauses_a_webhook_and_says_so_and_nothing_is_lost(store
 
 def test_events_are_sent_again_or_passed_over_when_somebody_says_so(store, outbox):
     webhook = store.webhooks.create(WebhookAsk(url=URL))
-    first, second, third = happen(store, *[EventKind.ALARM_OPENED] * 3)
+    first, second, third = happen(store, *[mill_events.ALARM_OPENED] * 3)
     deliver(outbox, webhook)
     sent = store.webhooks.deliveries(webhook.id).items[0].message_id
     pending = outbox.pending(webhook.id, 10**6)
@@ -154,7 +157,7 @@ def test_events_are_sent_again_or_passed_over_when_somebody_says_so(store, outbo
     assert waiting(outbox, webhook) == [third]
     store.webhooks.update(webhook.id, WebhookAsk(url=URL, after=2**31 - 1))
     assert waiting(outbox, webhook) == []
-    later = happen(store, EventKind.ALARM_OPENED)
+    later = happen(store, mill_events.ALARM_OPENED)
     assert waiting(outbox, webhook) == later
 
 
@@ -167,7 +170,7 @@ def test_a_change_counts_from_the_next_event_on(store, outbox):
     }
     for name, change in changes.items():
         webhook = store.webhooks.create(WebhookAsk(url=URL))
-        happen(store, *[EventKind.ALARM_OPENED] * 2)
+        happen(store, *[mill_events.ALARM_OPENED] * 2)
         pending = outbox.pending(webhook.id, 10**6)
         change(webhook.id)
         assert outbox.note(pending, pending.events[0], DELIVERED) is False
@@ -176,7 +179,7 @@ def test_a_change_counts_from_the_next_event_on(store, outbox):
 
 def test_a_new_secret_and_the_one_before_sign_for_the_grace(store, outbox, clock):
     webhook = store.webhooks.create(WebhookAsk(url=URL))
-    happen(store, EventKind.ALARM_OPENED)
+    happen(store, mill_events.ALARM_OPENED)
     new = store.webhooks.rotate(webhook.id, grace_s=3600)
     assert outbox.pending(webhook.id, 10**6).secrets == (new.secret, webhook.secret)
     clock.advance(seconds=3600)
@@ -188,7 +191,7 @@ def test_a_new_secret_and_the_one_before_sign_for_the_grace(store, outbox, clock
 
 def test_an_id_is_the_same_in_every_attempt_and_another_for_whatever_else(store, outbox):
     webhook, other = (store.webhooks.create(WebhookAsk(url=URL)) for _ in range(2))
-    happen(store, *[EventKind.ALARM_OPENED] * 2)
+    happen(store, *[mill_events.ALARM_OPENED] * 2)
     first, second = outbox.pending(webhook.id, 10**6).events
     put_back = first.model_copy(update={"at": first.at + timedelta(days=1)})
     ids = [message_id(webhook.id, first), message_id(webhook.id, second), message_id(other.id, first)]
@@ -216,7 +219,7 @@ def test_one_process_sends_at_a_time(store, clock):
 @pytest.mark.dialect
 def test_what_was_delivered_is_forgotten_after_a_week(store, outbox, clock):
     webhook = store.webhooks.create(WebhookAsk(url=URL))
-    happen(store, *[EventKind.ALARM_OPENED] * 2)
+    happen(store, *[mill_events.ALARM_OPENED] * 2)
     deliver(outbox, webhook)
     clock.advance(days=webhooks.KEPT.days - 1)
     deliver(outbox, webhook)
@@ -230,7 +233,7 @@ def test_what_was_delivered_is_forgotten_after_a_week(store, outbox, clock):
 
 def test_lists_turn_pages_and_every_change_is_audited(store, outbox, monkeypatch):
     webhook = store.webhooks.create(WebhookAsk(url=URL, description="office"))
-    numbers = happen(store, *[EventKind.ALARM_OPENED] * 3)
+    numbers = happen(store, *[mill_events.ALARM_OPENED] * 3)
     while waiting(outbox, webhook):
         deliver(outbox, webhook)
     page = store.webhooks.deliveries(webhook.id, limit=2)
@@ -241,8 +244,8 @@ def test_lists_turn_pages_and_every_change_is_audited(store, outbox, monkeypatch
     assert store.webhooks.note_test(test) == test
     store.webhooks.rotate(webhook.id, grace_s=0)
     store.webhooks.delete(webhook.id)
-    changes = [AuditAction.WEBHOOK_CREATED, AuditAction.WEBHOOK_CHANGED, AuditAction.WEBHOOK_TESTED]
-    changes += [AuditAction.WEBHOOK_ROTATED, AuditAction.WEBHOOK_DELETED]
+    changes = [event_kinds.WEBHOOK_CREATED, event_kinds.WEBHOOK_CHANGED, event_kinds.WEBHOOK_TESTED]
+    changes += [event_kinds.WEBHOOK_ROTATED, event_kinds.WEBHOOK_DELETED]
     assert [entry.action for entry in store.audit.all()] == changes
     for call in (store.webhooks.get, store.webhooks.deliveries, store.webhooks.delete, store.webhooks.signing):
         with pytest.raises(NotFound):
@@ -258,9 +261,9 @@ def test_an_event_that_is_committed_late_is_sent_before_those_behind_it(store, o
     webhook = store.webhooks.create(WebhookAsk(url=URL))
     reader = outbox.reader()
     with Session(store._database.engine) as slow, slow.begin():
-        announce(slow, store._database.now(), EventKind.ALARM_OPENED, "scanner", "slow")
+        announce(slow, store._database.now(), mill_events.ALARM_OPENED, "scanner", "slow")
         slow.flush()
-        [later] = happen(store, EventKind.ALARM_CLOSED)
+        [later] = happen(store, mill_events.ALARM_CLOSED)
         reader.read()
         assert reader.number < later
         assert waiting(outbox, webhook, reader.number) == []
@@ -271,9 +274,9 @@ def test_an_event_that_is_committed_late_is_sent_before_those_behind_it(store, o
 
 
 def test_names_and_beginnings_choose_events():
-    assert kinds_of(["alarm-*"]) == {EventKind.ALARM_OPENED, EventKind.ALARM_CLOSED}
-    assert kinds_of(["*"]) == set(EventKind)
-    assert kinds_of(["failed", "lost"]) == {EventKind.FAILED, EventKind.LOST}
+    assert kinds_of(["alarm-*"]) == {mill_events.ALARM_OPENED, mill_events.ALARM_CLOSED}
+    assert kinds_of(["*"]) == set(EventKind.all())
+    assert kinds_of(["failed", "lost"]) == {event_kinds.FAILED, event_kinds.LOST}
     with pytest.raises(ValidationError, match="not 'alarms'"):
         WebhookAsk(url=URL, events=["alarms"])
 
@@ -313,7 +316,7 @@ def test_a_url_has_the_parts_that_are_sent():
 
 def test_an_entry_of_a_database_that_was_put_back_is_replaced(store, outbox):
     webhook = store.webhooks.create(WebhookAsk(url=URL))
-    happen(store, EventKind.ALARM_OPENED)
+    happen(store, mill_events.ALARM_OPENED)
     pending = outbox.pending(webhook.id, 10**6)
     [event] = pending.events
     outbox.note(pending, event, failed())

@@ -10,13 +10,13 @@ from sawmill_contracts.plans import PlanAsk
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.schedules import ScheduleSpec
 from sawmill_platform.acting import Actor, acting_as
-from sawmill_platform.contracts.events import EventKind
+from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.jobs import Failure, FailureKind, JobState
-from sawmill_platform.database.tables import ScheduleRow
 from sawmill_platform.errors import QueueFull
 from sawmill_platform.jobs.job_store import Retries
 from sawmill_platform.jobs.queue_limits import LONGEST_RETRY_S, RETRY_IF_UNKNOWN_S, Waiting
 from sawmill_platform.settings import StorageSettings
+from sawmill_store.tables import ScheduleRow
 from sawmill_vocabulary import Theta
 
 NOMINAL = Theta(
@@ -120,7 +120,7 @@ def test_what_a_schedule_asks_for_is_never_lost_and_its_event_says_that_it_waits
     assert run.outcome == "queued"
     job_id = store.calibrations.get(run.calibration_id).job_id
     [event] = [event for event in store.events.following(0) if event.job_id == job_id]
-    assert event.what is EventKind.QUEUED
+    assert event.what is event_kinds.QUEUED
     assert event.detail == {
         "reason": "6 jobs wait, and 6 may in all (SAWMILL_MAX_QUEUED_JOBS): this one is the service's own and waits as "
         "well"

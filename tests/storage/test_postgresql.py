@@ -5,6 +5,7 @@ import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
+from functools import partial
 from urllib.parse import urlsplit
 
 import psycopg
@@ -116,7 +117,7 @@ def test_what_waiting_does_not_help_is_said_at_once(settings, postgres):
         ("secret", "is no URL of a database"),
     ):
         with pytest.raises(StorageMisconfigured, match=sentence) as refused:
-            open_store(settings.model_copy(update={"database_url": url}), threading.Event())
+            open_store(partial(Store.open, settings.model_copy(update={"database_url": url})), threading.Event())
         assert "secret" not in str(refused.value)
 
 
@@ -138,7 +139,7 @@ def test_a_password_is_read_from_a_file(settings, postgres, tmp_path):
         if content is not None:
             file.write_text(content)
         with pytest.raises(StorageMisconfigured, match=sentence) as refused:
-            open_store(with_password(settings, url, file), threading.Event())
+            open_store(partial(Store.open, with_password(settings, url, file)), threading.Event())
         assert "secret" not in str(refused.value)
     postgres.run("DROP USER saw")
 
@@ -152,7 +153,8 @@ def test_an_absent_server_is_awaited_until_it_is_there_or_this_process_ends(fill
     stop = threading.Event()
     postgres.stop()
     with ThreadPoolExecutor(2) as pool, capture_logs() as log:
-        in_vain, patient = pool.submit(open_store, filled, stop), pool.submit(open_store, filled, threading.Event())
+        opening = partial(Store.open, filled)
+        in_vain, patient = pool.submit(open_store, opening, stop), pool.submit(open_store, opening, threading.Event())
         while len(log) < 2:
             time.sleep(0.05)
         assert {entry["event"] for entry in log} == {"database-awaited"}

@@ -5,8 +5,9 @@ from datetime import timedelta
 
 import pytest
 
+from sawmill_contracts import job_kinds
 from sawmill_platform.acting import Actor, acting_as
-from sawmill_platform.contracts.jobs import JobKind, JobState
+from sawmill_platform.contracts.jobs import JobState
 from sawmill_platform.database.database import newest_revision
 from sawmill_store.store import Store
 
@@ -18,7 +19,7 @@ def test_the_line_begins_with_whose_turn_is_next_and_names_who_asked(store, uplo
     line = store.jobs.waiting_in_line()
     assert [(job.id, job.queue_position) for job in line] == [(first, 0), (second, 1)]
     assert line[0].asked_by == "line 2"
-    assert store.jobs.waiting_in_line(kind=JobKind.CALIBRATE) == []
+    assert store.jobs.waiting_in_line(kind=job_kinds.CALIBRATE) == []
     assert len(store.jobs.waiting_in_line(limit=1)) == 1
 
 

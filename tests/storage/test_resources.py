@@ -1,5 +1,6 @@
 import pytest
 
+from sawmill_contracts import job_kinds
 from sawmill_contracts.calibrations import CalibrationAsk, CalibrationSucceeded
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.history import HistoryKind
@@ -7,7 +8,7 @@ from sawmill_contracts.phantoms import PhantomDrawing, PhantomPicture, PhantomSt
 from sawmill_contracts.reconstructions import ReconstructionAsk
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import ScanSpec, ScanState
-from sawmill_platform.contracts.jobs import Failure, FailureKind, JobKind, JobState
+from sawmill_platform.contracts.jobs import Failure, FailureKind, JobState
 from sawmill_platform.errors import Conflict, Invalid, NotFound
 from sawmill_vocabulary import DataKind, Disc
 
@@ -64,9 +65,9 @@ def test_a_made_up_cursor_is_refused(store, cursor):
 def test_an_accepted_scan_keeps_its_file_and_queues_its_reading(store, upload):
     scan = upload(store)
     assert scan.state is ScanState.INGESTING
-    assert store.files.upload(JobKind.INGEST, scan.id).read_bytes() == b"scan"
+    assert store.files.upload(job_kinds.INGEST, scan.id).read_bytes() == b"scan"
     job = store.jobs.get(scan.job_id)
-    assert (job.kind, job.state, job.subject_id) == (JobKind.INGEST, JobState.QUEUED, scan.id)
+    assert (job.kind, job.state, job.subject_id) == (job_kinds.INGEST, JobState.QUEUED, scan.id)
     assert everything_in(store, "incoming") == []
 
 
@@ -86,10 +87,10 @@ def test_a_scan_that_is_not_accepted_leaves_nothing(store, scanner, changes, sen
 @pytest.mark.dialect
 def test_a_taken_scan_id_leaves_the_older_scan_s_file_alone(store, upload):
     upload(store, scan_id="mine")
-    before = store.files.upload(JobKind.INGEST, "mine").stat()
+    before = store.files.upload(job_kinds.INGEST, "mine").stat()
     with pytest.raises(Conflict, match="there is a scan 'mine' already"):
         upload(store, scan_id="mine")
-    assert store.files.upload(JobKind.INGEST, "mine").stat() == before
+    assert store.files.upload(job_kinds.INGEST, "mine").stat() == before
     assert everything_in(store, "incoming") == []
 
 
@@ -228,7 +229,7 @@ def test_a_picture_is_traced_by_a_job_and_a_calibration_waits_for_it(store, uplo
     picture = PhantomPicture(name="cross", width_mm=400)
     phantom = store.phantoms.accept_picture(picture, store.files.receive([b"png"], max_bytes=10))
     assert phantom.state is PhantomState.TRACING
-    assert store.files.upload(JobKind.TRACE_PHANTOM, phantom.id).read_bytes() == b"png"
+    assert store.files.upload(job_kinds.TRACE_PHANTOM, phantom.id).read_bytes() == b"png"
     assert store.phantoms.picture(phantom.id) == picture
     scan = upload(store, phantom_id=phantom.id)
     calibration = store.calibrations.accept(CalibrationAsk(scan_id=scan.id))

@@ -9,6 +9,7 @@ import pytest
 from databases import postgresql_alone, sqlite_alone
 from sqlalchemy import event, insert, select
 
+from sawmill_contracts import job_kinds
 from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.drifts import DriftAsk
 from sawmill_contracts.inspections import InspectionOptions
@@ -16,8 +17,8 @@ from sawmill_contracts.reconstructions import ReconstructionAsk
 from sawmill_contracts.retention import RetentionAsk, RetentionKind, RetentionRules, StaysBecause
 from sawmill_contracts.scans import ScanState
 from sawmill_contracts.schedules import ScheduleSpec
-from sawmill_platform.contracts.jobs import JobKind, JobState
-from sawmill_platform.database.tables import JobRow, ReconstructionRow, ScanRow
+from sawmill_platform.contracts.jobs import JobState
+from sawmill_platform.database.tables import JobRow
 from sawmill_platform.errors import Conflict, NotFound
 from sawmill_store import protected, retention
 from sawmill_store import retention_runner as retiring
@@ -25,6 +26,7 @@ from sawmill_store.growth import Filling, growth_of
 from sawmill_store.leftovers import Leftovers
 from sawmill_store.retention_runner import RetentionKeeper
 from sawmill_store.store import Store
+from sawmill_store.tables import ReconstructionRow, ScanRow
 
 # All kinds, after a day; what protects needs no rule of its own.
 ALL = RetentionRules(**{name: 1 for name in RetentionRules.model_fields if name.endswith("_days")})
@@ -94,7 +96,7 @@ def test_the_old_go_with_their_jobs_and_files_and_are_counted(mill, clock, uploa
     clock.advance(days=10)
     young, newest = log(mill, upload, finish), log(mill, upload, finish)
     clock.advance(days=5)
-    job_id, folder = mill.scans.get(old).job_id, mill.files.results(JobKind.INGEST, old)
+    job_id, folder = mill.scans.get(old).job_id, mill.files.results(job_kinds.INGEST, old)
     number = mill.events.newest_number()
     put(mill, RetentionRules(log_scans_days=14))
     assert carried_out(mill) == {RetentionKind.LOG_SCANS: 1}
@@ -102,7 +104,7 @@ def test_the_old_go_with_their_jobs_and_files_and_are_counted(mill, clock, uploa
     with pytest.raises(NotFound):
         mill.jobs.get(job_id)
     assert not folder.exists()
-    assert not mill.files.upload(JobKind.INGEST, old).parent.exists()
+    assert not mill.files.upload(job_kinds.INGEST, old).parent.exists()
     changed, removed = mill.events.following(number)
     assert (changed.what, changed.subject) == ("retention-changed", "retention")
     assert (removed.what, removed.subject_id, removed.detail["number"]) == ("retention-removed", "log-scans", 1)
@@ -226,7 +228,7 @@ def test_inspections_go_after_their_jobs(mill, clock):
     mill.jobs.request_cancel(waits.job_id)
     assert carried_out(mill)[RetentionKind.INSPECTIONS] == 1
     assert mill.inspections.page().items == []
-    assert not mill.files.upload(JobKind.INSPECT, waits.id).exists()
+    assert not mill.files.upload(job_kinds.INSPECT, waits.id).exists()
 
 
 @sqlite_alone
@@ -238,7 +240,7 @@ def test_bytes_with_a_second_name_are_free_when_the_last_goes(mill, clock, uploa
         made = mill.reconstructions.accept(ask)
         finish(mill)
         clock.advance(hours=1)
-        folder = mill.files.results(JobKind.RECONSTRUCT, made.id)
+        folder = mill.files.results(job_kinds.RECONSTRUCT, made.id)
         if sizes:
             (folder / "volume.h5").hardlink_to(sizes[0])
         else:
@@ -449,7 +451,7 @@ def test_a_kill_between_rows_and_files_leaves_what_leftovers_remove(mill, settin
         RetentionKeeper(own._database, own.files).remove_some()
         os._exit(0)
     assert os.WTERMSIG(os.waitpid(child, 0)[1]) == signal.SIGKILL
-    places = [mill.files.results(JobKind.INGEST, old), mill.files.upload(JobKind.INGEST, old).parent]
+    places = [mill.files.results(job_kinds.INGEST, old), mill.files.upload(job_kinds.INGEST, old).parent]
     assert ids(mill) == {kept}
     assert all(place.exists() for place in places)
     assert mill.retention.get().removed[0].number == 1
@@ -466,7 +468,7 @@ def test_a_file_that_cannot_be_removed_keeps_no_other(mill, clock, upload, finis
     old = [log(mill, upload, finish) for _ in range(3)]
     clock.advance(days=3)
     put(mill, RetentionRules(log_scans_days=1))
-    stuck, remove = mill.files.results(JobKind.INGEST, old[0]), mill.files.remove
+    stuck, remove = mill.files.results(job_kinds.INGEST, old[0]), mill.files.remove
 
     def refuse(path):
         if path == stuck:
@@ -477,13 +479,13 @@ def test_a_file_that_cannot_be_removed_keeps_no_other(mill, clock, upload, finis
     with pytest.raises(PermissionError):
         carried_out(mill)
     assert ids(mill) == {old[2]}
-    assert not mill.files.results(JobKind.INGEST, old[1]).exists()
+    assert not mill.files.results(job_kinds.INGEST, old[1]).exists()
 
 
 def a_month_of_logs(store, scanner_id, first, month):
     """Rows alone, one a day of 100 bytes each: jobs and scans as they are at the end of a month of 30 days."""
     rows = [(f"log-{month}-{day}", first + timedelta(days=day + 0.5)) for day in range(30)]
-    job = {"kind": JobKind.INGEST, "state": JobState.SUCCEEDED}
+    job = {"kind": job_kinds.INGEST, "state": JobState.SUCCEEDED}
     scan = {"scanner_id": scanner_id, "spec": {}, "state": ScanState.READY, "size_bytes": 100, "sha256": "0" * 64}
     jobs = [{**job, "id": f"job-{name}", "subject_id": name, "created_at": at} for name, at in rows]
     scans = [{**scan, "id": name, "created_at": at, "job_id": f"job-{name}", "stored_bytes": 100} for name, at in rows]

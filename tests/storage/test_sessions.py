@@ -4,7 +4,7 @@ import pytest
 from sqlalchemy import func, select, text
 
 from sawmill_platform.acting import Actor, acting_as
-from sawmill_platform.contracts.audit import AuditAction
+from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.keys import KeyAsk, Scope
 from sawmill_platform.database.tables import SessionRow
 from sawmill_platform.keys.key_store import hash_of
@@ -85,6 +85,6 @@ def test_who_logged_in_and_out_is_in_the_audit(store):
         store.sessions.end(secret)  # again changes nothing
     assert store.sessions.find(secret) is None
     came, went = store.audit.all()
-    assert (came.action, came.who, came.subject_id, came.address) == (AuditAction.LOGGED_IN, "anna", "k1", "192.0.2.7")
-    assert (went.action, went.who, went.subject_id) == (AuditAction.LOGGED_OUT, "anna", "k1")
+    assert (came.action, came.who, came.subject_id, came.address) == (event_kinds.LOGGED_IN, "anna", "k1", "192.0.2.7")
+    assert (went.action, went.who, went.subject_id) == (event_kinds.LOGGED_OUT, "anna", "k1")
     assert secret not in f"{came}{went}"

@@ -2,13 +2,15 @@
 
 import pytest
 
-from sawmill_platform.contracts.events import EventKind
-from sawmill_platform.contracts.jobs import Failure, FailureKind, JobKind, JobState
+from sawmill_contracts import job_kinds
+from sawmill_platform.contracts import event_kinds
+from sawmill_platform.contracts.event_kinds import EventKind
+from sawmill_platform.contracts.jobs import Failure, FailureKind, JobState
 from sawmill_platform.jobs.job_store import Pulse
 from sawmill_platform.jobs.tallies import SETTLED, Amount, Fate, Tallies
 
 REFUSED = Failure(kind=FailureKind.INPUT, code="broken-file", detail="it is damaged")
-SUCCEEDED, FAILED, LOST = EventKind.SUCCEEDED, EventKind.FAILED, EventKind.LOST
+SUCCEEDED, FAILED, LOST = event_kinds.SUCCEEDED, event_kinds.FAILED, event_kinds.LOST
 
 
 @pytest.fixture
@@ -35,7 +37,7 @@ def end(store, upload, clock):
 
 
 def of_ingest(what: EventKind, fault: str | None = None, code: str | None = None, *, duration: int) -> Fate:
-    return Fate(what, JobKind.INGEST, fault, code, duration)
+    return Fate(what, job_kinds.INGEST, fault, code, duration)
 
 
 @pytest.mark.dialect
@@ -79,9 +81,9 @@ def test_jobs_are_counted_by_kind_and_state_with_the_age_of_the_oldest(store, up
     store.jobs.claim("host-1")
     clock.advance(seconds=5)
     tally = store.tallies.read()
-    assert tally.jobs == {(JobKind.INGEST, JobState.QUEUED): 1, (JobKind.INGEST, JobState.RUNNING): 1}
-    assert tally.queued_s == {JobKind.INGEST: 35.0}
-    assert tally.running_s == {JobKind.INGEST: 5.0}
+    assert tally.jobs == {(job_kinds.INGEST, JobState.QUEUED): 1, (job_kinds.INGEST, JobState.RUNNING): 1}
+    assert tally.queued_s == {job_kinds.INGEST: 35.0}
+    assert tally.running_s == {job_kinds.INGEST: 5.0}
 
 
 def test_a_lost_attempt_and_a_job_cancelled_in_the_queue(store, upload):

@@ -136,7 +136,7 @@ def workers(process_id: int) -> set[int]:
             command = (stat.parent / "cmdline").read_bytes()
         except (FileNotFoundError, ProcessLookupError):
             continue
-        if parent == process_id and b"sawmill_platform.workers.poller" in command:
+        if parent == process_id and b"sawmill_worker.poller" in command:
             found.add(int(stat.parent.name))
     return found
 

@@ -6,6 +6,7 @@ Each function returns a fresh JSON document; keyword arguments replace fields.
 from collections.abc import Callable
 from typing import Any
 
+from sawmill_contracts import job_kinds
 from sawmill_platform.contracts.jobs import JobKind
 
 CONSTANTS = {"source_to_cor_mm": 859.46, "num_detector_pixels": 768, "detector_pitch_mm": 1.5}
@@ -161,13 +162,13 @@ def inspection_result(**changes: Any) -> dict[str, Any]:
 
 
 RESULTS: dict[JobKind, Callable[..., dict[str, Any]]] = {
-    JobKind.INGEST: reading,
-    JobKind.CALIBRATE: calibration_result,
-    JobKind.RECONSTRUCT: reconstruction_result,
-    JobKind.PLAN: plan_result,
-    JobKind.DRIFT: drift_result,
-    JobKind.INSPECT: inspection_result,
-    JobKind.TRACE_PHANTOM: lambda: {
+    job_kinds.INGEST: reading,
+    job_kinds.CALIBRATE: calibration_result,
+    job_kinds.RECONSTRUCT: reconstruction_result,
+    job_kinds.PLAN: plan_result,
+    job_kinds.DRIFT: drift_result,
+    job_kinds.INSPECT: inspection_result,
+    job_kinds.TRACE_PHANTOM: lambda: {
         "name": "traced",
         "shapes": [{"kind": "disc", "center_mm": (0, 0), "radius_mm": 50}],
     },

@@ -9,12 +9,12 @@ from pydantic import ValidationError
 from reconstruction_inputs import reconstruction_input
 
 from sawmill_contracts.reconstructions import OptionOf, ReconstructionOptions
+from sawmill_platform.contracts.attempts import JobFailure
 from sawmill_tomography.geometry.geometry import FanBeamGeometry, Theta, to_vector
 from sawmill_tomography.phantoms.phantom import Disc, Phantom
 from sawmill_tomography.projection.analytic import DetectorCells, project
 from sawmill_tomography.reconstruction.methods import METHODS
 from sawmill_vocabulary import ReconstructionMethod
-from sawmill_worker.use_cases.failures import JobFailure
 from sawmill_worker.use_cases.reconstruct import reconstruct_in_memory, run_reconstruction
 
 pytestmark = pytest.mark.slow

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from sawmill_worker.use_cases.failures import JobFailure, input_errors_translated
+from sawmill_platform.contracts.attempts import JobFailure
+from sawmill_worker.use_cases.failures import input_errors_translated
 from sawmill_worker.use_cases.phantom_picture import traced_drawing
 
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from sawmill_contracts.reconstructions import ReconstructionOptions
+from sawmill_platform.contracts.attempts import JobFailure
 from sawmill_vocabulary import Handedness, Rotation
 from sawmill_worker.use_cases import capacity
-from sawmill_worker.use_cases.failures import JobFailure
 from sawmill_worker.use_cases.reconstruct import ReconstructionInput, run_reconstruction
 from sawmill_worker.use_cases.value_range import SAMPLED_VALUES, ValueRange
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sawmill_contracts.calibrations import PredictedRayError
-from sawmill_worker.use_cases.failures import JobFailure
+from sawmill_platform.contracts.attempts import JobFailure
 from sawmill_worker.use_cases.repeatability import repeatability
 
 # Standard deviations of psi, R, SDD, u_c and tau, rad and mm.

@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 
 from sawmill_formats.errors import UnreadableScan
+from sawmill_platform.contracts.attempts import JobFailure
 from sawmill_platform.contracts.jobs import FailureKind
 from sawmill_tomography.calibration.errors import CalibrationError
 from sawmill_tomography.geometry.geometry import GeometryError
 from sawmill_tomography.phantoms.phantom import PhantomError
 from sawmill_tomography.preparing.line_integrals import CountsError
-from sawmill_worker.use_cases.failures import JobFailure, input_errors_translated
+from sawmill_worker.use_cases.failures import input_errors_translated
 from sawmill_worker.use_cases.selection import chosen_rows, chosen_views
 
 

@@ -8,6 +8,7 @@ from uuid import uuid4
 from pydantic import Field
 from typing_extensions import TypeAliasType
 
+from sawmill_contracts import job_kinds
 from sawmill_contracts.choices import (
     Axis,
     PaperCorrelation,
@@ -24,12 +25,12 @@ from sawmill_contracts.geometry import (
     SourceFrameDeviation,
     ThetaDeviation,
 )
+from sawmill_contracts.kinds import AskedKind, Operation, Reference
 from sawmill_contracts.phantoms import SizeTolerancePercent
 from sawmill_platform.contracts.base import ChosenViews, Contract, Covariance, Identifier, PositiveMm, Rows, Stamped
 from sawmill_platform.contracts.given import Given
-from sawmill_platform.contracts.jobs import Failure, JobKind
+from sawmill_platform.contracts.jobs import Failure
 from sawmill_platform.contracts.keys import Scope
-from sawmill_platform.contracts.kinds import AskedKind, Operation, Reference
 from sawmill_vocabulary import (
     LARGEST_ASSUMED_LOG_RADIUS_MM,
     STANDARD_SIZE_TOLERANCE,
@@ -572,7 +573,7 @@ def calibration_from(record: Mapping[str, Any]) -> CalibrationUnfinished | Calib
 
 
 DECLARATION = AskedKind(
-    kind=JobKind.CALIBRATE,
+    kind=job_kinds.CALIBRATE,
     noun="calibration",
     label=N_("Calibration"),
     lighter="ask for fewer rows or views, or for fewer generations of the published search",

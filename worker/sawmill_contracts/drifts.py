@@ -5,14 +5,15 @@ from typing import Self
 
 from pydantic import Field
 
+from sawmill_contracts import job_kinds
 from sawmill_contracts.choices import DisturbedPart, DriftMethod, DriftReference
 from sawmill_contracts.detector_values import DetectorDeviation, DetectorGeometry
 from sawmill_contracts.drift_baselines import DriftBaseline
 from sawmill_contracts.geometry import ScannerConstants
+from sawmill_contracts.kinds import AskedKind, Operation, Reference, stored_as
 from sawmill_platform.contracts.base import Contract, Covariance, Identifier, Rows, Stamped, Time
 from sawmill_platform.contracts.given import Given
-from sawmill_platform.contracts.jobs import Failure, JobKind, JobState
-from sawmill_platform.contracts.kinds import AskedKind, Operation, Reference, stored_as
+from sawmill_platform.contracts.jobs import Failure, JobState
 from sawmill_vocabulary import Rotation, Theta
 from sawmill_vocabulary.texts import N_
 
@@ -203,7 +204,7 @@ class Drift(Stamped):
 
 
 DECLARATION = AskedKind(
-    kind=JobKind.DRIFT,
+    kind=job_kinds.DRIFT,
     noun="drift",
     label=N_("Drift check"),
     lighter="ask for fewer rows",

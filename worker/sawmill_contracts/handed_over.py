@@ -3,17 +3,15 @@
 The process reads strangers' files, so it has neither the database nor the data folder.
 """
 
-from pathlib import Path
-
 from sawmill_contracts.calibrations import Calibration
 from sawmill_contracts.drift_baselines import KnownBaseline
 from sawmill_contracts.phantoms import PhantomPicture, StoredPhantom
 from sawmill_contracts.scanners import StoredScanner
 from sawmill_contracts.scans import Scan
-from sawmill_platform.contracts.base import Contract
+from sawmill_platform.contracts.attempts import AttemptInput
 
 
-class HandedOver(Contract):
+class HandedOver(AttemptInput):
     """Rows that the job's own one refers to; null: it refers to none.
 
     Attributes
@@ -27,10 +25,7 @@ class HandedOver(Contract):
     baselines
         What the first logs after the calibration measured, for a drift check; of each method none or one.
     file
-        The only file that the job may read: the upload, or the scan that was made of one; null: the job reads none, or
-        the scan was refused.
-    kept
-        The folder with checkpoints of earlier attempts, if there is one.
+        The upload, or the scan that was made of one; null: the job reads none, or the scan was refused.
     """
 
     asked_json: str | None = None
@@ -41,5 +36,3 @@ class HandedOver(Contract):
     calibration: Calibration | None = None
     active: Calibration | None = None
     baselines: tuple[KnownBaseline, ...] = ()
-    file: Path | None = None
-    kept: Path

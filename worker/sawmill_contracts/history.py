@@ -9,7 +9,7 @@ from pydantic import Field
 from sawmill_contracts.alarms import AlarmKind
 from sawmill_contracts.measurements import Measurement
 from sawmill_platform.contracts.base import Contract, Identifier, Time
-from sawmill_platform.contracts.events import EventKind
+from sawmill_platform.contracts.event_kinds import EventKind
 
 
 class HistoryKind(StrEnum):

@@ -7,11 +7,12 @@ from typing import Any
 
 from pydantic import Field
 
+from sawmill_contracts import job_kinds
+from sawmill_contracts.kinds import AskedKind, Operation
 from sawmill_contracts.scans import AnglesText, Dataset, ScanShape, Transpose
 from sawmill_platform.contracts.base import Contract, Identifier, Name, Stamped, Time
 from sawmill_platform.contracts.given import Given
-from sawmill_platform.contracts.jobs import Failure, JobKind, JobState
-from sawmill_platform.contracts.kinds import AskedKind, Operation
+from sawmill_platform.contracts.jobs import Failure, JobState
 from sawmill_vocabulary import DataKind
 from sawmill_vocabulary.texts import N_
 
@@ -199,7 +200,7 @@ def _read(record: Mapping[str, Any]) -> Inspection:
 
 
 DECLARATION = AskedKind(
-    kind=JobKind.INSPECT,
+    kind=job_kinds.INSPECT,
     noun="inspection",
     label=N_("Looking into a file"),
     upload="file",

@@ -9,10 +9,10 @@ from typing import Annotated, Any, Self
 
 from pydantic import ConfigDict, Field, field_validator, model_validator
 
+from sawmill_contracts import job_kinds
 from sawmill_contracts.choices import Axis
 from sawmill_platform.contracts.base import Contract, Identifier, Name, PositiveMm, Stamped
 from sawmill_platform.contracts.given import Given, GivenDay
-from sawmill_platform.contracts.jobs import JobKind
 from sawmill_platform.contracts.kinds import UploadedKind
 from sawmill_vocabulary import STANDARD_SIZE_TOLERANCE, Disc, Point, Shape, TrueAxis, fault_of_outline
 from sawmill_vocabulary.phantoms import LARGEST_DENSITY, SMALLEST_DENSITY, SMALLEST_RADIUS_MM
@@ -372,7 +372,7 @@ class StoredPhantom(Stamped):
 
 
 DECLARATION = UploadedKind(
-    kind=JobKind.TRACE_PHANTOM,
+    kind=job_kinds.TRACE_PHANTOM,
     noun="phantom",
     label=N_("Tracing a phantom's picture"),
     result=PhantomDrawing,

@@ -4,13 +4,14 @@ from typing import Annotated
 
 from pydantic import Field
 
+from sawmill_contracts import job_kinds
 from sawmill_contracts.calibrations import PredictedRayError, StandardDeviation
 from sawmill_contracts.geometry import GivenTheta, ReportedSourceFrame, ScannerConstants
+from sawmill_contracts.kinds import AskedKind, Operation, Reference, stored_as
 from sawmill_contracts.phantoms import SizeTolerancePercent
 from sawmill_platform.contracts.base import Contract, Covariance, Identifier, Stamped
 from sawmill_platform.contracts.given import Given
-from sawmill_platform.contracts.jobs import Failure, JobKind, JobState
-from sawmill_platform.contracts.kinds import AskedKind, Operation, Reference, stored_as
+from sawmill_platform.contracts.jobs import Failure, JobState
 from sawmill_vocabulary import Theta
 from sawmill_vocabulary.texts import N_
 
@@ -115,7 +116,7 @@ class Plan(Stamped):
 
 
 DECLARATION = AskedKind(
-    kind=JobKind.PLAN,
+    kind=job_kinds.PLAN,
     noun="plan",
     label=N_("Plan of a calibration"),
     lighter="ask for fewer views, or draw the phantom with fewer corners",

@@ -7,14 +7,15 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import BeforeValidator, ConfigDict, Field, ValidationInfo, field_validator, model_validator
 from pydantic.fields import FieldInfo
 
+from sawmill_contracts import job_kinds
 from sawmill_contracts.choices import MetalTreatment, Weighting
 from sawmill_contracts.geometry import GivenTheta
+from sawmill_contracts.kinds import AskedKind, Operation, Reference, stored_as
 from sawmill_platform.contracts import patterns
 from sawmill_platform.contracts.base import ChosenViews, Contract, Identifier, PositiveMm, Stamped, SteppedRows
 from sawmill_platform.contracts.conditions import Schema, bounded, one_of, require, without
 from sawmill_platform.contracts.given import Given
-from sawmill_platform.contracts.jobs import Failure, JobKind, JobState
-from sawmill_platform.contracts.kinds import AskedKind, Operation, Reference, stored_as
+from sawmill_platform.contracts.jobs import Failure, JobState
 from sawmill_platform.contracts.old_names import OutOfUse
 from sawmill_vocabulary import (
     LARGEST_MM,
@@ -451,7 +452,7 @@ class Reconstruction(Stamped):
 
 
 DECLARATION = AskedKind(
-    kind=JobKind.RECONSTRUCT,
+    kind=job_kinds.RECONSTRUCT,
     noun="reconstruction",
     label=N_("Reconstruction of a log"),
     # A fitted method reports each iteration, and needs fifty or more of them within its day: half an hour at most.

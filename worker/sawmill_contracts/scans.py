@@ -6,11 +6,11 @@ from typing import Annotated, Self
 
 from pydantic import AfterValidator, Field, StringConstraints, model_validator
 
+from sawmill_contracts import job_kinds
 from sawmill_contracts.preparing import PrepareOptions
 from sawmill_platform.contracts import patterns
 from sawmill_platform.contracts.base import Contract, Identifier, Name, PositiveMm, Rows, Stamped
 from sawmill_platform.contracts.conditions import Schema, one_of, require, without
-from sawmill_platform.contracts.jobs import JobKind
 from sawmill_platform.contracts.kinds import UploadedKind
 from sawmill_vocabulary import DataKind, RowAlignment
 from sawmill_vocabulary.texts import N_
@@ -194,5 +194,5 @@ class Scan(Stamped, ScanSpec):
 
 
 DECLARATION = UploadedKind(
-    kind=JobKind.INGEST, noun="scan", label=N_("Reading a scan"), result=ScanReading, upload="file"
+    kind=job_kinds.INGEST, noun="scan", label=N_("Reading a scan"), result=ScanReading, upload="file"
 )

@@ -5,11 +5,10 @@ from datetime import datetime
 from sqlalchemy import Select, func, select
 from sqlalchemy.orm import InstrumentedAttribute, Session
 
-from sawmill_platform.contracts.audit import AuditAction
-from sawmill_platform.contracts.events import EventKind
-from sawmill_platform.database.tables import ActivationRow
+from sawmill_contracts import mill_events
 from sawmill_platform.ledger.audit import write_audit
-from sawmill_platform.ledger.events import announce
+from sawmill_store.history_writer import announce
+from sawmill_store.tables import ActivationRow
 
 # A scanner's id, or the column of another statement that has it.
 ScannerId = str | InstrumentedAttribute[str]
@@ -40,8 +39,8 @@ def activate(session: Session, scanner_id: str, calibration_id: str, reason: str
         return
     history = select(ActivationRow.calibration_id).where(ActivationRow.scanner_id == scanner_id)
     again = calibration_id in session.scalars(history)
-    action = AuditAction.CALIBRATION_ROLLED_BACK if again else AuditAction.CALIBRATION_ACTIVATED
-    what = EventKind.CALIBRATION_ROLLED_BACK if again else EventKind.CALIBRATION_ACTIVATED
+    action = mill_events.CALIBRATION_ROLLED_BACK if again else mill_events.CALIBRATION_ACTIVATED
+    what = mill_events.CALIBRATION_ROLLED_BACK if again else mill_events.CALIBRATION_ACTIVATED
     write_audit(session, now, action, calibration_id, {"scanner_id": scanner_id, "reason": reason})
     announce(session, now, what, "calibration", calibration_id, scanner_id=scanner_id, detail={"reason": reason})
     session.add(ActivationRow(scanner_id=scanner_id, calibration_id=calibration_id, activated_at=now, reason=reason))

@@ -9,25 +9,18 @@ from pydantic import TypeAdapter, ValidationError
 from sqlalchemy import ColumnElement, ScalarSelect, delete, func, select
 from sqlalchemy.orm import InstrumentedAttribute, Session
 
+from sawmill_contracts import job_kinds, mill_events
 from sawmill_contracts.alarms import Alarm, AlarmKind
 from sawmill_contracts.phantoms import SizeMeasurement
 from sawmill_contracts.scanners import AlarmLimits
 from sawmill_contracts.scans import ScanState
-from sawmill_platform.contracts.events import EventKind
-from sawmill_platform.contracts.jobs import JobKind
+from sawmill_platform.contracts import event_kinds
+from sawmill_platform.contracts.event_kinds import EventKind
 from sawmill_platform.database.database import Database
-from sawmill_platform.database.tables import (
-    AlarmRow,
-    CalibrationRow,
-    DriftChartRow,
-    EventRow,
-    JobRow,
-    PhantomRow,
-    ScannerRow,
-    ScanRow,
-)
-from sawmill_platform.ledger.events import announce
+from sawmill_platform.database.tables import EventRow, JobRow
 from sawmill_store.activations import active_since
+from sawmill_store.history_writer import announce
+from sawmill_store.tables import AlarmRow, CalibrationRow, DriftChartRow, PhantomRow, ScannerRow, ScanRow
 
 _READY = (ScanRow.phantom_id.is_not(None), ScanRow.state == ScanState.READY)
 _COMING = (ScanRow.phantom_id.is_not(None), ScanRow.state != ScanState.REFUSED)
@@ -69,7 +62,7 @@ class Alarms:
             now = self._database.now()
             changes = list(_changes(session, now, scanner_id))
             for what, alarm in changes:
-                if what is EventKind.ALARM_OPENED:
+                if what is mill_events.ALARM_OPENED:
                     drift = None if alarm.drift is None else alarm.drift.model_dump(mode="json")
                     session.add(AlarmRow(**alarm.model_dump(exclude={"drift"}), drift=drift))
                 else:
@@ -82,7 +75,7 @@ class Alarms:
 def close_alarms(session: Session, now: datetime, scanner_id: str) -> None:
     """Close those of a scanner that is deleted."""
     for alarm in _opened(session, scanner_id):
-        _announce(session, now, EventKind.ALARM_CLOSED, alarm)
+        _announce(session, now, mill_events.ALARM_CLOSED, alarm)
     session.execute(delete(AlarmRow).where(AlarmRow.scanner_id == scanner_id))
 
 
@@ -140,10 +133,10 @@ def _changes(session: Session, now: datetime, scanner_id: str | None = None) -> 
         for what in AlarmKind:
             alarm, next_one = opened.get((known.scanner.id, what)), expected.get(what)
             if alarm is not None and (next_one is None or _ended(alarm, next_one.alarm)):
-                yield AlarmChange(EventKind.ALARM_CLOSED, alarm)
+                yield AlarmChange(mill_events.ALARM_CLOSED, alarm)
                 alarm = None
             if alarm is None and next_one is not None and next_one.opens_at <= now:
-                yield AlarmChange(EventKind.ALARM_OPENED, next_one.alarm)
+                yield AlarmChange(mill_events.ALARM_OPENED, next_one.alarm)
 
 
 def _ended(alarm: Alarm, next_one: Alarm) -> bool:
@@ -257,7 +250,7 @@ def _newest(column: InstrumentedAttribute[Any], *conditions: ColumnElement[bool]
 
 def _newest_accepted() -> ScalarSelect[Any]:
     """When the newest scan came, whether it is stored still or not: events outlast scans."""
-    came = EventRow.scanner_id == ScannerRow.id, EventRow.what == EventKind.QUEUED, EventRow.subject == "scan"
+    came = EventRow.scanner_id == ScannerRow.id, EventRow.what == event_kinds.QUEUED, EventRow.subject == "scan"
     mine = select(EventRow.at).where(*came).order_by(EventRow.number.desc())
     return mine.limit(1).correlate(ScannerRow).scalar_subquery()
 
@@ -265,5 +258,5 @@ def _newest_accepted() -> ScalarSelect[Any]:
 def _newest_calibrated() -> ScalarSelect[Any]:
     """When the newest scan came of which a calibration was made: this and the job that read it outlast the scan."""
     read = select(func.max(JobRow.created_at)).join(CalibrationRow, CalibrationRow.scan_id == JobRow.subject_id)
-    mine = read.where(CalibrationRow.scanner_id == ScannerRow.id, JobRow.kind == JobKind.INGEST)
+    mine = read.where(CalibrationRow.scanner_id == ScannerRow.id, JobRow.kind == job_kinds.INGEST)
     return mine.correlate(ScannerRow).scalar_subquery()

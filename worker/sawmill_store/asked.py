@@ -12,18 +12,19 @@ from typing import Any, Generic
 from sqlalchemy import Select, select
 from sqlalchemy.orm import Session
 
+from sawmill_contracts.kinds import Answer, Ask, AskedKind
 from sawmill_platform.contracts.base import Page
 from sawmill_platform.contracts.jobs import JobState, Priority
-from sawmill_platform.contracts.kinds import Answer, Ask, AskedKind
 from sawmill_platform.database.database import Database
 from sawmill_platform.database.paging import created_between, narrowed, new_id, read_page, refuse_taken
-from sawmill_platform.database.tables import OWN_TABLES, Answered, JobRow, table_of
+from sawmill_platform.database.tables import JobRow
 from sawmill_platform.files.file_store import FileStore
 from sawmill_platform.jobs.queue_limits import Places
 from sawmill_platform.jobs.queueing import queue_job
 from sawmill_store.asked_rows import found_asked, read_asked
 from sawmill_store.references import looked_up
 from sawmill_store.scan_extent import refuse_beyond_scan
+from sawmill_store.tables import OWN_TABLES, Answered, table_of
 
 NOTHING: Mapping[str, str] = MappingProxyType({})
 
@@ -116,7 +117,7 @@ class Asked(Generic[Ask, Answer]):
             identifier,
             now,
             short=declared.is_short(options),
-            scanner_id=known.get("scanner_id"),
+            group_id=known.get("scanner_id"),
             needs=needs,
             job_id=job_id,
             priority=priority,

@@ -4,9 +4,9 @@ from typing import Any
 
 from sqlalchemy.orm import Session
 
-from sawmill_platform.contracts.kinds import Answer, AskedKind
-from sawmill_platform.database.tables import Answered, table_of
+from sawmill_contracts.kinds import Answer, AskedKind
 from sawmill_platform.errors import NotFound
+from sawmill_store.tables import Answered, table_of
 
 
 def found_asked(session: Session, declared: AskedKind[Any, Any], identifier: str) -> Answered:

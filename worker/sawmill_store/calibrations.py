@@ -5,13 +5,13 @@ from sawmill_contracts.calibrations import CalibrationAsk, CalibrationSucceeded,
 from sawmill_contracts.scanners import StoredScanner
 from sawmill_platform.database.database import Database
 from sawmill_platform.database.paging import found, hold
-from sawmill_platform.database.tables import CalibrationRow, ScannerRow
 from sawmill_platform.errors import Conflict
 from sawmill_platform.files.file_store import FileStore
 from sawmill_platform.jobs.queue_limits import Places
 from sawmill_store.activations import activate
 from sawmill_store.asked import Asked
 from sawmill_store.scanners import read_scanner
+from sawmill_store.tables import CalibrationRow, ScannerRow
 
 
 class Calibrations(Asked[CalibrationAsk, CalibrationUnfinished | CalibrationSucceeded]):

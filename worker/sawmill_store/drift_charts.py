@@ -27,9 +27,9 @@ from sawmill_contracts.scanner_drift import (
 )
 from sawmill_platform.database.database import Database
 from sawmill_platform.database.paging import found
-from sawmill_platform.database.tables import ActivationRow, DriftChartRow, MeasurementRow, ScannerRow
 from sawmill_store.activations import active_since
 from sawmill_store.drift_looks import lock_scanner
+from sawmill_store.tables import ActivationRow, DriftChartRow, MeasurementRow, ScannerRow
 
 # Looks at a time: less than 0.1 s of computing, and a hundredth of a second with the write lock.
 PORTION = 100

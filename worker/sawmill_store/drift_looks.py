@@ -4,8 +4,8 @@ from sqlalchemy import exists, select
 from sqlalchemy.orm import Session
 
 from sawmill_contracts.drifts import DriftResult
-from sawmill_platform.database.tables import CalibrationRow, DriftRow, MeasurementRow, ScannerRow, ScanRow
 from sawmill_store.activations import active_since
+from sawmill_store.tables import CalibrationRow, DriftRow, MeasurementRow, ScannerRow, ScanRow
 
 # The largest square of the correlation between u_c and tilt: nearer to 1, rounding decides what the inverse is.
 MOST_CORRELATED = 1.0 - 1e-9

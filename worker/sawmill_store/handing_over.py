@@ -4,20 +4,22 @@ from typing import Any
 
 from sqlalchemy.orm import Session
 
-from sawmill_contracts import calibrations
+from sawmill_contracts import calibrations, job_kinds
 from sawmill_contracts.calibrations import Calibration
 from sawmill_contracts.handed_over import HandedOver
+from sawmill_contracts.kinds import AskedKind
 from sawmill_contracts.scans import ScanState
-from sawmill_platform.contracts.jobs import JobKind
-from sawmill_platform.contracts.kinds import AskedKind, declaration_of
+from sawmill_platform.contracts.kinds import declaration_of
 from sawmill_platform.database.paging import found
-from sawmill_platform.database.tables import JobRow, PhantomRow, ScannerRow, ScanRow
-from sawmill_platform.files.file_store import SCAN_FILE, FileStore
+from sawmill_platform.database.tables import JobRow
+from sawmill_platform.files.file_store import FileStore
 from sawmill_store.asked_rows import found_asked, read_asked
 from sawmill_store.drift_charts import known_baselines
+from sawmill_store.mill_files import SCAN_FILE
 from sawmill_store.phantoms import picture_of, read_phantom
 from sawmill_store.scanners import read_scanner
 from sawmill_store.scans import read_scan
+from sawmill_store.tables import PhantomRow, ScannerRow, ScanRow
 
 
 def handed_over(session: Session, files: FileStore, job: JobRow) -> HandedOver:
@@ -33,7 +35,7 @@ def handed_over(session: Session, files: FileStore, job: JobRow) -> HandedOver:
     if isinstance(declared, AskedKind):
         return HandedOver(kept=kept, **_of_asked(session, files, declared, job.subject_id))
     file = files.upload(job.kind, job.subject_id)
-    if job.kind is JobKind.TRACE_PHANTOM:
+    if job.kind is job_kinds.TRACE_PHANTOM:
         picture = picture_of(found(session, PhantomRow, "phantom", job.subject_id))
         return HandedOver(kept=kept, file=file, picture=picture)
     scan = found(session, ScanRow, "scan", job.subject_id)
@@ -49,7 +51,7 @@ def _of_asked(session: Session, files: FileStore, declared: AskedKind[Any, Any],
         scan = found(session, ScanRow, "scan", asked.scan_id)
         fields["scan"] = read_scan(scan)
         if scan.state is ScanState.READY:
-            fields["file"] = files.results(JobKind.INGEST, scan.id) / SCAN_FILE
+            fields["file"] = files.results(job_kinds.INGEST, scan.id) / SCAN_FILE
     if hasattr(asked, "phantom_id"):
         fields["phantom"] = read_phantom(found(session, PhantomRow, "phantom", asked.phantom_id))
     if declared.upload is not None:
@@ -60,7 +62,7 @@ def _of_asked(session: Session, files: FileStore, declared: AskedKind[Any, Any],
     fields["scanner"] = scanner
     if hasattr(asked, "calibration_id"):
         fields["calibration"] = _calibration(session, asked.calibration_id)
-        if declared.kind is JobKind.DRIFT:
+        if declared.kind is job_kinds.DRIFT:
             fields["baselines"] = known_baselines(session, asked.scanner_id, asked.calibration_id)
     elif hasattr(asked, "scan_id"):
         fields["active"] = _calibration(session, scanner.active_calibration_id)

@@ -10,18 +10,10 @@ from sawmill_contracts.history import HistoryEntry, HistoryKind, HistoryMark
 from sawmill_platform.contracts.base import Page
 from sawmill_platform.database.database import Database
 from sawmill_platform.database.paging import LARGEST_NUMBER, cursor_of, found, parse_cursor
-from sawmill_platform.database.tables import (
-    CalibrationRow,
-    DriftRow,
-    HistoryRow,
-    MeasurementRow,
-    Resource,
-    ScannerRow,
-    ScanRow,
-    ScheduleRow,
-)
+from sawmill_platform.database.tables import Resource
 from sawmill_platform.errors import Invalid
 from sawmill_store.measurements import read_measurement
+from sawmill_store.tables import CalibrationRow, DriftRow, HistoryRow, MeasurementRow, ScannerRow, ScanRow, ScheduleRow
 
 _BATCH = 500
 # Where what an entry is about is stored, and listed below /v1/.

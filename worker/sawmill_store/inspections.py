@@ -1,9 +1,8 @@
 """Inspections: uploads that are looked at before they become scans."""
 
+from sawmill_contracts import job_kinds, mill_events
 from sawmill_contracts.inspections import DECLARATION, Inspection, InspectionAsk, InspectionOptions
-from sawmill_platform.contracts.audit import AuditAction
-from sawmill_platform.contracts.events import EventKind
-from sawmill_platform.contracts.jobs import JobKind, Priority
+from sawmill_platform.contracts.jobs import Priority
 from sawmill_platform.database.database import Database
 from sawmill_platform.database.paging import new_id
 from sawmill_platform.errors import Conflict
@@ -11,10 +10,10 @@ from sawmill_platform.files.file_store import FileStore
 from sawmill_platform.files.upload_stream import Received
 from sawmill_platform.jobs.queue_limits import Places
 from sawmill_platform.ledger.audit import write_audit
-from sawmill_platform.ledger.events import announce
 from sawmill_platform.uploads.uploading import kept_upload
 from sawmill_store.asked import Asked
 from sawmill_store.asked_rows import found_asked, read_asked
+from sawmill_store.history_writer import announce
 
 
 class Inspections(Asked[InspectionAsk, Inspection]):
@@ -61,7 +60,10 @@ class Inspections(Asked[InspectionAsk, Inspection]):
             sha256=received.sha256,
         )
         identifier = identifier or new_id()
-        with kept_upload(self._files, received, JobKind.INSPECT, identifier) as keep, self._database.write() as session:
+        with (
+            kept_upload(self._files, received, job_kinds.INSPECT, identifier) as keep,
+            self._database.write() as session,
+        ):
             now = self._database.now()
             row = self.queue(session, file, now, identifier=identifier, priority=priority)
             keep(session, now)
@@ -76,7 +78,7 @@ class Inspections(Asked[InspectionAsk, Inspection]):
             There is no such inspection, or its file has been removed.
         """
         file = self.get(identifier).options
-        again = self._files.receive_again(JobKind.INSPECT, identifier, size_bytes=file.size_bytes, sha256=file.sha256)
+        again = self._files.receive_again(job_kinds.INSPECT, identifier, size_bytes=file.size_bytes, sha256=file.sha256)
         if again is None:
             msg = f"the file of inspection {identifier!r} has been removed, a day after it came: send it again"
             raise Conflict("inspection-expired", msg)
@@ -97,8 +99,8 @@ class Inspections(Asked[InspectionAsk, Inspection]):
                 raise Conflict("inspection-in-use", msg)
             known = {"sha256": row.options["sha256"]}
             now = self._database.now()
-            write_audit(session, now, AuditAction.INSPECTION_DELETED, identifier, known)
-            announce(session, now, EventKind.INSPECTION_DELETED, "inspection", identifier)
+            write_audit(session, now, mill_events.INSPECTION_DELETED, identifier, known)
+            announce(session, now, mill_events.INSPECTION_DELETED, "inspection", identifier)
             session.delete(row)
-        self._files.remove(self._files.results(JobKind.INSPECT, identifier))
-        self._files.remove_upload(JobKind.INSPECT, identifier)
+        self._files.remove(self._files.results(job_kinds.INSPECT, identifier))
+        self._files.remove_upload(job_kinds.INSPECT, identifier)

@@ -167,7 +167,7 @@ def _places(folder: Path, now: Callable[[], datetime]) -> list[_Place]:
         ),
         *(
             _Place(folder / kind.plural, _SUBJECT_NAME, _among(partial(named_by_rows.succeeded, kind)))
-            for kind in JobKind
+            for kind in JobKind.all()
         ),
     ]
 

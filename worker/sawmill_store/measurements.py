@@ -12,21 +12,15 @@ from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_contracts.drifts import DriftResult
 from sawmill_contracts.measurements import Measurement, MeasurementKind, Movement
 from sawmill_contracts.two_questions import TwoQuestions
+from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.base import Page
-from sawmill_platform.contracts.events import EventKind
 from sawmill_platform.contracts.kinds import declaration_of
 from sawmill_platform.database.database import Database
 from sawmill_platform.database.paging import found, read_numbered_page
-from sawmill_platform.database.tables import (
-    Answered,
-    CalibrationRow,
-    DriftRow,
-    MeasurementRow,
-    ScannerRow,
-    UtcDateTime,
-)
+from sawmill_platform.database.tables import UtcDateTime
 from sawmill_store.drift_looks import counts_since
 from sawmill_store.history_writer import enter
+from sawmill_store.tables import Answered, CalibrationRow, DriftRow, MeasurementRow, ScannerRow
 
 MOST_READ, PARTS = 2000, 500
 _NEVER = datetime.max.replace(tzinfo=UTC)
@@ -134,7 +128,7 @@ def record_measurement(session: Session, subject: Answered, now: datetime) -> No
     enter(
         session,
         now,
-        EventKind.SUCCEEDED,
+        event_kinds.SUCCEEDED,
         declaration_of(job.kind).noun,
         subject.id,
         row.scanner_id,

@@ -11,6 +11,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+from sawmill_contracts import job_kinds
 from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_contracts.handed_over import HandedOver
 from sawmill_contracts.reconstructions import Reconstruction, ReconstructionResult
@@ -102,12 +103,12 @@ def _scan_of(given: HandedOver) -> tuple[ScanShape, slice]:
 # The one file that a job of each kind leaves, and what checks it; null: it leaves none.
 _FILES: Mapping[JobKind, tuple[str, Callable[[Path, HandedOver, Any], None]] | None] = MappingProxyType(
     {
-        JobKind.INGEST: ("scan.h5", _check_scan),
-        JobKind.CALIBRATE: ("result.h5", _check_calibration),
-        JobKind.RECONSTRUCT: ("volume.h5", _check_volume),
-        JobKind.DRIFT: None,
-        JobKind.PLAN: None,
-        JobKind.INSPECT: None,
-        JobKind.TRACE_PHANTOM: None,
+        job_kinds.INGEST: ("scan.h5", _check_scan),
+        job_kinds.CALIBRATE: ("result.h5", _check_calibration),
+        job_kinds.RECONSTRUCT: ("volume.h5", _check_volume),
+        job_kinds.DRIFT: None,
+        job_kinds.PLAN: None,
+        job_kinds.INSPECT: None,
+        job_kinds.TRACE_PHANTOM: None,
     }
 )

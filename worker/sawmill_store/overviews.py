@@ -8,9 +8,10 @@ from sqlalchemy.orm import aliased
 from sawmill_contracts.scanners import StoredScanner
 from sawmill_platform.contracts.jobs import JobState
 from sawmill_platform.database.database import Database
-from sawmill_platform.database.tables import CalibrationRow, DriftRow, JobRow, ScannerRow, ScanRow
+from sawmill_platform.database.tables import JobRow
 from sawmill_store.activations import active_calibration
 from sawmill_store.scanners import scanner_with
+from sawmill_store.tables import CalibrationRow, DriftRow, ScannerRow, ScanRow
 
 _WITH_A_FATE = (JobState.SUCCEEDED, JobState.FAILED)
 

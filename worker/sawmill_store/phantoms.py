@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 from sqlalchemy import func, select
 
-from sawmill_contracts import phantoms
+from sawmill_contracts import job_kinds, mill_events, phantoms
 from sawmill_contracts.phantoms import (
     MeasurementsAsk,
     PhantomDrawing,
@@ -12,23 +12,21 @@ from sawmill_contracts.phantoms import (
     PhantomState,
     StoredPhantom,
 )
-from sawmill_platform.contracts.audit import AuditAction
 from sawmill_platform.contracts.base import Page
-from sawmill_platform.contracts.events import EventKind
-from sawmill_platform.contracts.jobs import JobKind, Priority
+from sawmill_platform.contracts.jobs import Priority
 from sawmill_platform.database.database import Database, lock_for_setup
 from sawmill_platform.database.paging import found, new_id, read_page, refuse_taken
-from sawmill_platform.database.tables import PhantomRow, ScanRow
 from sawmill_platform.errors import Conflict, Invalid
 from sawmill_platform.files.file_store import FileStore
 from sawmill_platform.files.upload_stream import Received
 from sawmill_platform.jobs.queue_limits import Places
 from sawmill_platform.jobs.queueing import queue_job
 from sawmill_platform.ledger.audit import write_audit
-from sawmill_platform.ledger.events import announce
 from sawmill_platform.uploads.uploading import kept_upload
+from sawmill_store.history_writer import announce
 from sawmill_store.references import check_usable
 from sawmill_store.references_guard import kept_by
+from sawmill_store.tables import PhantomRow, ScanRow
 
 
 class Phantoms:
@@ -62,7 +60,7 @@ class Phantoms:
         with self._database.write() as session:
             refuse_taken(session, PhantomRow, "phantom", row.id)
             session.add(row)
-            announce(session, row.created_at, EventKind.PHANTOM_CREATED, "phantom", row.id)
+            announce(session, row.created_at, mill_events.PHANTOM_CREATED, "phantom", row.id)
             return read_phantom(row)
 
     def measure(self, phantom_id: str, measured: MeasurementsAsk) -> StoredPhantom:
@@ -87,7 +85,7 @@ class Phantoms:
                 raise Invalid("measurement-of-another-phantom", str(error)) from error
             row = self._drawn(new_id(), drawing, built_in=False)
             session.add(row)
-            announce(session, row.created_at, EventKind.PHANTOM_CREATED, "phantom", row.id)
+            announce(session, row.created_at, mill_events.PHANTOM_CREATED, "phantom", row.id)
             return read_phantom(row)
 
     def followers(self) -> dict[str, str]:
@@ -131,17 +129,17 @@ class Phantoms:
             picture=picture.model_dump(mode="json"),
         )
         with (
-            kept_upload(self._files, received, JobKind.TRACE_PHANTOM, row.id) as keep,
+            kept_upload(self._files, received, job_kinds.TRACE_PHANTOM, row.id) as keep,
             self._database.write() as session,
         ):
             refuse_taken(session, PhantomRow, "phantom", row.id)
             job = queue_job(
                 session,
-                JobKind.TRACE_PHANTOM,
+                job_kinds.TRACE_PHANTOM,
                 row.id,
                 row.created_at,
                 short=phantoms.DECLARATION.is_short(received.size_bytes),
-                scanner_id=None,
+                group_id=None,
                 priority=priority,
             )
             row.job_id = job.id
@@ -200,11 +198,11 @@ class Phantoms:
                     msg = f"phantom {phantom_id!r} is used by {plural}; a used phantom stays"
                     raise Conflict("phantom-in-use", msg)
             now = self._database.now()
-            write_audit(session, now, AuditAction.PHANTOM_DELETED, phantom_id, row.drawing)
-            announce(session, now, EventKind.PHANTOM_DELETED, "phantom", phantom_id)
+            write_audit(session, now, mill_events.PHANTOM_DELETED, phantom_id, row.drawing)
+            announce(session, now, mill_events.PHANTOM_DELETED, "phantom", phantom_id)
             session.delete(row)
-        self._files.remove(self._files.results(JobKind.TRACE_PHANTOM, phantom_id))
-        self._files.remove_upload(JobKind.TRACE_PHANTOM, phantom_id)
+        self._files.remove(self._files.results(job_kinds.TRACE_PHANTOM, phantom_id))
+        self._files.remove_upload(job_kinds.TRACE_PHANTOM, phantom_id)
 
     def _drawn(self, phantom_id: str, drawing: PhantomDrawing, *, built_in: bool) -> PhantomRow:
         return PhantomRow(

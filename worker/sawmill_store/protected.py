@@ -6,27 +6,27 @@ from typing import NamedTuple, TypeVar
 from sqlalchemy import ColumnElement, Select, and_, exists, or_, select, true, union_all
 from sqlalchemy.orm import Session
 
+from sawmill_contracts import job_kinds
+from sawmill_contracts.kinds import asked_kinds
 from sawmill_contracts.retention import RetentionKind, StaysBecause
 from sawmill_contracts.scans import ScanState
-from sawmill_platform.contracts.events import EventKind
-from sawmill_platform.contracts.jobs import UNFINISHED, JobKind
-from sawmill_platform.contracts.kinds import asked_kinds
-from sawmill_platform.database.tables import (
+from sawmill_platform.contracts import event_kinds
+from sawmill_platform.contracts.jobs import UNFINISHED
+from sawmill_platform.database.tables import EventRow, JobRow
+from sawmill_store.activations import active_calibration
+from sawmill_store.retention_rules import STOCKS, Stock
+from sawmill_store.scheduled import last_looked_at, newest_phantom_scan, next_log
+from sawmill_store.tables import (
     ActivationRow,
     AskedRow,
     CalibrationRow,
     DriftRow,
-    EventRow,
-    JobRow,
     ReconstructionRow,
     ScannerRow,
     ScanRow,
     ScheduleRow,
     table_of,
 )
-from sawmill_store.activations import active_calibration
-from sawmill_store.retention_rules import STOCKS, Stock
-from sawmill_store.scheduled import last_looked_at, newest_phantom_scan, next_log
 
 Found = TypeVar("Found", str, int)
 
@@ -99,7 +99,7 @@ def _of_drifts(session: Session) -> Iterator[Protection]:
 
 def _of_events(session: Session) -> Iterator[Protection]:
     """An alarm knows by it when a scanner's last scan came, whether that is stored still or not."""
-    came = EventRow.scanner_id == ScannerRow.id, EventRow.what == EventKind.QUEUED, EventRow.subject == "scan"
+    came = EventRow.scanner_id == ScannerRow.id, EventRow.what == event_kinds.QUEUED, EventRow.subject == "scan"
     newest = select(EventRow.number).where(*came).order_by(EventRow.number.desc()).limit(1)
     if numbers := _newest(session, newest):
         yield Protection(StaysBecause.NEWEST, EventRow.number.in_(numbers))
@@ -112,7 +112,7 @@ def _unfinished(stock: Stock) -> Protection:
 
 def _scans_of_unfinished_jobs() -> Select[str]:
     """Those that a job reads or will read, by jobs, of which few have not ended."""
-    read = [select(JobRow.subject_id.label("scan_id")).where(_UNFINISHED, JobRow.kind == JobKind.INGEST)]
+    read = [select(JobRow.subject_id.label("scan_id")).where(_UNFINISHED, JobRow.kind == job_kinds.INGEST)]
     for table in {table_of(declared.kind): None for declared in asked_kinds()}:
         if "scan_id" in table.own_columns():
             scan_id = table.__table__.c.scan_id

@@ -6,14 +6,15 @@ from typing import Any
 
 from sqlalchemy.orm import Session
 
+from sawmill_contracts.kinds import Reference
 from sawmill_contracts.phantoms import PhantomState
 from sawmill_contracts.scans import ScanState
 from sawmill_platform.contracts.jobs import JobState
-from sawmill_platform.contracts.kinds import Reference
 from sawmill_platform.database.paging import found, hold
-from sawmill_platform.database.tables import CalibrationRow, Json, PhantomRow, ScannerRow, ScanRow
+from sawmill_platform.database.tables import Json
 from sawmill_platform.errors import Conflict
 from sawmill_store.activations import active_calibration_id
+from sawmill_store.tables import CalibrationRow, PhantomRow, ScannerRow, ScanRow
 
 
 def looked_up(session: Session, references: Iterable[Reference], asked: Mapping[str, Any]) -> tuple[Json, list[str]]:

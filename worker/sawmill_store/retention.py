@@ -20,16 +20,16 @@ from sawmill_contracts.retention import (
     rule_name,
 )
 from sawmill_platform.acting import actor
-from sawmill_platform.contracts.audit import AuditAction
-from sawmill_platform.contracts.events import EventKind
+from sawmill_platform.contracts import event_kinds
 from sawmill_platform.database.database import Database, lock_for_setup
-from sawmill_platform.database.tables import EventRow, RetentionRow
+from sawmill_platform.database.tables import EventRow
 from sawmill_platform.errors import Conflict
 from sawmill_platform.ledger.audit import changed, write_audit
-from sawmill_platform.ledger.events import announce
 from sawmill_store.growth import Growth, fillings, growth_of
+from sawmill_store.history_writer import announce
 from sawmill_store.protected import Protection, none_of, protections
 from sawmill_store.retention_rules import STOCKS, Stock, last_old_event, reach_of
+from sawmill_store.tables import RetentionRow
 
 THE_ROW = 1
 RULES = "rules"
@@ -88,8 +88,8 @@ class RetentionStore:
             row.revision = (row.revision or 0) + 1
             row.followed_at = None
             difference = changed(before, after)
-            write_audit(session, now, AuditAction.RETENTION_CHANGED, RULES, difference)
-            announce(session, now, EventKind.RETENTION_CHANGED, SUBJECT, RULES)
+            write_audit(session, now, event_kinds.RETENTION_CHANGED, RULES, difference)
+            announce(session, now, event_kinds.RETENTION_CHANGED, SUBJECT, RULES)
             return read_retention(row, now)
 
 

@@ -8,17 +8,11 @@ from typing import Any, NamedTuple
 from sqlalchemy import BigInteger, ColumnElement, Select, and_, cast, exists, false, func, or_, select
 from sqlalchemy.orm import Session
 
+from sawmill_contracts import job_kinds
 from sawmill_contracts.retention import RetentionKind, RetentionRules, rule_name
 from sawmill_platform.contracts.jobs import JobKind
-from sawmill_platform.database.tables import (
-    AskedRow,
-    CalibrationRow,
-    DriftRow,
-    EventRow,
-    JobRow,
-    ReconstructionRow,
-    ScanRow,
-)
+from sawmill_platform.database.tables import EventRow, JobRow
+from sawmill_store.tables import AskedRow, CalibrationRow, DriftRow, ReconstructionRow, ScanRow
 
 
 @dataclass(frozen=True)
@@ -59,17 +53,17 @@ class Stock:
 
 # A year of logs is never in memory.
 _SOME = {"yield_per": 1000}
-_INSPECTED = exists().where(JobRow.id == AskedRow.job_id, JobRow.kind == JobKind.INSPECT)
+_INSPECTED = exists().where(JobRow.id == AskedRow.job_id, JobRow.kind == job_kinds.INSPECT)
 _LOG, _OF_PHANTOM = ScanRow.phantom_id.is_(None), ScanRow.phantom_id.is_not(None)
 STOCKS: Mapping[RetentionKind, Stock] = {
     stock.kind: stock
     for stock in (
-        Stock(RetentionKind.LOG_SCANS, JobKind.INGEST, ScanRow, (_LOG,)),
-        Stock(RetentionKind.PHANTOM_SCANS, JobKind.INGEST, ScanRow, (_OF_PHANTOM,)),
-        Stock(RetentionKind.RECONSTRUCTIONS, JobKind.RECONSTRUCT, ReconstructionRow),
-        Stock(RetentionKind.CALIBRATIONS, JobKind.CALIBRATE, CalibrationRow),
-        Stock(RetentionKind.DRIFTS, JobKind.DRIFT, DriftRow),
-        Stock(RetentionKind.INSPECTIONS, JobKind.INSPECT, AskedRow, (_INSPECTED,)),
+        Stock(RetentionKind.LOG_SCANS, job_kinds.INGEST, ScanRow, (_LOG,)),
+        Stock(RetentionKind.PHANTOM_SCANS, job_kinds.INGEST, ScanRow, (_OF_PHANTOM,)),
+        Stock(RetentionKind.RECONSTRUCTIONS, job_kinds.RECONSTRUCT, ReconstructionRow),
+        Stock(RetentionKind.CALIBRATIONS, job_kinds.CALIBRATE, CalibrationRow),
+        Stock(RetentionKind.DRIFTS, job_kinds.DRIFT, DriftRow),
+        Stock(RetentionKind.INSPECTIONS, job_kinds.INSPECT, AskedRow, (_INSPECTED,)),
     )
 }
 """All kinds but events, which have numbers and no jobs of their own."""

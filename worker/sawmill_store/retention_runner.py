@@ -15,24 +15,17 @@ from sqlalchemy import CursorResult, and_, delete, or_, select, update
 from sqlalchemy.orm import Session
 
 from sawmill_contracts.retention import Removed, RetentionKind, RetentionRules
-from sawmill_platform.contracts.events import EventKind
+from sawmill_platform.contracts import event_kinds
 from sawmill_platform.database.database import Database
-from sawmill_platform.database.tables import (
-    CalibrationRow,
-    EventRow,
-    JobDependencyRow,
-    JobRow,
-    RetentionRow,
-    ScannerRow,
-    ScheduleRunRow,
-)
+from sawmill_platform.database.tables import EventRow, JobDependencyRow, JobRow
 from sawmill_platform.files.file_store import FileStore
-from sawmill_platform.ledger.events import announce
+from sawmill_store.history_writer import announce
 from sawmill_store.leftovers import noted
 from sawmill_store.measured_bytes import freed_bytes_of, measure_some, places_of
 from sawmill_store.protected import none_of, protections
 from sawmill_store.retention import SUBJECT, THE_ROW, rules_of, waits_since
 from sawmill_store.retention_rules import STOCKS, Reach, Stock, last_old_event, reach_of
+from sawmill_store.tables import CalibrationRow, RetentionRow, ScannerRow, ScheduleRunRow
 
 EVERY_S = 600.0
 # In a transaction: files of 230 MB each are deleted within the time of a round.
@@ -179,7 +172,7 @@ class RetentionKeeper:
             "last_at": last_at.isoformat(),
         }
         now = self._database.now()
-        announce(session, now, EventKind.RETENTION_REMOVED, SUBJECT, removed.kind.value, detail=detail)
+        announce(session, now, event_kinds.RETENTION_REMOVED, SUBJECT, removed.kind.value, detail=detail)
 
     def _delete_files(self, places: Sequence[Path]) -> None:
         errors = list[OSError]()

@@ -4,8 +4,8 @@ from sqlalchemy.orm import Session
 
 from sawmill_contracts.scans import ScanShape
 from sawmill_platform.contracts.base import Contract, parse_rows
-from sawmill_platform.database.tables import Answered, ScanRow
 from sawmill_platform.errors import Invalid
+from sawmill_store.tables import Answered, ScanRow
 
 ROWS_ASKED_FOR = ("rows", "log_rows")
 

@@ -5,24 +5,22 @@ from datetime import datetime
 
 from sqlalchemy import func, select
 
-from sawmill_contracts import scans
+from sawmill_contracts import job_kinds, mill_events, scans
 from sawmill_contracts.scans import Scan, ScanSpec, ScanState
-from sawmill_platform.contracts.audit import AuditAction
 from sawmill_platform.contracts.base import Page
-from sawmill_platform.contracts.events import EventKind
-from sawmill_platform.contracts.jobs import JobKind, Priority
+from sawmill_platform.contracts.jobs import Priority
 from sawmill_platform.database.database import Database
 from sawmill_platform.database.paging import created_between, found, narrowed, new_id, read_page, refuse_taken
-from sawmill_platform.database.tables import PhantomRow, ScannerRow, ScanRow
 from sawmill_platform.errors import Conflict
 from sawmill_platform.files.file_store import FileStore
 from sawmill_platform.files.upload_stream import Received
 from sawmill_platform.jobs.queue_limits import Places
 from sawmill_platform.jobs.queueing import queue_job
 from sawmill_platform.ledger.audit import write_audit
-from sawmill_platform.ledger.events import announce
 from sawmill_platform.uploads.uploading import kept_upload
+from sawmill_store.history_writer import announce
 from sawmill_store.references_guard import unfinished_job_about
+from sawmill_store.tables import PhantomRow, ScannerRow, ScanRow
 
 _COLUMNS = {"scanner_id", "phantom_id"}
 
@@ -73,18 +71,18 @@ class Scans:
             size_bytes=received.size_bytes,
             sha256=received.sha256,
         )
-        with kept_upload(self._files, received, JobKind.INGEST, row.id) as keep, self._database.write() as session:
+        with kept_upload(self._files, received, job_kinds.INGEST, row.id) as keep, self._database.write() as session:
             refuse_taken(session, ScanRow, "scan", row.id)
             found(session, ScannerRow, "scanner", spec.scanner_id, lock=True)
             if spec.phantom_id is not None:
                 found(session, PhantomRow, "phantom", spec.phantom_id, lock=True)
             job = queue_job(
                 session,
-                JobKind.INGEST,
+                job_kinds.INGEST,
                 row.id,
                 row.created_at,
                 short=scans.DECLARATION.is_short(received.size_bytes),
-                scanner_id=spec.scanner_id,
+                group_id=spec.scanner_id,
                 priority=priority,
             )
             row.job_id = job.id
@@ -162,11 +160,11 @@ class Scans:
                 raise Conflict("scan-in-use", msg)
             known = {"scanner_id": row.scanner_id, "sha256": row.sha256}
             now = self._database.now()
-            write_audit(session, now, AuditAction.SCAN_DELETED, scan_id, known)
-            announce(session, now, EventKind.SCAN_DELETED, "scan", scan_id, scanner_id=row.scanner_id)
+            write_audit(session, now, mill_events.SCAN_DELETED, scan_id, known)
+            announce(session, now, mill_events.SCAN_DELETED, "scan", scan_id, scanner_id=row.scanner_id)
             session.delete(row)
-        self._files.remove(self._files.results(JobKind.INGEST, scan_id))
-        self._files.remove_upload(JobKind.INGEST, scan_id)
+        self._files.remove(self._files.results(job_kinds.INGEST, scan_id))
+        self._files.remove_upload(job_kinds.INGEST, scan_id)
 
 
 def read_scan(row: ScanRow) -> Scan:

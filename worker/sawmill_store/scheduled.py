@@ -12,9 +12,10 @@ from sawmill_contracts.drifts import DriftAsk
 from sawmill_contracts.phantoms import PhantomState
 from sawmill_contracts.scans import ScanState
 from sawmill_platform.contracts.jobs import JobState, Priority
-from sawmill_platform.database.tables import CalibrationRow, DriftRow, JobRow, PhantomRow, ScanRow, ScheduleRow
+from sawmill_platform.database.tables import JobRow
 from sawmill_store.activations import ScannerId, active_calibration_id
 from sawmill_store.asked import Asked
+from sawmill_store.tables import CalibrationRow, DriftRow, PhantomRow, ScanRow, ScheduleRow
 from sawmill_vocabulary import FEWEST_PAIRED_VIEWS
 
 # A drift check whose job ended so has not looked at its scan.

@@ -9,23 +9,22 @@ from pydantic import ValidationError
 from sqlalchemy import select, update
 from sqlalchemy.orm import Session
 
+from sawmill_contracts import mill_events
 from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.drifts import DriftAsk
 from sawmill_contracts.schedules import Schedule, ScheduleRun, ScheduleSpec
 from sawmill_platform.acting import Actor, acting_as
-from sawmill_platform.contracts.audit import AuditAction
 from sawmill_platform.contracts.base import Page, placed_complaint
-from sawmill_platform.contracts.events import EventKind
+from sawmill_platform.contracts.event_kinds import EventKind
 from sawmill_platform.database.database import Database
 from sawmill_platform.database.paging import found, narrowed, new_id, read_page, refuse_taken
-from sawmill_platform.database.tables import ScannerRow, ScheduleRow, ScheduleRunRow
 from sawmill_platform.due_times import latest_due, next_due
 from sawmill_platform.errors import Invalid, StorageError, StorageFull, StorageUnavailable
 from sawmill_platform.ledger.audit import changed, write_audit
-from sawmill_platform.ledger.events import announce
 from sawmill_store.asked import Asked
-from sawmill_store.history_writer import changes_in_words
+from sawmill_store.history_writer import announce, changes_in_words
 from sawmill_store.scheduled import queue_due
+from sawmill_store.tables import ScannerRow, ScheduleRow, ScheduleRunRow
 
 # Of a due time at which nothing was queued, by its outcome.
 _WHY_NOT = {
@@ -69,8 +68,8 @@ class Schedules:
             refuse_taken(session, ScheduleRow, "schedule", row.id)
             found(session, ScannerRow, "scanner", spec.scanner_id, lock=True)
             session.add(row)
-            write_audit(session, now, AuditAction.SCHEDULE_CREATED, row.id, spec.model_dump(mode="json"))
-            _announce(session, now, EventKind.SCHEDULE_CREATED, row)
+            write_audit(session, now, mill_events.SCHEDULE_CREATED, row.id, spec.model_dump(mode="json"))
+            _announce(session, now, mill_events.SCHEDULE_CREATED, row)
             session.flush()
             return read_schedule(session, row)
 
@@ -105,8 +104,8 @@ class Schedules:
             elif pending is not None:
                 _announce_missed(session, row, now, pending, "the schedule was changed before it ran")
             difference = changed(before, _spec(row))
-            write_audit(session, now, AuditAction.SCHEDULE_CHANGED, schedule_id, difference)
-            _announce(session, now, EventKind.SCHEDULE_CHANGED, row, why=changes_in_words(difference))
+            write_audit(session, now, mill_events.SCHEDULE_CHANGED, schedule_id, difference)
+            _announce(session, now, mill_events.SCHEDULE_CHANGED, row, why=changes_in_words(difference))
             session.flush()
             return read_schedule(session, row)
 
@@ -115,8 +114,8 @@ class Schedules:
         with self._database.write() as session:
             row = found(session, ScheduleRow, "schedule", schedule_id, lock=True)
             now = self._database.now()
-            write_audit(session, now, AuditAction.SCHEDULE_DELETED, schedule_id, _spec(row))
-            _announce(session, now, EventKind.SCHEDULE_DELETED, row)
+            write_audit(session, now, mill_events.SCHEDULE_DELETED, schedule_id, _spec(row))
+            _announce(session, now, mill_events.SCHEDULE_DELETED, row)
             session.delete(row)
 
     def runs(self, schedule_id: str, *, limit: int = 50) -> list[ScheduleRun]:
@@ -220,7 +219,7 @@ def _announce(
 
 
 def _announce_missed(session: Session, row: ScheduleRow, now: datetime, due_at: datetime, reason: str) -> None:
-    _announce(session, now, EventKind.SCHEDULE_MISSED, row, {"due_at": due_at.isoformat(), "reason": reason})
+    _announce(session, now, mill_events.SCHEDULE_MISSED, row, {"due_at": due_at.isoformat(), "reason": reason})
 
 
 def _describe(row: ScheduleRow, spec: ScheduleSpec, now: datetime) -> None:

@@ -1,33 +1,23 @@
 """What a job's end means for what it worked on."""
 
 from datetime import datetime
-from typing import Any
 
 from sqlalchemy.orm import Session
 
+from sawmill_contracts import job_kinds, mill_events
+from sawmill_contracts.kinds import AskedKind
 from sawmill_contracts.phantoms import PhantomState
 from sawmill_contracts.scans import ScanState
 from sawmill_platform.acting import THE_SERVICE, Actor, acting_as
-from sawmill_platform.contracts.events import EventKind
 from sawmill_platform.contracts.jobs import JobKind
-from sawmill_platform.contracts.kinds import AskedKind, declaration_of
+from sawmill_platform.contracts.kinds import declaration_of
 from sawmill_platform.database.paging import found
-from sawmill_platform.database.tables import CalibrationRow, Json, PhantomRow, ScanRow
-from sawmill_platform.ledger.events import announce
+from sawmill_platform.database.tables import Json
 from sawmill_store.activations import activate
 from sawmill_store.asked_rows import found_asked
+from sawmill_store.history_writer import announce
 from sawmill_store.measurements import record_measurement
-
-
-def checked_result(kind: JobKind, result: dict[str, Any]) -> Json:
-    """A job's result in the form in which it is stored.
-
-    Raises
-    ------
-    pydantic.ValidationError
-        It is not what jobs of this kind answer with.
-    """
-    return declaration_of(kind).result.model_validate(result).model_dump(mode="json")
+from sawmill_store.tables import CalibrationRow, PhantomRow, ScanRow
 
 
 def record_success(session: Session, kind: JobKind, subject_id: str, result: Json, now: datetime) -> None:
@@ -39,27 +29,27 @@ def record_success(session: Session, kind: JobKind, subject_id: str, result: Jso
         record_measurement(session, row, now)
         if isinstance(row, CalibrationRow):
             _activate_on_pass(session, row, result, now)
-    elif kind is JobKind.INGEST:
+    elif kind is job_kinds.INGEST:
         scan = found(session, ScanRow, "scan", subject_id)
         scan.state, scan.reading = ScanState.READY, result
-        announce(session, now, EventKind.SCAN_READY, "scan", scan.id, scanner_id=scan.scanner_id)
+        announce(session, now, mill_events.SCAN_READY, "scan", scan.id, scanner_id=scan.scanner_id)
     else:
         phantom = found(session, PhantomRow, "phantom", subject_id)
         phantom.state, phantom.drawing = PhantomState.READY, result
-        announce(session, now, EventKind.PHANTOM_READY, "phantom", phantom.id)
+        announce(session, now, mill_events.PHANTOM_READY, "phantom", phantom.id)
 
 
 def record_end_without_result(session: Session, kind: JobKind, subject_id: str, reason: str, now: datetime) -> None:
     """Refuse the scan or phantom whose job failed or was cancelled; other subjects have their job's state."""
-    if kind is JobKind.INGEST:
+    if kind is job_kinds.INGEST:
         scan = found(session, ScanRow, "scan", subject_id)
         scan.state, scan.reason = ScanState.REFUSED, reason
         why = {"reason": reason}
-        announce(session, now, EventKind.SCAN_REFUSED, "scan", scan.id, scanner_id=scan.scanner_id, detail=why)
-    elif kind is JobKind.TRACE_PHANTOM:
+        announce(session, now, mill_events.SCAN_REFUSED, "scan", scan.id, scanner_id=scan.scanner_id, detail=why)
+    elif kind is job_kinds.TRACE_PHANTOM:
         phantom = found(session, PhantomRow, "phantom", subject_id)
         phantom.state, phantom.reason = PhantomState.REFUSED, reason
-        announce(session, now, EventKind.PHANTOM_REFUSED, "phantom", phantom.id, detail={"reason": reason})
+        announce(session, now, mill_events.PHANTOM_REFUSED, "phantom", phantom.id, detail={"reason": reason})
 
 
 def _activate_on_pass(session: Session, calibration: CalibrationRow, result: Json, now: datetime) -> None:

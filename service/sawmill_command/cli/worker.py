@@ -22,8 +22,8 @@ def _job_kinds(texts: list[str] | None) -> list[str]:
     """Split kinds of jobs, and refuse what is none (a callback of Typer's)."""
     kinds = _listed(texts)
     for kind in kinds:
-        if kind not in set(JobKind):
-            raise typer.BadParameter(f"{kind!r} is no kind of job: {', '.join(JobKind)}.")
+        if kind not in set(JobKind.all()):
+            raise typer.BadParameter(f"{kind!r} is no kind of job: {', '.join(JobKind.all())}.")
     return kinds
 
 
@@ -37,7 +37,7 @@ def worker(
         typer.Option(
             metavar="KIND,...",
             callback=_job_kinds,
-            help=f"Take jobs of these kinds alone: {', '.join(JobKind)}. May be repeated. All by default.",
+            help=f"Take jobs of these kinds alone: {', '.join(JobKind.all())}. May be repeated. All by default.",
         ),
     ] = None,
     scanners: Annotated[
@@ -51,8 +51,8 @@ def worker(
     ] = None,
 ) -> None:
     """Run one embedded worker beside a service that uses the same data folder."""
-    from sawmill_platform.workers.poller import run
     from sawmill_platform.workers.variables import WrongVariableError, variables_checked
+    from sawmill_worker.poller import run
 
     if data is not None:
         os.environ["SAWMILL_DATA_FOLDER"] = str(data)

@@ -92,7 +92,7 @@ def _read(path: Path) -> list[ProblemType]:
         ProblemType(code=code, type=type_of(code), **entry)
         for entry in entries
         for pattern in entry.pop("codes")
-        for code in dict.fromkeys(pattern.replace("{noun}", declaration_of(kind).noun) for kind in JobKind)
+        for code in dict.fromkeys(pattern.replace("{noun}", declaration_of(kind).noun) for kind in JobKind.all())
     ]
 
 

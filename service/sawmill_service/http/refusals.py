@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from http import HTTPStatus
 from typing import Any
 
-from sawmill_platform.contracts.kinds import AskedKind, Reference
+from sawmill_contracts.kinds import AskedKind, Reference
 from sawmill_service.access import OPEN_PATHS
 from sawmill_service.http.problem_types import PATH, problem_types
 from sawmill_service.http.problems import MEDIA_TYPE

@@ -10,7 +10,7 @@ from fastapi.concurrency import run_in_threadpool
 
 from sawmill_contracts.phantoms import PhantomState
 from sawmill_contracts.scans import ScanState
-from sawmill_platform.contracts.events import JOB_ENDS
+from sawmill_platform.contracts.event_kinds import JOB_ENDS
 from sawmill_platform.contracts.jobs import Job, JobState
 from sawmill_platform.errors import StorageUnavailable
 from sawmill_service.event_feed import EventFeed

@@ -13,12 +13,12 @@ from fastapi import APIRouter, Query
 from fastapi.responses import HTMLResponse, RedirectResponse, Response
 from pydantic import ValidationError
 
+from sawmill_contracts import job_kinds
 from sawmill_contracts.calibrations import CalibrationAsk, CalibrationSucceeded, CalibrationUnfinished
 from sawmill_contracts.inspections import Inspection, InspectionOptions
 from sawmill_contracts.scans import Scan, ScanSpec, ScanState
 from sawmill_platform.contracts.base import Identifier
 from sawmill_platform.contracts.given import Given
-from sawmill_platform.contracts.jobs import JobKind
 from sawmill_platform.errors import Conflict, NotFound, QueueFull, StorageError
 from sawmill_service.dependencies import TheSettings, TheStore, TheWake
 from sawmill_service.drawing import shown_log
@@ -251,6 +251,6 @@ def _again(store: Store, where: Where, scan: Scan | None) -> str | None:
     """Where the same file, or the scan that was made of it, is asked about once more; None where neither can be."""
     if scan is None:
         return None
-    if where.inspection is not None and store.files.upload(JobKind.INSPECT, where.inspection).exists():
+    if where.inspection is not None and store.files.upload(job_kinds.INSPECT, where.inspection).exists():
         return where.path(calibration=None, scan=scan.id)
     return None if scan.state is ScanState.REFUSED else Where(scan=scan.id).path()

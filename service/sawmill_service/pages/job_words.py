@@ -5,8 +5,9 @@ from datetime import timedelta
 
 from babel.dates import format_timedelta
 
-from sawmill_platform.contracts.events import EventKind
-from sawmill_platform.contracts.jobs import Job, JobKind, JobState
+from sawmill_contracts import job_kinds
+from sawmill_platform.contracts import event_kinds
+from sawmill_platform.contracts.jobs import Job, JobState
 from sawmill_platform.contracts.kinds import declaration_of
 from sawmill_service.pages.frame import PageFrame
 from sawmill_service.pages.languages import marked
@@ -19,20 +20,20 @@ STATES = {
     JobState.CANCELLED: ("idle", marked("Cancelled")),
 }
 FATES = {
-    EventKind.STARTED: marked("started"),
-    EventKind.SUCCEEDED: marked("succeeded"),
-    EventKind.FAILED: marked("failed for good"),
-    EventKind.LOST: marked("lost: its worker ended without an answer"),
-    EventKind.PUT_OFF: marked("put off: an outage ended it"),
-    EventKind.GIVEN_BACK: marked("given back: its worker stopped, or another job went first"),
-    EventKind.CANCELLED: marked("cancelled"),
+    event_kinds.STARTED: marked("started"),
+    event_kinds.SUCCEEDED: marked("succeeded"),
+    event_kinds.FAILED: marked("failed for good"),
+    event_kinds.LOST: marked("lost: its worker ended without an answer"),
+    event_kinds.PUT_OFF: marked("put off: an outage ended it"),
+    event_kinds.GIVEN_BACK: marked("given back: its worker stopped, or another job went first"),
+    event_kinds.CANCELLED: marked("cancelled"),
 }
 # Of what a job made: a page where there is one, else the numbers.
 _MADE = {
-    JobKind.INGEST: ("/scans/{}", marked("Open the scan")),
-    JobKind.CALIBRATE: ("/calibrations/{}/report", marked("Report")),
-    JobKind.RECONSTRUCT: ("/logs/{}", marked("Open the log")),
-    JobKind.TRACE_PHANTOM: ("/phantoms/{}", marked("Open the phantom")),
+    job_kinds.INGEST: ("/scans/{}", marked("Open the scan")),
+    job_kinds.CALIBRATE: ("/calibrations/{}/report", marked("Report")),
+    job_kinds.RECONSTRUCT: ("/logs/{}", marked("Open the log")),
+    job_kinds.TRACE_PHANTOM: ("/phantoms/{}", marked("Open the phantom")),
 }
 _NUMBERS = marked("All numbers")
 

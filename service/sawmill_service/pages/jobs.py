@@ -86,7 +86,7 @@ def cancel(job_id: Identifier, store: TheStore) -> RedirectResponse:
 
 def _answer(template: str, page: PageFrame, store: Store, wanted: JobFilter) -> HTMLResponse:
     shown = _shown(page, store, wanted)
-    kinds = {kind: declaration_of(kind).label for kind in JobKind}
+    kinds = {kind: declaration_of(kind).label for kind in JobKind.all()}
     return page.answer(template, shown=shown, kinds=kinds, states=STATES, kind=wanted.kind, state=wanted.state)
 
 

@@ -10,11 +10,11 @@ from markupsafe import Markup
 from pydantic import Field, JsonValue, TypeAdapter, ValidationError
 from pydantic_core import to_json
 
+from sawmill_contracts import job_kinds
 from sawmill_contracts.phantoms import DrawnShape, PhantomPicture, StoredPhantom, faults_of
 from sawmill_contracts.scanners import StoredScanner
 from sawmill_platform.contracts.base import Contract, Identifier
 from sawmill_platform.contracts.given import Given
-from sawmill_platform.contracts.jobs import JobKind
 from sawmill_platform.contracts.strict_json import read_strictly
 from sawmill_platform.errors import Conflict, NotFound
 from sawmill_service.dependencies import TheSettings, TheStore
@@ -137,7 +137,7 @@ def outline(phantom_id: Identifier, request: Request, store: TheStore) -> Respon
 def uploaded_picture(phantom_id: Identifier, request: Request, store: TheStore) -> Response:
     """The picture that its outline was traced from."""
     store.phantoms.picture(phantom_id)
-    return file(request, store.files.upload(JobKind.TRACE_PHANTOM, phantom_id), "image/png")
+    return file(request, store.files.upload(job_kinds.TRACE_PHANTOM, phantom_id), "image/png")
 
 
 @router.post(PHANTOMS + "/{phantom_id}/delete")
@@ -186,7 +186,7 @@ def _picture_of(phantom: StoredPhantom, store: Store) -> PictureShown | None:
     if phantom.job_id is None:
         return None
     given: PhantomPicture = store.phantoms.picture(phantom.id)
-    path = store.files.upload(JobKind.TRACE_PHANTOM, phantom.id)
+    path = store.files.upload(job_kinds.TRACE_PHANTOM, phantom.id)
     with path.open("rb") as uploaded:
         head = uploaded.read(_PNG_HEAD.size)
     if len(head) < _PNG_HEAD.size or not head.startswith(b"\x89PNG"):

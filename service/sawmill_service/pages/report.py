@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING
 from fastapi import APIRouter
 from fastapi.responses import HTMLResponse
 
+from sawmill_contracts import job_kinds
 from sawmill_contracts.calibrations import CalibrationSucceeded
 from sawmill_contracts.history import HistoryEntry
 from sawmill_formats.errors import damage_reported
 from sawmill_platform.contracts.base import Identifier
-from sawmill_platform.contracts.jobs import JobKind
 from sawmill_platform.errors import NotFound
 from sawmill_service.dependencies import TheStore
 from sawmill_service.finished import scan_if_kept
@@ -77,7 +77,7 @@ def _arrays(store: Store, calibration_id: str) -> "CalibrationArrays | None":
     from sawmill_formats.output import calibration_file
 
     try:
-        path = store.files.result(JobKind.CALIBRATE, calibration_id, "result.h5")
+        path = store.files.result(job_kinds.CALIBRATE, calibration_id, "result.h5")
     except NotFound:
         return None
     arrays = calibration_file.read_calibration(path).arrays

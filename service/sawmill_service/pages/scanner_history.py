@@ -8,9 +8,10 @@ from urllib.parse import urlencode
 from fastapi import APIRouter, Depends, Query
 from fastapi.responses import HTMLResponse
 
+from sawmill_contracts import mill_events
 from sawmill_contracts.history import HistoryEntry, HistoryKind
+from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.base import Identifier
-from sawmill_platform.contracts.events import EventKind
 from sawmill_service.dependencies import TheStore
 from sawmill_service.pages.charts import is_calibration, span_of
 from sawmill_service.pages.frame import ThePage
@@ -33,19 +34,19 @@ KINDS = {
     HistoryKind.SCAN: marked("Scan"),
 }
 EVENT_WORDS = {
-    EventKind.FAILED: Word("bad", marked("Failed")),
-    EventKind.CANCELLED: Word("idle", marked("Cancelled")),
-    EventKind.CALIBRATION_ACTIVATED: Word("good", marked("Accepted")),
-    EventKind.CALIBRATION_ROLLED_BACK: Word("watch", marked("Rolled back")),
-    EventKind.ALARM_OPENED: Word("bad", marked("Begun")),
-    EventKind.ALARM_CLOSED: Word("good", marked("Ended")),
-    EventKind.SCANNER_CREATED: Word("idle", marked("Added")),
-    EventKind.SCANNER_CHANGED: Word("idle", marked("Changed")),
-    EventKind.SCHEDULE_CREATED: Word("idle", marked("Added")),
-    EventKind.SCHEDULE_CHANGED: Word("idle", marked("Changed")),
-    EventKind.SCHEDULE_DELETED: Word("idle", marked("Deleted")),
-    EventKind.SCHEDULE_MISSED: Word("watch", marked("Missed")),
-    EventKind.SCAN_REFUSED: Word("bad", marked("Refused")),
+    event_kinds.FAILED: Word("bad", marked("Failed")),
+    event_kinds.CANCELLED: Word("idle", marked("Cancelled")),
+    mill_events.CALIBRATION_ACTIVATED: Word("good", marked("Accepted")),
+    mill_events.CALIBRATION_ROLLED_BACK: Word("watch", marked("Rolled back")),
+    mill_events.ALARM_OPENED: Word("bad", marked("Begun")),
+    mill_events.ALARM_CLOSED: Word("good", marked("Ended")),
+    mill_events.SCANNER_CREATED: Word("idle", marked("Added")),
+    mill_events.SCANNER_CHANGED: Word("idle", marked("Changed")),
+    mill_events.SCHEDULE_CREATED: Word("idle", marked("Added")),
+    mill_events.SCHEDULE_CHANGED: Word("idle", marked("Changed")),
+    mill_events.SCHEDULE_DELETED: Word("idle", marked("Deleted")),
+    mill_events.SCHEDULE_MISSED: Word("watch", marked("Missed")),
+    mill_events.SCAN_REFUSED: Word("bad", marked("Refused")),
 }
 _VERDICTS = {
     "pass": Word("good", marked("Passed")),

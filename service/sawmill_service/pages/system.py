@@ -5,7 +5,8 @@ from datetime import UTC, datetime
 from fastapi import APIRouter, Request
 from fastapi.responses import HTMLResponse
 
-from sawmill_platform.contracts.audit import AuditAction
+from sawmill_contracts import mill_events
+from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.keys import Scope
 from sawmill_service.dependencies import TheSettings, TheStore
 from sawmill_service.pages.frame import ThePage
@@ -35,29 +36,29 @@ STATES = {
     Readiness.DISK_FULL: ("bad", marked("Disk full")),
 }
 ACTIONS = {
-    AuditAction.CALIBRATION_ACTIVATED: marked("accepted the calibration"),
-    AuditAction.CALIBRATION_ROLLED_BACK: marked("rolled back to the calibration"),
-    AuditAction.SCANNER_CREATED: marked("added the scanner"),
-    AuditAction.SCANNER_CHANGED: marked("changed the scanner"),
-    AuditAction.SCANNER_DELETED: marked("deleted the scanner"),
-    AuditAction.PHANTOM_DELETED: marked("deleted the phantom"),
-    AuditAction.SCAN_DELETED: marked("deleted the scan"),
-    AuditAction.INSPECTION_DELETED: marked("deleted the file that was looked into"),
-    AuditAction.SCHEDULE_CREATED: marked("added the schedule"),
-    AuditAction.SCHEDULE_CHANGED: marked("changed the schedule"),
-    AuditAction.SCHEDULE_DELETED: marked("deleted the schedule"),
-    AuditAction.JOB_CANCELLED: marked("cancelled the job"),
-    AuditAction.KEY_CREATED: marked("made the key"),
-    AuditAction.KEY_ROTATED: marked("gave a new secret to the key"),
-    AuditAction.KEY_REVOKED: marked("revoked the key"),
-    AuditAction.WEBHOOK_CREATED: marked("added the webhook"),
-    AuditAction.WEBHOOK_CHANGED: marked("changed the webhook"),
-    AuditAction.WEBHOOK_ROTATED: marked("gave a new secret to the webhook"),
-    AuditAction.WEBHOOK_TESTED: marked("sent a test to the webhook"),
-    AuditAction.WEBHOOK_DELETED: marked("deleted the webhook"),
-    AuditAction.RETENTION_CHANGED: marked("changed how long things are kept"),
-    AuditAction.LOGGED_IN: marked("logged in with"),
-    AuditAction.LOGGED_OUT: marked("logged out of"),
+    mill_events.CALIBRATION_ACTIVATED: marked("accepted the calibration"),
+    mill_events.CALIBRATION_ROLLED_BACK: marked("rolled back to the calibration"),
+    mill_events.SCANNER_CREATED: marked("added the scanner"),
+    mill_events.SCANNER_CHANGED: marked("changed the scanner"),
+    mill_events.SCANNER_DELETED: marked("deleted the scanner"),
+    mill_events.PHANTOM_DELETED: marked("deleted the phantom"),
+    mill_events.SCAN_DELETED: marked("deleted the scan"),
+    mill_events.INSPECTION_DELETED: marked("deleted the file that was looked into"),
+    mill_events.SCHEDULE_CREATED: marked("added the schedule"),
+    mill_events.SCHEDULE_CHANGED: marked("changed the schedule"),
+    mill_events.SCHEDULE_DELETED: marked("deleted the schedule"),
+    event_kinds.JOB_CANCELLED: marked("cancelled the job"),
+    event_kinds.KEY_CREATED: marked("made the key"),
+    event_kinds.KEY_ROTATED: marked("gave a new secret to the key"),
+    event_kinds.KEY_REVOKED: marked("revoked the key"),
+    event_kinds.WEBHOOK_CREATED: marked("added the webhook"),
+    event_kinds.WEBHOOK_CHANGED: marked("changed the webhook"),
+    event_kinds.WEBHOOK_ROTATED: marked("gave a new secret to the webhook"),
+    event_kinds.WEBHOOK_TESTED: marked("sent a test to the webhook"),
+    event_kinds.WEBHOOK_DELETED: marked("deleted the webhook"),
+    event_kinds.RETENTION_CHANGED: marked("changed how long things are kept"),
+    event_kinds.LOGGED_IN: marked("logged in with"),
+    event_kinds.LOGGED_OUT: marked("logged out of"),
 }
 
 router = APIRouter(include_in_schema=False)

@@ -8,8 +8,10 @@ from datetime import datetime, timedelta
 from fastapi import APIRouter
 from fastapi.responses import HTMLResponse
 
+from sawmill_contracts import mill_events
 from sawmill_contracts.measurements import Movement
-from sawmill_platform.contracts.events import EventKind
+from sawmill_platform.contracts import event_kinds
+from sawmill_platform.contracts.event_kinds import EventKind
 from sawmill_service.dependencies import TheStore
 from sawmill_service.pages.frame import PageFrame, ThePage
 from sawmill_service.pages.sparkline import Sparkline, sparkline
@@ -22,23 +24,23 @@ LOST_MS, SILENT_MS = 4_000, 12_000
 _WORST_FIRST = ("bad", "watch", "idle", "good")
 # What no row of a scanner shows.
 _NOT_SHOWN = {
-    EventKind.CLOCK_OFF,
-    EventKind.CLOCK_STEPPED,
-    EventKind.CANCEL_REQUESTED,
-    EventKind.INSPECTION_DELETED,
-    EventKind.UPLOAD_CREATED,
-    EventKind.UPLOAD_COMPLETE,
-    EventKind.UPLOAD_USED,
-    EventKind.UPLOAD_DELETED,
-    EventKind.KEY_CREATED,
-    EventKind.KEY_ROTATED,
-    EventKind.KEY_REVOKED,
-    EventKind.WEBHOOK_CREATED,
-    EventKind.WEBHOOK_CHANGED,
-    EventKind.WEBHOOK_ROTATED,
-    EventKind.WEBHOOK_TESTED,
-    EventKind.WEBHOOK_PAUSED,
-    EventKind.WEBHOOK_DELETED,
+    event_kinds.CLOCK_OFF,
+    event_kinds.CLOCK_STEPPED,
+    event_kinds.CANCEL_REQUESTED,
+    mill_events.INSPECTION_DELETED,
+    event_kinds.UPLOAD_CREATED,
+    event_kinds.UPLOAD_COMPLETE,
+    event_kinds.UPLOAD_USED,
+    event_kinds.UPLOAD_DELETED,
+    event_kinds.KEY_CREATED,
+    event_kinds.KEY_ROTATED,
+    event_kinds.KEY_REVOKED,
+    event_kinds.WEBHOOK_CREATED,
+    event_kinds.WEBHOOK_CHANGED,
+    event_kinds.WEBHOOK_ROTATED,
+    event_kinds.WEBHOOK_TESTED,
+    event_kinds.WEBHOOK_PAUSED,
+    event_kinds.WEBHOOK_DELETED,
 }
 
 router = APIRouter(include_in_schema=False)
@@ -73,7 +75,7 @@ class Board:
 def today(page: ThePage, store: TheStore) -> HTMLResponse:
     """The whole page; its script follows the events behind the number that was read before the rows."""
     number = store.events.reader().number
-    kinds = " ".join(kind for kind in EventKind if kind not in _NOT_SHOWN)
+    kinds = " ".join(kind for kind in EventKind.all() if kind not in _NOT_SHOWN)
     return page.answer(
         "today.html",
         board=_board(page, store),

@@ -4,11 +4,11 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from statistics import median
 
+from sawmill_contracts import mill_events
 from sawmill_contracts.alarms import Alarm
 from sawmill_contracts.history import HistoryKind, HistoryMark
 from sawmill_contracts.measurements import Movement
 from sawmill_contracts.scanner_drift import PooledDrift
-from sawmill_platform.contracts.events import EventKind
 from sawmill_service.pages.charts import (
     Chart,
     Panel,
@@ -133,9 +133,9 @@ def _alarms(marks: Iterable[HistoryMark], opened: Iterable[Alarm], span: Span) -
     """From where to where on the axis an alarm was open; one that began before the span begins at its edge."""
     since, found = {}, []
     for mark in marks:
-        if mark.what is EventKind.ALARM_OPENED:
+        if mark.what is mill_events.ALARM_OPENED:
             since[mark.alarm] = mark.at
-        elif mark.what is EventKind.ALARM_CLOSED:
+        elif mark.what is mill_events.ALARM_CLOSED:
             found.append((since.pop(mark.alarm, span.start), mark.at))
     found += [(since.get(alarm.what, span.start), span.end) for alarm in opened]
     return [(span.x(start), round(span.x(end) - span.x(start), 2)) for start, end in found]

@@ -6,9 +6,9 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Depends, Path, Query, Response
 from pydantic import create_model
 
+from sawmill_contracts.kinds import AskedKind, Operation, Reference, asked_kinds
 from sawmill_platform.contracts.base import Contract, Identifier, Page
 from sawmill_platform.contracts.jobs import JobState, Priority
-from sawmill_platform.contracts.kinds import AskedKind, Operation, Reference, asked_kinds
 from sawmill_service.dependencies import TheCaller, TheSettings, TheStore, TheWake
 from sawmill_service.http.answers import AskedPriority, Dated, accept
 from sawmill_service.http.old_names import announce, announced

@@ -3,11 +3,11 @@
 from fastapi import APIRouter, Request, Response
 from pydantic import Field
 
+from sawmill_contracts import job_kinds
 from sawmill_contracts.calibrations import CalibrationSucceeded
 from sawmill_contracts.scanners import StoredScanner
 from sawmill_platform.contracts.base import Identifier, Name
 from sawmill_platform.contracts.given import Given
-from sawmill_platform.contracts.jobs import JobKind
 from sawmill_service.dependencies import TheStore
 from sawmill_service.drawing import CalibrationPicture, calibration_picture
 from sawmill_service.http.answers import Hdf5, Png, file
@@ -92,7 +92,7 @@ def get_log_after(calibration_id: Identifier, request: Request, store: TheStore)
 def get_calibration_file(calibration_id: Identifier, request: Request, store: TheStore) -> Response:
     """Every number, with the sinogram, the model's and the residual."""
     calibration = succeeded(store, calibration_id, "result.h5")
-    path = store.files.result(JobKind.CALIBRATE, calibration_id, "result.h5")
+    path = store.files.result(job_kinds.CALIBRATE, calibration_id, "result.h5")
 
     def check() -> None:
         # Imported by the first download: a service at rest does not hold h5py.

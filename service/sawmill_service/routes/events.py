@@ -10,7 +10,7 @@ from fastapi.sse import EventSourceResponse, ServerSentEvent
 from pydantic import Field
 
 from sawmill_platform.contracts.base import Identifier
-from sawmill_platform.contracts.events import EventKind
+from sawmill_platform.contracts.event_kinds import EventKind
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.errors import StorageUnavailable
 from sawmill_service.access import Access
@@ -43,7 +43,7 @@ DESCRIBED = events(
     "number as the id; `alive` with the number through which the client has seen all of them; `closing` before the "
     "service ends the stream.",
     EXAMPLE,
-    {"alive": _SEEN, "closing": _SEEN, **dict.fromkeys(EventKind, _EVENT)},
+    {"alive": _SEEN, "closing": _SEEN, **dict.fromkeys(EventKind.all(), _EVENT)},
 )
 
 router = APIRouter(prefix="/v1/events", tags=["events"])

@@ -1,6 +1,6 @@
-"""The process of one attempt at a job, and the template of such: `python -m sawmill_platform.attempts.attempt`.
+"""The process of one attempt at a job, and the template of such processes.
 
-It imports the science and loads its kernels. An attempt then reports that it is ready, waits for its assignment, runs
+A package that owns kinds of jobs calls `main` with their work, once it has imported that. An attempt then reports that it is ready, waits for its assignment, runs
 it within its limits (`limits`), with its own files alone (`confinement`), and ends (see `protocol`); a template forks
 attempts that begin there (see `forking`).
 """
@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import structlog
 
@@ -33,36 +33,34 @@ from sawmill_platform.attempts.protocol import (
     to_line,
 )
 from sawmill_platform.attempts.threading_layer import load
+from sawmill_platform.attempts.work import Attempt, Work
 from sawmill_platform.confinement.confinement import confine_to, installation, move_into
+from sawmill_platform.contracts.attempts import JobFailure
 from sawmill_platform.contracts.jobs import Failure, FailureKind
 from sawmill_platform.errors import FolderUnavailable
 from sawmill_platform.files.file_store import flush_tree, work_of
 from sawmill_platform.workers.logs import about_attempt, configure_logs
 from sawmill_platform.workers.settings import ExecutionSettings
 from sawmill_vocabulary import Progress
-from sawmill_worker.jobs.running import Attempt, make_ready, needs_of, run, warm_up
-from sawmill_worker.software import software
-from sawmill_worker.use_cases.failures import JobFailure
 
 
-def main() -> None:
+def main(work: Work[Any]) -> None:
     """Run one attempt, or none when the supervisor goes away first; as a template, fork as many as are asked for."""
     settings = ExecutionSettings()
     configure_logs(settings.log_format)
-    attempt = partial(_attempt, settings=settings)
+    attempt = partial(_attempt, work=work, settings=settings)
     installation()
-    software()
     if REQUESTS in os.environ:
         load(Path(os.environ[TBB]))
-        warm_up()
+        work.warm_up()
         serve(socket.socket(fileno=int(os.environ[REQUESTS])), attempt)
     else:
         with open(int(os.environ[CHANNEL]), "wb", buffering=0) as channel:  # noqa: PTH123 - a descriptor, not a path
-            warm_up()
+            work.warm_up()
             attempt(channel)
 
 
-def _attempt(channel: BinaryIO, settings: ExecutionSettings) -> None:
+def _attempt(channel: BinaryIO, work: Work[Any], settings: ExecutionSettings) -> None:
     """Wait for the assignment on standard input, and answer it."""
     supervisor = open(0, "rb", buffering=0, closefd=False)  # noqa: SIM115 - lives as long as the process
     try:
@@ -73,9 +71,10 @@ def _attempt(channel: BinaryIO, settings: ExecutionSettings) -> None:
     if line:
         assignment = Assignment.model_validate_json(line)
         with about_attempt(assignment.job):
-            attempt = _attempt_at(assignment, channel)
-            work = _gone_files_are_outages(attempt)(partial(_run, attempt, settings, supervisor, channel))
-            answer, error = _answer(work)
+            attempt = _attempt_at(assignment, work, channel)
+            answer, error = _answer(
+                _gone_files_are_outages(attempt)(partial(_run, attempt, work, settings, supervisor, channel))
+            )
             measured = answer.model_copy(update={"peak_memory_bytes": peak_memory_bytes()})
             channel.write(to_line(measured))  # before it is logged: a log that cannot be written must not take it away
             _log(answer, error)
@@ -94,10 +93,10 @@ def _end_with(supervisor: BinaryIO) -> None:
     os._exit(1)
 
 
-def _answer(work: Callable[[], dict[str, object]]) -> tuple[Succeeded | Failed, Exception | None]:
+def _answer(run: Callable[[], dict[str, object]]) -> tuple[Succeeded | Failed, Exception | None]:
     """The attempt's answer, and the exception that nobody foresaw."""
     try:
-        return Succeeded(result=work()), None
+        return Succeeded(result=run()), None
     except JobFailure as error:
         return Failed(failure=Failure(kind=error.kind, code=error.code, detail=error.detail)), None
     except MemoryError as error:
@@ -109,7 +108,7 @@ def _answer(work: Callable[[], dict[str, object]]) -> tuple[Succeeded | Failed, 
 
 
 @contextmanager
-def _gone_files_are_outages(attempt: Attempt) -> Iterator[None]:
+def _gone_files_are_outages(attempt: Attempt[Any]) -> Iterator[None]:
     """Raise `FolderUnavailable` where the block failed because a file of the attempt's was not in its place.
 
     Whatever the libraries made of that: when the supervisor looks, a data folder that was away is perhaps back.
@@ -139,30 +138,33 @@ def _log(answer: Succeeded | Failed, error: Exception | None) -> None:
         log.info("job-failed", code=answer.failure.code, detail=answer.failure.detail)
 
 
-def _attempt_at(assignment: Assignment, channel: BinaryIO) -> Attempt:
+def _attempt_at(assignment: Assignment, work: Work[Any], channel: BinaryIO) -> Attempt[Any]:
     def report(progress: Progress) -> None:
         channel.write(to_line(ProgressMade(progress=progress)))
 
     def announce(names: Sequence[str]) -> None:
         channel.write(to_line(Kept(names=list(names))))
 
-    return Attempt(
-        job=assignment.job, given=assignment.given, output=assignment.output, report=report, announce=announce
-    )
+    attempt: Attempt[Any] = work.attempt(assignment.job, assignment.given_json, assignment.output, report, announce)
+    return attempt
 
 
-def _run(attempt: Attempt, settings: ExecutionSettings, supervisor: BinaryIO, channel: BinaryIO) -> dict[str, object]:
+def _run(
+    attempt: Attempt[Any], work: Work[Any], settings: ExecutionSettings, supervisor: BinaryIO, channel: BinaryIO
+) -> dict[str, object]:
     # Only now: the process was started before anybody knew which job it would run.
-    limits = limits_of(attempt.job.kind, **needs_of(attempt)._asdict(), memory_limit_bytes=settings.memory_limit_bytes)
+    limits = limits_of(
+        attempt.job.kind, **work.needs_of(attempt)._asdict(), memory_limit_bytes=settings.memory_limit_bytes
+    )
     keep_to(limits)
-    make_ready(attempt)
+    work.make_ready(attempt)
     move_into(work_of(attempt.output))
     if settings.confine_attempts:
         confine_to(attempt.given, attempt.output)
     # Not before: it confines the threads that are started from then on.
     threading.Thread(target=_end_with, args=(supervisor,), daemon=True).start()
     channel.write(to_line(Begun(data_bytes=limits.data_bytes, file_bytes=limits.file_bytes)))
-    result = run(attempt)
+    result = work.run(attempt)
     os.chdir(attempt.output)
     # Its supervisor may be taking checkpoints; none is needed any more, and none of this is a result.
     for folder in (attempt.checkpoints, work_of(attempt.output)):
@@ -170,7 +172,3 @@ def _run(attempt: Attempt, settings: ExecutionSettings, supervisor: BinaryIO, ch
     attempt.report(Progress(fraction=1.0, stage="store"))  # of gigabytes, on a slow disk, that takes minutes
     flush_tree(attempt.output)
     return result
-
-
-if __name__ == "__main__":
-    main()

@@ -12,7 +12,6 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, TypeAdapter
 
-from sawmill_contracts.handed_over import HandedOver
 from sawmill_platform.contracts.base import Contract
 from sawmill_platform.contracts.jobs import Failure, Job
 from sawmill_vocabulary import Progress
@@ -25,10 +24,10 @@ LONGEST_SENTENCE_BYTES = 2**16
 
 
 class Assignment(Contract):
-    """Run this attempt."""
+    """Run this attempt; `given_json` is an `AttemptInput` with the fields of the package that owns the job's kind."""
 
     job: Job
-    given: HandedOver
+    given_json: str
     output: Path
 
 

@@ -12,7 +12,6 @@ from pydantic import ValidationError
 
 from sawmill_platform.attempts.environment import environment_of_attempts
 from sawmill_platform.attempts.failures import LIMITS_MET, died, failure_of
-from sawmill_platform.attempts.importing import PROGRAM
 from sawmill_platform.attempts.patience import Patience
 from sawmill_platform.attempts.process import (
     AttemptNotStarted,
@@ -25,6 +24,7 @@ from sawmill_platform.attempts.template import Template, template_library
 from sawmill_platform.attempts.threading_layer import configure_threads
 from sawmill_platform.confinement.overuse import overuse
 from sawmill_platform.contracts.jobs import Failure, FailureKind, JobState
+from sawmill_platform.contracts.kinds import declaration_of
 from sawmill_platform.errors import (
     InvalidOutput,
     LeaseLost,
@@ -36,18 +36,15 @@ from sawmill_platform.errors import (
 from sawmill_platform.files.digests import note_digests
 from sawmill_platform.jobs.job_store import Claim
 from sawmill_platform.jobs.turns import ANY, Selection
+from sawmill_platform.store import JobServiceStore
 from sawmill_platform.workers import sharing
 from sawmill_platform.workers.logs import about_attempt
 from sawmill_platform.workers.naming import process_name
 from sawmill_platform.workers.settings import ExecutionSettings
-from sawmill_store.outputs import check_output
-from sawmill_store.store import Store
 from sawmill_vocabulary import Progress
 
 # What a library may have failed to write at once, and so what a full disk may have left free.
 BUFFER_BYTES = 16 * 2**20
-# Without the folder that the worker was started in on the path for imports.
-ATTEMPT_COMMAND = (*PROGRAM, "sawmill_platform.attempts.attempt")
 
 
 class Runner:
@@ -76,11 +73,11 @@ class Runner:
 
     def __init__(
         self,
-        store: Store,
+        store: JobServiceStore,
         settings: ExecutionSettings,
         stop: threading.Event,
         *,
-        command: Sequence[str] = ATTEMPT_COMMAND,
+        command: Sequence[str],
         on_ended: Callable[[str], None] | None = None,
         on_able: Callable[[], None] = lambda: None,
     ) -> None:
@@ -242,7 +239,7 @@ class _Supervision:
 
     def __init__(
         self,
-        store: Store,
+        store: JobServiceStore,
         settings: ExecutionSettings,
         stop: threading.Event,
         claim: Claim,
@@ -306,7 +303,7 @@ class _Supervision:
         self._input = self._given.file
         if self._input is not None:
             self._store.files.check_file(self._input)
-        self._process.assign(Assignment(job=self._claim.job, given=self._given, output=output))
+        self._process.assign(Assignment(job=self._claim.job, given_json=self._given.model_dump_json(), output=output))
         return None
 
     def _check(self, answer: Succeeded, output: Path) -> None:
@@ -322,10 +319,13 @@ class _Supervision:
             The attempt no longer holds the job.
         """
 
+        kind = self._claim.job.kind
+
         def check() -> None:
             with disk_outage_reported("checking a result"):
-                check_output(self._claim.job.kind, self._given, answer.result, output)
-                note_digests(output)
+                self._store.jobs.check_output(kind, self._given, answer.result, output)
+                if declaration_of(kind).result_file is not None:
+                    note_digests(output)
 
         with ThreadPoolExecutor(1) as pool:
             checking = pool.submit(check)
@@ -500,7 +500,7 @@ def _ways_to_start(
     return FreshProcesses(command, environment) if library is None else Template(command, environment, library)
 
 
-def _attempt_environment(store: Store, settings: ExecutionSettings) -> dict[str, str]:
+def _attempt_environment(store: JobServiceStore, settings: ExecutionSettings) -> dict[str, str]:
     environment = environment_of_attempts(settings)
     # Compiled kernels are kept with the installation; one that is read-only has no place for them and would raise.
     if not os.access(Path(__file__).parent, os.W_OK):

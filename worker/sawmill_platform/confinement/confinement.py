@@ -14,9 +14,9 @@ from pathlib import Path
 
 import structlog
 
-from sawmill_contracts.handed_over import HandedOver
 from sawmill_platform.confinement import capabilities, landlock
 from sawmill_platform.confinement.seccomp import refuse_calls
+from sawmill_platform.contracts.attempts import AttemptInput
 from sawmill_platform.errors import StorageUnavailable
 from sawmill_platform.workers.settings import ExecutionSettings
 
@@ -49,7 +49,7 @@ def move_into(folder: Path) -> None:
     tempfile.tempdir = str(folder)
 
 
-def confine_to(given: HandedOver, output: Path) -> None:
+def confine_to(given: AttemptInput, output: Path) -> None:
     """Keep this thread, and those that it starts, to the job's own files, as far as there is Landlock and seccomp.
 
     Raises

@@ -1,39 +1,11 @@
 """The audit: who decided what, in rows that nothing changes or removes."""
 
-from enum import StrEnum
 from typing import Any
 
 from pydantic import Field
 
 from sawmill_platform.contracts.base import Contract, Identifier, Time
-
-
-class AuditAction(StrEnum):
-    """What somebody did."""
-
-    CALIBRATION_ACTIVATED = "calibration-activated"
-    CALIBRATION_ROLLED_BACK = "calibration-rolled-back"
-    SCANNER_CREATED = "scanner-created"
-    SCANNER_CHANGED = "scanner-changed"
-    SCANNER_DELETED = "scanner-deleted"
-    PHANTOM_DELETED = "phantom-deleted"
-    SCAN_DELETED = "scan-deleted"
-    INSPECTION_DELETED = "inspection-deleted"
-    SCHEDULE_CREATED = "schedule-created"
-    SCHEDULE_CHANGED = "schedule-changed"
-    SCHEDULE_DELETED = "schedule-deleted"
-    JOB_CANCELLED = "job-cancelled"
-    KEY_CREATED = "key-created"
-    KEY_ROTATED = "key-rotated"
-    KEY_REVOKED = "key-revoked"
-    WEBHOOK_CREATED = "webhook-created"
-    WEBHOOK_CHANGED = "webhook-changed"
-    WEBHOOK_ROTATED = "webhook-rotated"
-    WEBHOOK_TESTED = "webhook-tested"
-    WEBHOOK_DELETED = "webhook-deleted"
-    RETENTION_CHANGED = "retention-changed"
-    LOGGED_IN = "logged-in"
-    LOGGED_OUT = "logged-out"
+from sawmill_platform.contracts.event_kinds import EventKind
 
 
 class AuditEntry(Contract):
@@ -55,7 +27,7 @@ class AuditEntry(Contract):
         description="The `X-Request-Id` of the request, as in its answer and in the log. Null: it was no request.",
         examples=["0f8b4c6d0d8a4b0e9d0c5b8f3f1e2a77"],
     )
-    action: AuditAction = Field(description="What was done.", examples=["calibration-activated"])
+    action: EventKind = Field(description="What was done.", examples=["calibration-activated"])
     subject_id: str = Field(description="Id of what it was done to.", examples=["example"])
     detail: dict[str, Any] | None = Field(
         description="What the subject was, and why, where something is known.", examples=[{"reason": "checked by hand"}]

@@ -1,66 +1,11 @@
 """What happened, and when: to scanners and what belongs to them, to jobs and attempts at them, and to the clock."""
 
-from enum import StrEnum
 from typing import Any
 
 from pydantic import Field
 
 from sawmill_platform.contracts.base import Contract, Identifier, Time
-
-
-class EventKind(StrEnum):
-    """What happened."""
-
-    QUEUED = "queued"
-    STARTED = "started"
-    SUCCEEDED = "succeeded"
-    FAILED = "failed"
-    LOST = "lost"
-    PUT_OFF = "put-off"
-    GIVEN_BACK = "given-back"
-    CANCEL_REQUESTED = "cancel-requested"
-    CANCELLED = "cancelled"
-    SCANNER_CREATED = "scanner-created"
-    SCANNER_CHANGED = "scanner-changed"
-    SCANNER_DELETED = "scanner-deleted"
-    CALIBRATION_ACTIVATED = "calibration-activated"
-    CALIBRATION_ROLLED_BACK = "calibration-rolled-back"
-    SCAN_READY = "scan-ready"
-    SCAN_REFUSED = "scan-refused"
-    SCAN_DELETED = "scan-deleted"
-    PHANTOM_CREATED = "phantom-created"
-    PHANTOM_READY = "phantom-ready"
-    PHANTOM_REFUSED = "phantom-refused"
-    PHANTOM_DELETED = "phantom-deleted"
-    SCHEDULE_CREATED = "schedule-created"
-    SCHEDULE_CHANGED = "schedule-changed"
-    SCHEDULE_DELETED = "schedule-deleted"
-    SCHEDULE_MISSED = "schedule-missed"
-    INSPECTION_DELETED = "inspection-deleted"
-    UPLOAD_CREATED = "upload-created"
-    UPLOAD_COMPLETE = "upload-complete"
-    UPLOAD_USED = "upload-used"
-    UPLOAD_DELETED = "upload-deleted"
-    KEY_CREATED = "key-created"
-    KEY_ROTATED = "key-rotated"
-    KEY_REVOKED = "key-revoked"
-    WEBHOOK_CREATED = "webhook-created"
-    WEBHOOK_CHANGED = "webhook-changed"
-    WEBHOOK_ROTATED = "webhook-rotated"
-    WEBHOOK_TESTED = "webhook-tested"
-    WEBHOOK_PAUSED = "webhook-paused"
-    WEBHOOK_DELETED = "webhook-deleted"
-    ALARM_OPENED = "alarm-opened"
-    ALARM_CLOSED = "alarm-closed"
-    RETENTION_CHANGED = "retention-changed"
-    RETENTION_REMOVED = "retention-removed"
-    CLOCK_STEPPED = "clock-stepped"
-    CLOCK_OFF = "clock-off"
-    RESTORED = "restored"
-
-
-JOB_ENDS = frozenset({EventKind.SUCCEEDED, EventKind.FAILED, EventKind.CANCELLED})
-"""How jobs end."""
+from sawmill_platform.contracts.event_kinds import EventKind
 
 
 class Event(Contract):

@@ -7,27 +7,29 @@ from typing import Annotated, Self
 from pydantic import Field
 
 from sawmill_platform.contracts.base import Contract, Identifier, Stamped, Time
+from sawmill_platform.contracts.registered import RegisteredWord
 from sawmill_vocabulary import Progress
 
 
-class JobKind(StrEnum):
+class JobKind(RegisteredWord):
     """What a worker can be asked to do."""
 
-    # A line a kind: its name, and the plural of what it works on (`sawmill_platform/contracts/kinds.py`).
-    INGEST = "ingest", "scans"
-    TRACE_PHANTOM = "trace-phantom", "phantoms"
-    CALIBRATE = "calibrate", "calibrations"
-    RECONSTRUCT = "reconstruct", "reconstructions"
-    PLAN = "plan", "plans"
-    DRIFT = "drift", "drifts"
-    INSPECT = "inspect", "inspections"
-
     plural: str
+    declared_in: str
 
-    def __new__(cls, name: str, plural: str) -> Self:
-        """A word that carries the plural."""
-        kind = str.__new__(cls, name)
-        kind._value_, kind.plural = name, plural
+    @classmethod
+    def register(cls, name: str, plural: str, *, declared_in: str) -> Self:
+        """Add a kind of job.
+
+        Parameters
+        ----------
+        name, plural
+            Of the kind, and of what its jobs work on: both are part of addresses and folders.
+        declared_in
+            The module that has its `DECLARATION` (`contracts/kinds.py`), imported when it is first needed.
+        """
+        kind = cls._add(name)
+        kind.plural, kind.declared_in = plural, declared_in
         return kind
 
 

@@ -9,7 +9,8 @@ from pydantic import AfterValidator, Field
 
 from sawmill_platform.contracts import patterns
 from sawmill_platform.contracts.base import Contract, Identifier, Name, Stamped, Time
-from sawmill_platform.contracts.events import Event, EventKind
+from sawmill_platform.contracts.event_kinds import EventKind
+from sawmill_platform.contracts.events import Event
 from sawmill_platform.contracts.given import Given
 
 _URL = re.compile(patterns.WEBHOOK_URL)
@@ -69,7 +70,7 @@ def _check_url(url: str) -> str:
 
 def kinds_of(wanted: Iterable[str]) -> frozenset[EventKind]:
     """The kinds of events that have one of these names, or begin with what stands before the `*` of one."""
-    return frozenset(kind for name in wanted for kind in EventKind if _names(name, kind))
+    return frozenset(kind for name in wanted for kind in EventKind.all() if _names(name, kind))
 
 
 def _names(name: str, kind: EventKind) -> bool:

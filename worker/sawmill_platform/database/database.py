@@ -25,7 +25,6 @@ _FILES_LOCK = 0x5A3112
 _CHAIN = ('^revision = "(\\w+)"$', '^down_revision = "(\\w+)"$')
 # In `info` of a session: what is called after its commit.
 AFTER_COMMIT = "after commit"
-_MIGRATIONS = Path(__file__).with_name("migrations")
 
 
 @dataclass
@@ -249,7 +248,7 @@ def is_known(revision: str) -> bool:
 
 def _chain() -> tuple[set[str], set[str]]:
     """The numbers of all migrations, and of those that another one follows."""
-    texts = "".join(path.read_text() for path in (_MIGRATIONS / "versions").glob("*.py"))
+    texts = "".join(path.read_text() for path in (_migrations() / "versions").glob("*.py"))
     numbers, before = (set[str](re.findall(pattern, texts, re.MULTILINE)) for pattern in _CHAIN)
     return numbers, before
 
@@ -313,7 +312,7 @@ def _migrate(connection: Connection, revision: str) -> None:
     from alembic.config import Config  # noqa: PLC0415
 
     config = Config()
-    config.set_main_option("script_location", str(_MIGRATIONS))
+    config.set_main_option("script_location", str(_migrations()))
     config.attributes["connection"] = connection
     with _any_time(connection):
         command.upgrade(config, revision)
@@ -372,3 +371,9 @@ def _file_lock(path: Path) -> Iterator[None]:
     with opened as file:
         fcntl.flock(file, fcntl.LOCK_EX)
         yield
+
+
+def _migrations() -> Path:
+    """Return the folder of the migrations, which the package names that completes the tables."""
+    folder: Path = Base.metadata.info["migrations"]
+    return folder

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from sawmill_platform.errors import StorageUnavailable, disk_outage_reported
-from sawmill_platform.files.file_store import SCAN_FILE, note_of
+from sawmill_platform.files.file_store import note_of
 from sawmill_platform.files.whole_files import renamed
 
 # Smaller files are read within some 30 ms.
@@ -22,7 +22,7 @@ _NOTE = re.compile(rb"([0-9a-f]{64}) ([0-9]+ [0-9]+)")
 
 
 def note_digests(folder: Path) -> None:
-    """Note the digests of a result's large files, but for a scan's line integrals, which nobody downloads.
+    """Note the digests of a result's large files.
 
     Raises
     ------
@@ -31,7 +31,7 @@ def note_digests(folder: Path) -> None:
     """
     for path in list(folder.iterdir()):
         status = path.stat()
-        if path.is_file() and status.st_size >= NOTED_FROM_BYTES and path.name != SCAN_FILE:
+        if path.is_file() and status.st_size >= NOTED_FROM_BYTES:
             with disk_outage_reported("a result"):
                 note_digest(path, status, compute_digest(path, status))
 

@@ -54,7 +54,6 @@ from sawmill_platform.errors import (
 from sawmill_platform.files.upload_stream import Arriving, AsSent, Content, Received, check_free, receive_in_threads
 from sawmill_platform.files.whole_files import flush
 
-SCAN_FILE = "scan.h5"
 UPLOADED_FILE = "original"
 _TEMPORARY = ("incoming", "removed")
 _KEPT = "kept"
@@ -90,7 +89,7 @@ class FileStore:
 
     def make_folders(self) -> None:
         """Make what a data folder has; only where it is known to be the right one."""
-        for name in (*_TEMPORARY, *(kind.plural for kind in JobKind), "attempts", _KEPT, UNFINISHED):
+        for name in (*_TEMPORARY, *(kind.plural for kind in JobKind.all()), "attempts", _KEPT, UNFINISHED):
             (self.folder / name).mkdir(parents=True, exist_ok=True)
 
     def check_there(self) -> None:
@@ -178,14 +177,6 @@ class FileStore:
             if not path.is_file():
                 self._keep(make(), path)
         return path
-
-    def scan(self, scan_id: str) -> Path:
-        """The canonical file of a scan, which `ingest` wrote."""
-        return self.result(JobKind.INGEST, scan_id, SCAN_FILE)
-
-    def volume(self, reconstruction_id: str) -> Path:
-        """The volume of a reconstruction."""
-        return self.result(JobKind.RECONSTRUCT, reconstruction_id, "volume.h5")
 
     def make_attempt_folder(self, job_id: str, attempt: int) -> Path:
         """An empty folder that this attempt alone writes and removes; what others left is not touched."""

@@ -4,7 +4,7 @@ A process whose share is not mounted sees an empty folder, or another one. By th
 nothing there. A copied folder keeps its identity; a restore gives folder and database a new one.
 """
 
-from datetime import UTC, datetime
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from uuid import uuid4
 
@@ -16,12 +16,6 @@ from sawmill_platform.database.tables import DataFolderRow
 from sawmill_platform.errors import FolderUnavailable, StorageMisconfigured
 from sawmill_platform.files.file_store import IDENTITY, UNFINISHED, read_identity
 from sawmill_platform.files.whole_files import flush_names, whole_file
-from sawmill_store.named_by_rows import succeeded, uploaded
-
-# What has files once something was uploaded.
-_USED = ("uploads", UNFINISHED, *(kind.plural for kind in JobKind))
-_WITH_FILES = (JobKind.CALIBRATE, JobKind.RECONSTRUCT)
-_LOOKED_AT = 100
 
 
 def database_expects(identity: str | None) -> ColumnElement[bool]:
@@ -50,7 +44,14 @@ def check_identity(connection: Connection | Session, folder: Path) -> None:
         )
 
 
-def settle_identity(connection: Connection, is_new: bool, *, folder: Path, may_begin: bool) -> None:  # noqa: FBT001
+def settle_identity(
+    connection: Connection,
+    is_new: bool,  # noqa: FBT001
+    *,
+    folder: Path,
+    may_begin: bool,
+    named: Callable[[Connection], Sequence[Path]],
+) -> None:
     """Give a folder and its database one identity where the database has none; otherwise compare them.
 
     Parameters
@@ -61,6 +62,8 @@ def settle_identity(connection: Connection, is_new: bool, *, folder: Path, may_b
         Whether the database had no tables. Else they were those of 0.1.0, and the folder must have files of theirs.
     may_begin
         Whether an empty folder will do where the rows name no files.
+    named
+        Returns some folders that the rows name.
 
     Raises
     ------
@@ -72,8 +75,8 @@ def settle_identity(connection: Connection, is_new: bool, *, folder: Path, may_b
     if connection.scalar(select(DataFolderRow.identity)) is not None:
         check_identity(connection, folder)
         return
-    named = [] if is_new else _first_named(connection, folder)
-    if not (any(path.exists() for path in named) if named else may_begin):
+    due = [] if is_new else named(connection)
+    if not (any(path.exists() for path in due) if due else may_begin):
         raise FolderUnavailable(
             f"the data folder {str(folder)!r} is missing, empty or not mounted: it has none of the files that the "
             "database names"
@@ -87,7 +90,8 @@ def settle_identity(connection: Connection, is_new: bool, *, folder: Path, may_b
 
 def refuse_used(folder: Path) -> None:
     """Refuse a folder with files for a new database, or raise `StorageMisconfigured`."""
-    if any(any((folder / name).glob("*")) for name in _USED):
+    used = ("uploads", UNFINISHED, *(kind.plural for kind in JobKind.all()))  # what has files after an upload
+    if any(any((folder / name).glob("*")) for name in used):
         raise StorageMisconfigured(
             f"the data folder {str(folder)!r} has files, and the database is new and knows none of them: give the "
             "database that belongs to the folder, or an empty folder"
@@ -100,10 +104,3 @@ def write_identity(connection: Connection | Session, folder: Path, identity: str
         file.write(f"{identity}\n".encode())
     flush_names(folder)
     connection.execute(insert(DataFolderRow).values(number=1, identity=identity))
-
-
-def _first_named(connection: Connection, folder: Path) -> list[Path]:
-    """Return some of the folders that rows name."""
-    uploads = uploaded(JobKind.INGEST, lambda: datetime.now(UTC))
-    named = {f"uploads/{JobKind.INGEST.plural}": uploads} | {kind.plural: succeeded(kind) for kind in _WITH_FILES}
-    return [folder / name / each for name, ids in named.items() for each in connection.scalars(ids.limit(_LOOKED_AT))]

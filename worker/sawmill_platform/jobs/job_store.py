@@ -17,11 +17,12 @@ from typing import Any, NamedTuple
 from sqlalchemy import ColumnElement, Select, and_, exists, func, or_, select, update
 from sqlalchemy.orm import Session, aliased
 
-from sawmill_contracts.handed_over import HandedOver
-from sawmill_platform.contracts.audit import AuditAction
+from sawmill_platform.contracts import event_kinds
+from sawmill_platform.contracts.attempts import AttemptInput
 from sawmill_platform.contracts.base import Page
-from sawmill_platform.contracts.events import EventKind
+from sawmill_platform.contracts.event_kinds import EventKind
 from sawmill_platform.contracts.jobs import ENDED, Failure, FailureKind, Job, JobKind, JobState, Priority
+from sawmill_platform.contracts.kinds import declaration_of
 from sawmill_platform.database.database import Database, after_commit, lock_files_of
 from sawmill_platform.database.paging import found, narrowed, rows_of_page
 from sawmill_platform.database.tables import JobDependencyRow, JobRow, Json
@@ -29,12 +30,11 @@ from sawmill_platform.errors import Conflict, LeaseLost, StorageFull, StorageUna
 from sawmill_platform.files.file_store import FileStore, read_identity
 from sawmill_platform.files.folder_identity import check_identity, database_expects
 from sawmill_platform.jobs.retries import LONGEST_WAIT_S, Retries
+from sawmill_platform.jobs.subjects import Subjects
 from sawmill_platform.jobs.turns import ANY, FIRST_COME, QUEUED, Selection, note_served, places, turns
 from sawmill_platform.jobs.wait_estimate import NOTHING_KNOWN, WaitEstimate, WaitEstimates
 from sawmill_platform.ledger.audit import write_audit
-from sawmill_platform.ledger.events import PEAK_MEMORY, record, record_cancel_requested
-from sawmill_store.handing_over import handed_over
-from sawmill_store.subjects import checked_result, record_end_without_result, record_success
+from sawmill_platform.ledger.events import PEAK_MEMORY, announce, record
 from sawmill_vocabulary import Progress
 
 _JITTER = 0.25  # what failed together is not tried again together
@@ -85,9 +85,10 @@ class Claim:
 class Jobs:
     """Every method is one transaction."""
 
-    def __init__(self, database: Database, files: FileStore) -> None:
+    def __init__(self, database: Database, files: FileStore, subjects: Subjects) -> None:
         self._database = database
         self._files = files
+        self._subjects = subjects
         self._estimates = WaitEstimates()
 
     def get(self, job_id: str) -> Job:
@@ -145,9 +146,17 @@ class Jobs:
             if not row.cancel_requested:
                 of = {"kind": row.kind, "subject_id": row.subject_id}
                 now = self._database.now()
-                write_audit(session, now, AuditAction.JOB_CANCELLED, job_id, of)
+                write_audit(session, now, event_kinds.JOB_CANCELLED, job_id, of)
                 if row.state is JobState.RUNNING:
-                    record_cancel_requested(session, now, row)
+                    announce(
+                        session,
+                        now,
+                        event_kinds.CANCEL_REQUESTED,
+                        declaration_of(row.kind).noun,
+                        row.subject_id,
+                        group_id=row.group_id or None,
+                        job_id=row.id,
+                    )
             row.cancel_requested = True
             if row.state is JobState.QUEUED:
                 self._cancel(session, row)
@@ -206,7 +215,7 @@ class Jobs:
                 if claimed is not None:
                     note_served(session, selection, turn)
                     row = found(session, JobRow, "job", claimed)
-                    record(session, now, EventKind.STARTED, row)
+                    self._record(session, now, event_kinds.STARTED, row)
                     return Claim(read_job(row), selection)
             check_identity(session, self._files.folder)
             return None
@@ -239,7 +248,7 @@ class Jobs:
             raise LeaseLost(claim.job_id, claim.attempt)
         return cancel
 
-    def handed_over(self, job_id: str) -> HandedOver:
+    def handed_over(self, job_id: str) -> AttemptInput:
         """What a job works on.
 
         Raises
@@ -250,7 +259,19 @@ class Jobs:
             The database does not answer.
         """
         with self._database.read() as session:
-            return handed_over(session, self._files, found(session, JobRow, "job", job_id))
+            return self._subjects.handed_over(session, found(session, JobRow, "job", job_id))
+
+    def check_output(self, kind: JobKind, given: AttemptInput, result: dict[str, Any], folder: Path) -> None:
+        """Refuse a folder with other files than a job of its kind leaves.
+
+        Raises
+        ------
+        InvalidOutput
+            One sentence tells what is wrong.
+        pydantic.ValidationError
+            The result is not what jobs of this kind answer with.
+        """
+        self._subjects.check_output(kind, given, result, folder)
 
     def keep(self, claim: Claim, output: Path, names: Sequence[str]) -> None:
         """Keep an attempt's checkpoints with the job: it has made progress, so that its losses are counted anew.
@@ -304,11 +325,11 @@ class Jobs:
             The result is not what jobs of this kind answer with.
         """
         kind, subject_id = claim.job.kind, claim.job.subject_id
-        checked = checked_result(kind, result)
+        checked = declaration_of(kind).result.model_validate(result).model_dump(mode="json")
         with self._ending() as session:
             row = _held(session, claim)
-            self._end(session, row, JobState.SUCCEEDED, EventKind.SUCCEEDED, detail=_measured(peak_memory_bytes))
-            record_success(session, kind, subject_id, checked, self._database.now())
+            self._end(session, row, JobState.SUCCEEDED, event_kinds.SUCCEEDED, detail=_measured(peak_memory_bytes))
+            self._subjects.record_success(session, kind, subject_id, checked, self._database.now())
             session.flush()
             # Renamed while the row is locked: a late attempt cannot replace a newer one's files. When the commit fails
             # the files stay: it may have come through. If not, the next attempt replaces them, or `leftovers` does.
@@ -369,7 +390,7 @@ class Jobs:
             if row.cancel_requested:
                 self._cancel(session, row)
             else:
-                record(session, self._database.now(), EventKind.GIVEN_BACK, row)
+                self._record(session, self._database.now(), event_kinds.GIVEN_BACK, row)
                 requeue(row)
             return row.state
 
@@ -455,6 +476,12 @@ class Jobs:
             ready = _claimable(self._database.now()).with_only_columns(JobRow.id)
             return session.scalars(ready.where(needs_it)).all()
 
+    def _record(
+        self, session: Session, now: datetime, what: EventKind, row: JobRow, detail: Json | None = None
+    ) -> None:
+        record(session, now, what, row, detail)
+        self._subjects.record_event(session, now, what, row, detail)
+
     @contextmanager
     def _ending(self) -> Iterator[Session]:
         """A transaction that may end jobs; what these kept goes when that is committed."""
@@ -485,20 +512,20 @@ class Jobs:
             now = self._database.now()
             if failure.code in _OUTAGES:
                 row.outages += 1
-                record(session, now, EventKind.PUT_OFF, row, reported)
+                self._record(session, now, event_kinds.PUT_OFF, row, reported)
                 _wait(row, now, detail, retries.outage_wait_s, row.outages)
                 return
             row.losses, row.outages = row.losses + 1, 0
-            record(session, now, EventKind.LOST, row, reported)
+            self._record(session, now, event_kinds.LOST, row, reported)
             if row.losses < retries.max_losses:
                 _wait(row, now, detail, retries.loss_wait_s, row.losses)
                 return
         row.failure = detail
-        self._end(session, row, JobState.FAILED, EventKind.FAILED, reason=failure.detail, detail=reported)
+        self._end(session, row, JobState.FAILED, event_kinds.FAILED, reason=failure.detail, detail=reported)
 
     def _cancel(self, session: Session, row: JobRow) -> None:
         self._database.spare_room.give_up_piece()
-        self._end(session, row, JobState.CANCELLED, EventKind.CANCELLED, reason=_CANCELLED)
+        self._end(session, row, JobState.CANCELLED, event_kinds.CANCELLED, reason=_CANCELLED)
 
     def _end(
         self,
@@ -514,9 +541,9 @@ class Jobs:
         row.state = state
         row.finished_at = self._database.now()
         row.not_before_s = row.waiting_for = None
-        record(session, row.finished_at, what, row, detail)
+        self._record(session, row.finished_at, what, row, detail)
         if reason is not None:
-            record_end_without_result(session, row.kind, row.subject_id, reason, row.finished_at)
+            self._subjects.record_end_without_result(session, row.kind, row.subject_id, reason, row.finished_at)
 
 
 def _claimable(at: datetime, selection: Selection = ANY) -> Select[JobRow]:

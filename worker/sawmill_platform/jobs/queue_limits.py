@@ -12,7 +12,7 @@ from sqlalchemy import func, literal_column, select
 from sqlalchemy.orm import Session
 
 from sawmill_platform.acting import actor
-from sawmill_platform.contracts.events import EventKind
+from sawmill_platform.contracts import event_kinds
 from sawmill_platform.database.database import Database, lock_files_of
 from sawmill_platform.database.tables import EventRow, JobRow
 from sawmill_platform.errors import QueueFull
@@ -94,7 +94,7 @@ class Places:
         if actor().of_service:
             full = self._full(session, None, own=1)
             if full is not None:
-                queued = select(EventRow).where(EventRow.job_id == job.id, EventRow.what == EventKind.QUEUED)
+                queued = select(EventRow).where(EventRow.job_id == job.id, EventRow.what == event_kinds.QUEUED)
                 session.scalars(queued).one().detail = {
                     "reason": f"{full.sentence}: this one is the service's own and waits as well"
                 }

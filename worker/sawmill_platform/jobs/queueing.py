@@ -7,10 +7,11 @@ from sqlalchemy import select, update
 from sqlalchemy.orm import Session
 
 from sawmill_platform.acting import actor
+from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.jobs import JobKind, JobState, Priority
 from sawmill_platform.database.paging import new_id, refuse_taken
 from sawmill_platform.database.tables import JobDependencyRow, JobRow
-from sawmill_platform.ledger.events import record_queued
+from sawmill_platform.ledger.events import record
 
 
 def queue_job(
@@ -20,7 +21,7 @@ def queue_job(
     now: datetime,
     *,
     short: bool,
-    scanner_id: str | None,
+    group_id: str | None,
     needs: Sequence[str] = (),
     job_id: str | None = None,
     priority: Priority = Priority.WAITED_FOR,
@@ -40,7 +41,7 @@ def queue_job(
         subject_id=subject_id,
         priority=priority,
         short=short,
-        group_id=scanner_id or "",
+        group_id=group_id or "",
         attempt=0,
         beats=0,
         losses=0,
@@ -51,7 +52,7 @@ def queue_job(
         asked_by=asked_by.name,
     )
     session.add(row)
-    record_queued(session, row, scanner_id)
+    record(session, row.created_at, event_kinds.QUEUED, row)
     session.flush()
     session.add_all(JobDependencyRow(job_id=job_id, needs_job_id=needed) for needed in needs)
     _bring_forward(session, needs, priority)

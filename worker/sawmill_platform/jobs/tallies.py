@@ -14,7 +14,8 @@ from typing import Any, NamedTuple
 from sqlalchemy import ColumnElement, Select, case, func, select
 from sqlalchemy.orm import Session
 
-from sawmill_platform.contracts.events import EventKind
+from sawmill_platform.contracts import event_kinds
+from sawmill_platform.contracts.event_kinds import EventKind
 from sawmill_platform.contracts.jobs import JobKind, JobState
 from sawmill_platform.database.database import Database
 from sawmill_platform.database.tables import EventRow, JobRow, seconds_between
@@ -159,7 +160,7 @@ def _fates(session: Session, *which: ColumnElement[bool]) -> dict[Fate, Amount]:
 
 def _ended(dialect: str, *which: ColumnElement[bool]) -> Select[Any]:
     """A row an attempt that a worker has ended; its seconds are known where it ended the job with a result."""
-    succeeded = EventRow.what == EventKind.SUCCEEDED
+    succeeded = EventRow.what == event_kinds.SUCCEEDED
     seconds = case((succeeded, seconds_between(dialect, JobRow.started_at, JobRow.finished_at)))
     return (
         select(
@@ -171,7 +172,7 @@ def _ended(dialect: str, *which: ColumnElement[bool]) -> Select[Any]:
             seconds.label("seconds"),
         )
         .join(JobRow, JobRow.id == EventRow.job_id)
-        .where(EventRow.what != EventKind.STARTED, EventRow.worker.is_not(None), *which)
+        .where(EventRow.what != event_kinds.STARTED, EventRow.worker.is_not(None), *which)
         .limit(_ALL)  # else SQLite works out the seconds anew for each class of durations
     )
 

@@ -14,7 +14,6 @@ from sawmill_platform.contracts.jobs import JobKind, JobState, Priority
 from sawmill_platform.database.tables import JobRow
 from sawmill_platform.jobs.turns import ANY, Selection, places
 
-_KINDS = {kind.value: kind for kind in JobKind}
 _RECENT = 1000  # ended jobs among which those of a kind are looked for
 _ENOUGH = 20  # of a kind: its median changes little by more
 _REFRESH_S = 5.0
@@ -106,7 +105,7 @@ def _before_in(session: Session, selection: Selection, job_ids: Collection[str])
     counts: Counter[tuple[str, bool]] = Counter()
     for place in places(session, selection) if job_ids else ():
         if place.job_id in job_ids:
-            before[place.job_id] = Counter({Line(_KINDS[kind], short): n for (kind, short), n in counts.items()})
+            before[place.job_id] = Counter({Line(JobKind.of(kind), short): n for (kind, short), n in counts.items()})
         counts[place.kind, place.short] += 1
     return before
 

@@ -11,8 +11,8 @@ from sqlalchemy import ColumnElement, and_, or_, select, update
 from sqlalchemy.orm import QueryableAttribute, Session
 
 from sawmill_platform.acting import actor
-from sawmill_platform.contracts.audit import AuditAction
-from sawmill_platform.contracts.events import EventKind
+from sawmill_platform.contracts import event_kinds
+from sawmill_platform.contracts.event_kinds import EventKind
 from sawmill_platform.contracts.keys import Key, KeyAsk, Keys, NewKey
 from sawmill_platform.database.database import Database
 from sawmill_platform.database.paging import found, new_id
@@ -56,8 +56,8 @@ class KeyStore:
         )
         with self._database.write() as session:
             session.add(row)
-            write_audit(session, now, AuditAction.KEY_CREATED, row.id, ask.model_dump(mode="json"))
-            _announce(session, now, EventKind.KEY_CREATED, row.id)
+            write_audit(session, now, event_kinds.KEY_CREATED, row.id, ask.model_dump(mode="json"))
+            _announce(session, now, event_kinds.KEY_CREATED, row.id)
             session.flush()
             return _with_secret(row, secret)
 
@@ -83,8 +83,8 @@ class KeyStore:
                 raise Conflict("key-ended", msg)
             row.previous_hash, row.previous_until = row.secret_hash, now + timedelta(seconds=grace_s)
             row.secret_hash, row.rotated_at = hash_of(secret), now
-            write_audit(session, now, AuditAction.KEY_ROTATED, key_id, {"name": row.name, "grace_s": grace_s})
-            _announce(session, now, EventKind.KEY_ROTATED, key_id)
+            write_audit(session, now, event_kinds.KEY_ROTATED, key_id, {"name": row.name, "grace_s": grace_s})
+            _announce(session, now, event_kinds.KEY_ROTATED, key_id)
             return _with_secret(row, secret)
 
     def revoke(self, key_id: str) -> Key:
@@ -100,8 +100,8 @@ class KeyStore:
             row = found(session, KeyRow, "key", key_id, lock=True)
             if row.revoked_at is None:
                 row.revoked_at = now
-                write_audit(session, now, AuditAction.KEY_REVOKED, key_id, {"name": row.name})
-                _announce(session, now, EventKind.KEY_REVOKED, key_id)
+                write_audit(session, now, event_kinds.KEY_REVOKED, key_id, {"name": row.name})
+                _announce(session, now, event_kinds.KEY_REVOKED, key_id)
             return read_key(row)
 
     def good(self, secret_hash: str) -> Key | None:

@@ -10,7 +10,7 @@ from datetime import datetime, timedelta
 from sqlalchemy import ColumnElement, and_, delete, or_, select, update
 
 from sawmill_platform.acting import actor
-from sawmill_platform.contracts.audit import AuditAction
+from sawmill_platform.contracts import event_kinds
 from sawmill_platform.database.database import Database
 from sawmill_platform.database.tables import KeyRow, SessionRow
 from sawmill_platform.keys.key_store import RANDOM_BYTES, hash_of, opened_by
@@ -79,7 +79,7 @@ class Sessions:
             for beyond in session.scalars(oldest):
                 session.delete(beyond)
             session.add(row)
-            write_audit(session, now, AuditAction.LOGGED_IN, _who(), {"lasting": lasting})
+            write_audit(session, now, event_kinds.LOGGED_IN, _who(), {"lasting": lasting})
         return secret
 
     def find(self, secret: str) -> BrowserSession | None:
@@ -107,7 +107,7 @@ class Sessions:
             row = session.get(SessionRow, hash_of(secret))
             if row is not None:
                 session.delete(row)
-                write_audit(session, now, AuditAction.LOGGED_OUT, _who())
+                write_audit(session, now, event_kinds.LOGGED_OUT, _who())
 
 
 def _who() -> str:

@@ -8,8 +8,9 @@ from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
 from sawmill_platform.acting import actor
-from sawmill_platform.contracts.audit import AuditAction, AuditEntry
+from sawmill_platform.contracts.audit import AuditEntry
 from sawmill_platform.contracts.base import Page
+from sawmill_platform.contracts.event_kinds import EventKind
 from sawmill_platform.database.database import Database
 from sawmill_platform.database.paging import read_numbered_page
 from sawmill_platform.database.tables import AuditRow
@@ -18,7 +19,7 @@ _BATCH = 500
 
 
 def write_audit(
-    session: Session, now: datetime, action: AuditAction, subject_id: str, detail: dict[str, Any] | None = None
+    session: Session, now: datetime, action: EventKind, subject_id: str, detail: dict[str, Any] | None = None
 ) -> None:
     """Add what whoever acts does."""
     who = actor()

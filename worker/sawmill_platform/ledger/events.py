@@ -1,4 +1,4 @@
-"""What happened, written in the transaction of the change itself; `sawmill_platform/ledger/event_reader.py` follows it."""
+"""Events, written in the transaction of the change itself; `ledger/event_reader.py` follows them."""
 
 from datetime import datetime
 from functools import partial
@@ -8,18 +8,15 @@ import structlog
 from sqlalchemy import and_, func, inspect, select
 from sqlalchemy.orm import Session
 
-from sawmill_contracts.alarms import AlarmKind
-from sawmill_platform.acting import actor
-from sawmill_platform.contracts.audit import AuditAction
-from sawmill_platform.contracts.events import JOB_ENDS, Event, EventKind
-from sawmill_platform.contracts.jobs import JobKind
+from sawmill_platform.contracts import event_kinds
+from sawmill_platform.contracts.event_kinds import JOB_ENDS, EventKind
+from sawmill_platform.contracts.events import Event
 from sawmill_platform.contracts.kinds import declaration_of
 from sawmill_platform.database import clock
 from sawmill_platform.database.database import AFTER_COMMIT, Database
 from sawmill_platform.database.paging import found
-from sawmill_platform.database.tables import AuditRow, EventRow, JobRow, ScanRow, table_of
+from sawmill_platform.database.tables import EventRow, JobRow, Json
 from sawmill_platform.ledger.event_reader import EventReader, read_event
-from sawmill_store.history_writer import enter
 
 # In the detail of an attempt's end, where the attempt could tell it.
 PEAK_MEMORY = "peak_memory_bytes"
@@ -27,113 +24,27 @@ PEAK_MEMORY = "peak_memory_bytes"
 _NEWEST = 2000
 # By a restore. A mill with 2 000 logs a day writes some 30 000 events a day, and a backup is younger than a month.
 NUMBERS_SKIPPED = 1_000_000
-_OF_NO_ATTEMPT = (EventKind.QUEUED, EventKind.CANCEL_REQUESTED)
+_OF_NO_ATTEMPT = (event_kinds.QUEUED, event_kinds.CANCEL_REQUESTED)
 
 
-def record(session: Session, now: datetime, what: EventKind, job: JobRow, detail: dict[str, Any] | None = None) -> None:
-    """Add an event of a job's attempt; `sawmill_store/measurements.py` enters a success with what it measured."""
-    scanner_id = scanner_of(session, job.kind, job.subject_id)
-    _add(session, now, what, job, scanner_id, detail)
-    if what is not EventKind.SUCCEEDED:
-        who, key_id = _canceller(session, job) if what is EventKind.CANCELLED else (job.asked_by, job.key_id)
-        noun, why = declaration_of(job.kind).noun, (detail or {}).get("detail")
-        enter(session, now, what, noun, job.subject_id, scanner_id, who=who, key_id=key_id, why=why)
-
-
-def record_queued(session: Session, job: JobRow, scanner_id: str | None) -> None:
-    """Add that a job was accepted; what it works on may not be written yet."""
-    _add(session, job.created_at, EventKind.QUEUED, job, scanner_id)
-
-
-def record_cancel_requested(session: Session, now: datetime, job: JobRow) -> None:
-    """Add that the worker of a job is asked to stop; its attempt goes on until it has, so this is no fate of it."""
-    scanner_id = scanner_of(session, job.kind, job.subject_id)
-    noun = declaration_of(job.kind).noun
-    announce(session, now, EventKind.CANCEL_REQUESTED, noun, job.subject_id, scanner_id=scanner_id, job_id=job.id)
-
-
-def record_restored(session: Session, now: datetime, detail: dict[str, Any]) -> None:
-    """Add that a backup was restored, under a number that no event had that was written after the backup."""
-    newest = session.scalar(select(func.max(EventRow.number))) or 0
-    session.add(EventRow(number=newest + NUMBERS_SKIPPED, at=now, what=EventKind.RESTORED, detail=detail))
-    session.flush()
-
-
-def announce(
-    session: Session,
-    now: datetime,
-    what: EventKind,
-    subject: str,
-    subject_id: str,
-    *,
-    scanner_id: str | None = None,
-    job_id: str | None = None,
-    detail: dict[str, Any] | None = None,
-    why: str | None = None,
-    alarm: AlarmKind | None = None,
-) -> None:
-    """Add what happens to anything but an attempt at a job, and enter it in its scanner's history.
+def record(session: Session, now: datetime, what: EventKind, job: JobRow, detail: Json | None = None) -> None:
+    """Add an event of a job or of its attempt.
 
     Parameters
     ----------
     session, now
-        Of the change.
+        The transaction of the change, and its time.
     what
-        Happens.
-    subject, subject_id
-        To what: `scan` and its id.
-    scanner_id
-        The scanner that it concerns.
-    job_id
-        The job that it concerns.
+        The kind of event.
+    job
+        The job.
     detail
-        More about it, of few words: events are sent to whoever follows them.
-    why, alarm
-        For the history: a sentence, by default the `reason` of the detail, and which alarm it is about.
+        More about it, of few words.
     """
     row = EventRow(
         at=now,
         what=what,
-        scanner_id=scanner_id,
-        subject=subject,
-        subject_id=subject_id,
-        job_id=job_id,
-        detail=detail,
-    )
-    _write(session, row)
-    by, why = actor(), why or (detail or {}).get("reason")
-    enter(session, now, what, subject, subject_id, scanner_id, who=by.name, key_id=by.key_id, why=why, alarm=alarm)
-
-
-def scanner_of(session: Session, kind: JobKind, subject_id: str) -> str | None:
-    """The scanner that a job's subject belongs to; None for a phantom, or where the subject is not stored."""
-    if kind is JobKind.TRACE_PHANTOM:
-        return None
-    table = ScanRow if kind is JobKind.INGEST else table_of(kind)
-    return session.scalar(select(table.__table__.c.scanner_id).where(table.id == subject_id))
-
-
-def _canceller(session: Session, job: JobRow) -> tuple[str | None, str | None]:
-    """The name and the key's id of whoever cancelled a job."""
-    entries = select(AuditRow.who, AuditRow.key_id).where(
-        AuditRow.subject_id == job.id, AuditRow.action == AuditAction.JOB_CANCELLED
-    )
-    found = session.execute(entries.order_by(AuditRow.number.desc()).limit(1)).one_or_none()
-    return (None, None) if found is None else (found.who, found.key_id)
-
-
-def _add(
-    session: Session,
-    at: datetime,
-    what: EventKind,
-    job: JobRow,
-    scanner_id: str | None,
-    detail: dict[str, Any] | None = None,
-) -> None:
-    row = EventRow(
-        at=at,
-        what=what,
-        scanner_id=scanner_id,
+        scanner_id=job.group_id or None,
         subject=declaration_of(job.kind).noun,
         subject_id=job.subject_id,
         job_id=job.id,
@@ -144,14 +55,61 @@ def _add(
     _write(session, row)
 
 
+def record_restored(session: Session, now: datetime, detail: dict[str, Any]) -> None:
+    """Add that a backup was restored, under a number that no event had that was written after the backup."""
+    newest = session.scalar(select(func.max(EventRow.number))) or 0
+    session.add(EventRow(number=newest + NUMBERS_SKIPPED, at=now, what=event_kinds.RESTORED, detail=detail))
+    session.flush()
+
+
+def announce(
+    session: Session,
+    now: datetime,
+    what: EventKind,
+    subject: str,
+    subject_id: str,
+    *,
+    group_id: str | None = None,
+    job_id: str | None = None,
+    detail: dict[str, Any] | None = None,
+) -> None:
+    """Add an event of anything but an attempt at a job.
+
+    Parameters
+    ----------
+    session, now
+        The transaction of the change, and its time.
+    what
+        The kind of event.
+    subject, subject_id
+        What it happened to: `key` and its id.
+    group_id
+        The group that it concerns.
+    job_id
+        The job that it concerns.
+    detail
+        More about it, of few words: events are sent to whoever follows them.
+    """
+    row = EventRow(
+        at=now,
+        what=what,
+        scanner_id=group_id,
+        subject=subject,
+        subject_id=subject_id,
+        job_id=job_id,
+        detail=detail,
+    )
+    _write(session, row)
+
+
 def _write(session: Session, row: EventRow) -> None:
-    """Add it, and have it logged once it is committed."""
+    """Add a row, and log it once it is committed."""
     session.add(row)
     session.info.setdefault(AFTER_COMMIT, []).append(partial(_log, row))
 
 
 def _log(row: EventRow) -> None:
-    """A line for what happened; commands, which print their answer, have no log."""
+    """Log an event; commands, which print their answer, have no log."""
     if structlog.is_configured() and inspect(row).persistent:  # a part of the transaction may have been undone
         structlog.get_logger().info("event", **read_event(row).model_dump(mode="json", exclude_none=True))
 
@@ -238,18 +196,18 @@ class Events:
     def clock_off(self, worker: str, off_s: float) -> None:
         """Say that a process's clock is ahead (or behind, below 0) by this."""
         with self._database.write() as session:
-            self._add_of_clock(session, EventKind.CLOCK_OFF, worker, off_s)
+            self._add_of_clock(session, event_kinds.CLOCK_OFF, worker, off_s)
 
     def step_clock(self, worker: str, off_s: float) -> None:
         """Take over a lasting step of the clock of the process that owns the time."""
         with self._database.write() as session:
-            self._add_of_clock(session, EventKind.CLOCK_STEPPED, worker, off_s)
+            self._add_of_clock(session, event_kinds.CLOCK_STEPPED, worker, off_s)
             clock.set_to(session, clock.machine_offset_s())
         self._database.clock.refresh()
 
     def of_clock(self) -> list[Event]:
         """What happened to clocks, the oldest first."""
-        kinds = [EventKind.CLOCK_OFF, EventKind.CLOCK_STEPPED]
+        kinds = [event_kinds.CLOCK_OFF, event_kinds.CLOCK_STEPPED]
         with self._database.read() as session:
             rows = session.scalars(select(EventRow).where(EventRow.what.in_(kinds)).order_by(EventRow.number))
             return [read_event(row) for row in rows]

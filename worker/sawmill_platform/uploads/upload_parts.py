@@ -13,7 +13,7 @@ from pathlib import Path
 from sqlalchemy import delete, update
 from sqlalchemy.orm import Session
 
-from sawmill_platform.contracts.events import EventKind
+from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.uploads import Upload, UploadState
 from sawmill_platform.database.database import Database
 from sawmill_platform.database.tables import UploadRow
@@ -167,7 +167,7 @@ class Part:
             raise Damaged(msg)
         with self._database.write() as session:
             now = self._change(session, sha256=sha256, state=UploadState.COMPLETE)
-            announce(session, now, EventKind.UPLOAD_COMPLETE, "upload", self._id)
+            announce(session, now, event_kinds.UPLOAD_COMPLETE, "upload", self._id)
 
     def _change(self, session: Session, **values: object) -> datetime:
         """Change the row, which is as this part knows it or gone; when."""
@@ -186,4 +186,4 @@ def lost(upload_id: str) -> Conflict:
 
 def announce_deleted(session: Session, now: datetime, upload_id: str, reason: str) -> None:
     """Tell followers that an upload has gone, and why."""
-    announce(session, now, EventKind.UPLOAD_DELETED, "upload", upload_id, detail={"reason": reason})
+    announce(session, now, event_kinds.UPLOAD_DELETED, "upload", upload_id, detail={"reason": reason})

@@ -8,7 +8,7 @@ from sqlalchemy import ColumnElement, delete, func, select, update
 from sqlalchemy.orm import Session
 
 from sawmill_platform.acting import actor
-from sawmill_platform.contracts.events import EventKind
+from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.jobs import JobKind
 from sawmill_platform.contracts.uploads import UPLOAD_KEPT, Upload, UploadAsk, UploadState
 from sawmill_platform.database.database import Database, lock_files_of
@@ -70,7 +70,7 @@ class Uploads:
             refuse_taken(session, UploadRow, "upload", row.id)
             _check_quota(session, row, quota)
             session.add(row)
-            announce(session, now, EventKind.UPLOAD_CREATED, "upload", row.id)
+            announce(session, now, event_kinds.UPLOAD_CREATED, "upload", row.id)
             return read_upload(row)
 
     def get(self, upload_id: str) -> Upload:
@@ -212,7 +212,7 @@ def use_up(session: Session, now: datetime, received: Received, kind: JobKind, s
         raise Conflict(
             "upload-used", f"upload {received.upload_id!r} has been used or deleted meanwhile: send it again"
         )
-    announce(session, now, EventKind.UPLOAD_USED, "upload", received.upload_id, detail={"used_by": used_by})
+    announce(session, now, event_kinds.UPLOAD_USED, "upload", received.upload_id, detail={"used_by": used_by})
 
 
 def _check_quota(session: Session, row: UploadRow, quota: UploadQuota) -> None:

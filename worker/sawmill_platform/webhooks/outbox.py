@@ -11,7 +11,8 @@ from datetime import datetime, timedelta
 from sqlalchemy import select, update
 from sqlalchemy.orm import Session
 
-from sawmill_platform.contracts.events import Event, EventKind
+from sawmill_platform.contracts import event_kinds
+from sawmill_platform.contracts.events import Event
 from sawmill_platform.contracts.webhooks import DeliveryState
 from sawmill_platform.database.database import Database
 from sawmill_platform.database.paging import new_id
@@ -204,7 +205,7 @@ def _fail(session: Session, row: WebhookRow, attempt: Attempt, now: datetime) ->
         return
     row.enabled, row.paused, row.next_attempt_at = False, True, None
     detail = {"reason": attempt.reason, "failures": row.failures}
-    announce(session, now, EventKind.WEBHOOK_PAUSED, "webhook", row.id, detail=detail)
+    announce(session, now, event_kinds.WEBHOOK_PAUSED, "webhook", row.id, detail=detail)
 
 
 def _enter(session: Session, row: WebhookRow, event: Event, attempt: Attempt, now: datetime) -> None:

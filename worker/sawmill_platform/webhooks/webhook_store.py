@@ -11,9 +11,8 @@ from datetime import datetime, timedelta
 from sqlalchemy import ColumnElement, delete, func, select
 from sqlalchemy.orm import Session
 
-from sawmill_platform.contracts.audit import AuditAction
+from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.base import Page
-from sawmill_platform.contracts.events import EventKind
 from sawmill_platform.contracts.webhooks import (
     Delivery,
     NewWebhook,
@@ -75,12 +74,12 @@ class WebhookStore:
                 msg = f"there are {MOST} webhooks already, and there can be no more: delete one"
                 raise Conflict("too-many-webhooks", msg)
             row = WebhookRow(id=webhook_id or new_id(), created_at=now, secret=_new_secret())
-            announce(session, now, EventKind.WEBHOOK_CREATED, "webhook", row.id)
+            announce(session, now, event_kinds.WEBHOOK_CREATED, "webhook", row.id)
             session.flush()
             row.after = _newest(session)
             _describe(session, row, ask)
             session.add(row)
-            write_audit(session, now, AuditAction.WEBHOOK_CREATED, row.id, _audited(row))
+            write_audit(session, now, event_kinds.WEBHOOK_CREATED, row.id, _audited(row))
             session.flush()
             return _with_secret(session, row)
 
@@ -122,24 +121,24 @@ class WebhookStore:
             row = found(session, WebhookRow, "webhook", webhook_id, lock=True)
             row.previous_secret, row.previous_secret_until = row.secret, now + timedelta(seconds=grace_s)
             row.secret = _new_secret()
-            write_audit(session, now, AuditAction.WEBHOOK_ROTATED, webhook_id, {"grace_s": grace_s})
-            announce(session, now, EventKind.WEBHOOK_ROTATED, "webhook", webhook_id)
+            write_audit(session, now, event_kinds.WEBHOOK_ROTATED, webhook_id, {"grace_s": grace_s})
+            announce(session, now, event_kinds.WEBHOOK_ROTATED, "webhook", webhook_id)
             return _with_secret(session, row)
 
     def note_test(self, test: WebhookTest) -> WebhookTest:
         """Enter that somebody sent a test, and why it was not delivered; the webhook stands as before."""
         now, detail = self._database.now(), {} if test.reason is None else {"reason": test.reason}
         with self._database.write() as session:
-            write_audit(session, now, AuditAction.WEBHOOK_TESTED, test.webhook_id, detail)
-            announce(session, now, EventKind.WEBHOOK_TESTED, "webhook", test.webhook_id, detail=detail)
+            write_audit(session, now, event_kinds.WEBHOOK_TESTED, test.webhook_id, detail)
+            announce(session, now, event_kinds.WEBHOOK_TESTED, "webhook", test.webhook_id, detail=detail)
         return test
 
     def delete(self, webhook_id: str) -> None:
         """Remove a webhook and the list of what it was sent, or `NotFound`."""
         with self._database.write() as session:
             row, now = found(session, WebhookRow, "webhook", webhook_id, lock=True), self._database.now()
-            write_audit(session, now, AuditAction.WEBHOOK_DELETED, webhook_id, _audited(row))
-            announce(session, now, EventKind.WEBHOOK_DELETED, "webhook", webhook_id)
+            write_audit(session, now, event_kinds.WEBHOOK_DELETED, webhook_id, _audited(row))
+            announce(session, now, event_kinds.WEBHOOK_DELETED, "webhook", webhook_id)
             session.delete(row)
 
     def deliveries(self, webhook_id: str, *, after: str | None = None, limit: int = 50) -> Page[Delivery]:
@@ -170,8 +169,8 @@ def _replace(session: Session, now: datetime, row: WebhookRow, ask: WebhookAsk) 
     _describe(session, row, ask)
     row.paused, row.failures, row.next_attempt_at = False, 0, None
     after = _audited(row) | {"after": row.after}
-    write_audit(session, now, AuditAction.WEBHOOK_CHANGED, row.id, changed(before, after))
-    announce(session, now, EventKind.WEBHOOK_CHANGED, "webhook", row.id)
+    write_audit(session, now, event_kinds.WEBHOOK_CHANGED, row.id, changed(before, after))
+    announce(session, now, event_kinds.WEBHOOK_CHANGED, "webhook", row.id)
     session.flush()
 
 

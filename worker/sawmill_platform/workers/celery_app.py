@@ -2,16 +2,17 @@
 
 A message announces only that there may be a job, not which one is next: it is acknowledged at once, and losing or
 repeating it does no harm.
-Start a worker with `celery -A sawmill_platform.workers.celery_app worker`. It serves both lanes, one after the other as
-messages come; one with `-Q sawmill-short` serves short jobs alone, so that these wait for no long one.
+A worker serves both lanes, one after the other as messages come; one with `-Q sawmill-short` serves short jobs alone,
+so that these wait for no long one.
 """
 
 import queue
 import signal
 import sys
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from types import FrameType
 from typing import Any
 
@@ -23,19 +24,18 @@ from kombu.exceptions import OperationalError
 from redis.exceptions import RedisError
 
 from sawmill_platform.attempts.process import AttemptNotStarted
-from sawmill_platform.attempts.runner import ATTEMPT_COMMAND, Runner
+from sawmill_platform.attempts.runner import Runner
 from sawmill_platform.confinement.confinement import say_if_unconfined
 from sawmill_platform.errors import StorageError, StorageFull, StorageUnavailable
 from sawmill_platform.jobs.turns import Selection
 from sawmill_platform.settings import StorageSettings
+from sawmill_platform.store import JobServiceStore
 from sawmill_platform.workers.broker_report import report_of
-from sawmill_platform.workers.housekeeping import Housekeeping
 from sawmill_platform.workers.logs import configure_logs
 from sawmill_platform.workers.opening import open_store
+from sawmill_platform.workers.program import WorkerProgram
 from sawmill_platform.workers.settings import ExecutionSettings
 from sawmill_platform.workers.sharing import say_if_crowded
-from sawmill_platform.workers.variables import WrongVariableError, variables_checked
-from sawmill_store.store import Store
 
 RUN_JOB = "sawmill.run_job"
 _QUEUE = "sawmill"
@@ -48,19 +48,13 @@ _MOST_WAITING = 100  # wake-ups; more of them add nothing
 _CLOSE_S = 2.0
 
 
-def make_celery(
-    settings: ExecutionSettings, storage: StorageSettings, *, command: Sequence[str] = ATTEMPT_COMMAND
-) -> Celery:
-    """The Celery application, for workers and for senders.
+def make_celery(settings: ExecutionSettings) -> Celery:
+    """Make the Celery application of senders, which workers extend (`serve`).
 
     Parameters
     ----------
     settings
         With a broker.
-    storage
-        The store that all machines share.
-    command
-        Starts the process of an attempt, as for `Runner`.
 
     Raises
     ------
@@ -95,7 +89,22 @@ def make_celery(
             "interval_start": 0.1,
         },
     )
-    engine = _Engine(app, settings, storage, command)
+    return app
+
+
+def serve(app: Celery, settings: ExecutionSettings, storage: StorageSettings, program: WorkerProgram[Any]) -> Celery:
+    """Let an application's workers run jobs.
+
+    Parameters
+    ----------
+    app, settings
+        From `make_celery`, and its settings.
+    storage
+        The store that all machines share.
+    program
+        What the workers run.
+    """
+    engine = _Engine(app, settings, storage, program)
     app.task(engine.run_job, name=RUN_JOB)
     # The signals are Celery's own and fire in worker processes only.
     signals.worker_init.connect(engine.start, weak=False)
@@ -156,10 +165,10 @@ class _Engine:
     """What a Celery worker process holds while it runs."""
 
     def __init__(
-        self, app: Celery, settings: ExecutionSettings, storage: StorageSettings, command: Sequence[str]
+        self, app: Celery, settings: ExecutionSettings, storage: StorageSettings, program: WorkerProgram[Any]
     ) -> None:
         self._app = app
-        self._command = command
+        self._program = program
         self._settings = settings
         self._storage = storage
         self._stop = threading.Event()
@@ -180,20 +189,20 @@ class _Engine:
         self._store = self._opened()
         self._wake = Waker(self._app, self._store.jobs.is_short)
         self._runner = Runner(
-            self._store, self._settings, self._stop, command=self._command, on_ended=self._wake_waiting
+            self._store, self._settings, self._stop, command=self._program.attempt_command, on_ended=self._wake_waiting
         )
         self._runner.warm_up()
-        self._housekeeping = Housekeeping(self._store, self._settings, self._stop)
+        self._housekeeping = self._program.housekeeping(self._store, self._settings, self._stop)
         self._housekeeping.start()
         self._wake.start()
         # Apart from the housekeeping, which goes on whatever Redis does.
         threading.Thread(target=self._sweep_until_stopped, name="sweep", daemon=True).start()
 
-    def _opened(self) -> Store:
+    def _opened(self) -> JobServiceStore:
         # Celery listens to signals later, and the first process of a container hears none that it does not handle.
         before = signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
         try:
-            store = open_store(self._storage, self._stop, may_begin=False)
+            store: JobServiceStore | None = open_store(partial(self._program.open_store, self._storage), self._stop)
         except (StorageError, OSError) as error:  # Celery would log it and go on without a store
             raise SystemExit(f"this worker cannot start: {error}") from error
         finally:
@@ -269,17 +278,3 @@ class _Engine:
         with self._app.connection_for_write() as connection:
             declared = connection.default_channel.queue_declare(queue=name, durable=True)
             return int(declared.message_count)
-
-
-def __getattr__(name: str) -> Celery:
-    """Make `app` when Celery's command line looks for it, from the environment; importing makes nothing."""
-    if name != "app":
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    try:
-        with variables_checked():
-            app = make_celery(ExecutionSettings(), StorageSettings())
-    except (WrongVariableError, ValueError) as error:
-        sys.stderr.write(f"{error}\n")
-        raise SystemExit(2) from error
-    globals()["app"] = app
-    return app

@@ -13,9 +13,9 @@ from typing import Self
 import structlog
 
 from sawmill_platform.errors import StorageError
+from sawmill_platform.store import JobServiceStore
 from sawmill_platform.workers.housekeeping import TOLERABLE_S
 from sawmill_platform.workers.naming import process_name
-from sawmill_store.store import Store
 
 # A step of the machine's clock counts when it has lasted this long: one that is put right at once moves no due time.
 LASTING_S = 60.0
@@ -35,7 +35,7 @@ class ClockKeeper:
         How often the clock is looked at.
     """
 
-    def __init__(self, store: Store, *, lasting_s: float = LASTING_S, look_s: float = _LOOK_S) -> None:
+    def __init__(self, store: JobServiceStore, *, lasting_s: float = LASTING_S, look_s: float = _LOOK_S) -> None:
         self._store = store
         self._lasting_s = lasting_s
         self._look_s = look_s

@@ -2,30 +2,29 @@
 
 import threading
 import time
+from collections.abc import Callable
 
 import structlog
 
 from sawmill_platform.attempts.leases import LeaseObserver
 from sawmill_platform.errors import StorageFull, StorageUnavailable
 from sawmill_platform.jobs.job_store import Pulse
+from sawmill_platform.store import JobServiceStore
 from sawmill_platform.workers.logs import going_on
 from sawmill_platform.workers.naming import process_name
 from sawmill_platform.workers.settings import ExecutionSettings
-from sawmill_store.store import Store
-from sawmill_worker.drift_following import follow_drift
 
 # Seconds by which a clock may be off unmentioned: far more than clocks that are set over a network differ by.
 TOLERABLE_S = 5.0
 # Seconds between two looks at what has limits of hours and days.
 SELDOM_S = 60.0
-# Seconds of a round in which drift charts go on, if they are many or are begun anew; leases wait for it.
-DRIFT_S = 1.0
-# Seconds of a round in which batches go by the rules of retention, at least one; leases wait for it.
-RETENTION_S = 1.0
+
+
+Duty = Callable[[], object]
 
 
 class Housekeeping:
-    """A thread that sees to leases, schedules, drift charts, alarms, retention, leftovers and what is old.
+    """A thread that sees to leases, clocks, uploads and what is old; other packages add duties to those of a round.
 
     Parameters
     ----------
@@ -37,15 +36,13 @@ class Housekeeping:
         Ends the thread.
     """
 
-    def __init__(self, store: Store, settings: ExecutionSettings, stop: threading.Event) -> None:
+    def __init__(self, store: JobServiceStore, settings: ExecutionSettings, stop: threading.Event) -> None:
         self._store = store
         self._settings = settings
         self._stop = stop
         # A worker that lives hears of a cancellation with its next heartbeat.
         cancel_s = settings.heartbeat_s + settings.housekeeping_s
         self._leases = LeaseObserver(settings.lease_s, cancel_s, settings.housekeeping_s)
-        self._leftovers = store.leftovers(grace_s=settings.leftovers_s)
-        self._retention = store.retention_keeper()
         self._clock_is_off = self._folder_is_away = False
         self._outages_said = set[str]()
         self._seldom_due_s = time.monotonic()
@@ -64,23 +61,33 @@ class Housekeeping:
 
         An outage has a line in the log for the first duty that it puts off, once in `SELDOM_S`.
         """
-        duties = [
+        duties = self.duties()
+        if self._folder_is_ours():
+            duties += self.duties_with_files()
+        if (now_s := time.monotonic()) >= self._seldom_due_s:
+            self._seldom_due_s = now_s + SELDOM_S
+            self._outages_said.clear()
+            duties += self.seldom_duties()
+        for duty in duties:
+            with going_on("housekeeping-put-off", said=self._outages_said, duty=duty.__name__.strip("_")):
+                duty()
+
+    def duties(self) -> list[Duty]:
+        """Return the duties of each round."""
+        return [
             self._take_back_silent,
-            self._run_due_schedules,
-            self._follow_drift,
             self._compare_clocks,
             self._store.repeats.forget_old,
             self._store.fill_spare_room,
         ]
-        if self._folder_is_ours():
-            duties += [self._remove_uploads, self._retire, self._remove_leftovers]
-        if (now_s := time.monotonic()) >= self._seldom_due_s:
-            self._seldom_due_s = now_s + SELDOM_S
-            self._outages_said.clear()
-            duties += [self._check_alarms, self._store.webhooks.forget_deliveries]
-        for duty in duties:
-            with going_on("housekeeping-put-off", said=self._outages_said, duty=duty.__name__.strip("_")):
-                duty()
+
+    def duties_with_files(self) -> list[Duty]:
+        """Return the duties of each round in which the data folder is in its place."""
+        return [self._remove_uploads]
+
+    def seldom_duties(self) -> list[Duty]:
+        """Return the duties of one round in `SELDOM_S`."""
+        return [self._store.webhooks.forget_deliveries]
 
     def _folder_is_ours(self) -> bool:
         """Whether files may be looked at and removed: in another folder all would be leftovers. Said once if not."""
@@ -124,40 +131,10 @@ class Housekeeping:
             structlog.get_logger().warning("clock-off", off_s=round(off_s, 1))
             self._store.events.clock_off(process_name(), off_s)
 
-    def _run_due_schedules(self) -> None:
-        for run in self._store.schedules.run_due():
-            structlog.get_logger().info("schedule-ran", **run.model_dump(mode="json"))
-
-    def _follow_drift(self) -> None:
-        """Drift checks that ended since go into their scanners' charts; the science is imported with the first one."""
-        waiting, until_s = self._store.drift_charts.waiting(), time.monotonic() + DRIFT_S
-        while waiting:
-            going, waiting = waiting, []
-            for scanner_id in going:
-                with going_on("drift-chart-put-off", scanner_id=scanner_id):  # the others' go on
-                    if self._store.drift_charts.follow(scanner_id, follow_drift) and time.monotonic() < until_s:
-                        waiting.append(scanner_id)
-
-    def _check_alarms(self) -> None:
-        for what, alarm in self._store.alarms.check():
-            structlog.get_logger().warning(what.value, **alarm.model_dump(mode="json", exclude_none=True))
-
     def _remove_uploads(self) -> None:
         """Those that nobody goes on with."""
         for upload_id in self._store.uploads.remove_expired():
             structlog.get_logger().info("upload-expired", upload_id=upload_id)
-
-    def _retire(self) -> None:
-        """Remove batches of what the rules of retention reach; the event of each says what went."""
-        until_s = time.monotonic() + RETENTION_S
-        while self._retention.remove_some() is not None and time.monotonic() < until_s:
-            pass
-
-    def _remove_leftovers(self) -> None:
-        removed = self._leftovers.remove_some()
-        if removed:
-            first = str(removed[0].relative_to(self._store.files.folder))
-            structlog.get_logger().info("leftovers-removed", number=len(removed), first=first)
 
     def _loop(self) -> None:
         while not self._stop.wait(self._settings.housekeeping_s):

@@ -48,7 +48,7 @@ def _rendering(log_format: Literal["console", "json"]) -> list[structlog.typing.
 def about_attempt(job: Job) -> Iterator[None]:
     """Name the job, its attempt and who asked for it in every line that this thread logs inside the block."""
     asked_by = {name: value for name in ("request_id", "key_id") if (value := getattr(job, name)) is not None}
-    with structlog.contextvars.bound_contextvars(job_id=job.id, attempt=job.attempt, kind=job.kind.value, **asked_by):
+    with structlog.contextvars.bound_contextvars(job_id=job.id, attempt=job.attempt, kind=job.kind, **asked_by):
         yield
 
 

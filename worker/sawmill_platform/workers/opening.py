@@ -1,32 +1,33 @@
 """Opening the store at a process's start, however long its database is away."""
 
 import threading
+from collections.abc import Callable
+from typing import TypeVar
 
 import structlog
 
 from sawmill_platform.errors import FolderUnavailable, StorageMisconfigured, StorageUnavailable
-from sawmill_platform.settings import StorageSettings
-from sawmill_store.store import Store
+from sawmill_platform.store import JobServiceStore
+
+S = TypeVar("S", bound=JobServiceStore)
 
 _FIRST_WAIT_S = 0.5
 _LONGEST_WAIT_S = 10.0
 
 
-def open_store(settings: StorageSettings, stop: threading.Event, *, may_begin: bool = True) -> Store | None:
+def open_store(open_once: Callable[[], S], stop: threading.Event) -> S | None:
     """Open a store, waiting for a database that does not answer yet and for a data folder that is not there yet.
 
     Parameters
     ----------
-    settings
-        As for `Store.open`.
+    open_once
+        Opens the store, or raises `StorageUnavailable`.
     stop
         Ends the waiting.
-    may_begin
-        As for `Store.open`; a worker waits for the service to do so.
 
     Returns
     -------
-    Store or None
+    store or None
         None when `stop` was set before.
 
     Raises
@@ -39,7 +40,7 @@ def open_store(settings: StorageSettings, stop: threading.Event, *, may_begin: b
     wait_s, logged = _FIRST_WAIT_S, ""
     while not stop.is_set():
         try:
-            return Store.open(settings, may_begin=may_begin)
+            return open_once()
         except StorageMisconfigured:
             raise
         except StorageUnavailable as error:

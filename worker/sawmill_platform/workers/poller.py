@@ -1,36 +1,35 @@
-"""The embedded worker (`python -m sawmill_platform.workers.poller`): claims jobs from the database, no broker."""
+"""The embedded worker: claims jobs from the database, no broker."""
 
-import argparse
 import math
 import os
 import signal
 import threading
 import time
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection
 from contextlib import closing, suppress
+from functools import partial
 
 from sawmill_platform.attempts.process import AttemptNotStarted
-from sawmill_platform.attempts.runner import ATTEMPT_COMMAND, Runner
+from sawmill_platform.attempts.runner import Runner
 from sawmill_platform.contracts.jobs import JobKind
 from sawmill_platform.errors import StorageError, StorageFull, StorageUnavailable
 from sawmill_platform.jobs.turns import ANY, Selection
 from sawmill_platform.settings import StorageSettings
-from sawmill_platform.workers.housekeeping import Housekeeping
 from sawmill_platform.workers.logs import configure_logs
 from sawmill_platform.workers.opening import open_store
+from sawmill_platform.workers.program import S, WorkerProgram
 from sawmill_platform.workers.settings import ExecutionSettings
-from sawmill_store.store import Store
 
 # Of the short lane: its memory is worth keeping while somebody works at a scan, and no longer.
 SHORT_IDLE_S = 60.0
 
 
 def run_worker(
-    store: Store,
+    program: WorkerProgram[S],
+    store: S,
     settings: ExecutionSettings,
     stop: threading.Event,
     *,
-    command: Sequence[str] = ATTEMPT_COMMAND,
     wake: threading.Event | None = None,
     on_able: Callable[[], None] = lambda: None,
     selection: Selection = ANY,
@@ -40,6 +39,8 @@ def run_worker(
 
     Parameters
     ----------
+    program, store, settings
+        What the worker runs, where it claims jobs, and how.
     wake
         Set by whoever knows of a new job, or has set `stop`: an idle worker then looks before its time.
     on_able
@@ -55,8 +56,8 @@ def run_worker(
         No job can be run on this installation.
     """
     wake = wake or threading.Event()
-    runner = Runner(store, settings, stop, command=command, on_able=on_able)
-    housekeeping = Housekeeping(store, settings, stop)
+    runner = Runner(store, settings, stop, command=program.attempt_command, on_able=on_able)
+    housekeeping = program.housekeeping(store, settings, stop)
     housekeeping.start()
     worked_at = time.monotonic()
     try:
@@ -85,38 +86,28 @@ def run_worker(
         housekeeping.join()
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Run one embedded worker, set up by the environment."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument(
-        "--watch-parent", action="store_true", help="look for a job at each byte on standard input, stop at its end"
-    )
-    parser.add_argument(
-        "--short", action="store_true", help=f"take short jobs only, and end after {SHORT_IDLE_S:g} s without any"
-    )
-    options = parser.parse_args(arguments)
-    run(watch_parent=options.watch_parent, short_only=options.short)
-
-
 def run(
+    program: WorkerProgram[S],
     *,
     watch_parent: bool = False,
     short_only: bool = False,
     kinds: Collection[str] = (),
-    scanners: Collection[str] = (),
+    groups: Callable[[S], Collection[str]] = lambda _: (),
 ) -> None:
     """Run one embedded worker, set up by the environment.
 
     Parameters
     ----------
+    program
+        What the worker runs.
     watch_parent
         Look for a job at each byte on standard input, and stop at its end.
     short_only
         Take short jobs only, and end after `SHORT_IDLE_S` without any.
     kinds
         Take jobs of these kinds only; empty: of all.
-    scanners
-        Take jobs of these scanners only, ids or names; empty: of all, and those of no scanner.
+    groups
+        From the store to the ids of the groups whose jobs it takes only; empty: of all, and those of no group.
 
     Raises
     ------
@@ -130,15 +121,16 @@ def run(
     if watch_parent:
         threading.Thread(target=_listen_to_parent, args=(stop, wake), daemon=True).start()
     try:
-        store = open_store(StorageSettings(), stop, may_begin=False)
+        store = open_store(partial(program.open_store, StorageSettings()), stop)
         if store is not None:
             with closing(store):
                 selection = Selection(
                     short=True if short_only else None,
-                    kinds=frozenset(kind for kind in JobKind if kind in kinds) or None,
-                    group_ids=frozenset(store.scanners.ids_of(scanners)) or None,
+                    kinds=frozenset(kind for kind in JobKind.all() if kind in kinds) or None,
+                    group_ids=frozenset(groups(store)) or None,
                 )
                 run_worker(
+                    program,
                     store,
                     settings,
                     stop,
@@ -180,7 +172,3 @@ def _listen_to_parent(stop: threading.Event, wake: threading.Event) -> None:
             wake.set()
     stop.set()
     wake.set()
-
-
-if __name__ == "__main__":
-    main()

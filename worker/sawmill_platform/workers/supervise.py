@@ -12,7 +12,6 @@ from typing import Self
 import structlog
 
 from sawmill_platform.attempts.environment import environment_with
-from sawmill_platform.attempts.importing import PROGRAM
 from sawmill_platform.confinement.confinement import say_if_unconfined
 from sawmill_platform.errors import StorageUnavailable
 from sawmill_platform.settings import StorageSettings
@@ -20,7 +19,6 @@ from sawmill_platform.workers.logs import going_on
 from sawmill_platform.workers.settings import ExecutionSettings
 from sawmill_platform.workers.sharing import say_if_crowded
 
-WORKER_COMMAND = (*PROGRAM, "sawmill_platform.workers.poller", "--watch-parent")
 _LOOK_S = 0.2
 _LANE_LOOK_S = 1.0  # for a short job that nobody announced, as one that waited for another
 _FIRST_BACK_OFF_S = 0.5
@@ -52,8 +50,8 @@ class WorkerSupervisor:
         self,
         storage: StorageSettings,
         settings: ExecutionSettings,
+        command: Sequence[str],
         *,
-        command: Sequence[str] = WORKER_COMMAND,
         held_up: Callable[[int], bool] | None = None,
     ) -> None:
         self._settings = settings

@@ -18,7 +18,7 @@ from sawmill_platform.files.whole_files import open_regular
 MANIFEST, MANIFEST_SUM, FILES, ROWS, DATA = "manifest.json", "manifest.sha256", "files.jsonl", "rows", "data"
 FORMAT = 1
 # Folders of the data folder of which a backup may have files.
-FOLDERS = frozenset({"uploads", UNFINISHED, EXAMPLES, *(kind.plural for kind in JobKind)})
+FOLDERS = frozenset({"uploads", UNFINISHED, EXAMPLES, *(kind.plural for kind in JobKind.all())})
 
 Counted = Callable[[int], None]
 

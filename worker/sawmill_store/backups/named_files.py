@@ -9,12 +9,15 @@ from typing import NamedTuple
 
 from sqlalchemy import Connection, Select, Table
 
+from sawmill_contracts import job_kinds
+from sawmill_contracts.kinds import AskedKind
 from sawmill_platform.contracts.jobs import JobKind
-from sawmill_platform.contracts.kinds import AskedKind, declaration_of
+from sawmill_platform.contracts.kinds import declaration_of
 from sawmill_platform.database.database import Database
 from sawmill_platform.database.tables import Base, UploadRow
-from sawmill_platform.files.file_store import EXAMPLES, SCAN_FILE, UNFINISHED, UPLOADED_FILE
+from sawmill_platform.files.file_store import EXAMPLES, UNFINISHED, UPLOADED_FILE
 from sawmill_store import named_by_rows
+from sawmill_store.mill_files import SCAN_FILE
 
 
 class Named(NamedTuple):
@@ -70,11 +73,11 @@ def named_by(connection: Connection, tables: Collection[str]) -> list[Named]:
     folders = {
         f"uploads/{kind.plural}": (
             named_by_rows.uploaded(kind, lambda: datetime.now(UTC)),
-            UPLOADED_FILE if kind is JobKind.INGEST else None,
+            UPLOADED_FILE if kind is job_kinds.INGEST else None,
         )
         for kind in named_by_rows.UPLOADED
     }
-    folders |= {kind.plural: (named_by_rows.succeeded(kind), _file_left_by(kind)) for kind in JobKind}
+    folders |= {kind.plural: (named_by_rows.succeeded(kind), _file_left_by(kind)) for kind in JobKind.all()}
     named = [Named(EXAMPLES, needed=False)]
     for folder, (ids, file) in folders.items():
         if _is_there(ids, tables):
@@ -141,7 +144,7 @@ def _exists(path: str) -> bool:
 
 def _file_left_by(kind: JobKind) -> str | None:
     declared = declaration_of(kind)
-    if kind is JobKind.INGEST:
+    if kind is job_kinds.INGEST:
         return SCAN_FILE
     return declared.result_file if isinstance(declared, AskedKind) else None
 

@@ -17,7 +17,7 @@ from uuid import uuid4
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from sawmill_platform.contracts.events import EventKind
+from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.jobs import JobState
 from sawmill_platform.database.database import Database, has_tables, is_known, newest_revision
 from sawmill_platform.database.engines import make_engine
@@ -239,5 +239,5 @@ def _take_jobs_back(session: Session, backup: Checked) -> None:
     record_restored(session, now, {"taken_at": backup.manifest.taken_at.isoformat(), "backup": backup.folder.name})
     go_on_counting(session.connection())
     for job in session.scalars(select(JobRow).where(JobRow.state == JobState.RUNNING)).all():
-        record(session, now, EventKind.GIVEN_BACK, job)
+        record(session, now, event_kinds.GIVEN_BACK, job)
         requeue(job)

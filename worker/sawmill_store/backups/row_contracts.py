@@ -12,45 +12,30 @@ from sqlalchemy.exc import NoResultFound
 from sqlalchemy.orm import Session
 from sqlalchemy.types import NullType
 
+from sawmill_contracts import job_kinds
 from sawmill_contracts.alarms import Alarm, AlarmKind
+from sawmill_contracts.kinds import AskedKind
 from sawmill_contracts.phantoms import PhantomState, StoredPhantom
 from sawmill_contracts.scanner_drift import PooledDrift
 from sawmill_contracts.scans import Scan, ScanState
 from sawmill_contracts.schedules import Schedule
+from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.base import placed_complaint
-from sawmill_platform.contracts.events import Event, EventKind
-from sawmill_platform.contracts.jobs import JobKind, JobState
-from sawmill_platform.contracts.kinds import AskedKind, declaration_of
+from sawmill_platform.contracts.events import Event
+from sawmill_platform.contracts.jobs import JobState
+from sawmill_platform.contracts.kinds import declaration_of
 from sawmill_platform.database.tables import (
-    ActivationRow,
-    AlarmRow,
-    Answered,
-    AskedRow,
     AuditRow,
     Base,
-    CalibrationRow,
     DeliveryRow,
-    DriftChartRow,
-    DriftRow,
     EventRow,
-    HistoryRow,
     JobDependencyRow,
     JobRow,
     KeyRow,
-    MeasurementRow,
-    PhantomRow,
-    PlanRow,
-    ReconstructionRow,
     RepeatRow,
-    RetentionRow,
-    ScannerRow,
-    ScanRow,
-    ScheduleRow,
-    ScheduleRunRow,
     SenderRow,
     UploadRow,
     WebhookRow,
-    table_of,
 )
 from sawmill_platform.due_times import next_due
 from sawmill_platform.errors import Damaged, Invalid
@@ -73,13 +58,33 @@ from sawmill_store.retention import read_retention
 from sawmill_store.scanners import read_scanner
 from sawmill_store.scans import read_scan
 from sawmill_store.schedules import read_schedule, read_schedule_run
+from sawmill_store.tables import (
+    ActivationRow,
+    AlarmRow,
+    Answered,
+    AskedRow,
+    CalibrationRow,
+    DriftChartRow,
+    DriftRow,
+    HistoryRow,
+    MeasurementRow,
+    PhantomRow,
+    PlanRow,
+    ReconstructionRow,
+    RetentionRow,
+    ScannerRow,
+    ScanRow,
+    ScheduleRow,
+    ScheduleRunRow,
+    table_of,
+)
 
 _BATCH = 500
 # What reading a row raises where a value does not fit. A database that does not answer raises others.
 _UNFIT = (ArithmeticError, AttributeError, LookupError, TypeError, ValueError, NoResultFound, Invalid)
 _OBJECT = TypeAdapter(dict[str, object])
 _ANSWER = TypeAdapter(Answer)
-_OF_CLOCKS = {EventKind.CLOCK_OFF, EventKind.CLOCK_STEPPED}
+_OF_CLOCKS = {event_kinds.CLOCK_OFF, event_kinds.CLOCK_STEPPED}
 # What pages show of an open alarm.
 _OF_ALARMS = {
     AlarmKind.NO_PHANTOM_SCAN: ("last_at", "limit_hours"),
@@ -160,7 +165,7 @@ def _read_event(_: Session, row: EventRow) -> Event:
 def _read_scan(_: Session, row: ScanRow) -> Scan:
     _check_result(row.state is ScanState.READY, row.reading)
     if row.reading is not None:
-        declaration_of(JobKind.INGEST).result.model_validate(row.reading)
+        declaration_of(job_kinds.INGEST).result.model_validate(row.reading)
     return read_scan(row)
 
 

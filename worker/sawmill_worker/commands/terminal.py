@@ -38,8 +38,9 @@ def answering(*, as_json: bool = False) -> Iterator[None]:
     A defect names its kind in the object and keeps its traceback. SIGTERM ends the work as Ctrl-C does, half-written
     files taken away, with exit code 143.
     """
+    from sawmill_platform.contracts.attempts import JobFailure
     from sawmill_platform.contracts.jobs import Failure, FailureKind
-    from sawmill_worker.use_cases.failures import JobFailure, input_errors_translated
+    from sawmill_worker.use_cases.failures import input_errors_translated
 
     try:
         with ending_when_terminated(), input_errors_translated():

@@ -11,11 +11,12 @@ from sawmill_contracts.calibrations import CalibrationOptions, CalibrationSuccee
 from sawmill_contracts.phantoms import PhantomDrawing
 from sawmill_contracts.scans import Scan, ScanShape, ScanState
 from sawmill_formats.output.scan_reader import read_stored_scan
+from sawmill_platform.attempts.work import Needs
 from sawmill_tomography.sinograms.present_rows import mean_of_rows
 from sawmill_vocabulary import DataKind
 from sawmill_worker.jobs.attempt import Attempt
 from sawmill_worker.jobs.keeping import AttemptKeeper
-from sawmill_worker.jobs.needs import Needs, of_averaged_rows
+from sawmill_worker.jobs.needs import of_averaged_rows
 from sawmill_worker.use_cases.calibrate import CalibrationInput, calibration_result, run_calibration
 from sawmill_worker.use_cases.calibration_files import calibration_arrays, write_result
 from sawmill_worker.use_cases.compare import compared, geometry_of

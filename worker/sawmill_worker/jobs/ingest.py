@@ -8,10 +8,11 @@ from sawmill_formats.input.angles import parse_angles
 from sawmill_formats.input.arrays import MAX_BYTES
 from sawmill_formats.input.canonical import CanonicalScan
 from sawmill_formats.input.reading import reading_scan
+from sawmill_platform.attempts.work import Needs
 from sawmill_platform.contracts.base import parse_rows
 from sawmill_vocabulary import DataKind, RowAlignment
 from sawmill_worker.jobs.attempt import Attempt
-from sawmill_worker.jobs.needs import FILE_BYTES, FILE_SHARE, Needs
+from sawmill_worker.jobs.needs import FILE_BYTES, FILE_SHARE
 from sawmill_worker.use_cases.capacity import memory_available
 from sawmill_worker.use_cases.failures import refused
 from sawmill_worker.use_cases.prepare import prepare_scan

@@ -4,8 +4,8 @@ from typing import Any
 
 from sawmill_contracts.inspections import Inspection
 from sawmill_formats.input.angles import parse_angles
+from sawmill_platform.attempts.work import Needs
 from sawmill_worker.jobs.attempt import Attempt
-from sawmill_worker.jobs.needs import Needs
 from sawmill_worker.use_cases.inspect import GivenBeside, inspect_file
 
 

@@ -45,7 +45,7 @@ class AttemptKeeper:
         self._begun, self._taken_up, self._left_out, self._lock = False, False, False, threading.Lock()
         # By itself: whoever keeps something may do so in a thread that does not know the attempt.
         job = attempt.job
-        self._log = structlog.get_logger().bind(job_id=job.id, attempt=job.attempt, kind=job.kind.value)
+        self._log = structlog.get_logger().bind(job_id=job.id, attempt=job.attempt, kind=job.kind)
 
     @property
     def has_begun(self) -> bool:

@@ -5,9 +5,8 @@ room to spare, for limits that an ordinary job never meets. What an unread file 
 that read one have no needs beyond the limits that all have.
 """
 
-from typing import NamedTuple
-
 from sawmill_contracts.scans import ScanShape
+from sawmill_platform.attempts.work import Needs
 from sawmill_worker.use_cases.selection import chosen_rows
 
 # A process that has loaded everything: 0.34 GB were measured on two cores, 0.39 GB on eight.
@@ -16,13 +15,6 @@ PROCESS_BYTES = 2**29
 SINOGRAMS = 100
 # A file that does not grow with the job, and what HDF5 adds to one that does.
 FILE_BYTES, FILE_SHARE = 2**30, 1.05
-
-
-class Needs(NamedTuple):
-    """Bytes of private memory, and of the largest file."""
-
-    memory_bytes: int
-    file_bytes: int
 
 
 def of_averaged_rows(shape: ScanShape, rows: str | None, usable: tuple[int, int] | None) -> Needs:

@@ -3,9 +3,10 @@
 from typing import Any
 
 from sawmill_contracts.plans import Plan
+from sawmill_platform.attempts.work import Needs
 from sawmill_worker.jobs.attempt import Attempt
 from sawmill_worker.jobs.calibrate import drawing_of
-from sawmill_worker.jobs.needs import PROCESS_BYTES, SINOGRAMS, Needs
+from sawmill_worker.jobs.needs import PROCESS_BYTES, SINOGRAMS
 from sawmill_worker.use_cases.plan import PlanInput, run_plan
 
 

@@ -9,6 +9,7 @@ from numba import get_num_threads
 from sawmill_contracts.reconstructions import Reconstruction, ReconstructionAsked
 from sawmill_contracts.scans import ScanShape
 from sawmill_formats.output.scan_reader import open_scan
+from sawmill_platform.attempts.work import Needs
 from sawmill_tomography.geometry.geometry import FanBeamGeometry
 from sawmill_tomography.geometry.image_grid import ImageGrid
 from sawmill_tomography.projection.projector import BLOCK, LARGEST_SIZE
@@ -21,7 +22,7 @@ from sawmill_vocabulary.scattered_radiation import NOTHING_FOUND, BeamCorrection
 from sawmill_worker.jobs.attempt import Attempt
 from sawmill_worker.jobs.calibrate import shape_of, usable_calibration, usable_scan
 from sawmill_worker.jobs.keeping import AttemptKeeper
-from sawmill_worker.jobs.needs import FILE_BYTES, FILE_SHARE, PROCESS_BYTES, Needs
+from sawmill_worker.jobs.needs import FILE_BYTES, FILE_SHARE, PROCESS_BYTES
 from sawmill_worker.use_cases.block_solvers import MOST_FITTED_IMAGES, MOST_TOGETHER, may_fit
 from sawmill_worker.use_cases.failures import refused
 from sawmill_worker.use_cases.reconstruct import MEMORY_SHARE, ReconstructionInput, run_reconstruction

@@ -1,11 +1,13 @@
 """Which functions do which kind of job: those of the module that has the kind's name.
 
 `jobs/<kind>.py` holds `run(attempt)`, which leaves its files in the attempt's output folder and returns the JSON
-answer, and `needs(attempt)`, the memory and the largest file that it may take.
+answer, and `needs(attempt)`, the memory and the largest file that it may take. This module is the `Work` that the
+process of an attempt is given (`sawmill_platform.attempts.work`).
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Protocol, cast
 
@@ -16,16 +18,17 @@ import scipy.sparse
 import scipy.special  # noqa: F401
 import tifffile  # noqa: F401
 
+from sawmill_contracts import job_kinds
+from sawmill_contracts.handed_over import HandedOver
 from sawmill_formats import hdf5_chunks
-from sawmill_platform.contracts.jobs import JobKind
+from sawmill_platform.attempts.work import Needs
+from sawmill_platform.contracts.jobs import Job, JobKind
 from sawmill_tomography import warm_up as science
 from sawmill_tomography.kernel_cache import only_read
+from sawmill_vocabulary import ProgressCallback
 from sawmill_worker.jobs import reconstruct
 from sawmill_worker.jobs.attempt import Attempt
-from sawmill_worker.jobs.needs import Needs
 from sawmill_worker.use_cases.failures import input_errors_translated
-
-__all__ = ["Attempt", "Needs", "make_ready", "needs_of", "run", "warm_up"]
 
 
 class _JobModule(Protocol):
@@ -39,7 +42,7 @@ def _module_of(kind: JobKind) -> _JobModule:
 
 
 # At import, so that a process that is kept ready has everything loaded.
-_MODULES: Mapping[JobKind, _JobModule] = MappingProxyType({kind: _module_of(kind) for kind in JobKind})
+_MODULES: Mapping[JobKind, _JobModule] = MappingProxyType({kind: _module_of(kind) for kind in JobKind.all()})
 
 
 def warm_up() -> None:
@@ -48,12 +51,23 @@ def warm_up() -> None:
     hdf5_chunks.load_kernels()
 
 
+def attempt(
+    job: Job,
+    given_json: str,
+    output: Path,
+    report: ProgressCallback,
+    announce: Callable[[Sequence[str]], None],
+) -> Attempt:
+    """Return the attempt, with the rows that it was handed."""
+    return Attempt(job, HandedOver.model_validate_json(given_json), output, report, announce)
+
+
 def run(attempt: Attempt) -> dict[str, Any]:
     """Do the job.
 
     Raises
     ------
-    sawmill_worker.use_cases.failures.JobFailure
+    sawmill_platform.contracts.attempts.JobFailure
         The input cannot be used; its sentence tells why. Everything else that escapes is ours.
     """
     with input_errors_translated():
@@ -61,18 +75,18 @@ def run(attempt: Attempt) -> dict[str, Any]:
 
 
 def make_ready(attempt: Attempt) -> None:
-    """Compile what `run` needs beyond what is warm: from then on the process may not write to the cache of kernels."""
-    if attempt.job.kind is JobKind.RECONSTRUCT:
+    """Compile what `run` needs beyond what is warm; from then on no kernel is kept in the cache."""
+    if attempt.job.kind is job_kinds.RECONSTRUCT:
         reconstruct.make_ready(attempt)
     only_read()
 
 
 def needs_of(attempt: Attempt) -> Needs:
-    """What the job may need.
+    """Return what the job may need.
 
     Raises
     ------
-    sawmill_worker.use_cases.failures.JobFailure
+    sawmill_platform.contracts.attempts.JobFailure
         What it is about cannot be used.
     """
     with input_errors_translated():

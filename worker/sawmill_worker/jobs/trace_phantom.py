@@ -2,8 +2,8 @@
 
 from typing import Any
 
+from sawmill_platform.attempts.work import Needs
 from sawmill_worker.jobs.attempt import Attempt
-from sawmill_worker.jobs.needs import Needs
 from sawmill_worker.use_cases.phantom_picture import traced_drawing
 
 

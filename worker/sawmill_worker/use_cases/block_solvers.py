@@ -177,7 +177,7 @@ def solver_of(
 
     Raises
     ------
-    sawmill_worker.use_cases.failures.JobFailure
+    sawmill_platform.contracts.attempts.JobFailure
         One slice does not fit into the memory, or the slice to choose parameters from is empty.
     """
     method, general = method_of(name, task.options), BlockFindings()

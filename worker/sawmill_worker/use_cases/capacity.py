@@ -5,8 +5,9 @@ import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
+from sawmill_platform.contracts.attempts import JobFailure
 from sawmill_platform.contracts.jobs import FailureKind
-from sawmill_worker.use_cases.failures import JobFailure, refused
+from sawmill_worker.use_cases.failures import refused
 from sawmill_worker.use_cases.process_memory import free_bytes
 
 MEMINFO = Path("/proc/meminfo")

@@ -12,9 +12,10 @@ from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_contracts.choices import DriftMethod
 from sawmill_contracts.drift_baselines import KnownBaseline
 from sawmill_contracts.drifts import DriftResult
+from sawmill_platform.contracts.attempts import JobFailure
 from sawmill_platform.contracts.base import placed_complaint
 from sawmill_tomography.drift.chart.looks import Baseline, Look
-from sawmill_worker.use_cases.failures import JobFailure, refused
+from sawmill_worker.use_cases.failures import refused
 from sawmill_worker.use_cases.given_geometry import GivenGeometry
 
 # What the service or the command line wrote has some kilobytes.

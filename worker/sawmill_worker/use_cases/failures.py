@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from sawmill_formats.errors import DamagedResult, UnreadableScan
+from sawmill_platform.contracts.attempts import JobFailure
 from sawmill_platform.contracts.jobs import FailureKind
 from sawmill_tomography.calibration.errors import CalibrationError
 from sawmill_tomography.drift.change import DriftError
@@ -12,24 +13,6 @@ from sawmill_tomography.phantoms.phantom import PhantomError
 from sawmill_tomography.preparing.line_integrals import CountsError
 from sawmill_tomography.preparing.row_shifts import RowsError
 from sawmill_worker.use_cases.process_memory import limit_bytes, ran_short
-
-
-class JobFailure(Exception):  # noqa: N818 - the contract's word
-    """A job that ends without a result.
-
-    Attributes
-    ----------
-    kind : FailureKind
-        The user's input, a passing trouble, or our fault.
-    code : str
-        Stable, for programs.
-    detail : str
-        One sentence: which value, and what would be right.
-    """
-
-    def __init__(self, kind: FailureKind, code: str, detail: str) -> None:
-        super().__init__(detail)
-        self.kind, self.code, self.detail = kind, code, detail
 
 
 def refused(code: str, detail: str) -> JobFailure:

@@ -20,8 +20,9 @@ from sawmill_formats.input.own.calibration import (
     read_calibration_json,
     read_time_of_writing,
 )
+from sawmill_platform.contracts.attempts import JobFailure
 from sawmill_platform.contracts.base import placed_complaint
-from sawmill_worker.use_cases.failures import JobFailure, refused
+from sawmill_worker.use_cases.failures import refused
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,114 @@
+"""Kinds of jobs that somebody asks for: what each declares of its requests, answers and references."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Any, Generic, TypeVar
+
+import sawmill_contracts.job_kinds  # noqa: F401 - registers them
+from sawmill_platform.contracts.base import Contract
+from sawmill_platform.contracts.jobs import JobKind
+from sawmill_platform.contracts.keys import Scope
+from sawmill_platform.contracts.kinds import KindDeclaration, declaration_of
+
+Ask = TypeVar("Ask", bound=Contract)
+Answer = TypeVar("Answer", bound=Contract)
+
+
+class Reference(StrEnum):
+    """What an ask refers to. It is looked up and must be usable; while a job makes it, the new job waits for that job.
+
+    Those that depend on others follow them in a declaration: a calibration its scan, a theta its scanner.
+    """
+
+    SCAN = "scan"
+    """`scan_id`; the scan's scanner comes with it."""
+    SCANNER = "scanner"
+    """`scanner_id`."""
+    PHANTOM = "phantom"
+    """`phantom_id`, or the phantom that the scan names."""
+    CALIBRATION = "calibration"
+    """`calibration_id`, or the active one of the scan's scanner; none where the ask gives a `theta`."""
+    THETA = "theta"
+    """`theta`, or that of the scanner's active calibration."""
+
+
+@dataclass(frozen=True)
+class Operation:
+    """A route as the OpenAPI document describes it; `example` holds the console's values, parameters and `body`."""
+
+    summary: str
+    description: str
+    example: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class AskedKind(KindDeclaration, Generic[Ask, Answer]):
+    """A job that somebody asks for, and whose answer is stored. The route of one with an upload is written by hand.
+
+    Attributes
+    ----------
+    ask, options : type of Contract
+        The body of the request, a `Given`; the part of it that is stored for the job.
+    answer
+        The contract of the stored thing, or a union of contracts.
+    read : callable
+        From a stored record to the answer (`stored_as`).
+    links : type of Contract
+        Where the answer and its files are: `self`, `job`, the names of `files`, and references such as `calibration`.
+    files : mapping
+        A link's name -> its path below /v1/<plural>/<id>/.
+    references : tuple of Reference
+        What is looked up when it is asked for, in this order.
+    blocks_deletion : bool
+        Whether its scanner and its phantom stay as long as it is stored. A scan stays only until its job has ended.
+    listed_by : tuple of str
+        What a list can be narrowed by: `state`, and references' ids.
+    to_ask, to_list, to_get : Operation
+        The routes' texts.
+    is_short : callable
+        From the options to whether the job takes seconds: short jobs wait for no long one. By default none does.
+    needed_scope : callable
+        From the ask to what a key needs for it: work alone is asked for with `submit`.
+    asked_at : str or None
+        Where it is asked for, if not at /v1/<plural>; a reference's id may stand in the path.
+    tag : str or None
+        The group of its routes, if not <plural>.
+    """
+
+    ask: type[Ask]
+    options: type[Contract]
+    answer: Any
+    read: Callable[[Mapping[str, Any]], Answer]
+    links: type[Contract]
+    files: Mapping[str, str] = field(default_factory=dict)
+    references: tuple[Reference, ...] = ()
+    blocks_deletion: bool = True
+    listed_by: tuple[str, ...] = ("state",)
+    to_ask: Operation
+    to_list: Operation
+    to_get: Operation
+    is_short: Callable[[Any], bool] = lambda _: False
+    needed_scope: Callable[[Ask], Scope] = lambda _: Scope.SUBMIT
+    asked_at: str | None = None
+    tag: str | None = None
+    processor_s: int = 24 * 3600
+    time_limit_s: int = 24 * 3600
+    stall_s: int = 1800
+    lighter: str = "ask for fewer rows, fewer views or a smaller size"
+
+    @property
+    def example_id(self) -> str:
+        """Return the id of the example: that of `to_get`, else `example`."""
+        return str(self.to_get.example.get(f"{self.noun}_id", "example"))
+
+
+def stored_as(answer: type[Answer]) -> Callable[[Mapping[str, Any]], Answer]:
+    """Read a stored record as a contract whose fields have the record's names."""
+    return lambda record: answer.model_validate({name: record[name] for name in answer.model_fields if name in record})
+
+
+def asked_kinds() -> list[AskedKind[Any, Any]]:
+    """Return the declarations of the kinds that somebody asks for, in the order of their registration."""
+    declarations = (declaration_of(kind) for kind in JobKind.all())
+    return [declaration for declaration in declarations if isinstance(declaration, AskedKind)]

@@ -1,0 +1,23 @@
+"""Kinds of events of a mill: what happens to scanners and to what belongs to them."""
+
+from sawmill_platform.contracts.event_kinds import EventKind
+
+SCANNER_CREATED = EventKind.register("scanner-created", is_decision=True)
+SCANNER_CHANGED = EventKind.register("scanner-changed", is_decision=True)
+SCANNER_DELETED = EventKind.register("scanner-deleted", is_decision=True)
+CALIBRATION_ACTIVATED = EventKind.register("calibration-activated", is_decision=True)
+CALIBRATION_ROLLED_BACK = EventKind.register("calibration-rolled-back", is_decision=True)
+SCAN_READY = EventKind.register("scan-ready")
+SCAN_REFUSED = EventKind.register("scan-refused")
+SCAN_DELETED = EventKind.register("scan-deleted", is_decision=True)
+PHANTOM_CREATED = EventKind.register("phantom-created")
+PHANTOM_READY = EventKind.register("phantom-ready")
+PHANTOM_REFUSED = EventKind.register("phantom-refused")
+PHANTOM_DELETED = EventKind.register("phantom-deleted", is_decision=True)
+SCHEDULE_CREATED = EventKind.register("schedule-created", is_decision=True)
+SCHEDULE_CHANGED = EventKind.register("schedule-changed", is_decision=True)
+SCHEDULE_DELETED = EventKind.register("schedule-deleted", is_decision=True)
+SCHEDULE_MISSED = EventKind.register("schedule-missed")
+INSPECTION_DELETED = EventKind.register("inspection-deleted", is_decision=True)
+ALARM_OPENED = EventKind.register("alarm-opened")
+ALARM_CLOSED = EventKind.register("alarm-closed")

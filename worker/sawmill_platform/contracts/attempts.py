@@ -1,0 +1,39 @@
+"""What an attempt works on, and how it fails."""
+
+from pathlib import Path
+
+from sawmill_platform.contracts.base import Contract
+from sawmill_platform.contracts.jobs import FailureKind
+
+
+class AttemptInput(Contract):
+    """What a worker hands to the process of an attempt; packages that own kinds of jobs add fields.
+
+    Attributes
+    ----------
+    file
+        The only file that the job may read; null: the job reads none.
+    kept
+        The folder with checkpoints of earlier attempts, if there is one.
+    """
+
+    file: Path | None = None
+    kept: Path
+
+
+class JobFailure(Exception):  # noqa: N818 - the contract's word
+    """A job that ends without a result.
+
+    Attributes
+    ----------
+    kind : FailureKind
+        The user's input, a passing trouble, or our fault.
+    code : str
+        Stable, for programs.
+    detail : str
+        One sentence: which value, and what would be right.
+    """
+
+    def __init__(self, kind: FailureKind, code: str, detail: str) -> None:
+        super().__init__(detail)
+        self.kind, self.code, self.detail = kind, code, detail

@@ -1,0 +1,47 @@
+"""What the job store asks of the package that owns the kinds of jobs."""
+
+from datetime import datetime
+from pathlib import Path
+from typing import Any, Protocol
+
+from sqlalchemy.orm import Session
+
+from sawmill_platform.contracts.attempts import AttemptInput
+from sawmill_platform.contracts.event_kinds import EventKind
+from sawmill_platform.contracts.jobs import JobKind
+from sawmill_platform.database.tables import JobRow, Json
+
+
+class Subjects(Protocol):
+    """Rows that jobs work on; every method but the last is called within the job store's transaction."""
+
+    def handed_over(self, session: Session, job: JobRow) -> AttemptInput:
+        """Return what an attempt at a job works on.
+
+        Raises
+        ------
+        NotFound
+            What it refers to was deleted since it was asked for.
+        """
+
+    def record_event(self, session: Session, now: datetime, what: EventKind, job: JobRow, detail: Json | None) -> None:
+        """Take note of an event of a job, beside the ledger."""
+
+    def record_success(self, session: Session, kind: JobKind, subject_id: str, result: Json, now: datetime) -> None:
+        """Write a checked result to the job's subject."""
+
+    def record_end_without_result(
+        self, session: Session, kind: JobKind, subject_id: str, reason: str, now: datetime
+    ) -> None:
+        """Write to the job's subject that its job failed or was cancelled."""
+
+    def check_output(self, kind: JobKind, given: AttemptInput, result: dict[str, Any], folder: Path) -> None:
+        """Refuse a folder with other files than a job of its kind leaves.
+
+        Raises
+        ------
+        InvalidOutput
+            One sentence tells what is wrong.
+        pydantic.ValidationError
+            The result is not what jobs of this kind answer with.
+        """

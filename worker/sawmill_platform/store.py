@@ -1,0 +1,213 @@
+"""Rows and files of the job service, behind one object that other packages extend."""
+
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
+from datetime import datetime
+from functools import partial
+from pathlib import Path
+
+from sqlalchemy import Connection
+
+from sawmill_platform.database.clock import Clock
+from sawmill_platform.database.database import Database
+from sawmill_platform.database.engines import make_engine
+from sawmill_platform.database.report import DatabaseReport, damage_of, report_of
+from sawmill_platform.errors import FolderUnavailable
+from sawmill_platform.files.file_store import FileStore, refuse_half_restored, refuse_read_only
+from sawmill_platform.files.folder_identity import check_identity, settle_identity
+from sawmill_platform.jobs.job_store import Jobs
+from sawmill_platform.jobs.queue_limits import Places
+from sawmill_platform.jobs.subjects import Subjects
+from sawmill_platform.jobs.tallies import Tallies
+from sawmill_platform.keys.key_store import KeyStore
+from sawmill_platform.keys.repeats import Repeats
+from sawmill_platform.keys.sessions import Sessions
+from sawmill_platform.ledger.audit import Audit
+from sawmill_platform.ledger.events import Events
+from sawmill_platform.settings import StorageSettings
+from sawmill_platform.uploads.upload_store import Uploads
+from sawmill_platform.webhooks.outbox import Outbox
+from sawmill_platform.webhooks.webhook_store import WebhookStore
+
+
+class JobServiceStore:
+    """Jobs and what goes with them; every method of a part is one transaction and speaks in contracts.
+
+    Parameters
+    ----------
+    settings
+        Where rows and files are.
+    files
+        The data folder.
+    subjects
+        What jobs work on.
+    clock
+        The time for rows and due times; null: the one that all processes on this store share.
+
+    Attributes
+    ----------
+    uploads, jobs, events, keys, sessions, audit, repeats, webhooks
+        The rows.
+    tallies
+        Counts of jobs and of attempts.
+    places
+        Jobs in the queue, which are bounded.
+    files
+        The data folder.
+    settings
+        With which another process can open the same store.
+    """
+
+    def __init__(
+        self, settings: StorageSettings, files: FileStore, subjects: Subjects, clock: Clock | None = None
+    ) -> None:
+        refuse_half_restored(settings.data_folder)
+        self.settings = settings
+        self.files = files
+        self._database = Database(make_engine(settings.url, settings.database_password_file), clock)
+        self.places = Places(self._database, settings)
+        self.uploads = Uploads(self._database, files)
+        self.jobs = Jobs(self._database, files, subjects)
+        self.tallies = Tallies(self._database)
+        self.events = Events(self._database)
+        self.keys = KeyStore(self._database)
+        self.sessions = Sessions(self._database)
+        self.audit = Audit(self._database)
+        self.repeats = Repeats(self._database)
+        self.webhooks = WebhookStore(self._database)
+
+    def outbox(self) -> Outbox:
+        """Return the events that are to be sent to webhooks, for one sender."""
+        return Outbox(self._database)
+
+    def named_folders(self, connection: Connection) -> Sequence[Path]:  # noqa: ARG002
+        """Return some folders that rows of an earlier version name, by which its data folder is known."""
+        return ()
+
+    def fill_new(self) -> None:
+        """Write the rows that every store has."""
+
+    def prepare(self, *, may_begin: bool = True) -> None:
+        """Bring the tables up to date, in the folder of their database; the store is closed where that fails.
+
+        Parameters
+        ----------
+        may_begin
+            Whether to set up a new database and an empty folder. A worker does not: its share may not be mounted yet.
+
+        Raises
+        ------
+        FolderUnavailable
+            The data folder is missing, empty, another one or read-only: nothing was made in it.
+        StorageMisconfigured, StorageFull, StorageUnavailable
+            The database cannot be used.
+        """
+        settle = partial(settle_identity, folder=self.files.folder, may_begin=may_begin, named=self.named_folders)
+        try:
+            self._prepare_folder(may_begin=may_begin)
+            self._database.upgrade(and_then=settle)
+            self.files.make_folders()
+            self._database.start_clock()
+            self.fill_new()
+        except BaseException:
+            self.close()
+            raise
+
+    def _prepare_folder(self, *, may_begin: bool) -> None:
+        """Make the folder of a new database file, where that may begin here; refuse a folder on a read-only disk."""
+        folder, file = self.files.folder, self.settings.database_file
+        if not may_begin and ((file is not None and not file.is_file()) or self._database.is_new()):
+            raise FolderUnavailable(
+                f"the data folder {str(folder)!r} and its database have not been set up: mount the right folder, or "
+                "start sawmill serve first"
+            )
+        if file is not None:
+            folder.mkdir(parents=True, exist_ok=True)
+        if folder.exists():
+            refuse_read_only(folder)
+
+    @property
+    def time_has_an_owner(self) -> bool:
+        """Whether the time is a row that one process owns, and not a database server's."""
+        return self._database.engine.dialect.name == "sqlite"
+
+    def now(self) -> datetime:
+        """The time by which rows are stamped."""
+        return self._database.now()
+
+    def clock_off_s(self) -> float:
+        """By how much this machine's clock is ahead of the store's."""
+        return self._database.clock.off_s()
+
+    def database_report(self) -> DatabaseReport:
+        """Which database it is and how it answers, or `StorageUnavailable`."""
+        return report_of(self._database)
+
+    def damage(self) -> list[str]:
+        """What the database finds wrong with its file, or `StorageUnavailable`."""
+        return damage_of(self._database)
+
+    def check(self, *, reserve_bytes: int | None = None) -> None:
+        """Check that rows and files can be written.
+
+        Parameters
+        ----------
+        reserve_bytes
+            Free bytes below which the disk counts as full; null: those of the settings.
+
+        Raises
+        ------
+        StorageUnavailable
+            The database does not answer, or the data folder is not in its place or cannot be written to.
+        StorageFull
+            The disk is full, or nearly so.
+        """
+        self.check_folder()
+        self.files.check_writable()
+        if reserve_bytes is None:
+            self.files.check_room(self.settings.disk_reserve_bytes, needed_by="SAWMILL_DISK_RESERVE_BYTES")
+        else:
+            self.files.check_room(reserve_bytes, needed_by="writing a result")
+
+    def fill_spare_room(self) -> None:
+        """Keep room for cancellations free as long as the disk does not count as full; raise `OSError`."""
+        self._database.spare_room.fill(self.settings.disk_reserve_bytes)
+
+    def check_folder(self) -> None:
+        """Check that the data folder is the one of the database.
+
+        Raises
+        ------
+        StorageUnavailable
+            The database does not answer, or (`FolderUnavailable`) the folder is missing, empty or another one.
+        """
+        with self._database.read() as session:
+            check_identity(session, self.files.folder)
+
+    def check_room_for(self, size_bytes: int) -> int:
+        """Check that an upload of this size leaves the disk its reserve, and room for the uploads that were begun.
+
+        Returns
+        -------
+        int
+            The bytes that must stay free beside it.
+
+        Raises
+        ------
+        StorageFull, StorageUnavailable
+            Less would be free, the data folder is not in its place, or the database could not take what is made of it.
+        """
+        self._database.check_writable()
+        self.check_folder()
+        reserved_bytes = self.settings.disk_reserve_bytes + self.uploads.promised_bytes()
+        needed_by = f"an upload of {size_bytes} bytes, beside others that were begun and SAWMILL_DISK_RESERVE_BYTES,"
+        self.files.check_room(reserved_bytes + size_bytes, needed_by=needed_by)
+        return reserved_bytes
+
+    def as_one(self) -> AbstractContextManager[object]:
+        """One transaction of all that this thread does with the store within the block."""
+        return self._database.write_as_one()
+
+    def close(self) -> None:
+        """Let go of the database's connections."""
+        self._database.engine.dispose()

@@ -1,0 +1,46 @@
+"""What the job store asks of the mill: scans, phantoms and everything that is asked for of them."""
+
+from datetime import datetime
+from pathlib import Path
+from typing import Any, cast
+
+from sqlalchemy.orm import Session
+
+from sawmill_contracts.handed_over import HandedOver
+from sawmill_platform.contracts.attempts import AttemptInput
+from sawmill_platform.contracts.event_kinds import EventKind
+from sawmill_platform.contracts.jobs import JobKind
+from sawmill_platform.database.tables import JobRow, Json
+from sawmill_platform.files.file_store import FileStore
+from sawmill_store import outputs, subjects
+from sawmill_store.handing_over import handed_over
+from sawmill_store.history_writer import enter_job
+
+
+class MillSubjects:
+    """Rows of a mill that jobs work on, as `sawmill_platform.jobs.subjects.Subjects` describes them."""
+
+    def __init__(self, files: FileStore) -> None:
+        self._files = files
+
+    def handed_over(self, session: Session, job: JobRow) -> HandedOver:
+        """Return the rows that a job's own row refers to, and the file that it reads."""
+        return handed_over(session, self._files, job)
+
+    def record_event(self, session: Session, now: datetime, what: EventKind, job: JobRow, detail: Json | None) -> None:
+        """Enter the event in its scanner's history."""
+        enter_job(session, now, what, job, detail)
+
+    def record_success(self, session: Session, kind: JobKind, subject_id: str, result: Json, now: datetime) -> None:
+        """Write a checked result to the job's subject."""
+        subjects.record_success(session, kind, subject_id, result, now)
+
+    def record_end_without_result(
+        self, session: Session, kind: JobKind, subject_id: str, reason: str, now: datetime
+    ) -> None:
+        """Refuse the scan or the phantom whose job failed or was cancelled."""
+        subjects.record_end_without_result(session, kind, subject_id, reason, now)
+
+    def check_output(self, kind: JobKind, given: AttemptInput, result: dict[str, Any], folder: Path) -> None:
+        """Refuse a folder with other files than a job of its kind leaves."""
+        outputs.check_output(kind, cast("HandedOver", given), result, folder)

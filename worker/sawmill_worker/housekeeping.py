@@ -1,0 +1,69 @@
+"""The duties of a mill's housekeeping: schedules, drift charts, alarms, retention and leftovers."""
+
+import threading
+import time
+
+import structlog
+
+from sawmill_platform.workers.housekeeping import Duty, Housekeeping
+from sawmill_platform.workers.logs import going_on
+from sawmill_platform.workers.settings import ExecutionSettings
+from sawmill_store.store import Store
+from sawmill_worker.drift_following import follow_drift
+
+# Seconds of a round in which drift charts go on, if they are many or are begun anew; leases wait for it.
+DRIFT_S = 1.0
+# Seconds of a round in which batches go by the rules of retention, at least one; leases wait for it.
+RETENTION_S = 1.0
+
+
+class MillHousekeeping(Housekeeping):
+    """The housekeeping of a mill's store."""
+
+    def __init__(self, store: Store, settings: ExecutionSettings, stop: threading.Event) -> None:
+        super().__init__(store, settings, stop)
+        self._mill = store
+        self._leftovers = store.leftovers(grace_s=settings.leftovers_s)
+        self._retention = store.retention_keeper()
+
+    def duties(self) -> list[Duty]:
+        """Return the duties of each round."""
+        return [*super().duties(), self._run_due_schedules, self._follow_drift]
+
+    def duties_with_files(self) -> list[Duty]:
+        """Return the duties of each round in which the data folder is in its place."""
+        return [*super().duties_with_files(), self._retire, self._remove_leftovers]
+
+    def seldom_duties(self) -> list[Duty]:
+        """Return the duties of one round in `SELDOM_S`."""
+        return [*super().seldom_duties(), self._check_alarms]
+
+    def _run_due_schedules(self) -> None:
+        for run in self._mill.schedules.run_due():
+            structlog.get_logger().info("schedule-ran", **run.model_dump(mode="json"))
+
+    def _follow_drift(self) -> None:
+        """Drift checks that ended since go into their scanners' charts; the science is imported with the first one."""
+        waiting, until_s = self._mill.drift_charts.waiting(), time.monotonic() + DRIFT_S
+        while waiting:
+            going, waiting = waiting, []
+            for scanner_id in going:
+                with going_on("drift-chart-put-off", scanner_id=scanner_id):  # the others' go on
+                    if self._mill.drift_charts.follow(scanner_id, follow_drift) and time.monotonic() < until_s:
+                        waiting.append(scanner_id)
+
+    def _check_alarms(self) -> None:
+        for what, alarm in self._mill.alarms.check():
+            structlog.get_logger().warning(what, **alarm.model_dump(mode="json", exclude_none=True))
+
+    def _retire(self) -> None:
+        """Remove batches of what the rules of retention reach; the event of each says what went."""
+        until_s = time.monotonic() + RETENTION_S
+        while self._retention.remove_some() is not None and time.monotonic() < until_s:
+            pass
+
+    def _remove_leftovers(self) -> None:
+        removed = self._leftovers.remove_some()
+        if removed:
+            first = str(removed[0].relative_to(self._mill.files.folder))
+            structlog.get_logger().info("leftovers-removed", number=len(removed), first=first)
