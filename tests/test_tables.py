@@ -13,6 +13,7 @@ from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.event_kinds import JOB_ENDS, EventKind
 from sawmill_platform.contracts.jobs import JobKind
 from sawmill_platform.contracts.kinds import declaration_of
+from sawmill_platform.contracts.registered import RegisteredWord
 from sawmill_service.pages.scanner_history import EVENT_WORDS
 from sawmill_store.history import SUBJECTS
 from sawmill_store.history_writer import kind_of
@@ -23,11 +24,12 @@ PARTIAL = {
     "service/sawmill_service/drawing.py: _LOGS": "the other pictures of a calibration show no log",
     "service/sawmill_service/pages/job_words.py: _MADE": "a kind without a page of results links to its numbers",
     "service/sawmill_service/pages/job_words.py: FATES": "the other events are not of an attempt at a job",
+    "service/sawmill_service/pages/system.py: ACTIONS": "the audit keeps decisions alone",
     "service/sawmill_service/pages/scanner_history.py: EVENT_WORDS": "the other events are in no history",
     "worker/sawmill_worker/pictures/calibration_report.py: BY_METHOD": "the other methods need no remark",
     "worker/sawmill_store/history_writer.py: _BY_EVENT": "the subject decides for the other events",
     "worker/sawmill_store/references.py: _WITHOUT_RESULT": "the other states have a result or will have one",
-    "worker/sawmill_platform/database/tables.py: OWN_TABLES": "the rows of other kinds are in the table `asked`",
+    "worker/sawmill_store/tables.py: OWN_TABLES": "the rows of other kinds are in the table `asked`",
     "worker/sawmill_tomography/calibration/scan_model.py: LARGEST": "the other terms may have any size",
     "worker/sawmill_tomography/calibration/steps.py: arms": "the other terms do not move the phantom's rim",
     "worker/sawmill_tomography/reconstruction/choosing.py: EXPECTED_ERRORS": "`auto` takes measured methods only",
@@ -92,16 +94,21 @@ def member(path: Path, key: ast.expr | None) -> object:
     return None
 
 
-def name_of(each: Enum) -> str:
+def name_of(each: Enum | RegisteredWord) -> str:
     """The member as sources name it."""
-    return f"{type(each).__name__}.{each.name}"
+    name = each.name if isinstance(each, Enum) else f"{each}"
+    return f"{type(each).__name__}.{name}"
+
+
+def members(enum: type[Enum] | type[RegisteredWord]) -> Iterator[object]:
+    return iter(enum.all()) if issubclass(enum, RegisteredWord) else iter(enum)
 
 
 def lacking(keys: Collection[object], word_sets: Collection[frozenset[str]]) -> frozenset[str] | None:
     """The members without a row; None where the keys are of no enum. Texts count where they are half of a set."""
-    enums = {type(key) for key in keys if isinstance(key, Enum)}
-    if enums and all(isinstance(key, Enum) for key in keys):
-        return frozenset(name_of(each) for enum in enums for each in set(enum) - set(keys))
+    enums = {type(key) for key in keys if isinstance(key, Enum | RegisteredWord)}
+    if enums and all(isinstance(key, Enum | RegisteredWord) for key in keys):
+        return frozenset(name_of(each) for enum in enums for each in set(members(enum)) - set(keys))
     words = {key for key in keys if isinstance(key, str)}
     if enums or len(words) != len(keys) or len(words) < 2:
         return None

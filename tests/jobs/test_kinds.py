@@ -9,8 +9,8 @@ from sawmill_platform.attempts.work import Needs
 from sawmill_platform.contracts.jobs import JobKind
 
 
-@pytest.mark.parametrize("kind", JobKind)
+@pytest.mark.parametrize("kind", JobKind.all())
 def test_a_kind_s_module_has_its_function_and_its_needs(kind):
-    module = import_module(f"sawmill_worker.jobs.{kind.value.replace('-', '_')}")
+    module = import_module(f"sawmill_worker.jobs.{kind.replace('-', '_')}")
     assert list(signature(module.run).parameters) == ["attempt"]
     assert signature(module.needs).return_annotation is Needs

@@ -94,13 +94,13 @@ def test_every_request_that_changes_something_is_followed_by_an_event(changing, 
         path = example["path"].replace(start, own.get(start, start))
         answer = changing.request(example["method"], path, **options_of(changing, example))
         assert answer.status_code < 300, (path, answer.text)
-        happened = [(event.what.value, event.subject) for event in store.events.following(number)]
+        happened = [(event.what, event.subject) for event in store.events.following(number)]
         assert FOLLOWED_BY[example["operation_id"]] in happened, (path, happened)
     upload_id = own["/v1/uploads/example"].rpartition("/")[2]
     number = store.events.newest_number()
     made = changing.post(f"/v1/inspections?upload_id={upload_id}").json()
     used = store.events.following(number)[-1]
-    assert (used.what.value, used.subject_id) == ("upload-used", upload_id)
+    assert (used.what, used.subject_id) == ("upload-used", upload_id)
     assert used.detail == {"used_by": f"/v1/inspections/{made['id']}"}
 
 

@@ -54,7 +54,7 @@ def test_a_stream_begins_with_the_time_to_come_back_and_its_ids_are_numbers_of_e
     threading.Timer(0.3, worker.finish_calibration).start()
     heard = blocks(listen())
     events = [event for event in store.events.following(0) if event.job_id == job_id]
-    assert [event.what.value for event in events[:3]] == ["queued", "started", "succeeded"]
+    assert [event.what for event in events[:3]] == ["queued", "started", "succeeded"]
     queued, started, ended = [event.number for event in events[:3]]
     assert numbers == [queued]
     assert (heard[0]["event"], heard[0]["id"], heard[0]["retry"]) == ("job", str(queued), "1000")

@@ -162,7 +162,7 @@ def add_jobs(filled: StorageSettings, clock: TestClock) -> Iterator[Callable[...
         with database.write() as session:
             for _ in range(number):
                 clock.advance(seconds=1)
-                name = f"{values.get('group_id', kind.value)}-{next(numbers):04d}"
+                name = f"{values.get('group_id', kind)}-{next(numbers):04d}"
                 row = {"id": name, "subject_id": name, "kind": kind, "state": JobState.QUEUED, "created_at": clock()}
                 if took_s is not None:
                     start = clock()

@@ -33,7 +33,7 @@ from sawmill_platform.contracts.keys import KeyAsk, Scope
 from sawmill_platform.contracts.uploads import UploadAsk
 from sawmill_platform.database.database import Database, newest_revision
 from sawmill_platform.database.engines import make_engine
-from sawmill_platform.database.tables import Base, Ranked, UtcDateTime
+from sawmill_platform.database.tables import Base, Ranked, Registered, UtcDateTime
 from sawmill_platform.errors import Damaged, StorageFull, StorageMisconfigured
 from sawmill_platform.files import whole_files
 from sawmill_platform.files.file_store import RESTORING, read_identity
@@ -182,7 +182,7 @@ def test_what_is_restored_elsewhere_is_all_there_and_goes_on(
 
 
 def test_every_column_has_a_form_in_a_backup():
-    known = (String, Integer, Float, Boolean, Date, JSON, UtcDateTime, Ranked)
+    known = (String, Integer, Float, Boolean, Date, JSON, UtcDateTime, Ranked, Registered)
     columns = [column for table in Base.metadata.tables.values() for column in table.columns]
     assert [str(column) for column in columns if not isinstance(column.type, known)] == []
 

@@ -12,7 +12,7 @@ from sqlalchemy import text
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.schedules import ScheduleSpec
-from sawmill_platform.database.database import _MIGRATIONS, Database, newest_revision
+from sawmill_platform.database.database import Database, newest_revision
 from sawmill_platform.database.engines import make_engine
 from sawmill_platform.database.tables import Base
 from sawmill_platform.errors import StorageFull, StorageMisconfigured, StorageUnavailable
@@ -22,6 +22,8 @@ from sawmill_store.store import Store
 from sawmill_vocabulary.version import VERSION
 
 pytestmark = pytest.mark.slow
+
+MIGRATIONS = Base.metadata.info["migrations"]
 
 
 @pytest.mark.dialect
@@ -33,7 +35,7 @@ def test_the_migrations_make_the_tables_of_the_models(store):
 
 @pytest.mark.dialect
 def test_the_newest_revision_is_alembics_head_and_not_migrated_again(store, monkeypatch):
-    assert newest_revision() == ScriptDirectory(_MIGRATIONS).get_current_head()
+    assert newest_revision() == ScriptDirectory(MIGRATIONS).get_current_head()
     monkeypatch.setattr("sawmill_platform.database.database._migrate", pytest.fail)
     store._database.upgrade()
 
@@ -41,7 +43,7 @@ def test_the_newest_revision_is_alembics_head_and_not_migrated_again(store, monk
 @pytest.mark.dialect
 def test_jobs_from_before_are_kept_and_may_start_whatever_version_left_them(settings, empty_url):
     database = Database(make_engine(empty_url))
-    revisions = sorted(path.name[:4] for path in (_MIGRATIONS / "versions").glob("0*.py"))[:-1]
+    revisions = sorted(path.name[:4] for path in (MIGRATIONS / "versions").glob("0*.py"))[:-1]
     for number, revision in enumerate(revisions):
         database.upgrade(revision)
         with database.write() as session:

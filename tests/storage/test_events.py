@@ -31,7 +31,7 @@ def reader(store):
 
 
 def words(events) -> list[tuple[str, str | None, str | None]]:
-    return [(event.what.value, event.subject, event.scanner_id) for event in events]
+    return [(event.what, event.subject, event.scanner_id) for event in events]
 
 
 def announced(session: Session, store, scanner_id: str) -> None:
@@ -69,7 +69,7 @@ def test_a_scan_and_its_calibration_are_announced_from_acceptance_to_activation(
     assert [event.subject_id for event in events] == [scan.id] * 4 + ["first"] * 4 + ["second"] * 4 + ["first"]
     assert events[-1].detail == {"reason": "back to it"}
     # Attempts alone are a job's history.
-    assert [event.what.value for event in store.events.of_job(events[4].job_id)] == ["started", "succeeded"]
+    assert [event.what for event in store.events.of_job(events[4].job_id)] == ["started", "succeeded"]
     assert reader.read() == []
 
 
@@ -81,7 +81,7 @@ def test_what_is_refused_cancelled_and_deleted_is_announced(store, upload, clock
     store.jobs.fail(store.jobs.claim("test"), failure)
     store.jobs.request_cancel(cancelled.job_id)
     store.scans.delete(refused.id)
-    seen = [(event.what.value, event.subject_id, (event.detail or {}).get("reason")) for event in reader.read()[3:]]
+    seen = [(event.what, event.subject_id, (event.detail or {}).get("reason")) for event in reader.read()[3:]]
     assert seen == [
         ("failed", refused.id, None),
         ("scan-refused", refused.id, "the file holds no stack"),
@@ -101,7 +101,7 @@ def test_scanners_and_schedules_that_change_and_due_times_that_pass_are_announce
     store.schedules.delete(schedule.id)
     store.scanners.delete(scanner.id)
     events = reader.read()
-    assert [event.what.value for event in events] == [
+    assert [event.what for event in events] == [
         "scanner-changed",
         "schedule-created",
         "schedule-missed",
@@ -129,7 +129,7 @@ def test_uploads_that_are_refused_or_expire_are_announced_with_the_reason(store,
     part.close()
     clock.advance(days=2)
     store.uploads.remove_expired()
-    assert [(event.what.value, event.subject_id, event.detail) for event in reader.read()[2:]] == [
+    assert [(event.what, event.subject_id, event.detail) for event in reader.read()[2:]] == [
         ("upload-deleted", other.id, {"reason": "the file that came has another sha256"}),
         ("upload-deleted", stands_still.id, {"reason": "expired"}),
     ]
@@ -141,10 +141,8 @@ def test_a_job_that_runs_is_asked_to_stop_and_that_is_no_fate_of_its_attempt(sto
     for _ in range(2):
         store.jobs.request_cancel(running)
     asked = reader.read()[2:]
-    assert [(event.what.value, event.subject, event.job_id) for event in asked] == [
-        ("cancel-requested", "scan", running)
-    ]
-    assert [event.what.value for event in store.events.of_job(running)] == ["started"]
+    assert [(event.what, event.subject, event.job_id) for event in asked] == [("cancel-requested", "scan", running)]
+    assert [event.what for event in store.events.of_job(running)] == ["started"]
 
 
 @pytest.mark.dialect

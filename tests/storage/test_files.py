@@ -11,6 +11,7 @@ import pytest
 from sawmill_contracts import job_kinds
 from sawmill_platform.errors import NotFound, StorageFull, UploadTooLarge, disk_outage_reported
 from sawmill_platform.files.file_store import IDENTITY, FileStore
+from sawmill_store.mill_files import MillFiles
 
 LOCK = Lock()
 
@@ -142,4 +143,4 @@ def test_an_attempt_owns_its_folder_alone(files):
 
 def test_a_result_that_was_not_written_is_not_found(files):
     with pytest.raises(NotFound, match="there is no volume-h5 'one'"):
-        files.volume("one")
+        MillFiles(files.folder).volume("one")

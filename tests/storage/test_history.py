@@ -36,7 +36,7 @@ def calibrated(store, ready_scan, finish, clock):
 
 def entered(store, scanner, **which):
     entries = store.history.page(scanner.id, **which).items
-    return [(entry.kind.value, entry.what.value, entry.who, entry.why) for entry in entries]
+    return [(entry.kind.value, entry.what, entry.who, entry.why) for entry in entries]
 
 
 @pytest.mark.usefixtures("calibrated")

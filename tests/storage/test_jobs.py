@@ -367,7 +367,7 @@ def test_the_fate_of_each_attempt_is_kept(store, upload, finish):
     store.jobs.fail(claim(store), FULL, retries=AT_ONCE)
     store.jobs.release(claim(store))
     finish(store)
-    history = [(event.attempt, event.what.value) for event in store.events.of_job(scan.job_id)]
+    history = [(event.attempt, event.what) for event in store.events.of_job(scan.job_id)]
     assert history == [
         *[(1, "started"), (1, "lost"), (2, "started"), (2, "put-off")],
         *[(3, "started"), (3, "given-back"), (4, "started"), (4, "succeeded")],

@@ -32,10 +32,10 @@ def as_new_kinds(monkeypatch):
         monkeypatch.delitem(OWN_TABLES, kind)
 
 
-@pytest.mark.parametrize("kind", JobKind)
+@pytest.mark.parametrize("kind", JobKind.all())
 def test_each_kind_declares_itself_under_its_names(kind):
     declared = declaration_of(kind)
-    assert (declared.kind, JobKind(kind.value)) == (kind, kind)
+    assert (declared.kind, JobKind.of(kind)) == (kind, kind)
     assert kind.plural.startswith(declared.noun)
     assert declared.processor_s >= 3600
 

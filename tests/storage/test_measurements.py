@@ -164,7 +164,7 @@ def test_an_upgrade_fills_in_what_stored_answers_hold(settings, empty_url):
     assert check.at == BEFORE + timedelta(hours=1)
     deviations = (calibration.cor_column_standard_deviation_mm, calibration.tilt_standard_deviation_deg)
     assert deviations == (0.1, pytest.approx(math.degrees(0.1)))
-    assert [(entry.what.value, entry.subject_id, entry.at) for entry in history] == [
+    assert [(entry.what, entry.subject_id, entry.at) for entry in history] == [
         ("failed", "old-2", BEFORE + timedelta(hours=2)),
         ("succeeded", "old-1", BEFORE + timedelta(hours=1)),
         ("calibration-activated", "old-0", BEFORE + timedelta(minutes=1)),

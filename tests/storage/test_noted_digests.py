@@ -21,13 +21,14 @@ def volume(tmp_path):
 
 
 def test_large_files_that_are_downloaded_have_their_digests_beside_them(tmp_path, volume):
-    for name, content in (("result.h5", LARGE[1:]), ("scan.h5", LARGE)):
+    for name, content in (("result.h5", LARGE[1:]), ("more.h5", LARGE)):
         (tmp_path / name).write_bytes(content)
     (tmp_path / "more").mkdir()
     note_digests(tmp_path)
     assert {path.name for path in tmp_path.iterdir()} == {
-        *("volume.h5", "result.h5", "scan.h5", "more"),
+        *("volume.h5", "result.h5", "more.h5", "more"),
         ".volume.h5.sha256",
+        ".more.h5.sha256",
     }
     note = read_note(volume)
     assert (note.digest, note.is_of(volume.stat())) == (hashlib.sha256(LARGE).digest(), True)

@@ -125,7 +125,7 @@ def test_what_happens_on_a_pass_is_the_schedule_s_to_say(store, scanner, clock, 
     assert (store.scanners.get(scanner.id).active_calibration_id == run.calibration_id) is active
     made, *activated = store.history.page(scanner.id, since=START).items[::-1][-2 if active else -1 :]
     assert (made.subject_id, made.who) == (run.calibration_id, f"schedule {schedule.id}")
-    assert [(entry.what.value, entry.who) for entry in activated] == (
+    assert [(entry.what, entry.who) for entry in activated] == (
         [("calibration-activated", f"schedule {schedule.id}")] if active else []
     )
     assert all(schedule.id in entry.why for entry in activated)
