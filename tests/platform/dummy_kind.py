@@ -1,0 +1,144 @@
+"""A kind of job that adds numbers, on the platform alone: `dummy_kind.py FOLDER`; as an attempt it has no argument."""
+
+import json
+import sys
+import threading
+from pathlib import Path
+
+from sqlalchemy import String
+from sqlalchemy.orm import Mapped, mapped_column
+
+from sawmill_platform.attempts.attempt import main as attempt_main
+from sawmill_platform.attempts.runner import Runner
+from sawmill_platform.attempts.work import Attempt, Needs
+from sawmill_platform.contracts.attempts import AttemptInput, JobFailure
+from sawmill_platform.contracts.base import Contract
+from sawmill_platform.contracts.jobs import FailureKind, JobKind
+from sawmill_platform.contracts.kinds import KindDeclaration
+from sawmill_platform.database.tables import Base, Json, Resource
+from sawmill_platform.files.file_store import FileStore
+from sawmill_platform.jobs.queueing import queue_job
+from sawmill_platform.settings import StorageSettings
+from sawmill_platform.store import JobServiceStore
+from sawmill_platform.workers.settings import ExecutionSettings
+
+MIGRATION = """
+from alembic import op
+from sawmill_platform.database.tables import Base
+revision = "0001"
+down_revision = None
+def upgrade():
+    Base.metadata.create_all(op.get_bind())
+"""
+ENVIRONMENT = """
+from alembic import context
+context.configure(connection=context.config.attributes["connection"])
+context.run_migrations()
+"""
+
+
+class Sum(Contract):
+    """The answer."""
+
+    total: int
+
+
+class Numbers(AttemptInput):
+    """What an attempt works on."""
+
+    numbers: list[int]
+
+
+ADD = JobKind.register("add", "sums", declared_in=__name__)
+DECLARATION = KindDeclaration(
+    kind=ADD, noun="sum", label="Add", result=Sum, processor_s=60, time_limit_s=60, stall_s=60, lighter="give less"
+)
+
+
+class SumRow(Resource):
+    """Numbers and their sum."""
+
+    __tablename__ = "sums"
+
+    numbers: Mapped[Json]
+    answer: Mapped[Json | None]
+    reason: Mapped[str | None] = mapped_column(String(200))
+
+
+class Sums:
+    """The subjects of these jobs."""
+
+    def __init__(self, files):
+        self._files = files
+
+    def handed_over(self, session, job):
+        row = session.get(SumRow, job.subject_id)
+        return Numbers(kept=self._files.kept_with(job.id), numbers=row.numbers["of"])
+
+    def record_event(self, session, now, what, job, detail):
+        """The ledger is enough."""
+
+    def record_success(self, session, kind, subject_id, result, now):
+        session.get(SumRow, subject_id).answer = result
+
+    def record_end_without_result(self, session, kind, subject_id, reason, now):
+        session.get(SumRow, subject_id).reason = reason
+
+    def check_output(self, kind, given, result, folder):
+        assert not list(folder.iterdir())
+
+
+def warm_up():
+    """Nothing is slow."""
+
+
+def attempt(job, given_json, output, report, announce):
+    return Attempt(job, Numbers.model_validate_json(given_json), output, report, announce)
+
+
+def needs_of(_):
+    return Needs(0, 0)
+
+
+def make_ready(_):
+    """Nothing is compiled."""
+
+
+def run(attempt):
+    if not attempt.given.numbers:
+        raise JobFailure(FailureKind.INPUT, "no-numbers", "there is nothing to add")
+    return {"total": sum(attempt.given.numbers)}
+
+
+def supervise(folder: Path) -> None:
+    """Queue and run two jobs, and print what became of them."""
+    migrations = folder / "migrations"
+    (migrations / "versions").mkdir(parents=True)
+    (migrations / "versions" / "0001_first.py").write_text(MIGRATION)
+    (migrations / "env.py").write_text(ENVIRONMENT)
+    Base.metadata.info["migrations"] = migrations
+    files = FileStore(folder / "data")
+    store = JobServiceStore(StorageSettings(data_folder=folder / "data", database_url=None), files, Sums(files))
+    store.prepare()
+    for name, numbers in (("good", [1, 2, 3]), ("empty", [])):
+        with store._database.write() as session:
+            session.add(SumRow(id=name, created_at=store.now(), numbers={"of": numbers}))
+            queue_job(session, ADD, name, store.now(), short=True, group_id=None)
+    runner = Runner(store, ExecutionSettings(broker_url=None), threading.Event(), command=[sys.executable, __file__])
+    states = [runner.run_next(), runner.run_next()]
+    runner.close()
+    with store._database.read() as session:
+        answers = {row.id: [row.answer, row.reason] for row in session.query(SumRow)}
+    events = [event.what for event in store.events.following(0)]
+    ours = sorted({name.split(".")[0] for name in sys.modules if name.startswith("sawmill_")})
+    print(json.dumps({"states": states, "answers": answers, "events": events, "packages": ours}))
+    store.close()
+
+
+if __name__ == "__main__":
+    sys.modules["dummy_kind"] = sys.modules["__main__"]
+    ADD.declared_in = "dummy_kind"
+    if len(sys.argv) > 1:
+        supervise(Path(sys.argv[1]))
+    else:
+        attempt_main(sys.modules["__main__"])
