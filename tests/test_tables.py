@@ -15,8 +15,7 @@ from sawmill_platform.contracts.jobs import JobKind
 from sawmill_platform.contracts.kinds import declaration_of
 from sawmill_platform.contracts.registered import RegisteredWord
 from sawmill_service.pages.scanner_history import EVENT_WORDS
-from sawmill_store.history import SUBJECTS
-from sawmill_store.history_writer import kind_of
+from sawmill_store.history import SUBJECTS, kind_of
 
 ROOT = Path(__file__).parents[1]
 # Tables that lack members, each with what becomes of a member that it lacks.
@@ -27,7 +26,7 @@ PARTIAL = {
     "service/sawmill_service/pages/system.py: ACTIONS": "the audit keeps decisions alone",
     "service/sawmill_service/pages/scanner_history.py: EVENT_WORDS": "the other events are in no history",
     "worker/sawmill_worker/pictures/calibration_report.py: BY_METHOD": "the other methods need no remark",
-    "worker/sawmill_store/history_writer.py: _BY_EVENT": "the subject decides for the other events",
+    "worker/sawmill_store/history.py: _BY_EVENT": "the subject decides for the other events",
     "worker/sawmill_store/references.py: _WITHOUT_RESULT": "the other states have a result or will have one",
     "worker/sawmill_store/tables.py: OWN_TABLES": "the rows of other kinds are in the table `asked`",
     "worker/sawmill_tomography/calibration/scan_model.py: LARGEST": "the other terms may have any size",

@@ -31,7 +31,7 @@ from sawmill_service.webhooks.couriers import JITTER, WAITS_S, Couriers
 from sawmill_service.webhooks.destinations import AllowedDestinations
 from sawmill_service.webhooks.sender import WebhookSender
 from sawmill_service.webhooks.sending import Sending
-from sawmill_store.history_writer import announce
+from sawmill_store.history import announce
 from sawmill_store.store import Store
 
 LOOPBACK = AllowedDestinations(["127.0.0.0/8"])

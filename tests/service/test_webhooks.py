@@ -18,7 +18,7 @@ from sawmill_platform.webhooks.outbox import Attempt
 from sawmill_service.app import create_app
 from sawmill_service.settings import ServiceSettings
 from sawmill_service.webhooks.destinations import AllowedDestinations, RefusedDestinationError
-from sawmill_store.history_writer import announce
+from sawmill_store.history import announce
 
 URL = "https://alarms.mill.example/sawmill"
 

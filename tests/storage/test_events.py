@@ -15,7 +15,7 @@ from sawmill_platform.contracts.uploads import UploadAsk
 from sawmill_platform.errors import Damaged
 from sawmill_platform.files.upload_stream import AsSent
 from sawmill_platform.uploads.upload_store import UploadQuota
-from sawmill_store.history_writer import announce
+from sawmill_store.history import announce
 
 pytestmark = pytest.mark.slow
 

@@ -17,7 +17,7 @@ from sawmill_platform.database.tables import DeliveryRow
 from sawmill_platform.errors import Conflict, NotFound
 from sawmill_platform.webhooks import webhook_store as webhooks
 from sawmill_platform.webhooks.outbox import LEASE, Attempt, message_id
-from sawmill_store.history_writer import announce
+from sawmill_store.history import announce
 
 URL = "https://alarms.mill.example/sawmill"
 DELIVERED = Attempt(200)

@@ -574,6 +574,7 @@ def calibration_from(record: Mapping[str, Any]) -> CalibrationUnfinished | Calib
 
 DECLARATION = AskedKind(
     kind=job_kinds.CALIBRATE,
+    topic="calibration",
     noun="calibration",
     label=N_("Calibration"),
     lighter="ask for fewer rows or views, or for fewer generations of the published search",

@@ -205,6 +205,7 @@ class Drift(Stamped):
 
 DECLARATION = AskedKind(
     kind=job_kinds.DRIFT,
+    topic="drift-check",
     noun="drift",
     label=N_("Drift check"),
     lighter="ask for fewer rows",

@@ -6,8 +6,7 @@ from sqlalchemy import Select, func, select
 from sqlalchemy.orm import InstrumentedAttribute, Session
 
 from sawmill_contracts import mill_events
-from sawmill_platform.ledger.audit import write_audit
-from sawmill_store.history_writer import announce
+from sawmill_platform.ledger.events import announce
 from sawmill_store.tables import ActivationRow
 
 # A scanner's id, or the column of another statement that has it.
@@ -39,9 +38,9 @@ def activate(session: Session, scanner_id: str, calibration_id: str, reason: str
         return
     history = select(ActivationRow.calibration_id).where(ActivationRow.scanner_id == scanner_id)
     again = calibration_id in session.scalars(history)
-    action = mill_events.CALIBRATION_ROLLED_BACK if again else mill_events.CALIBRATION_ACTIVATED
     what = mill_events.CALIBRATION_ROLLED_BACK if again else mill_events.CALIBRATION_ACTIVATED
-    write_audit(session, now, action, calibration_id, {"scanner_id": scanner_id, "reason": reason})
-    announce(session, now, what, "calibration", calibration_id, scanner_id=scanner_id, detail={"reason": reason})
+    detail = {"reason": reason}
+    decided = {"scanner_id": scanner_id, **detail}
+    announce(session, now, what, "calibration", calibration_id, group_id=scanner_id, detail=detail, decided=decided)
     session.add(ActivationRow(scanner_id=scanner_id, calibration_id=calibration_id, activated_at=now, reason=reason))
     session.flush()

@@ -18,8 +18,8 @@ from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.event_kinds import EventKind
 from sawmill_platform.database.database import Database
 from sawmill_platform.database.tables import EventRow, JobRow
+from sawmill_platform.ledger.events import announce
 from sawmill_store.activations import active_since
-from sawmill_store.history_writer import announce
 from sawmill_store.tables import AlarmRow, CalibrationRow, DriftChartRow, PhantomRow, ScannerRow, ScanRow
 
 _READY = (ScanRow.phantom_id.is_not(None), ScanRow.state == ScanState.READY)
@@ -87,10 +87,9 @@ def _announce(session: Session, now: datetime, what: EventKind, alarm: Alarm) ->
         what,
         "scanner",
         alarm.scanner_id,
-        scanner_id=alarm.scanner_id,
+        group_id=alarm.scanner_id,
         detail=detail,
         why=alarm.sentence,
-        alarm=alarm.what,
     )
 
 
@@ -250,7 +249,7 @@ def _newest(column: InstrumentedAttribute[Any], *conditions: ColumnElement[bool]
 
 def _newest_accepted() -> ScalarSelect[Any]:
     """When the newest scan came, whether it is stored still or not: events outlast scans."""
-    came = EventRow.scanner_id == ScannerRow.id, EventRow.what == event_kinds.QUEUED, EventRow.subject == "scan"
+    came = EventRow.group_id == ScannerRow.id, EventRow.what == event_kinds.QUEUED, EventRow.subject == "scan"
     mine = select(EventRow.at).where(*came).order_by(EventRow.number.desc())
     return mine.limit(1).correlate(ScannerRow).scalar_subquery()
 

@@ -1,19 +1,24 @@
-"""Histories of scanners (`sawmill_store/history_writer.py` writes them): pages, charts, and files with the oldest first."""
+"""Histories of scanners, which are queries on the ledger: pages, charts, and files with the oldest first."""
 
-from collections.abc import Iterator
+import json
+from collections.abc import Iterator, Mapping
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import Row, Select, and_, select, tuple_
+from sqlalchemy import Row, Select, and_, func, select, text, tuple_, update
+from sqlalchemy.orm import Session
 
+from sawmill_contracts import mill_events
+from sawmill_contracts.alarms import AlarmKind
 from sawmill_contracts.history import HistoryEntry, HistoryKind, HistoryMark
+from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.base import Page
 from sawmill_platform.database.database import Database
 from sawmill_platform.database.paging import LARGEST_NUMBER, cursor_of, found, parse_cursor
-from sawmill_platform.database.tables import Resource
+from sawmill_platform.database.tables import IN_HISTORY, EventClass, EventRow, Resource
 from sawmill_platform.errors import Invalid
 from sawmill_store.measurements import read_measurement
-from sawmill_store.tables import CalibrationRow, DriftRow, HistoryRow, MeasurementRow, ScannerRow, ScanRow, ScheduleRow
+from sawmill_store.tables import CalibrationRow, DriftRow, MeasurementRow, ScannerRow, ScanRow, ScheduleRow
 
 _BATCH = 500
 # Where what an entry is about is stored, and listed below /v1/.
@@ -62,7 +67,7 @@ class Histories:
         statement = _entries(scanner_id, kind, since, until)
         if after is not None:
             statement = statement.where(tuple_(*_place(after)) > _PLACE)
-        newest_first = statement.order_by(HistoryRow.at.desc(), HistoryRow.number.desc()).limit(limit + 1)
+        newest_first = statement.order_by(EventRow.at.desc(), EventRow.number.desc()).limit(limit + 1)
         with self._database.read() as session:
             found(session, ScannerRow, "scanner", scanner_id)
             items = [_read(row) for row in session.execute(newest_first)]
@@ -84,23 +89,22 @@ class Histories:
         return self._batches(_entries(scanner_id, kind, since, until))
 
     def marks(self, scanner_id: str, since: datetime) -> list[HistoryMark]:
-        """Activations and alarms since a time, the oldest first: what a chart of measurements marks."""
-        marked = HistoryRow.kind.in_((HistoryKind.ACTIVATION, HistoryKind.ALARM))
-        statement = select(*(getattr(HistoryRow, name) for name in HistoryMark._fields))
-        statement = statement.where(HistoryRow.scanner_id == scanner_id, HistoryRow.at >= since, marked)
+        """Return activations and alarms since a time, the oldest first: what a chart of measurements marks."""
+        topics = (HistoryKind.ACTIVATION, HistoryKind.ALARM)
+        statement = _events(scanner_id).where(EventRow.at >= since, EventRow.topic.in_(topics))
         with self._database.read() as session:
-            rows = session.execute(statement.order_by(HistoryRow.at, HistoryRow.number))
-            return [HistoryMark(*row) for row in rows]
+            rows = session.scalars(statement.order_by(EventRow.at, EventRow.number))
+            return [_mark(row) for row in rows]
 
     def activation_of(self, scanner_id: str, calibration_id: str) -> HistoryEntry | None:
         """The newest activation of a calibration; None: it was never the active one."""
-        its = _entries(scanner_id, HistoryKind.ACTIVATION, None, None).where(HistoryRow.subject_id == calibration_id)
+        its = _entries(scanner_id, HistoryKind.ACTIVATION, None, None).where(EventRow.subject_id == calibration_id)
         with self._database.read() as session:
-            row = session.execute(its.order_by(HistoryRow.at.desc(), HistoryRow.number.desc()).limit(1)).one_or_none()
+            row = session.execute(its.order_by(EventRow.at.desc(), EventRow.number.desc()).limit(1)).one_or_none()
             return None if row is None else _read(row)
 
     def _batches(self, statement: Select[Any]) -> Iterator[list[HistoryEntry]]:
-        oldest_first, last = statement.order_by(HistoryRow.at, HistoryRow.number).limit(_BATCH), None
+        oldest_first, last = statement.order_by(EventRow.at, EventRow.number).limit(_BATCH), None
         while batch := self._following(oldest_first, last):
             yield batch
             last = (batch[-1].at, batch[-1].number)
@@ -112,7 +116,7 @@ class Histories:
 
 
 # Rows compare as wholes, so that an index by time finds where a page begins.
-_PLACE = tuple_(HistoryRow.at, HistoryRow.number)
+_PLACE = tuple_(EventRow.at, EventRow.number)
 
 
 def _place(cursor: str) -> _Place:
@@ -122,31 +126,74 @@ def _place(cursor: str) -> _Place:
     return moment, int(number)
 
 
+def _events(scanner_id: str) -> Select[EventRow]:
+    """Select the events of a scanner's history, from the time on when one of its id was deleted last."""
+    deleted = select(func.max(EventRow.number)).where(
+        EventRow.group_id == scanner_id, EventRow.what == mill_events.SCANNER_DELETED
+    )
+    since = EventRow.number > func.coalesce(deleted.scalar_subquery(), 0)
+    return select(EventRow).where(text(IN_HISTORY), EventRow.group_id == scanner_id, since)
+
+
 def _entries(scanner_id: str, kind: HistoryKind | None, since: datetime | None, until: datetime | None) -> Select[Any]:
-    """The rows with what they measured, and with the ids of what they are about where that is stored still."""
-    columns: list[Any] = [HistoryRow, MeasurementRow, *(row.id.label(noun) for noun, (row, _) in SUBJECTS.items())]
-    statement = select(*columns).outerjoin(MeasurementRow, MeasurementRow.number == HistoryRow.measurement_number)
+    """Select the events with what they measured, and with the ids of what they are about where that is stored still."""
+    columns: list[Any] = [MeasurementRow, *(row.id.label(noun) for noun, (row, _) in SUBJECTS.items())]
+    measured = and_(EventRow.what == event_kinds.SUCCEEDED, MeasurementRow.subject_id == EventRow.subject_id)
+    statement = _events(scanner_id).add_columns(*columns).outerjoin(MeasurementRow, measured)
     for noun, (row, _) in SUBJECTS.items():
-        statement = statement.outerjoin(row, and_(HistoryRow.subject == noun, row.id == HistoryRow.subject_id))
+        statement = statement.outerjoin(row, and_(EventRow.subject == noun, row.id == EventRow.subject_id))
     bounds = [
-        HistoryRow.scanner_id == scanner_id,
-        None if kind is None else HistoryRow.kind == kind,
-        None if since is None else HistoryRow.at >= since,
-        None if until is None else HistoryRow.at < until,
+        None if kind is None else EventRow.topic == kind,
+        None if since is None else EventRow.at >= since,
+        None if until is None else EventRow.at < until,
     ]
     return statement.where(*(bound for bound in bounds if bound is not None))
 
 
+def forget_history(session: Session, scanner_id: str) -> None:
+    """Leave the history of a scanner that is deleted to the rules of retention; decisions stay in the audit."""
+    its = EventRow.group_id == scanner_id, EventRow.event_class == EventClass.WORK, text(IN_HISTORY)
+    session.execute(update(EventRow).where(*its).values(topic=None).execution_options(synchronize_session=False))
+
+
 def _read(found: Row[Any]) -> HistoryEntry:
-    stored = found._mapping.get(found.HistoryRow.subject) is not None  # noqa: SLF001 - public, as named tuples have it
-    return read_entry(found.HistoryRow, found.MeasurementRow, stored=stored)
+    stored = found._mapping.get(found.EventRow.subject) is not None  # noqa: SLF001 - public, as named tuples have it
+    return read_entry(found.EventRow, found.MeasurementRow, stored=stored)
 
 
-def read_entry(entry: HistoryRow, measured: MeasurementRow | None, *, stored: bool) -> HistoryEntry:
-    """The entry of a row, with what it measured, and with a link where its subject is stored still."""
-    names = HistoryEntry.model_fields.keys() - {"link", "measured"}
+def read_entry(event: EventRow, measured: MeasurementRow | None, *, stored: bool) -> HistoryEntry:
+    """Return the entry of an event, with what it measured, and with a link where its subject is stored still."""
+    names = HistoryEntry.model_fields.keys() - {"kind", "alarm", "link", "measured"}
+    subject = event.subject or ""
     return HistoryEntry(
-        **{name: getattr(entry, name) for name in names},
-        link=f"/v1/{SUBJECTS[entry.subject][1]}/{entry.subject_id}" if stored else None,
+        **{name: getattr(event, name) for name in names},
+        kind=HistoryKind(event.topic or ""),
+        alarm=_alarm(event),
+        link=f"/v1/{SUBJECTS[subject][1]}/{event.subject_id}" if stored else None,
         measured=None if measured is None else read_measurement(measured),
     )
+
+
+def _mark(event: EventRow) -> HistoryMark:
+    return HistoryMark(event.at, HistoryKind(event.topic or ""), event.what, event.subject_id or "", _alarm(event))
+
+
+def _alarm(event: EventRow) -> AlarmKind | None:
+    return AlarmKind((event.detail or {})["what"]) if event.topic == HistoryKind.ALARM else None
+
+
+def changes_in_words(difference: Mapping[str, Any]) -> str:
+    """What was changed, by [before, after] of each name, as the audit has it: `name: "Line 3", was "Line 2"`."""
+    words = [f"{name}: {json.dumps(after)}, was {json.dumps(before)}" for name, before, after in _parts(difference)]
+    return "; ".join(words) or "nothing was changed"
+
+
+def _parts(difference: Mapping[str, Any], within: str = "") -> Iterator[tuple[str, Any, Any]]:
+    for name, (before, after) in difference.items():
+        if isinstance(before, dict) and isinstance(after, dict):
+            names = {**before, **after}
+            pairs = {each: (before.get(each), after.get(each)) for each in names}
+            changed = {each: pair for each, pair in pairs.items() if pair[0] != pair[1]}
+            yield from _parts(changed, f"{within}{name}.")
+        else:
+            yield f"{within}{name}", before, after

@@ -9,11 +9,10 @@ from sawmill_platform.errors import Conflict
 from sawmill_platform.files.file_store import FileStore
 from sawmill_platform.files.upload_stream import Received
 from sawmill_platform.jobs.queue_limits import Places
-from sawmill_platform.ledger.audit import write_audit
+from sawmill_platform.ledger.events import announce
 from sawmill_platform.uploads.uploading import kept_upload
 from sawmill_store.asked import Asked
 from sawmill_store.asked_rows import found_asked, read_asked
-from sawmill_store.history_writer import announce
 
 
 class Inspections(Asked[InspectionAsk, Inspection]):
@@ -99,8 +98,7 @@ class Inspections(Asked[InspectionAsk, Inspection]):
                 raise Conflict("inspection-in-use", msg)
             known = {"sha256": row.options["sha256"]}
             now = self._database.now()
-            write_audit(session, now, mill_events.INSPECTION_DELETED, identifier, known)
-            announce(session, now, mill_events.INSPECTION_DELETED, "inspection", identifier)
+            announce(session, now, mill_events.INSPECTION_DELETED, "inspection", identifier, decided=known)
             session.delete(row)
         self._files.remove(self._files.results(job_kinds.INSPECT, identifier))
         self._files.remove_upload(job_kinds.INSPECT, identifier)

@@ -12,14 +12,11 @@ from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_contracts.drifts import DriftResult
 from sawmill_contracts.measurements import Measurement, MeasurementKind, Movement
 from sawmill_contracts.two_questions import TwoQuestions
-from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.base import Page
-from sawmill_platform.contracts.kinds import declaration_of
 from sawmill_platform.database.database import Database
 from sawmill_platform.database.paging import found, read_numbered_page
 from sawmill_platform.database.tables import UtcDateTime
 from sawmill_store.drift_looks import counts_since
-from sawmill_store.history_writer import enter
 from sawmill_store.tables import Answered, CalibrationRow, DriftRow, MeasurementRow, ScannerRow
 
 MOST_READ, PARTS = 2000, 500
@@ -105,8 +102,8 @@ def _typical(scanner_id: str, since: datetime, until: datetime) -> ColumnElement
     return or_(*(MeasurementRow.number.in_(each) for each in found))
 
 
-def record_measurement(session: Session, subject: Answered, now: datetime) -> None:
-    """Add what a calibration or a drift check with its result measured, and enter it in its scanner's history.
+def record_measurement(session: Session, subject: Answered, now: datetime) -> str | None:
+    """Add what a calibration or a drift check with its result measured, and return the result in a sentence.
 
     A drift check's result gets the time of its end, and so the age of its baseline. Other kinds measure nothing of a
     scanner.
@@ -121,22 +118,9 @@ def record_measurement(session: Session, subject: Answered, now: datetime) -> No
             subject.result = checked.model_dump(mode="json")
         row, why = _of_drift(subject, checked, now, counts_since(session, subject, checked)), checked.reason
     else:
-        return
+        return None
     session.add(row)
-    session.flush()
-    job = subject.job
-    enter(
-        session,
-        now,
-        event_kinds.SUCCEEDED,
-        declaration_of(job.kind).noun,
-        subject.id,
-        row.scanner_id,
-        who=job.asked_by,
-        key_id=job.key_id,
-        why=why,
-        measurement_number=row.number,
-    )
+    return why
 
 
 def _in_words(result: CalibrationResult) -> str:

@@ -8,13 +8,11 @@ from sqlalchemy.orm import Session
 
 from sawmill_contracts.handed_over import HandedOver
 from sawmill_platform.contracts.attempts import AttemptInput
-from sawmill_platform.contracts.event_kinds import EventKind
 from sawmill_platform.contracts.jobs import JobKind
 from sawmill_platform.database.tables import JobRow, Json
 from sawmill_platform.files.file_store import FileStore
 from sawmill_store import outputs, subjects
 from sawmill_store.handing_over import handed_over
-from sawmill_store.history_writer import enter_job
 
 
 class MillSubjects:
@@ -27,13 +25,11 @@ class MillSubjects:
         """Return the rows that a job's own row refers to, and the file that it reads."""
         return handed_over(session, self._files, job)
 
-    def record_event(self, session: Session, now: datetime, what: EventKind, job: JobRow, detail: Json | None) -> None:
-        """Enter the event in its scanner's history."""
-        enter_job(session, now, what, job, detail)
-
-    def record_success(self, session: Session, kind: JobKind, subject_id: str, result: Json, now: datetime) -> None:
-        """Write a checked result to the job's subject."""
-        subjects.record_success(session, kind, subject_id, result, now)
+    def record_success(
+        self, session: Session, kind: JobKind, subject_id: str, result: Json, now: datetime
+    ) -> str | None:
+        """Write a checked result to the job's subject; return it in a sentence where a history tells of it."""
+        return subjects.record_success(session, kind, subject_id, result, now)
 
     def record_end_without_result(
         self, session: Session, kind: JobKind, subject_id: str, reason: str, now: datetime

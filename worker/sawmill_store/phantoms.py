@@ -21,9 +21,8 @@ from sawmill_platform.files.file_store import FileStore
 from sawmill_platform.files.upload_stream import Received
 from sawmill_platform.jobs.queue_limits import Places
 from sawmill_platform.jobs.queueing import queue_job
-from sawmill_platform.ledger.audit import write_audit
+from sawmill_platform.ledger.events import announce
 from sawmill_platform.uploads.uploading import kept_upload
-from sawmill_store.history_writer import announce
 from sawmill_store.references import check_usable
 from sawmill_store.references_guard import kept_by
 from sawmill_store.tables import PhantomRow, ScanRow
@@ -198,8 +197,7 @@ class Phantoms:
                     msg = f"phantom {phantom_id!r} is used by {plural}; a used phantom stays"
                     raise Conflict("phantom-in-use", msg)
             now = self._database.now()
-            write_audit(session, now, mill_events.PHANTOM_DELETED, phantom_id, row.drawing)
-            announce(session, now, mill_events.PHANTOM_DELETED, "phantom", phantom_id)
+            announce(session, now, mill_events.PHANTOM_DELETED, "phantom", phantom_id, decided=row.drawing)
             session.delete(row)
         self._files.remove(self._files.results(job_kinds.TRACE_PHANTOM, phantom_id))
         self._files.remove_upload(job_kinds.TRACE_PHANTOM, phantom_id)

@@ -99,7 +99,7 @@ def _of_drifts(session: Session) -> Iterator[Protection]:
 
 def _of_events(session: Session) -> Iterator[Protection]:
     """An alarm knows by it when a scanner's last scan came, whether that is stored still or not."""
-    came = EventRow.scanner_id == ScannerRow.id, EventRow.what == event_kinds.QUEUED, EventRow.subject == "scan"
+    came = EventRow.group_id == ScannerRow.id, EventRow.what == event_kinds.QUEUED, EventRow.subject == "scan"
     newest = select(EventRow.number).where(*came).order_by(EventRow.number.desc()).limit(1)
     if numbers := _newest(session, newest):
         yield Protection(StaysBecause.NEWEST, EventRow.number.in_(numbers))

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from datetime import datetime, timedelta
 from typing import Any
 
-from sqlalchemy import Select, and_, func, null, select
+from sqlalchemy import Select, and_, func, null, select, text
 from sqlalchemy.orm import Session
 
 from sawmill_contracts.retention import (
@@ -22,11 +22,11 @@ from sawmill_contracts.retention import (
 from sawmill_platform.acting import actor
 from sawmill_platform.contracts import event_kinds
 from sawmill_platform.database.database import Database, lock_for_setup
-from sawmill_platform.database.tables import EventRow
+from sawmill_platform.database.tables import REMOVABLE, EventRow
 from sawmill_platform.errors import Conflict
-from sawmill_platform.ledger.audit import changed, write_audit
+from sawmill_platform.ledger.audit import changed
+from sawmill_platform.ledger.events import announce
 from sawmill_store.growth import Growth, fillings, growth_of
-from sawmill_store.history_writer import announce
 from sawmill_store.protected import Protection, none_of, protections
 from sawmill_store.retention_rules import STOCKS, Stock, last_old_event, reach_of
 from sawmill_store.tables import RetentionRow
@@ -88,8 +88,7 @@ class RetentionStore:
             row.revision = (row.revision or 0) + 1
             row.followed_at = None
             difference = changed(before, after)
-            write_audit(session, now, event_kinds.RETENTION_CHANGED, RULES, difference)
-            announce(session, now, event_kinds.RETENTION_CHANGED, SUBJECT, RULES)
+            announce(session, now, event_kinds.RETENTION_CHANGED, SUBJECT, RULES, decided=difference)
             return read_retention(row, now)
 
 
@@ -167,7 +166,7 @@ def _of_stock(session: Session, stock: Stock, rules: RetentionRules, at: datetim
 
 def _of_events(session: Session, rules: RetentionRules, at: datetime) -> KindPreview:
     last, stay = last_old_event(session, rules, at), protections(session, RetentionKind.EVENTS)
-    beyond = EventRow.number <= last
+    beyond = and_(text(REMOVABLE), EventRow.number <= last)
     goes = and_(beyond, none_of(stay))
     number = session.scalar(select(func.count()).select_from(EventRow).where(goes)) or 0
     oldest = select(EventRow.number, EventRow.at).where(goes).order_by(EventRow.number).limit(_FIRST)

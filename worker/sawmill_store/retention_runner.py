@@ -11,15 +11,15 @@ from pathlib import Path
 from typing import NamedTuple
 
 import structlog
-from sqlalchemy import CursorResult, and_, delete, or_, select, update
+from sqlalchemy import CursorResult, and_, delete, or_, select, text, update
 from sqlalchemy.orm import Session
 
 from sawmill_contracts.retention import Removed, RetentionKind, RetentionRules
 from sawmill_platform.contracts import event_kinds
 from sawmill_platform.database.database import Database
-from sawmill_platform.database.tables import EventRow, JobDependencyRow, JobRow
+from sawmill_platform.database.tables import REMOVABLE, EventRow, JobDependencyRow, JobRow
 from sawmill_platform.files.file_store import FileStore
-from sawmill_store.history_writer import announce
+from sawmill_platform.ledger.events import announce
 from sawmill_store.leftovers import noted
 from sawmill_store.measured_bytes import freed_bytes_of, measure_some, places_of
 from sawmill_store.protected import none_of, protections
@@ -146,7 +146,7 @@ class RetentionKeeper:
             row = _held_rules(session, task)
             if row is None:
                 return None, False
-            goes = EventRow.number <= last, none_of(protections(session, RetentionKind.EVENTS))
+            goes = text(REMOVABLE), EventRow.number <= last, none_of(protections(session, RetentionKind.EVENTS))
             oldest = select(EventRow.number, EventRow.at).where(*goes).order_by(EventRow.number).limit(EVENTS_A_ROUND)
             chosen = session.execute(oldest).all()
             if not chosen:

@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from datetime import datetime
 
-from sqlalchemy import delete, func, select
+from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
 from sawmill_contracts import mill_events
@@ -12,13 +12,15 @@ from sawmill_platform.contracts.base import Page
 from sawmill_platform.contracts.event_kinds import EventKind
 from sawmill_platform.database.database import Database
 from sawmill_platform.database.paging import found, new_id, read_page, refuse_taken
+from sawmill_platform.database.tables import Json
 from sawmill_platform.errors import Conflict, Invalid
-from sawmill_platform.ledger.audit import changed, write_audit
+from sawmill_platform.ledger.audit import changed
+from sawmill_platform.ledger.events import announce
 from sawmill_store.activations import active_calibration_id
 from sawmill_store.alarms import close_alarms
-from sawmill_store.history_writer import announce, changes_in_words
+from sawmill_store.history import changes_in_words, forget_history
 from sawmill_store.references_guard import kept_by
-from sawmill_store.tables import HistoryRow, MeasurementRow, ScannerRow, ScanRow, ScheduleRow
+from sawmill_store.tables import MeasurementRow, ScannerRow, ScanRow, ScheduleRow
 
 
 class Scanners:
@@ -39,8 +41,7 @@ class Scanners:
         with self._database.write() as session:
             refuse_taken(session, ScannerRow, "scanner", row.id)
             session.add(row)
-            write_audit(session, row.created_at, mill_events.SCANNER_CREATED, row.id, {"name": spec.name})
-            _announce(session, row.created_at, mill_events.SCANNER_CREATED, row.id)
+            _announce(session, row.created_at, mill_events.SCANNER_CREATED, row.id, {"name": spec.name})
             return read_scanner(session, row)
 
     def get(self, scanner_id: str) -> StoredScanner:
@@ -90,8 +91,8 @@ class Scanners:
             before, row.spec = row.spec, spec.model_dump(mode="json")
             difference = changed(before, row.spec)
             now = self._database.now()
-            write_audit(session, now, mill_events.SCANNER_CHANGED, scanner_id, difference)
-            _announce(session, now, mill_events.SCANNER_CHANGED, scanner_id, changes_in_words(difference))
+            why = changes_in_words(difference)
+            _announce(session, now, mill_events.SCANNER_CHANGED, scanner_id, difference, why)
             return read_scanner(session, row)
 
     def delete(self, scanner_id: str) -> None:
@@ -114,15 +115,17 @@ class Scanners:
                     msg = f"scanner {scanner_id!r} is used by {used} {plural}; a used scanner stays"
                     raise Conflict("scanner-in-use", msg)
             now = self._database.now()
-            write_audit(session, now, mill_events.SCANNER_DELETED, scanner_id, row.spec)
             close_alarms(session, now, scanner_id)
-            _announce(session, now, mill_events.SCANNER_DELETED, scanner_id)
-            session.execute(delete(HistoryRow).where(HistoryRow.scanner_id == scanner_id))
+            _announce(session, now, mill_events.SCANNER_DELETED, scanner_id, row.spec)
+            session.flush()
+            forget_history(session, scanner_id)
             session.delete(row)
 
 
-def _announce(session: Session, now: datetime, what: EventKind, scanner_id: str, why: str | None = None) -> None:
-    announce(session, now, what, "scanner", scanner_id, scanner_id=scanner_id, why=why)
+def _announce(
+    session: Session, now: datetime, what: EventKind, scanner_id: str, decided: Json, why: str | None = None
+) -> None:
+    announce(session, now, what, "scanner", scanner_id, group_id=scanner_id, decided=decided, why=why)
 
 
 def read_scanner(session: Session, row: ScannerRow) -> StoredScanner:

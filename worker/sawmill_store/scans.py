@@ -16,9 +16,8 @@ from sawmill_platform.files.file_store import FileStore
 from sawmill_platform.files.upload_stream import Received
 from sawmill_platform.jobs.queue_limits import Places
 from sawmill_platform.jobs.queueing import queue_job
-from sawmill_platform.ledger.audit import write_audit
+from sawmill_platform.ledger.events import announce
 from sawmill_platform.uploads.uploading import kept_upload
-from sawmill_store.history_writer import announce
 from sawmill_store.references_guard import unfinished_job_about
 from sawmill_store.tables import PhantomRow, ScannerRow, ScanRow
 
@@ -160,8 +159,7 @@ class Scans:
                 raise Conflict("scan-in-use", msg)
             known = {"scanner_id": row.scanner_id, "sha256": row.sha256}
             now = self._database.now()
-            write_audit(session, now, mill_events.SCAN_DELETED, scan_id, known)
-            announce(session, now, mill_events.SCAN_DELETED, "scan", scan_id, scanner_id=row.scanner_id)
+            announce(session, now, mill_events.SCAN_DELETED, "scan", scan_id, group_id=row.scanner_id, decided=known)
             session.delete(row)
         self._files.remove(self._files.results(job_kinds.INGEST, scan_id))
         self._files.remove_upload(job_kinds.INGEST, scan_id)

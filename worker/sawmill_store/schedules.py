@@ -20,9 +20,10 @@ from sawmill_platform.database.database import Database
 from sawmill_platform.database.paging import found, narrowed, new_id, read_page, refuse_taken
 from sawmill_platform.due_times import latest_due, next_due
 from sawmill_platform.errors import Invalid, StorageError, StorageFull, StorageUnavailable
-from sawmill_platform.ledger.audit import changed, write_audit
+from sawmill_platform.ledger.audit import changed
+from sawmill_platform.ledger.events import announce
 from sawmill_store.asked import Asked
-from sawmill_store.history_writer import announce, changes_in_words
+from sawmill_store.history import changes_in_words
 from sawmill_store.scheduled import queue_due
 from sawmill_store.tables import ScannerRow, ScheduleRow, ScheduleRunRow
 
@@ -68,8 +69,7 @@ class Schedules:
             refuse_taken(session, ScheduleRow, "schedule", row.id)
             found(session, ScannerRow, "scanner", spec.scanner_id, lock=True)
             session.add(row)
-            write_audit(session, now, mill_events.SCHEDULE_CREATED, row.id, spec.model_dump(mode="json"))
-            _announce(session, now, mill_events.SCHEDULE_CREATED, row)
+            _announce(session, now, mill_events.SCHEDULE_CREATED, row, decided=spec.model_dump(mode="json"))
             session.flush()
             return read_schedule(session, row)
 
@@ -104,8 +104,8 @@ class Schedules:
             elif pending is not None:
                 _announce_missed(session, row, now, pending, "the schedule was changed before it ran")
             difference = changed(before, _spec(row))
-            write_audit(session, now, mill_events.SCHEDULE_CHANGED, schedule_id, difference)
-            _announce(session, now, mill_events.SCHEDULE_CHANGED, row, why=changes_in_words(difference))
+            why = changes_in_words(difference)
+            _announce(session, now, mill_events.SCHEDULE_CHANGED, row, decided=difference, why=why)
             session.flush()
             return read_schedule(session, row)
 
@@ -114,8 +114,7 @@ class Schedules:
         with self._database.write() as session:
             row = found(session, ScheduleRow, "schedule", schedule_id, lock=True)
             now = self._database.now()
-            write_audit(session, now, mill_events.SCHEDULE_DELETED, schedule_id, _spec(row))
-            _announce(session, now, mill_events.SCHEDULE_DELETED, row)
+            _announce(session, now, mill_events.SCHEDULE_DELETED, row, decided=_spec(row))
             session.delete(row)
 
     def runs(self, schedule_id: str, *, limit: int = 50) -> list[ScheduleRun]:
@@ -213,9 +212,20 @@ def _announce(
     what: EventKind,
     row: ScheduleRow,
     detail: dict[str, Any] | None = None,
+    decided: dict[str, Any] | None = None,
     why: str | None = None,
 ) -> None:
-    announce(session, now, what, "schedule", row.id, scanner_id=row.scanner_id, detail=detail, why=why)
+    announce(
+        session,
+        now,
+        what,
+        "schedule",
+        row.id,
+        group_id=row.scanner_id,
+        detail=detail,
+        decided=decided,
+        why=why,
+    )
 
 
 def _announce_missed(session: Session, row: ScheduleRow, now: datetime, due_at: datetime, reason: str) -> None:

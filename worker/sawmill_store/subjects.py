@@ -13,30 +13,32 @@ from sawmill_platform.contracts.jobs import JobKind
 from sawmill_platform.contracts.kinds import declaration_of
 from sawmill_platform.database.paging import found
 from sawmill_platform.database.tables import Json
+from sawmill_platform.ledger.events import announce
 from sawmill_store.activations import activate
 from sawmill_store.asked_rows import found_asked
-from sawmill_store.history_writer import announce
 from sawmill_store.measurements import record_measurement
 from sawmill_store.tables import CalibrationRow, PhantomRow, ScanRow
 
 
-def record_success(session: Session, kind: JobKind, subject_id: str, result: Json, now: datetime) -> None:
-    """Write a checked result to the job's subject."""
+def record_success(session: Session, kind: JobKind, subject_id: str, result: Json, now: datetime) -> str | None:
+    """Write a checked result to the job's subject; return it in a sentence where a history tells of it."""
     declared = declaration_of(kind)
     if isinstance(declared, AskedKind):
         row = found_asked(session, declared, subject_id)
         row.result = result
-        record_measurement(session, row, now)
+        why = record_measurement(session, row, now)
         if isinstance(row, CalibrationRow):
             _activate_on_pass(session, row, result, now)
-    elif kind is job_kinds.INGEST:
+        return why
+    if kind is job_kinds.INGEST:
         scan = found(session, ScanRow, "scan", subject_id)
         scan.state, scan.reading = ScanState.READY, result
-        announce(session, now, mill_events.SCAN_READY, "scan", scan.id, scanner_id=scan.scanner_id)
+        announce(session, now, mill_events.SCAN_READY, "scan", scan.id, group_id=scan.scanner_id)
     else:
         phantom = found(session, PhantomRow, "phantom", subject_id)
         phantom.state, phantom.drawing = PhantomState.READY, result
         announce(session, now, mill_events.PHANTOM_READY, "phantom", phantom.id)
+    return None
 
 
 def record_end_without_result(session: Session, kind: JobKind, subject_id: str, reason: str, now: datetime) -> None:
@@ -45,7 +47,7 @@ def record_end_without_result(session: Session, kind: JobKind, subject_id: str, 
         scan = found(session, ScanRow, "scan", subject_id)
         scan.state, scan.reason = ScanState.REFUSED, reason
         why = {"reason": reason}
-        announce(session, now, mill_events.SCAN_REFUSED, "scan", scan.id, scanner_id=scan.scanner_id, detail=why)
+        announce(session, now, mill_events.SCAN_REFUSED, "scan", scan.id, group_id=scan.scanner_id, detail=why)
     elif kind is job_kinds.TRACE_PHANTOM:
         phantom = found(session, PhantomRow, "phantom", subject_id)
         phantom.state, phantom.reason = PhantomState.REFUSED, reason

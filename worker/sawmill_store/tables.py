@@ -17,11 +17,9 @@ from sqlalchemy.orm import Mapped, declared_attr, mapped_column, relationship
 
 from sawmill_contracts import job_kinds
 from sawmill_contracts.alarms import AlarmKind
-from sawmill_contracts.history import HistoryKind
 from sawmill_contracts.measurements import MeasurementKind
 from sawmill_contracts.phantoms import PhantomState
 from sawmill_contracts.scans import ScanState
-from sawmill_platform.contracts.event_kinds import EventKind
 from sawmill_platform.contracts.jobs import JobKind
 from sawmill_platform.database.tables import Base, JobRow, Json, Resource, words
 
@@ -29,7 +27,6 @@ Base.metadata.info["migrations"] = Path(__file__).with_name("migrations")
 Base.registry.update_type_annotation_map(
     {
         AlarmKind: words(AlarmKind, 40),
-        HistoryKind: words(HistoryKind),
         MeasurementKind: words(MeasurementKind),
         PhantomState: words(PhantomState),
         ScanState: words(ScanState),
@@ -261,7 +258,7 @@ class MeasurementRow(Base):
     scanner_id: Mapped[str] = mapped_column(ForeignKey("scanners.id"))
     at: Mapped[datetime] = mapped_column(index=True)
     kind: Mapped[MeasurementKind]
-    subject_id: Mapped[str] = mapped_column(String(64))
+    subject_id: Mapped[str] = mapped_column(String(64), index=True)
     against_id: Mapped[str | None] = mapped_column(String(64))
     ray_change_mm: Mapped[float | None] = mapped_column(Float(53))
     ray_change_tolerance_mm: Mapped[float | None] = mapped_column(Float(53))
@@ -320,30 +317,6 @@ class DriftChartRow(Base):
     finding: Mapped[Json]
     # The finding that opened the alarm, kept until another calibration is active.
     alarm: Mapped[Json | None]
-
-
-class HistoryRow(Base):
-    """What happened to a scanner, by whom and why; it outlasts what it is about, and the events."""
-
-    __tablename__ = "history"
-    # A page of all or of one kind, from any time on.
-    __table_args__ = (
-        Index("ix_history_scanner_id_at", "scanner_id", "at", "number"),
-        Index("ix_history_scanner_id_kind_at", "scanner_id", "kind", "at", "number"),
-    )
-
-    number: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)
-    scanner_id: Mapped[str] = mapped_column(String(64))
-    at: Mapped[datetime]
-    kind: Mapped[HistoryKind]
-    what: Mapped[EventKind]
-    subject: Mapped[str] = mapped_column(String(20))
-    subject_id: Mapped[str] = mapped_column(String(64))
-    who: Mapped[str | None] = mapped_column(String(200))
-    key_id: Mapped[str | None] = mapped_column(String(64))
-    why: Mapped[str | None]
-    alarm: Mapped[AlarmKind | None]
-    measurement_number: Mapped[int | None] = mapped_column(ForeignKey("measurements.number"))
 
 
 class ScheduleRow(Resource):

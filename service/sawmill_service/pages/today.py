@@ -75,7 +75,7 @@ class Board:
 def today(page: ThePage, store: TheStore) -> HTMLResponse:
     """The whole page; its script follows the events behind the number that was read before the rows."""
     number = store.events.reader().number
-    kinds = " ".join(kind for kind in EventKind.all() if kind not in _NOT_SHOWN)
+    kinds = " ".join(kind for kind in EventKind.published() if kind not in _NOT_SHOWN)
     return page.answer(
         "today.html",
         board=_board(page, store),

@@ -43,7 +43,7 @@ DESCRIBED = events(
     "number as the id; `alive` with the number through which the client has seen all of them; `closing` before the "
     "service ends the stream.",
     EXAMPLE,
-    {"alive": _SEEN, "closing": _SEEN, **dict.fromkeys(EventKind.all(), _EVENT)},
+    {"alive": _SEEN, "closing": _SEEN, **dict.fromkeys(EventKind.published(), _EVENT)},
 )
 
 router = APIRouter(prefix="/v1/events", tags=["events"])

@@ -9,18 +9,45 @@ class EventKind(RegisteredWord):
     """What happened."""
 
     is_decision: bool
+    is_public: bool
+    topic: str | None
 
     @classmethod
-    def register(cls, word: str, *, is_decision: bool = False) -> Self:
-        """Add a kind of event; the audit keeps decisions, with who took them, for ever."""
+    def register(
+        cls, word: str, *, is_decision: bool = False, is_public: bool = True, topic: str | None = None
+    ) -> Self:
+        """Add a kind of event.
+
+        Parameters
+        ----------
+        word
+            Its name.
+        is_decision
+            True if somebody decides it: the audit keeps such events for ever, with who decided and from where.
+        is_public
+            True if the feed and webhooks publish it.
+        topic
+            The heading under which the history of a group keeps it; null: no history does. The ends of jobs have the
+            topic of their kind of job.
+        """
         kind = cls._add(word)
-        kind.is_decision = is_decision
+        kind.is_decision, kind.is_public, kind.topic = is_decision, is_public, topic
         return kind
 
     @classmethod
     def decisions(cls) -> tuple[Self, ...]:
         """Return the kinds that the audit keeps."""
         return tuple(kind for kind in cls.all() if kind.is_decision)
+
+    @classmethod
+    def published(cls) -> tuple[Self, ...]:
+        """Return the kinds that the feed and webhooks publish."""
+        return tuple(kind for kind in cls.all() if kind.is_public)
+
+    @classmethod
+    def unpublished(cls) -> tuple[Self, ...]:
+        """Return the kinds that neither the feed nor webhooks publish."""
+        return tuple(kind for kind in cls.all() if not kind.is_public)
 
 
 QUEUED = EventKind.register("queued")
@@ -47,9 +74,9 @@ WEBHOOK_PAUSED = EventKind.register("webhook-paused")
 WEBHOOK_DELETED = EventKind.register("webhook-deleted", is_decision=True)
 RETENTION_CHANGED = EventKind.register("retention-changed", is_decision=True)
 RETENTION_REMOVED = EventKind.register("retention-removed")
-JOB_CANCELLED = EventKind.register("job-cancelled", is_decision=True)
-LOGGED_IN = EventKind.register("logged-in", is_decision=True)
-LOGGED_OUT = EventKind.register("logged-out", is_decision=True)
+JOB_CANCELLED = EventKind.register("job-cancelled", is_decision=True, is_public=False)
+LOGGED_IN = EventKind.register("logged-in", is_decision=True, is_public=False)
+LOGGED_OUT = EventKind.register("logged-out", is_decision=True, is_public=False)
 CLOCK_STEPPED = EventKind.register("clock-stepped")
 CLOCK_OFF = EventKind.register("clock-off")
 RESTORED = EventKind.register("restored")

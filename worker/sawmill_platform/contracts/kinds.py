@@ -35,6 +35,8 @@ class KindDeclaration:
         What to do about a job that takes too long.
     upload : str or None
         The name in sentences of the file that somebody sent and the job reads. None: there is none.
+    topic : str or None
+        The heading under which the history of a job's group keeps the ends of such jobs. None: no history does.
     result_file : str or None
         The file for downloads that each success leaves in its folder. None: there is none.
     """
@@ -48,6 +50,7 @@ class KindDeclaration:
     stall_s: int
     lighter: str
     upload: str | None = None
+    topic: str | None = None
     result_file: str | None = None
 
 

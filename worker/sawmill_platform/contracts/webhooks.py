@@ -70,7 +70,7 @@ def _check_url(url: str) -> str:
 
 def kinds_of(wanted: Iterable[str]) -> frozenset[EventKind]:
     """The kinds of events that have one of these names, or begin with what stands before the `*` of one."""
-    return frozenset(kind for name in wanted for kind in EventKind.all() if _names(name, kind))
+    return frozenset(kind for name in wanted for kind in EventKind.published() if _names(name, kind))
 
 
 def _names(name: str, kind: EventKind) -> bool:

@@ -103,6 +103,13 @@ def words(kind: type[StrEnum], length: int = 20) -> Enum:
     return Enum(kind, native_enum=False, length=length, values_callable=lambda words: [word.value for word in words])
 
 
+class EventClass(StrEnum):
+    """How long an event is kept: a decision for ever, work until the rules of retention reach it."""
+
+    DECISION = "decision"
+    WORK = "work"
+
+
 class Base(DeclarativeBase):
     """Typed declarative base with named constraints, which migrations need."""
 
@@ -118,6 +125,7 @@ class Base(DeclarativeBase):
         Json: JSON(none_as_null=True),
         datetime: UtcDateTime(),
         DeliveryState: words(DeliveryState),
+        EventClass: words(EventClass),
         EventKind: Registered(EventKind, 40),
         JobKind: Registered(JobKind),
         JobState: words(JobState),
@@ -204,22 +212,49 @@ class JobDependencyRow(Base):
     needs_job_id: Mapped[str] = mapped_column(ForeignKey("jobs.id"), primary_key=True, index=True)
 
 
+# The rows that the rules of retention may reach, and the two kinds of rows that they never do.
+REMOVABLE, IN_HISTORY, DECIDED = "class = 'work' AND topic IS NULL", "topic IS NOT NULL", "class = 'decision'"
+
+
+def _where(name: str, condition: str, *columns: str) -> Index:
+    return Index(name, *columns, sqlite_where=text(condition), postgresql_where=text(condition))
+
+
 class EventRow(Base):
-    """What happened; written with the change itself. Rows of jobs of the first versions name no subject."""
+    """The ledger: what happened, written with the change itself; the database refuses to change a decision.
+
+    The event feed, webhooks, the audit and the histories of groups are queries on it. `detail` is what is published,
+    `decided` what the audit keeps beside it.
+    """
 
     __tablename__ = "events"
-    __table_args__ = (Index(None, "scanner_id", "number"), Index(None, "what", "number"))
+    __table_args__ = (
+        Index(None, "group_id", "number"),
+        Index(None, "what", "number"),
+        _where("ix_events_history", IN_HISTORY, "group_id", "at", "number"),
+        _where("ix_events_history_topic", IN_HISTORY, "group_id", "topic", "at", "number"),
+        _where("ix_events_decisions", DECIDED, "number"),
+        _where("ix_events_removable", REMOVABLE, "number"),
+    )
 
     number: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)
     at: Mapped[datetime]
+    event_class: Mapped[EventClass] = mapped_column("class", default=EventClass.WORK)
     what: Mapped[EventKind]
-    scanner_id: Mapped[str | None] = mapped_column(String(64))
+    topic: Mapped[str | None] = mapped_column(String(20))
+    group_id: Mapped[str | None] = mapped_column(String(64))
     subject: Mapped[str | None] = mapped_column(String(20))
     subject_id: Mapped[str | None] = mapped_column(String(64))
     job_id: Mapped[str | None] = mapped_column(String(64), index=True)
     attempt: Mapped[int | None]
     worker: Mapped[str | None] = mapped_column(String(200))
+    who: Mapped[str | None] = mapped_column(String(200))
+    key_id: Mapped[str | None] = mapped_column(String(64))
+    address: Mapped[str | None] = mapped_column(String(64))
+    request_id: Mapped[str | None] = mapped_column(String(64))
+    why: Mapped[str | None]
     detail: Mapped[Json | None]
+    decided: Mapped[Json | None]
 
 
 class ClockRow(Base):
@@ -350,20 +385,3 @@ class RepeatRow(Base):
     request_sha256: Mapped[str] = mapped_column(String(64))
     file_sha256: Mapped[str | None] = mapped_column(String(64))
     answer: Mapped[Json | None]
-
-
-class AuditRow(Base):
-    """Who did what; the database refuses to change or remove a row."""
-
-    __tablename__ = "audit"
-    __table_args__ = (Index(None, "subject_id", "at"),)
-
-    number: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)
-    at: Mapped[datetime]
-    who: Mapped[str] = mapped_column(String(200))
-    key_id: Mapped[str | None] = mapped_column(String(64))
-    address: Mapped[str | None] = mapped_column(String(64))
-    request_id: Mapped[str | None] = mapped_column(String(64))
-    action: Mapped[EventKind]
-    subject_id: Mapped[str] = mapped_column(String(64))
-    detail: Mapped[Json | None]

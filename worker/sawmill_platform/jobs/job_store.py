@@ -25,7 +25,7 @@ from sawmill_platform.contracts.jobs import ENDED, Failure, FailureKind, Job, Jo
 from sawmill_platform.contracts.kinds import declaration_of
 from sawmill_platform.database.database import Database, after_commit, lock_files_of
 from sawmill_platform.database.paging import found, narrowed, rows_of_page
-from sawmill_platform.database.tables import JobDependencyRow, JobRow, Json
+from sawmill_platform.database.tables import EventRow, JobDependencyRow, JobRow, Json
 from sawmill_platform.errors import Conflict, LeaseLost, StorageFull, StorageUnavailable
 from sawmill_platform.files.file_store import FileStore, read_identity
 from sawmill_platform.files.folder_identity import check_identity, database_expects
@@ -33,7 +33,6 @@ from sawmill_platform.jobs.retries import LONGEST_WAIT_S, Retries
 from sawmill_platform.jobs.subjects import Subjects
 from sawmill_platform.jobs.turns import ANY, FIRST_COME, QUEUED, Selection, note_served, places, turns
 from sawmill_platform.jobs.wait_estimate import NOTHING_KNOWN, WaitEstimate, WaitEstimates
-from sawmill_platform.ledger.audit import write_audit
 from sawmill_platform.ledger.events import PEAK_MEMORY, announce, record
 from sawmill_vocabulary import Progress
 
@@ -146,7 +145,7 @@ class Jobs:
             if not row.cancel_requested:
                 of = {"kind": row.kind, "subject_id": row.subject_id}
                 now = self._database.now()
-                write_audit(session, now, event_kinds.JOB_CANCELLED, job_id, of)
+                announce(session, now, event_kinds.JOB_CANCELLED, "job", job_id, job_id=job_id, decided=of)
                 if row.state is JobState.RUNNING:
                     announce(
                         session,
@@ -215,7 +214,7 @@ class Jobs:
                 if claimed is not None:
                     note_served(session, selection, turn)
                     row = found(session, JobRow, "job", claimed)
-                    self._record(session, now, event_kinds.STARTED, row)
+                    record(session, now, event_kinds.STARTED, row)
                     return Claim(read_job(row), selection)
             check_identity(session, self._files.folder)
             return None
@@ -328,8 +327,10 @@ class Jobs:
         checked = declaration_of(kind).result.model_validate(result).model_dump(mode="json")
         with self._ending() as session:
             row = _held(session, claim)
-            self._end(session, row, JobState.SUCCEEDED, event_kinds.SUCCEEDED, detail=_measured(peak_memory_bytes))
-            self._subjects.record_success(session, kind, subject_id, checked, self._database.now())
+            event = self._end(
+                session, row, JobState.SUCCEEDED, event_kinds.SUCCEEDED, detail=_measured(peak_memory_bytes)
+            )
+            event.why = self._subjects.record_success(session, kind, subject_id, checked, self._database.now())
             session.flush()
             # Renamed while the row is locked: a late attempt cannot replace a newer one's files. When the commit fails
             # the files stay: it may have come through. If not, the next attempt replaces them, or `leftovers` does.
@@ -390,7 +391,7 @@ class Jobs:
             if row.cancel_requested:
                 self._cancel(session, row)
             else:
-                self._record(session, self._database.now(), event_kinds.GIVEN_BACK, row)
+                record(session, self._database.now(), event_kinds.GIVEN_BACK, row)
                 requeue(row)
             return row.state
 
@@ -476,12 +477,6 @@ class Jobs:
             ready = _claimable(self._database.now()).with_only_columns(JobRow.id)
             return session.scalars(ready.where(needs_it)).all()
 
-    def _record(
-        self, session: Session, now: datetime, what: EventKind, row: JobRow, detail: Json | None = None
-    ) -> None:
-        record(session, now, what, row, detail)
-        self._subjects.record_event(session, now, what, row, detail)
-
     @contextmanager
     def _ending(self) -> Iterator[Session]:
         """A transaction that may end jobs; what these kept goes when that is committed."""
@@ -512,11 +507,11 @@ class Jobs:
             now = self._database.now()
             if failure.code in _OUTAGES:
                 row.outages += 1
-                self._record(session, now, event_kinds.PUT_OFF, row, reported)
+                record(session, now, event_kinds.PUT_OFF, row, reported)
                 _wait(row, now, detail, retries.outage_wait_s, row.outages)
                 return
             row.losses, row.outages = row.losses + 1, 0
-            self._record(session, now, event_kinds.LOST, row, reported)
+            record(session, now, event_kinds.LOST, row, reported)
             if row.losses < retries.max_losses:
                 _wait(row, now, detail, retries.loss_wait_s, row.losses)
                 return
@@ -536,14 +531,15 @@ class Jobs:
         *,
         reason: str | None = None,
         detail: Json | None = None,
-    ) -> None:
+    ) -> EventRow:
         session.info.setdefault(_ENDED_HERE, []).append(row.id)
         row.state = state
         row.finished_at = self._database.now()
         row.not_before_s = row.waiting_for = None
-        self._record(session, row.finished_at, what, row, detail)
+        event = record(session, row.finished_at, what, row, detail)
         if reason is not None:
             self._subjects.record_end_without_result(session, row.kind, row.subject_id, reason, row.finished_at)
+        return event
 
 
 def _claimable(at: datetime, selection: Selection = ANY) -> Select[JobRow]:

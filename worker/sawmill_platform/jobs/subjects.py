@@ -7,7 +7,6 @@ from typing import Any, Protocol
 from sqlalchemy.orm import Session
 
 from sawmill_platform.contracts.attempts import AttemptInput
-from sawmill_platform.contracts.event_kinds import EventKind
 from sawmill_platform.contracts.jobs import JobKind
 from sawmill_platform.database.tables import JobRow, Json
 
@@ -24,11 +23,10 @@ class Subjects(Protocol):
             What it refers to was deleted since it was asked for.
         """
 
-    def record_event(self, session: Session, now: datetime, what: EventKind, job: JobRow, detail: Json | None) -> None:
-        """Take note of an event of a job, beside the ledger."""
-
-    def record_success(self, session: Session, kind: JobKind, subject_id: str, result: Json, now: datetime) -> None:
-        """Write a checked result to the job's subject."""
+    def record_success(
+        self, session: Session, kind: JobKind, subject_id: str, result: Json, now: datetime
+    ) -> str | None:
+        """Write a checked result to the job's subject; return a sentence for the ledger, or None."""
 
     def record_end_without_result(
         self, session: Session, kind: JobKind, subject_id: str, reason: str, now: datetime

@@ -16,9 +16,8 @@ from sawmill_platform.contracts.event_kinds import EventKind
 from sawmill_platform.contracts.keys import Key, KeyAsk, Keys, NewKey
 from sawmill_platform.database.database import Database
 from sawmill_platform.database.paging import found, new_id
-from sawmill_platform.database.tables import KeyRow
+from sawmill_platform.database.tables import Json, KeyRow
 from sawmill_platform.errors import Conflict, Invalid
-from sawmill_platform.ledger.audit import write_audit
 from sawmill_platform.ledger.events import announce
 
 # By which a scanner for leaked secrets can know one.
@@ -56,8 +55,7 @@ class KeyStore:
         )
         with self._database.write() as session:
             session.add(row)
-            write_audit(session, now, event_kinds.KEY_CREATED, row.id, ask.model_dump(mode="json"))
-            _announce(session, now, event_kinds.KEY_CREATED, row.id)
+            _announce(session, now, event_kinds.KEY_CREATED, row.id, ask.model_dump(mode="json"))
             session.flush()
             return _with_secret(row, secret)
 
@@ -83,8 +81,7 @@ class KeyStore:
                 raise Conflict("key-ended", msg)
             row.previous_hash, row.previous_until = row.secret_hash, now + timedelta(seconds=grace_s)
             row.secret_hash, row.rotated_at = hash_of(secret), now
-            write_audit(session, now, event_kinds.KEY_ROTATED, key_id, {"name": row.name, "grace_s": grace_s})
-            _announce(session, now, event_kinds.KEY_ROTATED, key_id)
+            _announce(session, now, event_kinds.KEY_ROTATED, key_id, {"name": row.name, "grace_s": grace_s})
             return _with_secret(row, secret)
 
     def revoke(self, key_id: str) -> Key:
@@ -100,8 +97,7 @@ class KeyStore:
             row = found(session, KeyRow, "key", key_id, lock=True)
             if row.revoked_at is None:
                 row.revoked_at = now
-                write_audit(session, now, event_kinds.KEY_REVOKED, key_id, {"name": row.name})
-                _announce(session, now, event_kinds.KEY_REVOKED, key_id)
+                _announce(session, now, event_kinds.KEY_REVOKED, key_id, {"name": row.name})
             return read_key(row)
 
     def good(self, secret_hash: str) -> Key | None:
@@ -125,9 +121,9 @@ class KeyStore:
             return _any_good(session, self._database.now())
 
 
-def _announce(session: Session, now: datetime, what: EventKind, key_id: str) -> None:
+def _announce(session: Session, now: datetime, what: EventKind, key_id: str, decided: Json) -> None:
     """Tell followers, who need not be administrators, no more than the id."""
-    announce(session, now, what, "key", key_id)
+    announce(session, now, what, "key", key_id, decided=decided)
 
 
 def _any_good(session: Session, now: datetime) -> bool:

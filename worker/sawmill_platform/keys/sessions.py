@@ -14,7 +14,7 @@ from sawmill_platform.contracts import event_kinds
 from sawmill_platform.database.database import Database
 from sawmill_platform.database.tables import KeyRow, SessionRow
 from sawmill_platform.keys.key_store import RANDOM_BYTES, hash_of, opened_by
-from sawmill_platform.ledger.audit import write_audit
+from sawmill_platform.ledger.events import announce
 
 # A shift and its overtime without a request in between; a display's session lasts as long as its key.
 LASTS = timedelta(hours=12)
@@ -79,7 +79,7 @@ class Sessions:
             for beyond in session.scalars(oldest):
                 session.delete(beyond)
             session.add(row)
-            write_audit(session, now, event_kinds.LOGGED_IN, _who(), {"lasting": lasting})
+            announce(session, now, event_kinds.LOGGED_IN, "key", _who(), decided={"lasting": lasting})
         return secret
 
     def find(self, secret: str) -> BrowserSession | None:
@@ -107,7 +107,7 @@ class Sessions:
             row = session.get(SessionRow, hash_of(secret))
             if row is not None:
                 session.delete(row)
-                write_audit(session, now, event_kinds.LOGGED_OUT, _who())
+                announce(session, now, event_kinds.LOGGED_OUT, "key", _who())
 
 
 def _who() -> str:

@@ -1,40 +1,19 @@
-"""Who did what: written in the transaction of the change itself, and changed or removed by nothing (migration 0007)."""
+"""The audit: decisions of the ledger, which the database itself refuses to change or to remove."""
 
 from collections.abc import Iterator, Mapping
-from datetime import datetime
 from typing import Any
 
-from sqlalchemy import func, select
-from sqlalchemy.orm import Session
+from sqlalchemy import Select, func, select, text
 
-from sawmill_platform.acting import actor
 from sawmill_platform.contracts.audit import AuditEntry
 from sawmill_platform.contracts.base import Page
-from sawmill_platform.contracts.event_kinds import EventKind
 from sawmill_platform.database.database import Database
 from sawmill_platform.database.paging import read_numbered_page
-from sawmill_platform.database.tables import AuditRow
+from sawmill_platform.database.tables import DECIDED, EventRow
 
 _BATCH = 500
-
-
-def write_audit(
-    session: Session, now: datetime, action: EventKind, subject_id: str, detail: dict[str, Any] | None = None
-) -> None:
-    """Add what whoever acts does."""
-    who = actor()
-    session.add(
-        AuditRow(
-            at=now,
-            who=who.name,
-            key_id=who.key_id,
-            address=who.address,
-            request_id=who.request_id,
-            action=action,
-            subject_id=subject_id,
-            detail=detail,
-        )
-    )
+# As the partial index has it.
+_DECIDED = text(DECIDED)
 
 
 def changed(before: Mapping[str, Any], after: Mapping[str, Any]) -> dict[str, Any]:
@@ -59,7 +38,7 @@ class Audit:
         """
         with self._database.read() as session:
             return read_numbered_page(
-                session, select(AuditRow), AuditRow.number, read_audit_entry, after=after, limit=limit
+                session, _decisions(), EventRow.number, read_audit_entry, after=after, limit=limit
             )
 
     def all(self) -> Iterator[AuditEntry]:
@@ -71,17 +50,23 @@ class Audit:
 
     def extent(self) -> tuple[int, int]:
         """How many entries there are, and the newest one's number: the same as long as none is added."""
-        statement = select(func.count(), func.coalesce(func.max(AuditRow.number), 0)).select_from(AuditRow)
+        statement = select(func.count(), func.coalesce(func.max(EventRow.number), 0)).where(_DECIDED)
         with self._database.read() as session:
             count, newest = session.execute(statement).one()
         return count, newest
 
     def _following(self, number: int) -> list[AuditEntry]:
-        statement = select(AuditRow).where(AuditRow.number > number).order_by(AuditRow.number).limit(_BATCH)
+        statement = _decisions().where(EventRow.number > number).order_by(EventRow.number).limit(_BATCH)
         with self._database.read() as session:
             return [read_audit_entry(row) for row in session.scalars(statement)]
 
 
-def read_audit_entry(row: AuditRow) -> AuditEntry:
-    """The entry of a row."""
-    return AuditEntry.model_validate({column.key: getattr(row, column.key) for column in AuditRow.__table__.columns})
+def _decisions() -> Select[EventRow]:
+    return select(EventRow).where(_DECIDED)
+
+
+def read_audit_entry(row: EventRow) -> AuditEntry:
+    """Return the entry of a decision."""
+    names = AuditEntry.model_fields.keys() - {"action", "detail"}
+    fields = {name: getattr(row, name) for name in names} | {"action": row.what, "detail": row.decided}
+    return AuditEntry.model_validate(fields)

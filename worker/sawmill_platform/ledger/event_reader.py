@@ -10,9 +10,10 @@ import time
 from datetime import timedelta
 from itertools import pairwise, takewhile
 
-from sqlalchemy import func, select, text
+from sqlalchemy import ColumnElement, func, select, text
 from sqlalchemy.orm import Session
 
+from sawmill_platform.contracts.event_kinds import EventKind
 from sawmill_platform.contracts.events import Event
 from sawmill_platform.database.database import Database
 from sawmill_platform.database.tables import EventRow
@@ -68,7 +69,8 @@ class EventReader:
                 if row.number > before + 1 and not self._is_settled(before, open_since):
                     self._miss(before, session)
                     break
-                there.append(read_event(row))
+                if row.what.is_public:
+                    there.append(read_event(row))
                 before = row.number
         self.number = before
         return there
@@ -108,6 +110,12 @@ def _transactions(session: Session) -> tuple[int, int]:
     return open_since, not_begun
 
 
+def published() -> ColumnElement[bool]:
+    """Return a condition for statements: the feed publishes the event."""
+    return EventRow.what.not_in(EventKind.unpublished())
+
+
 def read_event(row: EventRow) -> Event:
-    """The event of a row."""
-    return Event.model_validate({name: getattr(row, name) for name in Event.model_fields})
+    """Return the event of a row, as it is published."""
+    names = Event.model_fields.keys() - {"scanner_id"}
+    return Event.model_validate({name: getattr(row, name) for name in names} | {"scanner_id": row.group_id})

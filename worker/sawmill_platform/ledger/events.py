@@ -1,5 +1,6 @@
 """Events, written in the transaction of the change itself; `ledger/event_reader.py` follows them."""
 
+from collections.abc import Mapping
 from datetime import datetime
 from functools import partial
 from typing import Any, NamedTuple
@@ -8,6 +9,7 @@ import structlog
 from sqlalchemy import and_, func, inspect, select
 from sqlalchemy.orm import Session
 
+from sawmill_platform.acting import actor
 from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.event_kinds import JOB_ENDS, EventKind
 from sawmill_platform.contracts.events import Event
@@ -15,8 +17,8 @@ from sawmill_platform.contracts.kinds import declaration_of
 from sawmill_platform.database import clock
 from sawmill_platform.database.database import AFTER_COMMIT, Database
 from sawmill_platform.database.paging import found
-from sawmill_platform.database.tables import EventRow, JobRow, Json
-from sawmill_platform.ledger.event_reader import EventReader, read_event
+from sawmill_platform.database.tables import EventClass, EventRow, JobRow, Json
+from sawmill_platform.ledger.event_reader import EventReader, published, read_event
 
 # In the detail of an attempt's end, where the attempt could tell it.
 PEAK_MEMORY = "peak_memory_bytes"
@@ -24,11 +26,11 @@ PEAK_MEMORY = "peak_memory_bytes"
 _NEWEST = 2000
 # By a restore. A mill with 2 000 logs a day writes some 30 000 events a day, and a backup is younger than a month.
 NUMBERS_SKIPPED = 1_000_000
-_OF_NO_ATTEMPT = (event_kinds.QUEUED, event_kinds.CANCEL_REQUESTED)
+_OF_NO_ATTEMPT = (event_kinds.QUEUED, event_kinds.CANCEL_REQUESTED, event_kinds.JOB_CANCELLED)
 
 
-def record(session: Session, now: datetime, what: EventKind, job: JobRow, detail: Json | None = None) -> None:
-    """Add an event of a job or of its attempt.
+def record(session: Session, now: datetime, what: EventKind, job: JobRow, detail: Json | None = None) -> EventRow:
+    """Add an event of a job or of its attempt; its end is by whoever asked for the job, or cancelled it.
 
     Parameters
     ----------
@@ -39,20 +41,33 @@ def record(session: Session, now: datetime, what: EventKind, job: JobRow, detail
     job
         The job.
     detail
-        More about it, of few words.
+        More about it, of few words; the sentence of a failure is in `detail`.
     """
+    declared = declaration_of(job.kind)
     row = EventRow(
         at=now,
         what=what,
-        scanner_id=job.group_id or None,
-        subject=declaration_of(job.kind).noun,
+        topic=declared.topic if what in JOB_ENDS and job.group_id else None,
+        group_id=job.group_id or None,
+        subject=declared.noun,
         subject_id=job.subject_id,
         job_id=job.id,
         attempt=job.attempt or None,
         worker=job.worker,
+        why=(detail or {}).get("detail"),
         detail=detail,
     )
-    _write(session, row)
+    row.who, row.key_id = _canceller(session, job) if what is event_kinds.CANCELLED else (job.asked_by, job.key_id)
+    return _write(session, row)
+
+
+def _canceller(session: Session, job: JobRow) -> tuple[str | None, str | None]:
+    """Return the name and the key's id of whoever cancelled a job."""
+    decisions = select(EventRow.who, EventRow.key_id).where(
+        EventRow.job_id == job.id, EventRow.what == event_kinds.JOB_CANCELLED
+    )
+    found = session.execute(decisions.order_by(EventRow.number.desc()).limit(1)).one_or_none()
+    return (None, None) if found is None else (found.who, found.key_id)
 
 
 def record_restored(session: Session, now: datetime, detail: dict[str, Any]) -> None:
@@ -72,8 +87,10 @@ def announce(
     group_id: str | None = None,
     job_id: str | None = None,
     detail: dict[str, Any] | None = None,
+    decided: Mapping[str, Any] | None = None,
+    why: str | None = None,
 ) -> None:
-    """Add an event of anything but an attempt at a job.
+    """Add an event of anything but an attempt at a job, by whoever acts.
 
     Parameters
     ----------
@@ -89,28 +106,44 @@ def announce(
         The job that it concerns.
     detail
         More about it, of few words: events are sent to whoever follows them.
+    decided
+        What the audit keeps of a decision, and administrators alone read.
+    why
+        For the history: a sentence, by default the `reason` of the detail.
     """
+    by = actor()
     row = EventRow(
         at=now,
+        event_class=EventClass.DECISION if what.is_decision else EventClass.WORK,
         what=what,
-        scanner_id=group_id,
+        topic=None if group_id is None else what.topic,
+        group_id=group_id,
         subject=subject,
         subject_id=subject_id,
         job_id=job_id,
+        who=by.name,
+        key_id=by.key_id,
+        address=by.address,
+        request_id=by.request_id,
+        why=why or (detail or {}).get("reason"),
         detail=detail,
+        decided=None if decided is None else dict(decided),
     )
     _write(session, row)
 
 
-def _write(session: Session, row: EventRow) -> None:
+def _write(session: Session, row: EventRow) -> EventRow:
     """Add a row, and log it once it is committed."""
     session.add(row)
     session.info.setdefault(AFTER_COMMIT, []).append(partial(_log, row))
+    return row
 
 
 def _log(row: EventRow) -> None:
     """Log an event; commands, which print their answer, have no log."""
-    if structlog.is_configured() and inspect(row).persistent:  # a part of the transaction may have been undone
+    if (
+        row.what.is_public and structlog.is_configured() and inspect(row).persistent
+    ):  # a part of the transaction may have been undone
         structlog.get_logger().info("event", **read_event(row).model_dump(mode="json", exclude_none=True))
 
 
@@ -144,14 +177,14 @@ class Events:
 
     def numbers_of_job(self, job_id: str) -> JobNumbers:
         """Of a job's newest events; a job that is read after them is as new as they are, or newer."""
-        newest = select(EventRow.number, EventRow.what).where(EventRow.job_id == job_id)
+        newest = select(EventRow.number, EventRow.what).where(EventRow.job_id == job_id, published())
         with self._database.read() as session:
             rows = list(session.execute(newest.order_by(EventRow.number.desc()).limit(2)))
         end = rows.pop(0).number if rows and rows[0].what in JOB_ENDS else None
         return JobNumbers(rows[0].number if rows else 0, end)
 
     def following(
-        self, number: int, *, through: int | None = None, scanner_id: str | None = None, limit: int = 500
+        self, number: int, *, through: int | None = None, group_id: str | None = None, limit: int = 500
     ) -> list[Event]:
         """Events behind a number, the oldest first; `EventReader` tells through which one all of them are written.
 
@@ -161,16 +194,16 @@ class Events:
             Of the last event before them.
         through
             The last number that is wanted; null: no last one.
-        scanner_id
-            Those that concern this scanner; null: all.
+        group_id
+            Those that concern this group; null: all.
         limit
             How many at most.
         """
-        wanted = select(EventRow).where(EventRow.number > number).order_by(EventRow.number).limit(limit)
+        wanted = select(EventRow).where(EventRow.number > number, published()).order_by(EventRow.number).limit(limit)
         if through is not None:
             wanted = wanted.where(EventRow.number <= through)
-        if scanner_id is not None:
-            wanted = wanted.where(EventRow.scanner_id == scanner_id)
+        if group_id is not None:
+            wanted = wanted.where(EventRow.group_id == group_id)
         with self._database.read() as session:
             return [read_event(row) for row in session.scalars(wanted)]
 

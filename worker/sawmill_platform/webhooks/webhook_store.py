@@ -27,7 +27,7 @@ from sawmill_platform.database.database import Database
 from sawmill_platform.database.paging import found, new_id, read_numbered_page
 from sawmill_platform.database.tables import DeliveryRow, EventRow, WebhookRow
 from sawmill_platform.errors import Conflict
-from sawmill_platform.ledger.audit import changed, write_audit
+from sawmill_platform.ledger.audit import changed
 from sawmill_platform.ledger.events import announce
 
 PREFIX = "whsec_"
@@ -74,12 +74,12 @@ class WebhookStore:
                 msg = f"there are {MOST} webhooks already, and there can be no more: delete one"
                 raise Conflict("too-many-webhooks", msg)
             row = WebhookRow(id=webhook_id or new_id(), created_at=now, secret=_new_secret())
-            announce(session, now, event_kinds.WEBHOOK_CREATED, "webhook", row.id)
-            session.flush()
-            row.after = _newest(session)
             _describe(session, row, ask)
+            announce(session, now, event_kinds.WEBHOOK_CREATED, "webhook", row.id, decided=_audited(row))
+            session.flush()
+            newest = _newest(session)
+            row.after = newest if ask.after is None else min(ask.after, newest)
             session.add(row)
-            write_audit(session, now, event_kinds.WEBHOOK_CREATED, row.id, _audited(row))
             session.flush()
             return _with_secret(session, row)
 
@@ -121,24 +121,24 @@ class WebhookStore:
             row = found(session, WebhookRow, "webhook", webhook_id, lock=True)
             row.previous_secret, row.previous_secret_until = row.secret, now + timedelta(seconds=grace_s)
             row.secret = _new_secret()
-            write_audit(session, now, event_kinds.WEBHOOK_ROTATED, webhook_id, {"grace_s": grace_s})
-            announce(session, now, event_kinds.WEBHOOK_ROTATED, "webhook", webhook_id)
+            decided = {"grace_s": grace_s}
+            announce(session, now, event_kinds.WEBHOOK_ROTATED, "webhook", webhook_id, decided=decided)
             return _with_secret(session, row)
 
     def note_test(self, test: WebhookTest) -> WebhookTest:
         """Enter that somebody sent a test, and why it was not delivered; the webhook stands as before."""
         now, detail = self._database.now(), {} if test.reason is None else {"reason": test.reason}
         with self._database.write() as session:
-            write_audit(session, now, event_kinds.WEBHOOK_TESTED, test.webhook_id, detail)
-            announce(session, now, event_kinds.WEBHOOK_TESTED, "webhook", test.webhook_id, detail=detail)
+            announce(
+                session, now, event_kinds.WEBHOOK_TESTED, "webhook", test.webhook_id, detail=detail, decided=detail
+            )
         return test
 
     def delete(self, webhook_id: str) -> None:
         """Remove a webhook and the list of what it was sent, or `NotFound`."""
         with self._database.write() as session:
             row, now = found(session, WebhookRow, "webhook", webhook_id, lock=True), self._database.now()
-            write_audit(session, now, event_kinds.WEBHOOK_DELETED, webhook_id, _audited(row))
-            announce(session, now, event_kinds.WEBHOOK_DELETED, "webhook", webhook_id)
+            announce(session, now, event_kinds.WEBHOOK_DELETED, "webhook", webhook_id, decided=_audited(row))
             session.delete(row)
 
     def deliveries(self, webhook_id: str, *, after: str | None = None, limit: int = 50) -> Page[Delivery]:
@@ -169,8 +169,7 @@ def _replace(session: Session, now: datetime, row: WebhookRow, ask: WebhookAsk) 
     _describe(session, row, ask)
     row.paused, row.failures, row.next_attempt_at = False, 0, None
     after = _audited(row) | {"after": row.after}
-    write_audit(session, now, event_kinds.WEBHOOK_CHANGED, row.id, changed(before, after))
-    announce(session, now, event_kinds.WEBHOOK_CHANGED, "webhook", row.id)
+    announce(session, now, event_kinds.WEBHOOK_CHANGED, "webhook", row.id, decided=changed(before, after))
     session.flush()
 
 

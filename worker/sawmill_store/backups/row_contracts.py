@@ -25,9 +25,9 @@ from sawmill_platform.contracts.events import Event
 from sawmill_platform.contracts.jobs import JobState
 from sawmill_platform.contracts.kinds import declaration_of
 from sawmill_platform.database.tables import (
-    AuditRow,
     Base,
     DeliveryRow,
+    EventClass,
     EventRow,
     JobDependencyRow,
     JobRow,
@@ -66,7 +66,6 @@ from sawmill_store.tables import (
     CalibrationRow,
     DriftChartRow,
     DriftRow,
-    HistoryRow,
     MeasurementRow,
     PhantomRow,
     PlanRow,
@@ -159,6 +158,10 @@ class _DetailOfClock(BaseModel, strict=True):
 def _read_event(_: Session, row: EventRow) -> Event:
     shown = _DetailOfClock if row.what in _OF_CLOCKS else _DetailOfAttempt
     shown.model_validate(row.detail or {})
+    if row.event_class is EventClass.DECISION:
+        read_audit_entry(row)
+    if row.topic is not None:
+        read_entry(row, None, stored=False)
     return read_event(row)
 
 
@@ -238,7 +241,6 @@ READ: Mapping[type[Base], Read] = MappingProxyType(
         ActivationRow: _load,
         MeasurementRow: lambda _, row: read_measurement(row),
         DriftChartRow: _read_chart,
-        HistoryRow: lambda _, row: read_entry(row, None, stored=False),
         ScheduleRow: _read_schedule,
         ScheduleRunRow: lambda _, row: read_schedule_run(row),
         AlarmRow: _read_alarm,
@@ -248,6 +250,5 @@ READ: Mapping[type[Base], Read] = MappingProxyType(
         DeliveryRow: lambda _, row: read_delivery(row),
         SenderRow: _load,
         RepeatRow: _read_repeat,
-        AuditRow: lambda _, row: read_audit_entry(row),
     }
 )

@@ -43,10 +43,14 @@ _INDEXES = {
     "ix_asked_phantom_id": ("asked", ["phantom_id"], None),
     "ix_asked_created_at_id": ("asked", ["created_at", "id"], None),
     "ix_events_job_id": ("events", ["job_id"], None),
-    "ix_events_scanner_id_number": ("events", ["scanner_id", "number"], None),
+    "ix_events_group_id_number": ("events", ["group_id", "number"], None),
+    "ix_events_history": ("events", ["group_id", "at", "number"], "topic IS NOT NULL"),
+    "ix_events_history_topic": ("events", ["group_id", "topic", "at", "number"], "topic IS NOT NULL"),
+    "ix_events_decisions": ("events", ["number"], "class = 'decision'"),
+    "ix_events_removable": ("events", ["number"], "class = 'work' AND topic IS NULL"),
+    "ix_measurements_subject_id": ("measurements", ["subject_id"], None),
     "ix_events_what_number": ("events", ["what", "number"], None),
     "ix_keys_previous_hash": ("keys", ["previous_hash"], None),
-    "ix_audit_subject_id_at": ("audit", ["subject_id", "at"], None),
     "ix_measurements_at": ("measurements", ["at"], None),
     "ix_measurements_scanner_id_number": ("measurements", ["scanner_id", "number"], None),
     "ix_measurements_scanner_id_at": ("measurements", ["scanner_id", "at"], None),
@@ -61,8 +65,6 @@ _INDEXES = {
         "activation_number IS NOT NULL",
     ),
     "ix_measurements_awaiting_chart": ("measurements", ["scanner_id", "number"], "awaits_chart IS NOT NULL"),
-    "ix_history_scanner_id_at": ("history", ["scanner_id", "at", "number"], None),
-    "ix_history_scanner_id_kind_at": ("history", ["scanner_id", "kind", "at", "number"], None),
     "ix_repeats_created_at": ("repeats", ["created_at"], None),
     "ix_uploads_changed_at": ("uploads", ["changed_at"], None),
     "ix_webhook_deliveries_last_at": ("webhook_deliveries", ["last_at"], None),
@@ -96,12 +98,11 @@ def upgrade() -> None:
     for table in ("scans", "calibrations", "reconstructions"):
         op.add_column(table, sa.Column("stored_bytes", _BYTES, nullable=True))
     _create_asked()
-    _create_tables_of_events()
     _create_tables_of_keys()
     _create_tables_of_requests()
     _create_tables_of_webhooks()
     _create_tables_of_alarms()
-    measurements, history = _create_measurements(), _create_history()
+    measurements, events = _create_measurements(), _create_events()
     op.drop_index("ix_scans_phantom_id", "scans")
     for name, (table, columns, which) in _INDEXES.items():
         where = None if which is None else sa.text(which)
@@ -109,7 +110,7 @@ def upgrade() -> None:
     op.create_index("ix_keys_secret_hash", "keys", ["secret_hash"], unique=True)
     entries = [*_measured(measurements), *_without_result(), *_activations()]
     entries.sort(key=lambda entry: entry["at"])
-    op.bulk_insert(history, entries)
+    op.bulk_insert(events, entries)
 
 
 def _needed(**types: TypeEngine[Any]) -> Columns:
@@ -145,6 +146,11 @@ def _change_tables_of_jobs() -> None:
         *_perhaps(request_id=_ID, key_id=_ID, asked_by=_NAME),
     ):
         op.add_column("jobs", column)
+    for table in ("scans", "calibrations", "reconstructions", "drifts", "plans"):
+        op.execute(
+            f"UPDATE jobs SET group_id = (SELECT scanner_id FROM {table} WHERE {table}.job_id = jobs.id)"  # noqa: S608
+            f" WHERE EXISTS (SELECT 1 FROM {table} WHERE {table}.job_id = jobs.id)"
+        )
     op.drop_column("jobs", "lease_expires_s")
     op.create_table(
         "job_turns",
@@ -188,45 +194,44 @@ def _create_asked() -> None:
     )
 
 
-def _create_tables_of_events() -> None:
-    """Create the events, and the audit, of which the database itself refuses to change or remove an entry."""
-    op.create_table(
+def _create_events() -> sa.Table:
+    """Create the ledger, of which the database itself refuses to change or remove a decision."""
+    events = op.create_table(
         "events",
         _counted(),
-        *_needed(at=_MOMENT, what=_EVENT),
-        *_perhaps(job_id=_ID, attempt=_INTEGER, worker=_NAME, detail=_JSON),
-        *_perhaps(scanner_id=_ID, subject=_WORD, subject_id=_ID),
+        *_needed(at=_MOMENT),
+        sa.Column("class", _WORD, nullable=False),
+        *_needed(what=_EVENT),
+        *_perhaps(topic=_WORD, group_id=_ID, subject=_WORD, subject_id=_ID),
+        *_perhaps(job_id=_ID, attempt=_INTEGER, worker=_NAME),
+        *_perhaps(who=_NAME, key_id=_ID, address=_ID, request_id=_ID, why=_TEXT, detail=_JSON, decided=_JSON),
         sa.PrimaryKeyConstraint("number", name="pk_events"),
     )
-    op.create_table(
-        "audit",
-        _counted(),
-        *_needed(at=_MOMENT, who=_NAME),
-        *_perhaps(key_id=_ID, address=_ID, request_id=_ID),
-        *_needed(action=_EVENT, subject_id=_ID),
-        *_perhaps(detail=_JSON),
-        sa.PrimaryKeyConstraint("number", name="pk_audit"),
-    )
     if op.get_bind().dialect.name == "sqlite":
+        refused = "BEGIN SELECT RAISE(ABORT, 'decisions of the ledger stay as they are'); END"
         for change in ("UPDATE", "DELETE"):
             op.execute(
-                f"CREATE TRIGGER audit_no_{change.lower()} BEFORE {change} ON audit"
-                " BEGIN SELECT RAISE(ABORT, 'the audit only grows'); END"
+                f"CREATE TRIGGER decisions_no_{change.lower()} BEFORE {change} ON events"
+                f" WHEN OLD.class = 'decision' {refused}"
             )
         op.execute(
-            "CREATE TRIGGER audit_no_replace BEFORE INSERT ON audit"
-            " WHEN EXISTS (SELECT 1 FROM audit WHERE number = NEW.number)"
-            " BEGIN SELECT RAISE(ABORT, 'the audit only grows'); END"
+            "CREATE TRIGGER decisions_no_replace BEFORE INSERT ON events"
+            f" WHEN EXISTS (SELECT 1 FROM events WHERE number = NEW.number AND class = 'decision') {refused}"
         )
-        return
+        return events
     op.execute(
-        "CREATE FUNCTION audit_only_grows() RETURNS trigger LANGUAGE plpgsql AS"
-        " $$ BEGIN RAISE EXCEPTION 'the audit only grows'; END $$"
+        "CREATE FUNCTION decisions_stay() RETURNS trigger LANGUAGE plpgsql AS"
+        " $$ BEGIN RAISE EXCEPTION 'decisions of the ledger stay as they are'; END $$"
     )
     op.execute(
-        "CREATE TRIGGER audit_only_grows BEFORE UPDATE OR DELETE OR TRUNCATE ON audit"
-        " FOR EACH STATEMENT EXECUTE FUNCTION audit_only_grows()"
+        "CREATE TRIGGER decisions_stay BEFORE UPDATE OR DELETE ON events"
+        " FOR EACH ROW WHEN (OLD.class = 'decision') EXECUTE FUNCTION decisions_stay()"
     )
+    op.execute(
+        "CREATE TRIGGER decisions_no_truncate BEFORE TRUNCATE ON events"
+        " FOR EACH STATEMENT EXECUTE FUNCTION decisions_stay()"
+    )
+    return events
 
 
 def _create_tables_of_keys() -> None:
@@ -358,18 +363,6 @@ def _create_measurements() -> sa.Table:
     )
 
 
-def _create_history() -> sa.Table:
-    """Create the histories of scanners."""
-    return op.create_table(
-        "history",
-        _counted(),
-        *_needed(scanner_id=_ID, at=_MOMENT, kind=_WORD, what=_EVENT, subject=_WORD, subject_id=_ID),
-        *_perhaps(who=_NAME, key_id=_ID, why=_TEXT, alarm=_EVENT, measurement_number=_INTEGER),
-        sa.ForeignKeyConstraint(["measurement_number"], ["measurements.number"], name="fk_history_measurement_number"),
-        sa.PrimaryKeyConstraint("number", name="pk_history"),
-    )
-
-
 def _table(name: str, **types: TypeEngine[Any]) -> sa.TableClause:
     return sa.table(name, *(sa.column(column, kind) for column, kind in types.items()))
 
@@ -382,10 +375,10 @@ _ASKED = {
 _KINDS = {"calibration": "calibration", "drift": "drift-check"}
 
 
-def _entry(scanner_id: str, at: datetime, kind: str, what: str, subject: str, subject_id: str) -> Values:
-    """Return an entry of a history, without who did it and why."""
-    about = {"scanner_id": scanner_id, "at": at, "kind": kind, "what": what, "subject": subject}
-    return about | {"subject_id": subject_id} | dict.fromkeys(("who", "why", "measurement_number"))
+def _entry(scanner_id: str, at: datetime, topic: str, what: str, subject: str, subject_id: str) -> Values:
+    """Return an event of a history, without who did it and why."""
+    about = {"group_id": scanner_id, "at": at, "class": "work", "topic": topic, "what": what, "subject": subject}
+    return about | {"subject_id": subject_id} | dict.fromkeys(("who", "why"))
 
 
 def _schedule_of(row: Any) -> str | None:  # noqa: ANN401 - a row
@@ -411,11 +404,10 @@ def _measured(measurements: sa.Table) -> Iterator[Values]:
         row = connection.execute(sa.select(table).where(table.c.id == identifier)).one()
         values = _of_calibration(row.result) if subject == "calibration" else _of_drift(row.calibration_id, row.result)
         about = {"scanner_id": row.scanner_id, "at": at, "kind": subject, "subject_id": identifier}
-        written = measurements.insert().values(about | values).returning(measurements.c.number)
-        number = connection.execute(written).scalar_one()
+        connection.execute(measurements.insert().values(about | values))
         why = _why(row.result) if subject == "calibration" else row.result["reason"]
         entry = _entry(row.scanner_id, at, _KINDS[subject], "succeeded", subject, identifier)
-        yield entry | {"who": _schedule_of(row), "why": why, "measurement_number": number}
+        yield entry | {"who": _schedule_of(row), "why": why}
 
 
 def _of_calibration(result: Values) -> Values:
