@@ -37,13 +37,13 @@ from sawmill_platform.contracts.event_kinds import EventKind
 from sawmill_platform.contracts.jobs import JobState
 from sawmill_platform.database.database import Database
 from sawmill_platform.database.engines import make_engine
-from sawmill_platform.database.tables import JobRow
+from sawmill_platform.database.tables import EventClass, EventRow, JobRow
 from sawmill_platform.settings import StorageSettings
 from sawmill_service.app import create_app
 from sawmill_service.history_file import history_csv
 from sawmill_service.settings import ServiceSettings
 from sawmill_store.store import Store
-from sawmill_store.tables import CalibrationRow, HistoryRow, MeasurementRow
+from sawmill_store.tables import CalibrationRow, MeasurementRow
 
 SEED, REPEATS, DAYS = 17, 5, 365
 SCANNER_ID = "line-2"
@@ -77,7 +77,7 @@ def fill(database: Database, checks: int) -> None:
             row["number"] = number
         insert_all(session, MeasurementRow, rows)
         entries = [entry_of(row) for row in rows] + [*activations(now), *alarms(now)]
-        insert_all(session, HistoryRow, sorted(entries, key=lambda entry: entry["at"]))
+        insert_all(session, EventRow, sorted(entries, key=lambda entry: entry["at"]))
 
 
 def insert_all(session: Session, table: Any, rows: list[Row]) -> None:  # noqa: ANN401 - a table
@@ -141,7 +141,7 @@ def entry_of(row: Row) -> Row:
     phantom = row["kind"] is MeasurementKind.CALIBRATION
     entry = about(row["at"], HistoryKind.CALIBRATION if phantom else HistoryKind.DRIFT_CHECK, event_kinds.SUCCEEDED)
     subject = {"subject": "calibration" if phantom else "drift", "subject_id": row["subject_id"]}
-    return entry | subject | {"measurement_number": row["number"], "why": "nothing moved beyond the tolerance"}
+    return entry | subject | {"why": "nothing moved beyond the tolerance"}
 
 
 def activations(now: datetime) -> Iterator[Row]:
@@ -159,13 +159,20 @@ def alarms(now: datetime) -> Iterator[Row]:
     for month in range(1, 12):
         for what, days in ((mill_events.ALARM_OPENED, 0), (mill_events.ALARM_CLOSED, 2)):
             entry = about(now - timedelta(days=30 * month - days), HistoryKind.ALARM, what)
-            yield entry | {"alarm": AlarmKind.SCANNER_QUIET, "why": "no scan came for 24 hours"}
+            yield entry | {"detail": {"what": AlarmKind.SCANNER_QUIET}, "why": "no scan came for 24 hours"}
 
 
 def about(at: datetime, kind: HistoryKind, what: EventKind) -> Row:
     """What every entry has."""
-    names = ("key_id", "why", "alarm", "measurement_number")
-    known = {"scanner_id": SCANNER_ID, "at": at, "kind": kind, "what": what, "who": "schedule nightly"}
+    names = ("key_id", "why", "detail")
+    known = {
+        "group_id": SCANNER_ID,
+        "at": at,
+        "event_class": EventClass.WORK,
+        "topic": kind,
+        "what": what,
+        "who": "schedule nightly",
+    }
     return dict.fromkeys(names) | known | {"subject": "scanner", "subject_id": SCANNER_ID}
 
 

@@ -1,6 +1,5 @@
 """The pages hold together: links and anchors resolve, tables name what is there, lines are short."""
 
-import ast
 import re
 import subprocess
 import sys
@@ -8,8 +7,10 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from package_drawing import drawing, layers
 
 from sawmill_service.pages.languages import catalogue
+from sawmill_vocabulary.version import PACKAGES
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -81,6 +82,8 @@ def test_the_technician_s_words_are_those_of_the_pages():
 
 
 PICTURES = ROOT / "docs/pictures"
+# Folders that are to be divided.
+LARGEST_FOLDER: dict[str, int] = {}
 LARGEST_PICTURE_BYTES = 150_000
 
 
@@ -99,48 +102,21 @@ def test_references_from_code_lead_to_files_and_headings():
     assert not broken
 
 
-def test_the_table_of_rooms_is_the_tree():
-    table, _ = (ROOT / "docs/architecture.md").read_text().split("## The way of a calibration")
-    rooms = re.findall(r"^\| `([\w/.]+)` \|", table, re.MULTILINE)
-    worker = ROOT / "worker/sawmill_worker"
-    parts = [path for path in worker.iterdir() if (path / "__init__.py").exists()]
-    expected = {named(path) for path in parts} | {named(path.parent) for path in ROOT.glob("*/sawmill_*/__init__.py")}
-    expected -= {named(worker)}
-    assert expected <= set(rooms)
-    assert all((ROOT / room).exists() for room in rooms)
+def test_the_picture_of_the_packages_is_the_code_s():
+    assert (ROOT / "docs/packages.svg").read_text() == drawing(), "run python benchmarks/package_drawing.py"
+    assert {package for layer in layers() for package in layer} == set(PACKAGES)
+    assert {path.parent.name for path in ROOT.glob("*/sawmill_*/__init__.py")} == set(PACKAGES)
 
 
-def room_of(module: str) -> str:
-    top, *rest = module.split(".")
-    return rest[0] if top == "sawmill_worker" and rest else top
+def test_the_architecture_is_read_in_ten_minutes():
+    assert len((ROOT / "docs/architecture.md").read_text().splitlines()) <= 150
 
 
-def imported_rooms(path: Path) -> set[str]:
-    nodes = list(ast.walk(ast.parse(path.read_text())))
-    modules = [f"{node.module}.{node.names[0].name}" for node in nodes if isinstance(node, ast.ImportFrom)]
-    modules += [alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names]
-    return {room_of(module) for module in modules if module.startswith("sawmill_")}
-
-
-@pytest.mark.slow
-def test_the_table_of_imports_is_the_code_s():
-    _, section = (ROOT / "docs/architecture.md").read_text().split("| room | imports |")
-    documented = {
-        room: set(re.findall(r"\w+", names))
-        for room, names in re.findall(r"^\| `(\w+)` \|(.*)\|$", section, re.MULTILINE)
-    }
-    found = {}
-    for folder in (
-        ROOT / "service/sawmill_service",
-        ROOT / "worker/sawmill_calibration",
-        *(ROOT / "worker").glob("*/*/"),
-    ):
-        if (folder / "__init__.py").exists():
-            starting = ("cli.py", "key_commands.py", "backup_commands.py", "server_commands.py", "doctor/science.py")
-            command_line = {ROOT / "service/sawmill_service" / name for name in starting}
-            files = [path for path in folder.rglob("*.py") if path not in command_line]
-            found[folder.name] = set().union(*map(imported_rooms, files)) - {folder.name}
-    assert documented == found
+def test_no_folder_of_the_science_and_the_services_is_a_heap():
+    """Some twenty modules at most, so that a reader sees at once where a thing is."""
+    folders = {path.parent for root in ("service", "worker") for path in (ROOT / root).rglob("*.py")}
+    sizes = {named(folder): len(list(folder.glob("[!_]*.py"))) for folder in folders}
+    assert not {folder: size for folder, size in sizes.items() if size > LARGEST_FOLDER.get(folder, 24)}
 
 
 def test_the_directions_of_imports_are_the_linter_s():

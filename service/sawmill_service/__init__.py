@@ -1,1 +1,1 @@
-"""The HTTP service: routes that decide nothing, errors, settings, the offline console."""
+"""The HTTP service: routes and pages, which decide nothing."""

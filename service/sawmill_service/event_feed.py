@@ -95,7 +95,7 @@ class EventFeed:
             through = max(number, self._complete_through)
         else:
             behind = await run_in_threadpool(
-                self._events.following, number, through=complete_from, scanner_id=scanner_id, limit=_BATCH
+                self._events.following, number, through=complete_from, group_id=scanner_id, limit=_BATCH
             )
             through = behind[-1].number if len(behind) == _BATCH else complete_from
         return through, [event for event in behind if scanner_id in {None, event.scanner_id}]

@@ -311,3 +311,25 @@ def test_a_client_that_leaves_while_events_wait_for_it_is_no_failure(seeded, log
 
     asyncio.run(story())
     assert [(line["event"], line["level"]) for line in log_lines()] == [("request", "info")]
+
+
+def test_the_feed_tells_a_key_to_read_what_happened_and_not_who_did_it(seeded, store):
+    reader, chief = (store.keys.create(KeyAsk(name=name, scope=Scope(name))) for name in ("read", "admin"))
+    seeded.app = create_app(ServiceSettings(public_url="https://calibration.mill.example"), store, print)
+    seeded.headers = {"Authorization": f"Bearer {chief.secret}"}
+    seeded.delete("/v1/schedules/example")
+    (decided,) = store.audit.page(limit=1).items
+    assert (decided.action, decided.who, decided.key_id) == ("schedule-deleted", "admin", chief.id)
+    assert decided.address
+    assert decided.request_id
+    seeded.headers = {"Authorization": f"Bearer {reader.secret}"}
+    assert seeded.get("/v1/audit").status_code == 403
+    job = seeded.get("/v1/calibrations/example").json()["job_id"]
+    told = seeded.get(f"/v1/jobs/{job}/history").json()["events"]
+    told += [event.model_dump(mode="json") for event in store.events.following(0)]
+    assert "schedule-deleted" in {event["what"] for event in told}
+    assert {name for event in told for name in event} == {
+        *("number", "at", "what", "scanner_id", "subject", "subject_id", "job_id", "attempt", "worker", "detail")
+    }
+    secrets = {decided.request_id, decided.address}
+    assert not [event for event in told for each in secrets if each in json.dumps(event)]

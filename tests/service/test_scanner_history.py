@@ -14,10 +14,11 @@ from sawmill_contracts.history import HistoryEntry, HistoryKind, HistoryMark
 from sawmill_contracts.measurements import Measurement, MeasurementKind, Movement
 from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.keys import KeyAsk, Scope
+from sawmill_platform.database.tables import EventRow
 from sawmill_service.history_file import COLUMNS, history_csv
 from sawmill_service.pages.charts import HEIGHT_PX, MOST_MARKS, span_of
 from sawmill_service.pages.trend_chart import trend_chart
-from sawmill_store.tables import ActivationRow, CalibrationRow, DriftRow, HistoryRow, MeasurementRow, ReconstructionRow
+from sawmill_store.tables import ActivationRow, CalibrationRow, DriftRow, MeasurementRow, ReconstructionRow
 
 HISTORY, PAGE = "/v1/scanners/example/history", "/scanners/example/history"
 PATH, FILE = f"{HISTORY}/entries", f"{HISTORY}.csv"
@@ -149,8 +150,8 @@ def test_a_deleted_calibration_is_shown_with_its_numbers_and_without_a_link(seed
 def test_an_unknown_kind_of_event_is_shown_by_its_name(seeded, store):
     entry = store.history.page("example").items[0]
     with store._database.write() as session:
-        later = {"at": entry.at, "kind": HistoryKind.SETTINGS, "what": event_kinds.CLOCK_STEPPED, "subject": "scanner"}
-        session.add(HistoryRow(scanner_id="example", subject_id="example", **later))
+        later = {"at": entry.at, "topic": HistoryKind.SETTINGS, "what": event_kinds.CLOCK_STEPPED, "subject": "scanner"}
+        session.add(EventRow(group_id="example", subject_id="example", **later))
     assert "clock-stepped" in seeded.get(PAGE).text
 
 
@@ -219,22 +220,20 @@ def test_a_year_is_a_small_page_and_few_queries(seeded, store):
         MeasurementKind.DRIFT: ("drift-check", "drift"),
     }
     entries = [
-        {"scanner_id": "example", "at": one["at"], "kind": kinds[one["kind"]][0], "what": event_kinds.SUCCEEDED}
-        | {"subject": kinds[one["kind"]][1], "subject_id": one["subject_id"], "measurement_number": one["number"]}
+        {"group_id": "example", "at": one["at"], "topic": kinds[one["kind"]][0], "what": event_kinds.SUCCEEDED}
+        | {"subject": kinds[one["kind"]][1], "subject_id": one["subject_id"]}
         for one in measured
     ]
     with store._database.write() as session:
         session.execute(insert(MeasurementRow), measured)
-        session.execute(insert(HistoryRow), entries)
+        session.execute(insert(EventRow), entries)
     page = seeded.get(f"{PAGE}?days=365")
     assert page.status_code == 200
     assert len(page.content) < 220_000  # of the 300 000 that a page may have with its styles and scripts
     assert page.text.count("<tr data-x=") <= MOST_MARKS
     asked = ({}, {"kind": HistoryKind.ALARM}, {"until": now - timedelta(days=100)})
     plans = [plan_of(store, **which) for which in asked]
-    assert all(
-        "SEARCH history USING INDEX ix_history_scanner_id" in plan and "TEMP B-TREE" not in plan for plan in plans
-    )
+    assert all("SEARCH events USING INDEX ix_events_history" in plan and "TEMP B-TREE" not in plan for plan in plans)
 
 
 def plan_of(store, **which):
@@ -244,7 +243,7 @@ def plan_of(store, **which):
 
     def note(*sent):
         statement, parameters = sent[2:4]
-        if statement.startswith("SELECT history"):
+        if statement.startswith("SELECT events"):
             statements.append((statement, parameters))
 
     event.listen(engine, "before_cursor_execute", note)

@@ -25,13 +25,13 @@ from receivers import receiving, status
 from sawmill_contracts import mill_events
 from sawmill_platform.contracts.webhooks import WebhookAsk
 from sawmill_platform.errors import StorageUnavailable
+from sawmill_platform.ledger.events import announce
 from sawmill_platform.settings import StorageSettings
 from sawmill_platform.webhooks.outbox import LEASE
 from sawmill_service.webhooks.couriers import JITTER, WAITS_S, Couriers
 from sawmill_service.webhooks.destinations import AllowedDestinations
 from sawmill_service.webhooks.sender import WebhookSender
 from sawmill_service.webhooks.sending import Sending
-from sawmill_store.history import announce
 from sawmill_store.store import Store
 
 LOOPBACK = AllowedDestinations(["127.0.0.0/8"])

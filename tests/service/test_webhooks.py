@@ -14,11 +14,11 @@ from sawmill_command.doctor.webhooks import webhooks as findings
 from sawmill_contracts import mill_events
 from sawmill_platform.contracts.events import Event
 from sawmill_platform.contracts.webhooks import WebhookAsk, destination_of
+from sawmill_platform.ledger.events import announce
 from sawmill_platform.webhooks.outbox import Attempt
 from sawmill_service.app import create_app
 from sawmill_service.settings import ServiceSettings
 from sawmill_service.webhooks.destinations import AllowedDestinations, RefusedDestinationError
-from sawmill_store.history import announce
 
 URL = "https://alarms.mill.example/sawmill"
 

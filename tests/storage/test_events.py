@@ -14,8 +14,8 @@ from sawmill_platform.contracts.keys import KeyAsk, Scope
 from sawmill_platform.contracts.uploads import UploadAsk
 from sawmill_platform.errors import Damaged
 from sawmill_platform.files.upload_stream import AsSent
+from sawmill_platform.ledger.events import announce
 from sawmill_platform.uploads.upload_store import UploadQuota
-from sawmill_store.history import announce
 
 pytestmark = pytest.mark.slow
 
@@ -35,7 +35,7 @@ def words(events) -> list[tuple[str, str | None, str | None]]:
 
 
 def announced(session: Session, store, scanner_id: str) -> None:
-    announce(session, store._database.now(), mill_events.SCANNER_CHANGED, "scanner", scanner_id, scanner_id=scanner_id)
+    announce(session, store._database.now(), mill_events.SCANNER_CHANGED, "scanner", scanner_id, group_id=scanner_id)
     session.flush()
 
 
@@ -165,9 +165,9 @@ def test_events_behind_a_number_are_those_of_one_scanner_or_of_all(store, scanne
     number = reader.number
     every = store.events.following(number)
     assert words(every) == [("scanner-created", "scanner", other.id), ("scanner-deleted", "scanner", other.id)]
-    assert store.events.following(number, scanner_id=scanner.id) == []
+    assert store.events.following(number, group_id=scanner.id) == []
     assert store.events.following(number, through=every[0].number) == every[:1]
-    assert store.events.following(every[0].number, scanner_id=other.id) == every[1:]
+    assert store.events.following(every[0].number, group_id=other.id) == every[1:]
 
 
 def write_pair(store, reader) -> tuple[Session, list[str]]:

@@ -100,11 +100,14 @@ def test_the_audit_names_who_and_only_grows(store):
     assert (newest.items, store.audit.page(after=newest.next).items) == ([revoked], [made])
     with pytest.raises(Invalid, match="must be the next of an earlier page, not '-1'"):
         store.audit.page(after="-1")
-    changes = ["UPDATE audit SET who = 'nobody'", "DELETE FROM audit"]
+    changes = ["UPDATE events SET who = 'nobody'", "DELETE FROM events"]
     if store._database.engine.dialect.name == "sqlite":
-        names = "number, at, who, action, subject_id"
-        changes.append(f"INSERT OR REPLACE INTO audit ({names}) SELECT {names} FROM audit")  # noqa: S608 - constants
+        names = "number, at, class, what, who, subject_id"
+        changes.append(f"INSERT OR REPLACE INTO events ({names}) SELECT {names} FROM events")  # noqa: S608 - constants
     for change in changes:
-        with pytest.raises(DBAPIError, match="the audit only grows"), store._database.engine.begin() as connection:
+        with (
+            pytest.raises(DBAPIError, match="decisions of the ledger stay as they are"),
+            store._database.engine.begin() as connection,
+        ):
             connection.execute(text(change))
     assert list(store.audit.all()) == [made, revoked]

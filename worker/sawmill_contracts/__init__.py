@@ -1,4 +1,4 @@
-"""What can be asked and what is answered: pydantic models that both sides import and that import neither.
+"""Contracts of a mill: what can be asked and is answered about scanners, scans and calibrations.
 
 Every boundary name carries its unit. Unknown fields are refused.
 """

@@ -1,1 +1,1 @@
-"""The layout of our own files: what is written, and how it is read back."""
+"""Files in, which may be hostile, and our own files out."""

@@ -1,1 +1,1 @@
-"""Rows and files: the job store, the resources it works on, and the folders that hold their arrays."""
+"""The rows of a mill: scanners, phantoms, scans, calibrations, drift checks, schedules and alarms."""

@@ -138,7 +138,11 @@ def _events(scanner_id: str) -> Select[EventRow]:
 def _entries(scanner_id: str, kind: HistoryKind | None, since: datetime | None, until: datetime | None) -> Select[Any]:
     """Select the events with what they measured, and with the ids of what they are about where that is stored still."""
     columns: list[Any] = [MeasurementRow, *(row.id.label(noun) for noun, (row, _) in SUBJECTS.items())]
-    measured = and_(EventRow.what == event_kinds.SUCCEEDED, MeasurementRow.subject_id == EventRow.subject_id)
+    measured = and_(
+        EventRow.what == event_kinds.SUCCEEDED,
+        MeasurementRow.subject_id == EventRow.subject_id,
+        MeasurementRow.kind == EventRow.subject,
+    )
     statement = _events(scanner_id).add_columns(*columns).outerjoin(MeasurementRow, measured)
     for noun, (row, _) in SUBJECTS.items():
         statement = statement.outerjoin(row, and_(EventRow.subject == noun, row.id == EventRow.subject_id))

@@ -1,1 +1,1 @@
-"""The worker: science, readers of uploads, our own files, contracts, storage, and the execution of jobs."""
+"""Use cases, kinds of jobs, commands and pictures: what a mill does with scans."""
