@@ -6,7 +6,8 @@
 small scan of 20 views, asked for one after another over HTTP. The system's own books are read (/proc): the
 proportional set size of all processes of the service, and their processor seconds, those of ended children included.
 What the service at rest spends in the same time is subtracted. Memory is measured after a job, and once a worker that
-had none for long (`SAWMILL_SPARE_IDLE_S`) has ended what it keeps ready. `--against` measures another checkout of this
+had none for long (`SAWMILL_SPARE_IDLE_S`) has ended what it keeps ready. Jobs a second are those of a queue of forty
+and two workers, from the first one's start to the last one's end. `--against` measures another checkout of this
 repository too, after this one. The figures of this one go to `benchmarks/results/job-price.json`.
 """
 
@@ -19,6 +20,7 @@ import sys
 import tempfile
 import time
 from collections import defaultdict
+from datetime import datetime
 from pathlib import Path
 
 import httpx
@@ -30,7 +32,7 @@ from sawmill_command.demo_client import Json
 
 HERE = Path(__file__).resolve().parents[1]
 TICKS_PER_S = os.sysconf("SC_CLK_TCK")
-VIEWS, REST_S, QUIET_S = 20, 10.0, 1.5
+VIEWS, REST_S, QUIET_S, QUEUED = 20, 10.0, 1.5, 40
 
 
 def processes(root: int | None = None) -> list[int]:
@@ -96,6 +98,17 @@ def calibrated(client: httpx.Client, scan_id: str, root: int | None = None) -> t
     return settled(root) - before, answer["timing_s"]["total"]
 
 
+def jobs_per_s(client: httpx.Client, scan_id: str, jobs: int) -> float:
+    """Calibrations a second of a queue of them, from the first one's start to the last one's end."""
+    asked = [demo_client.post(client, "/v1/calibrations", json={"scan_id": scan_id})["job_id"] for _ in range(jobs)]
+    for job_id in asked:
+        by_events(client, job_id)
+    done = [demo_client.get(client, f"/v1/jobs/{job_id}") for job_id in asked]
+    assert all(job["state"] == "succeeded" for job in done), done
+    begun, ended = ([datetime.fromisoformat(job[name]) for job in done] for name in ("started_at", "finished_at"))
+    return jobs / (max(ended) - min(begun)).total_seconds()
+
+
 def measured(tree: Path, jobs: int) -> Json:
     """The figures of the service of one checkout."""
     os.environ["PYTHONPATH"] = f"{tree / 'service'}:{tree / 'worker'}"
@@ -125,6 +138,9 @@ def measured(tree: Path, jobs: int) -> Json:
             "rest_pss_mib": sum(memory.values()),
             "parts_pss_mib": memory,
         }
+        with demo_client.running_service(folder, workers=2) as client:
+            jobs_per_s(client, scan_id, 4)
+            figures["two_workers_jobs_per_s"] = jobs_per_s(client, scan_id, QUEUED)
         if tree == HERE:  # an older checkout has no such setting
             with demo_client.running_service(folder, {"SAWMILL_SPARE_IDLE_S": "1"}) as client:
                 calibrated(client, scan_id)
@@ -149,6 +165,7 @@ def print_row(name: str, figures: Json) -> None:
         f"{figures['most_processor_s']:.2f})   "
         f"{figures['calibration_s']:.2f} s   {figures['rest_pss_mib']:4.0f} MiB ({parts})   "
         f"{figures.get('long_rest_pss_mib', math.nan):4.0f} MiB   "
+        f"{figures['two_workers_jobs_per_s']:.1f}/s with two workers   "
         f"{100 * figures['rest_processor_share']:.1f} %",
         flush=True,
     )
@@ -161,7 +178,7 @@ def main() -> None:
     parser.add_argument("--against", type=Path, help="another checkout, in the same environment")
     chosen = parser.parse_args()
     measurement = Measurement.begin()
-    print("       processor a job           calibrated in   memory after a job (PSS)   long after   processor at rest")
+    print("       processor a job, calibrated in, memory (PSS) after a job and long after, jobs a second, at rest")
     here = measured(HERE, chosen.jobs)
     print_row("here", here)
     if chosen.against:

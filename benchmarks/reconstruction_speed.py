@@ -4,23 +4,25 @@
 
 One slice and ODL's are timed in turns in one process, so that what else the machine does weighs on both. The log is
 made on the fly in a temporary folder (3 GB, deleted) and reconstructed as the job does it, in a process of its own
-whose largest memory is read from outside.
+whose largest memory is read from outside. A run with the log writes `benchmarks/results/fbp.json`.
 """
 
 import argparse
+import json
 import os
 import subprocess
 import sys
 import tempfile
 import time
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import astra
 import h5py
 import numpy as np
+from measurement import Measurement
 from numpy.typing import NDArray
 from published_pipeline import PublishedObjective
 from scanners import SCANNER
@@ -49,6 +51,7 @@ VIEWS, CELLS, SIZE, SLICES = 360, 768, 256, 2500
 # (views, cells, size, slices) that the cost model is fitted to.
 GRID = ((90, 768, 256, 64), (360, 768, 128, 64), (360, 768, 256, 64), (360, 1536, 256, 32), (180, 384, 512, 32))
 LAPS = 7
+ODL = "ODL's `fbp_op` on ASTRA's CPU projector, one core"
 UNTOLD: dict[str, Any] = {
     "pixel_mm": 1.0,
     "row_pitch_mm": None,
@@ -116,25 +119,33 @@ def astra_slice(geometry: FanBeamGeometry, sinogram: FloatArray) -> Callable[[],
     return run
 
 
-def one_slice() -> None:
-    """Print one slice beside ODL and ASTRA."""
+def text_table(*rows: Sequence[object]) -> str:
+    """Write rows as a table of a page, the first of them as its heading."""
+    lines = ["| " + " | ".join(map(str, row)) + " |" for row in rows]
+    return "\n".join([lines[0], "|" + "---|" * len(rows[0]), *lines[1:]])
+
+
+def one_slice() -> str:
+    """Print one slice beside ODL and ASTRA; a page's table of it."""
     regular, irregular = projector(VIEWS, CELLS, SIZE), projector(VIEWS, CELLS, SIZE, irregular=True)
     frame = regular.geometry.frame
     sinogram = analytic.project(L_SHAPE, DetectorCells.of(SCANNER), frame, regular.geometry.angles_rad)
     objective = PublishedObjective(SCANNER, L_SHAPE, sinogram)
     seconds = in_turns(
         {
-            "ODL fbp_op on ASTRA CPU": lambda: objective.image(THETA),
-            "ASTRA CPU, no filter": astra_slice(regular.geometry, sinogram),
+            ODL: lambda: objective.image(THETA),
+            "ASTRA's back-projection alone, one core": astra_slice(regular.geometry, sinogram),
             "any angles": lambda: fbp(irregular, sinogram),
-            "quarter turns": lambda: fbp(regular, sinogram),
+            "a full turn of equal steps, a number of views divisible by four": lambda: fbp(regular, sinogram),
         }
     )
     print(f"one slice, {SIZE} x {SIZE} from {VIEWS} x {CELLS}, filter included")
-    peer = seconds["ODL fbp_op on ASTRA CPU"]
+    peer = seconds[ODL]
     for name, lap in seconds.items():
-        print(f"  {name:24} {lap}, {peer.elapsed / lap.elapsed:6.1f} times ODL's speed", end="")
+        print(f"  {name:64} {lap}, {peer.elapsed / lap.elapsed:6.1f} times ODL's speed", end="")
         print(f" ({CORES * peer.processor / lap.processor:.1f} by processor time over {CORES} cores)")
+    rows = [(name, f"{1e3 * lap.elapsed:.1f}", f"{peer.elapsed / lap.elapsed:.1f}") for name, lap in seconds.items()]
+    return text_table(("what", "ms", "times ODL's speed"), *rows)
 
 
 def from_counts(project: Projector, slices: int) -> Callable[[], object]:
@@ -148,28 +159,32 @@ def from_counts(project: Projector, slices: int) -> Callable[[], object]:
     return run
 
 
-def blocks() -> None:
-    """Print the speed of blocks, from counts to images."""
+def blocks() -> dict[str, Any]:
+    """Print the speed of blocks, from counts to images; a page's table of it, and the rate of updates."""
     print(f"blocks, {SIZE} x {SIZE} from {VIEWS} x {CELLS}, counts to images")
     project = projector(VIEWS, CELLS, SIZE)
     contestants = {f"{slices} slices": from_counts(project, slices) for slices in (4, 16, 32, 64)}
+    rows = []
     for (name, lap), slices in zip(in_turns(contestants, 5).items(), (4, 16, 32, 64), strict=True):
         each = Lap(lap.elapsed / slices, lap.processor / slices)
         print(
             f"  {name:24} {each} a slice; {VIEWS * SIZE**2 / each.elapsed / 1e9:5.1f} billion updates a second", end=""
         )
         print(f", {CORES * VIEWS * SIZE**2 / each.processor / 1e9:.1f} by processor time")
-    rows = np.random.default_rng(5).standard_normal((VIEWS, CELLS + 2, 64), dtype=np.float32)
+        rows.append((slices, f"{1e3 * each.elapsed:.1f}"))
+    filtered = np.random.default_rng(5).standard_normal((VIEWS, CELLS + 2, 64), dtype=np.float32)
     volume = np.empty((64, SIZE, SIZE), np.float32)
     frame = Preparation.of(project, "exact", FilterName.HANN, 1.0).frame
-    lap = in_turns({"alone": lambda: back_project_16(rows, *frame, volume)}, 5)["alone"]
+    lap = in_turns({"alone": lambda: back_project_16(filtered, *frame, volume)}, 5)["alone"]
     updates = VIEWS * SIZE**2 * 64 / 1e9
     print(f"  back-projection alone: {updates / lap.elapsed:.1f} billion updates a second", end="")
     print(f", {CORES * updates / lap.processor:.1f} by processor time")
+    heading = ("slices at a time", "ms a slice, counts to image")
+    return {"blocks": text_table(heading, *rows), "billion_updates_per_s": updates / lap.elapsed}
 
 
-def fit() -> None:
-    """Fit the cost model's three rates, from rows in memory to a volume's file; print them beside what is built in."""
+def fit() -> str:
+    """Fit the cost model's rates, from rows in memory to a volume's file; a page's table beside what is built in."""
     rows, laps = [], []
     for views, cells, size, slices in GRID:
         project = projector(views, cells, size)
@@ -196,19 +211,24 @@ def fit() -> None:
     rates = nnls(system / scale, np.ones(len(laps)))[0] / scale
     print(f"cost model, processor seconds over {CORES} cores a slice = a views cells + b views pixels + c pixels")
     print(f"  a = {rates[0]:.2e} s, b = {rates[1]:.2e} s, c = {rates[2]:.2e} s")
+    lines = []
     for shape, measured, model in zip(GRID, laps, np.array(rows) @ rates, strict=True):
         built_in = (cost.seconds(*shape) - cost.SECONDS_A_STACK) / shape[3]
         print(
             f"  {shape!s:24} measured {1e3 * measured:6.2f} ms, fit {1e3 * model:6.2f}, built in {1e3 * built_in:6.2f}"
         )
+        lines.append((*shape[:3], *(f"{1e3 * seconds:.2f}" for seconds in (measured, model, built_in))))
+    return text_table(("views", "cells", "size", "measured, ms a slice", "fit", "model"), *lines)
 
 
-def limits() -> None:
-    """Print what the machine's memory and arithmetic allow."""
+def limits() -> float:
+    """Print what the machine's memory allows: gigabytes that one core copies in a second."""
     values = np.ones(2**26, np.float32)
     copy = np.zeros_like(values)
     seconds = in_turns({"copy": lambda: np.copyto(copy, values)}, 5)["copy"].processor
-    print(f"machine: {CORES} cores, one of them copies {2 * values.nbytes / seconds / 1e9:.1f} GB/s")
+    rate = 2 * values.nbytes / seconds / 1e9
+    print(f"machine: {CORES} cores, one of them copies {rate:.1f} GB/s")
+    return float(rate)
 
 
 def make_log(path: Path) -> None:
@@ -251,9 +271,10 @@ def reconstruct_log(scan: Path, volume: Path) -> None:
     each = Lap(result.time_s / SLICES, (time.process_time() - used) / CORES / SLICES)
     print(f"  {result.time_s:.1f} s, {each} a slice from file to file, shared by {CORES} cores; ", end="")
     print(f"{predicted[0]:.1f} s predicted at first, {predicted[len(predicted) // 2]:.1f} s half-way")
+    volume.with_suffix(".json").write_text(json.dumps({"log_s": result.time_s, "predicted_s": predicted[0]}))
 
 
-def whole_log() -> None:
+def whole_log() -> dict[str, float]:
     """Print the time and the largest memory of a log of SLICES slices, from file to file."""
     print(f"a log of {VIEWS} x {SLICES} x {CELLS}, {4 * VIEWS * SLICES * CELLS / 1e9:.2f} GB")
     step, concurrent = layout(projector(VIEWS, CELLS, SIZE), SLICES)
@@ -265,10 +286,13 @@ def whole_log() -> None:
             largest = max(peaks(child), default=0)
         if child.returncode:
             raise SystemExit(child.returncode)
+        seconds: dict[str, float] = json.loads(volume.with_suffix(".json").read_text())
         with h5py.File(volume) as file:
             packed = file["entry/reconstruction/data"].id.get_storage_size()
     print(f"  largest memory {largest / 1e9:.2f} GB, of which blocks at most {bound / 1e9:.2f} GB; ", end="")
     print(f"volume of {cost.volume_bytes(SIZE, SLICES) / 1e9:.2f} GB packed to {packed / 1e9:.2f} GB")
+    each_ms = 1e3 * seconds["log_s"] / SLICES
+    return {**seconds, "log_slice_ms": each_ms, "log_gb": largest / 1e9, "log_blocks_gb": bound / 1e9}
 
 
 def peaks(child: subprocess.Popen[bytes]) -> Iterator[int]:
@@ -293,12 +317,10 @@ def main() -> None:
         reconstruct_log(*options.reconstruct)
     else:
         warnings.filterwarnings("ignore", message="The 'astra_cpu' backend may be too slow")
-        one_slice()
-        blocks()
-        fit()
-        limits()
+        measurement = Measurement.begin()
+        values = {"one_slice": one_slice(), **blocks(), "model": fit(), "copied_gb_per_s": limits()}
         if not options.no_log:
-            whole_log()
+            measurement.write({"fbp": values | whole_log()})
 
 
 if __name__ == "__main__":

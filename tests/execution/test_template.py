@@ -238,13 +238,21 @@ def test_the_science_answers_alike_to_the_bit_in_a_child_and_in_a_fresh_process(
 def test_a_worker_without_a_job_for_long_ends_its_template_and_starts_one_for_the_next_job(
     store, settings, command, queue, in_background, wait_for, stop
 ):
-    def templates():
-        found = []
+    def children():
+        found = set()
         for file in Path("/proc/self/task").glob("*/children"):
-            with suppress(FileNotFoundError, ProcessLookupError):  # a thread or a process that has just ended
-                found += [Path(f"/proc/{child}/cmdline").read_bytes() for child in file.read_text().split()]
-        return [each for each in found if command[-1].encode() in each]
+            with suppress(FileNotFoundError, ProcessLookupError):  # a thread that has just ended
+                found.update(file.read_text().split())
+        return found
 
+    def templates():
+        lines = {}
+        for child in children() - others:
+            with suppress(FileNotFoundError, ProcessLookupError):  # a process that has just ended
+                lines[child] = Path(f"/proc/{child}/cmdline").read_bytes()
+        return [child for child, line in lines.items() if command[-1].encode() in line]
+
+    others = children()  # processes that earlier tests have left behind
     first = queue("succeed")
     outcome = in_background(
         run_worker,
@@ -253,12 +261,14 @@ def test_a_worker_without_a_job_for_long_ends_its_template_and_starts_one_for_th
         settings.model_copy(update={"spare_idle_s": 0.3}),
         stop,
     )
-    wait_for(lambda: store.jobs.get(first.id).state is JobState.SUCCEEDED)
-    wait_for(lambda: not templates())
-    second = queue("succeed")
-    wait_for(lambda: store.jobs.get(second.id).state is JobState.SUCCEEDED)
-    wait_for(lambda: not templates())
-    stop.set()
+    try:
+        wait_for(lambda: store.jobs.get(first.id).state is JobState.SUCCEEDED)
+        wait_for(lambda: not templates())
+        second = queue("succeed")
+        wait_for(lambda: store.jobs.get(second.id).state is JobState.SUCCEEDED)
+        wait_for(lambda: not templates())
+    finally:
+        stop.set()
     outcome.result(timeout=60)
 
 
