@@ -41,14 +41,14 @@ from sawmill_platform.contracts.jobs import JobKind, JobState, Priority  # noqa:
 from sawmill_platform.contracts.kinds import declaration_of  # noqa: E402
 from sawmill_platform.database.database import Database  # noqa: E402
 from sawmill_platform.database.engines import make_engine  # noqa: E402
-from sawmill_platform.database.tables import EventRow, JobRow
+from sawmill_platform.database.tables import EventRow, JobRow  # noqa: E402
 from sawmill_platform.settings import StorageSettings  # noqa: E402
 from sawmill_service.app import create_app  # noqa: E402
 from sawmill_service.pages.all_pages import PAGES  # noqa: E402
 from sawmill_service.settings import ServiceSettings  # noqa: E402
 from sawmill_store.measurements import record_measurement  # noqa: E402
 from sawmill_store.store import Store  # noqa: E402
-from sawmill_store.tables import ActivationRow, CalibrationRow, DriftRow, ReconstructionRow, ScanRow
+from sawmill_store.tables import ActivationRow, CalibrationRow, DriftRow, ReconstructionRow, ScanRow  # noqa: E402
 
 REPEATS = 5
 BATCH = 500

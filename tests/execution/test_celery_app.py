@@ -63,7 +63,7 @@ def on_redis(settings, redis_url):
 
 
 @pytest.fixture
-def wake(on_redis, storage, store):
+def wake(on_redis, store):
     waker = Waker(make_celery(on_redis), store.jobs.is_short)
     waker.start()
     yield waker
@@ -176,7 +176,7 @@ def test_a_worker_that_cannot_start_attempts_goes_on(store, storage, on_redis, q
     engine._runner.close()
 
 
-def test_a_wake_up_that_cannot_be_sent_is_logged_not_raised(settings, storage, wait_for):
+def test_a_wake_up_that_cannot_be_sent_is_logged_not_raised(settings, wait_for):
     out_of_reach = settings.model_copy(update={"broker_url": "redis://127.0.0.1:1/0"})
     waker = Waker(make_celery(out_of_reach), never)
     with capture_logs() as log:
@@ -187,7 +187,7 @@ def test_a_wake_up_that_cannot_be_sent_is_logged_not_raised(settings, storage, w
     assert [(entry["event"], entry["job_id"]) for entry in log] == [("wake-up-not-sent", "some-job")]
 
 
-def test_waking_never_waits_for_a_silent_redis(settings, storage, silent_redis_url, monkeypatch):
+def test_waking_never_waits_for_a_silent_redis(settings, silent_redis_url, monkeypatch):
     app = make_celery(settings.model_copy(update={"broker_url": silent_redis_url}))
     waker, send, silence = Waker(app, never), app.send_task, threading.Event()
     monkeypatch.setattr(app, "send_task", lambda *task, **lane: silence.wait(60) and send(*task, **lane))
@@ -204,7 +204,7 @@ def test_waking_never_waits_for_a_silent_redis(settings, storage, silent_redis_u
     assert 99 <= len(dropped) <= 100, "those beyond the hundred that wait and the one being sent"
 
 
-def test_waking_outlives_what_nobody_foresaw(settings, storage, redis_url, monkeypatch, wait_for):
+def test_waking_outlives_what_nobody_foresaw(settings, redis_url, monkeypatch, wait_for):
     app = make_celery(settings.model_copy(update={"broker_url": redis_url}))
     sent = []
 
@@ -307,7 +307,7 @@ def test_a_misspelt_setting_is_refused(capsys, monkeypatch):
     assert capsys.readouterr().err == "SAWMILL_LEASE is no setting: did you mean SAWMILL_LEASE_S?\n"
 
 
-def test_a_broker_must_be_named(storage):
+def test_a_broker_must_be_named():
     with pytest.raises(ValueError, match="SAWMILL_BROKER_URL"):
         make_celery(ExecutionSettings(broker_url=None))
 

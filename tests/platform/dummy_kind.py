@@ -1,5 +1,6 @@
 """A kind of job that adds numbers, on the platform alone: `dummy_kind.py FOLDER`; as an attempt it has no argument."""
 
+# ruff: noqa: ARG002, T201 - a program, whose methods are those of a protocol
 import json
 import sys
 import threading

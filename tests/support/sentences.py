@@ -1,5 +1,6 @@
 """What the sources say to their readers, counted: `python tests/support/sentences.py [FOLDER ...]` names each place."""
 
+# ruff: noqa: T201 - a program too
 import ast
 import io
 import json
@@ -58,10 +59,10 @@ def comments(path: Path) -> Iterator[Text]:
             yield Text(f"{path.relative_to(ROOT)}:{token.start[0]}", text)
 
 
-def descriptions(document: Any) -> Iterator[Text]:  # noqa: ANN401 - JSON
+def descriptions(document: Any) -> Iterator[Text]:
     """Find the descriptions of the public document, by their path in it."""
 
-    def walk(node: Any, place: str) -> Iterator[Text]:  # noqa: ANN401
+    def walk(node: Any, place: str) -> Iterator[Text]:
         if isinstance(node, dict):
             for name, value in node.items():
                 if name in {"description", "summary"} and isinstance(value, str):
@@ -75,7 +76,7 @@ def descriptions(document: Any) -> Iterator[Text]:  # noqa: ANN401 - JSON
     yield from walk(document, "")
 
 
-def public_document() -> Any:  # noqa: ANN401
+def public_document() -> Any:
     """Read the committed document."""
     return json.loads((ROOT / "openapi/openapi.json").read_text())
 
@@ -85,7 +86,7 @@ def opening_badly(texts: Iterator[Text]) -> list[Text]:
     return [text for text in texts if OPENING.match(text.text)]
 
 
-def fragments(document: Any) -> list[Text]:  # noqa: ANN401
+def fragments(document: Any) -> list[Text]:
     """Select the descriptions of the public document that have a sentence which begins as none does."""
     said = descriptions(document)
     return [text for text in said if any(map(FRAGMENT.match, re.split(r"(?<=[.])\s+", text.text)))]

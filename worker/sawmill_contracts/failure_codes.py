@@ -4,7 +4,7 @@
 """
 
 OTHER = "other"
-# The service's own trouble, and lost attempts (`sawmill_platform/attempts/failures.py`, `sawmill_platform/jobs/job_store.py`).
+# The service's own trouble, and lost attempts (`attempts/failures.py` and `jobs/job_store.py` of the platform).
 DEFECTS = frozenset({"attempt-crashed", "internal-error", "invalid-result"})
 LOSSES = frozenset({"attempt-died", "attempt-stalled", "worker-lost"})
 OUTAGES = frozenset({"disk-full", "storage-full", "storage-unavailable"})

@@ -1,4 +1,11 @@
-"""The data folder of a mill: the files of scans and of reconstructions."""
+"""The data folder of a mill, beside what `sawmill_platform/files/file_store.py` has in it.
+
+uploads/{scans,phantoms}/<id>/  what was uploaded, as it came
+uploads/inspections/<id>/       the same, for a day; a scan that is made of it has a second name of the same bytes
+scans/<id>/scan.h5              line integrals
+calibrations/<id>/              result.h5; report.png and overlay.png, drawn from it when first asked for
+reconstructions/<id>/           volume.h5
+"""
 
 from pathlib import Path
 

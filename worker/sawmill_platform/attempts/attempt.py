@@ -1,8 +1,8 @@
 """The process of one attempt at a job, and the template of such processes.
 
-A package that owns kinds of jobs calls `main` with their work, once it has imported that. An attempt then reports that it is ready, waits for its assignment, runs
-it within its limits (`limits`), with its own files alone (`confinement`), and ends (see `protocol`); a template forks
-attempts that begin there (see `forking`).
+A package that owns kinds of jobs calls `main` with their work, once it has imported that. An attempt then reports that
+it is ready, waits for its assignment, runs it within its limits (`limits`), with its own files alone (`confinement`),
+and ends (`protocol`); a template forks attempts that begin there (`forking`).
 """
 
 import os

@@ -318,7 +318,6 @@ class _Supervision:
         LeaseLost
             The attempt no longer holds the job.
         """
-
         kind = self._claim.job.kind
 
         def check() -> None:

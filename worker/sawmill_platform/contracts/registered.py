@@ -7,7 +7,7 @@ from pydantic import GetJsonSchemaHandler
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 
-class RegisteredWord(str):
+class RegisteredWord(str):  # noqa: SLOT000 - subclasses have attributes
     """A word of an open set. Each subclass is a set; the public document lists its words as an enumeration."""
 
     _words: ClassVar[dict[str, Any]]

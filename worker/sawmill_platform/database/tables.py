@@ -193,7 +193,7 @@ class JobRow(Resource):
 
 
 class JobTurnRow(Base):
-    """When a group was served last, by workers of one lane and at one priority: a number (`sawmill_platform/jobs/turns.py`)."""
+    """The turn in which a group was served last, by workers of one lane and at one priority (`jobs/turns.py`)."""
 
     __tablename__ = "job_turns"
 
@@ -268,7 +268,7 @@ class ClockRow(Base):
 
 
 class DataFolderRow(Base):
-    """One row: the identity of the data folder that has this database's files (`sawmill_platform/files/folder_identity.py`)."""
+    """One row: the identity of the data folder that has this database's files (`files/folder_identity.py`)."""
 
     __tablename__ = "data_folder"
 

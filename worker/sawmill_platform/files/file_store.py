@@ -2,14 +2,9 @@
 
 incoming/                       uploads while they arrive; incoming.lock is held by who receives them
 unfinished/<id>                 uploads that can be resumed, until they are used
-uploads/{scans,phantoms}/<id>/  what was uploaded, as it came
-uploads/inspections/<id>/       the same, for a day; a scan that is made of it has a second name of the same bytes
-scans/<id>/scan.h5              line integrals
-phantoms/<id>/                  nothing
-calibrations/<id>/              result.h5; report.png and overlay.png, drawn from it when first asked for
-reconstructions/<id>/           volume.h5
+uploads/<plural>/<id>/          what was uploaded for a job of a kind, as it came
+<plural>/<id>/                  what a job of a kind has left, by the plural of what it works on (`contracts/jobs.py`)
 <plural>/<id>/.<name>.sha256    the digest of a large file, while it is as it was (`noted_digests`)
-<plural>/<id>/                  of every other kind, by its plural (`sawmill_platform/contracts/kinds.py`)
 attempts/<job>-<attempt>-<…>/   where one attempt writes, and nobody else; renamed to one of those above at its success
 attempts/<…>/kept/              checkpoints that its supervisor has not yet taken
 attempts/<…>/work/              where its process works: what libraries write beside results; never published
@@ -17,7 +12,7 @@ kept/<job>/                     checkpoints, for the job's next attempt; until t
 removed/                        what is being deleted
 examples/                       what the examples were made of, so that they are made once in a folder's life
 identity                        a random id that the database knows too (`folder_identity`)
-serve.lock                      of the process that serves the folder (`sawmill_platform/workers/sole_service.py`); SQLite alone
+serve.lock                      of the process that serves the folder (`workers/sole_service.py`); SQLite alone
 sawmill.db.spare                room that a cancellation is written into when the disk is full (`spare_room`)
 last-backup.json                when and where the last one was taken (`backups/newest.py`)
 restoring/                      what a restore has not put into its place: no store opens (`backups/restoring.py`)
@@ -133,7 +128,7 @@ class FileStore:
             )
 
     def upload(self, kind: JobKind, subject_id: str) -> Path:
-        """Where the file lies that was uploaded for a job of this kind, as a scan's (`ingest`)."""
+        """Return where the file lies that was uploaded for a job of this kind."""
         return self.folder / "uploads" / kind.plural / _checked(subject_id) / UPLOADED_FILE
 
     def results(self, kind: JobKind, subject_id: str) -> Path:

@@ -1,4 +1,4 @@
-"""Webhooks: made, changed, listed. Their events are found in the table of events (`sawmill_platform/webhooks/outbox.py`).
+"""Webhooks: made, changed, listed. Their events are found in the table of events (`webhooks/outbox.py`).
 
 A secret is stored as it is: each message is signed with it.
 """

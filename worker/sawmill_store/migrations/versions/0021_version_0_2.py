@@ -214,10 +214,8 @@ def _create_events() -> sa.Table:
                 f"CREATE TRIGGER decisions_no_{change.lower()} BEFORE {change} ON events"
                 f" WHEN OLD.class = 'decision' {refused}"
             )
-        op.execute(
-            "CREATE TRIGGER decisions_no_replace BEFORE INSERT ON events"
-            f" WHEN EXISTS (SELECT 1 FROM events WHERE number = NEW.number AND class = 'decision') {refused}"
-        )
+        there = "EXISTS (SELECT 1 FROM events WHERE number = NEW.number AND class = 'decision')"
+        op.execute(f"CREATE TRIGGER decisions_no_replace BEFORE INSERT ON events WHEN {there} {refused}")
         return events
     op.execute(
         "CREATE FUNCTION decisions_stay() RETURNS trigger LANGUAGE plpgsql AS"
