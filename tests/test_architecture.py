@@ -15,17 +15,17 @@ from sawmill_tomography.geometry.geometry import Scanner, Theta
 from sawmill_tomography.phantoms.built_in import L_SHAPE
 from sawmill_tomography.projection import analytic
 from sawmill_tomography.projection.analytic import DetectorCells
+from sawmill_vocabulary.version import PACKAGES
 
 pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).parents[1]
 WORKER = ROOT / "worker"
-OURS = ("sawmill_worker", "sawmill_service", "sawmill_calibration")
 
 
-def modules_of(room: str) -> str:
-    """Every module of a room of the worker, by its import name and with commas between."""
-    paths = sorted((WORKER / "sawmill_worker" / room).rglob("*.py"))
+def modules_of(package: str) -> str:
+    """Every module of a package, by its import name and with commas between."""
+    paths = sorted((WORKER / package.replace(".", "/")).rglob("*.py"))
     names = (".".join(path.relative_to(WORKER).with_suffix("").parts) for path in paths)
     return ", ".join(name.removesuffix(".__init__") for name in names)
 
@@ -53,34 +53,31 @@ def test_the_import_contracts_are_kept():
     assert f"Contracts: {len(contracts)} kept, 0 broken." in done.stdout
 
 
-def test_the_science_stands_alone():
-    modules = imported_by(f"import {modules_of('tomography')}")
-    allowed = ("sawmill_tomography", "sawmill_vocabulary")
-    assert of(OURS, modules) <= {"sawmill_worker", *of(allowed, modules)}
-    assert not of(("pydantic", "sqlalchemy", "fastapi", "h5py"), modules)
-
-
-@pytest.mark.nightly
 @pytest.mark.parametrize(
-    "rooms",
+    ("package", "allowed", "never"),
     [
-        ["files", "whole_files"],
-        ["readers", "files", "whole_files"],
-        ["pictures", "contracts", "templating"],
+        ("sawmill_tomography", ("sawmill_vocabulary",), ("pydantic", "sqlalchemy", "fastapi", "h5py")),
+        ("sawmill_contracts", ("sawmill_platform.contracts", "sawmill_vocabulary"), ("numpy", "sqlalchemy")),
+        ("sawmill_formats", ("sawmill_platform", "sawmill_vocabulary"), ("sqlalchemy", "fastapi")),
+        ("sawmill_platform.contracts", ("sawmill_vocabulary",), ("sqlalchemy", "numpy", "fastapi")),
+        (
+            "sawmill_worker.pictures",
+            ("sawmill_worker.templating", "sawmill_contracts", "sawmill_platform", "sawmill_vocabulary"),
+            ("sqlalchemy", "fastapi", "h5py"),
+        ),
     ],
 )
-def test_a_leaf_imports_no_more_of_ours_than_its_contract_allows(rooms):
-    """Readers know the layout of our own files; pictures draw contracts. By day the linter reads the same imports."""
-    modules = imported_by(f"import {modules_of(rooms[0])}")
-    allowed = ("sawmill_vocabulary", *(f"sawmill_worker.{room}" for room in rooms))
-    assert of(OURS, modules) <= {"sawmill_worker", *of(allowed, modules)}
+def test_a_package_stands_on_those_below_it_alone(package, allowed, never):
+    modules = imported_by(f"import {modules_of(package)}")
+    ours = of(PACKAGES, modules) - {package.split(".")[0]} - {each.split(".")[0] for each in allowed}
+    assert not ours - of((package, *allowed), modules)
+    assert not of(never, modules)
 
 
 def test_the_service_wakes_no_science():
     modules = imported_by("import sawmill_service.serving")
     assert "sawmill_service.app" in modules
-    rooms = ("tomography", "readers", "jobs", "use_cases")
-    ours = tuple(f"sawmill_worker.{room}" for room in rooms)
+    ours = ("sawmill_tomography", "sawmill_formats.input", "sawmill_worker.jobs", "sawmill_worker.use_cases")
     assert not of(("numba", "scipy", "skimage", "matplotlib", *ours), modules)
 
 
@@ -123,14 +120,14 @@ def test_a_calibration_waits_for_nothing_that_only_other_work_needs(tmp_path):
     assert not of((*SERVER, "rich", "PIL", "skimage", "matplotlib", "tifffile"), modules)
     assert {name for name in modules if name.startswith("scipy.") and name.count(".") == 1} <= SCIPY_OF_NUMBA
     other_work = (
-        "pictures",
-        "storage",
-        "jobs",
-        "contracts.drifts",
-        "contracts.reconstructions",
-        "contracts.inspections",
+        "sawmill_worker.pictures",
+        "sawmill_worker.jobs",
+        "sawmill_store",
+        "sawmill_contracts.drifts",
+        "sawmill_contracts.reconstructions",
+        "sawmill_contracts.inspections",
     )
-    assert not of(tuple(f"sawmill_worker.{part}" for part in other_work), modules)
+    assert not of(other_work, modules)
 
 
 def test_a_process_that_is_kept_ready_has_all_jobs_imported():
@@ -152,7 +149,7 @@ def test_what_runs_idle_holds_no_library_that_only_work_needs():
 
 def test_a_worker_and_its_template_hold_no_library_that_others_bring_along(tmp_path):
     """As they are started: `structlog` would import one, Numba and NumPy the others."""
-    started = "import sys, sawmill_platform.attempts.attempt, sawmill_worker.poller\n"
+    started = "import sys, sawmill_worker.attempt, sawmill_worker.poller\n"
     tells = "def main():\n    print(*(name for name, module in sys.modules.items() if module is not None))\n"
     (tmp_path / "program.py").write_text(started + tells)
     done = subprocess.run(

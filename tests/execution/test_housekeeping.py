@@ -8,7 +8,7 @@ from datetime import timedelta
 
 import pytest
 import structlog
-from sqlalchemy import update
+from sqlalchemy import text, update
 from structlog.testing import capture_logs
 
 from sawmill_contracts.calibrations import CalibrationAsk
@@ -18,12 +18,11 @@ from sawmill_contracts.scanners import AlarmLimits
 from sawmill_contracts.schedules import ScheduleSpec
 from sawmill_platform.contracts.jobs import JobState
 from sawmill_platform.contracts.webhooks import WebhookAsk
-from sawmill_platform.database.tables import DeliveryRow, EventRow, JobRow
+from sawmill_platform.database.tables import REMOVABLE, DeliveryRow, EventRow, JobRow
 from sawmill_platform.errors import StorageUnavailable
 from sawmill_platform.jobs.job_store import Pulse
 from sawmill_platform.webhooks.outbox import Attempt
 from sawmill_platform.webhooks.webhook_store import KEPT
-from sawmill_platform.workers import housekeeping
 from sawmill_platform.workers.logs import configure_logs
 from sawmill_store import retention_runner as retiring
 from sawmill_store.tables import ActivationRow, MeasurementRow, ScannerRow
@@ -142,10 +141,10 @@ def test_many_batches_go_by_the_rules_of_retention_in_a_round(store, settings, q
     rules = RetentionRules(events_days=1)
     store.retention.replace(RetentionAsk(**rules.model_dump(), remove_at_most=1_000))
     with store._database.write() as session:
-        session.execute(update(EventRow).values(at=store.now() - timedelta(days=2)))
+        session.execute(update(EventRow).where(text(REMOVABLE)).values(at=store.now() - timedelta(days=2)))
         session.execute(update(JobRow).values(state=JobState.CANCELLED))
     monkeypatch.setattr(retiring, "EVENTS_A_ROUND", 2)
-    monkeypatch.setattr(housekeeping, "RETENTION_S", 60.0)
+    monkeypatch.setattr("sawmill_worker.housekeeping.RETENTION_S", 60.0)
     MillHousekeeping(store, settings, threading.Event()).once()
     (went,) = (each.number for each in store.retention.get().removed if each.number)
     assert went == 3, "the newest events stay"

@@ -40,4 +40,4 @@ def test_a_kernel_without_landlock_lets_jobs_run(monkeypatch, tmp_path):
     monkeypatch.setattr(landlock, "confine", lambda *_, **__: pytest.fail("there is no Landlock to ask"))
     monkeypatch.setattr(confinement, "refuse_calls", lambda: False)
     monkeypatch.setattr(confinement.capabilities, "drop_all", lambda: None)  # this process needs them
-    confinement.confine_to(confinement.HandedOver(kept=tmp_path), tmp_path)
+    confinement.confine_to(confinement.AttemptInput(kept=tmp_path), tmp_path)

@@ -92,7 +92,7 @@ def test_a_time_is_said_in_a_fitting_unit(seconds, words):
     assert duration(seconds) == words
 
 
-@pytest.mark.parametrize("kind", JobKind)
+@pytest.mark.parametrize("kind", JobKind.all())
 def test_limits_of_every_kind_follow_each_other(kind):
     declared = declaration_of(kind)
     assert 600 <= declared.stall_s <= declared.time_limit_s / 4

@@ -11,8 +11,8 @@ from types import SimpleNamespace
 import pytest
 from structlog.testing import capture_logs
 
-from sawmill_contracts import kinds
 from sawmill_platform.attempts.environment import environment_with
+from sawmill_platform.contracts import kinds
 from sawmill_platform.contracts.jobs import JobState
 from sawmill_platform.settings import StorageSettings
 from sawmill_platform.workers import supervise
