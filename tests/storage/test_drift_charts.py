@@ -14,6 +14,7 @@ from sawmill_contracts.drifts import DriftAsk
 from sawmill_contracts.history import HistoryKind
 from sawmill_contracts.measurements import MeasurementKind
 from sawmill_contracts.scans import ScanSpec
+from sawmill_mill.alarms import alarm_sentence
 from sawmill_store import drift_charts
 from sawmill_store.drift_charts import _counted
 from sawmill_store.tables import ActivationRow, DriftChartRow, MeasurementRow
@@ -274,14 +275,14 @@ def test_a_jump_opens_one_alarm_which_the_next_calibration_closes(store, scanner
     assert opened.alarm.drift.cor_column_change_mm == pytest.approx(0.12, abs=0.06)
     jump_at = store.drift_charts.of_scanner(scanner.id).charts[0].since + timedelta(minutes=400)
     assert abs(opened.alarm.drift.began_at - jump_at) < timedelta(hours=2)
-    assert "scan the phantom and calibrate" in opened.alarm.sentence
+    assert "scan the phantom and calibrate" in alarm_sentence(opened.alarm)
     assert store.alarms.check() == []
     assert [alarm.what for alarm in store.alarms.open(scanner_id=scanner.id)] == ["drift"]
     (chart,) = store.drift_charts.of_scanner(scanner.id).charts
     assert (chart.calibration_id, chart.alarm) == (first, opened.alarm.drift)
     event = store.events.following(0)[-1]
     assert (event.what, event.detail["what"], event.detail["drift"]["kind"]) == ("alarm-opened", "drift", "jump")
-    assert store.history.page(scanner.id, kind=HistoryKind.ALARM).items[0].why == opened.alarm.sentence
+    assert store.history.page(scanner.id, kind=HistoryKind.ALARM).items[0].why == alarm_sentence(opened.alarm)
     store.calibrations.activate(first, "the button was pressed once more")
     assert (store.drift_charts.of_scanner(scanner.id).charts, store.alarms.check()) == ([chart], [])
     with store._database.write() as session:

@@ -13,7 +13,7 @@ from sawmill_contracts.drifts import DriftResult
 from sawmill_contracts.events import EventKind
 from sawmill_contracts.kinds import declaration_of
 from sawmill_contracts.measurements import Measurement, MeasurementKind, Movement
-from sawmill_contracts.two_questions import TwoQuestions
+from sawmill_mill.two_questions import TwoQuestions
 from sawmill_platform.contracts.base import Page
 from sawmill_store.database import Database
 from sawmill_store.drift_looks import counts_since

@@ -1,9 +1,9 @@
-"""What never goes by rules of retention, and why: conditions on the rows of a kind, asked when something is to go."""
+"""Conditions on the rows of a kind for each reason of `sawmill_mill.retention`, asked when something is to go."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
-from sqlalchemy import ColumnElement, Select, and_, exists, or_, select, true, union_all
+from sqlalchemy import ColumnElement, Row, Select, and_, exists, or_, select, true, union_all
 from sqlalchemy.orm import Session
 
 from sawmill_contracts.events import EventKind
@@ -11,6 +11,7 @@ from sawmill_contracts.jobs import UNFINISHED, JobKind
 from sawmill_contracts.kinds import asked_kinds
 from sawmill_contracts.retention import RetentionKind, StaysBecause
 from sawmill_contracts.scans import ScanState
+from sawmill_mill.retention import STAYS, stays_because
 from sawmill_store.activations import active_calibration
 from sawmill_store.retained import STOCKS, Stock
 from sawmill_store.scheduled import last_looked_at, newest_phantom_scan, next_log
@@ -41,8 +42,18 @@ class Protection(NamedTuple):
 
 
 def protections(session: Session, kind: RetentionKind) -> list[Protection]:
-    """What stays of a kind, as things are in this transaction. No condition is unknown (NULL) for any row."""
-    return list(_OF_KIND[kind](session))
+    """Return what stays of a kind, as things are in this transaction. No condition is unknown (NULL) for any row."""
+    return [each for each in _OF_KIND[kind](session) if each.because in STAYS[kind]]
+
+
+def may_go(session: Session, kind: RetentionKind, rows: Select[Any]) -> Iterator[Row[Any]]:
+    """Yield the rows of a statement on the table of a kind that no reason keeps."""
+    stay = protections(session, kind)
+    facts = [each.condition.label(f"fact_{number}") for number, each in enumerate(stay)]
+    for row in session.execute(rows.add_columns(*facts)):
+        reasons = {each.because for each, is_true in zip(stay, row[-len(stay) :], strict=True) if is_true}
+        if not stays_because(kind, reasons):
+            yield row
 
 
 def none_of(stay: Sequence[Protection]) -> ColumnElement[bool]:
@@ -64,7 +75,10 @@ def _of_scans(session: Session) -> Iterator[Protection]:
     for because, scan_ids in (
         (StaysBecause.ACTIVE_CALIBRATION, set(session.scalars(of_these))),
         (StaysBecause.NEWEST, _newest(session, _newest_log()) | _newest_phantom_scans(session)),
-        (StaysBecause.SCHEDULE, {next_log(session, scanner_id) for scanner_id in _scanners_that_check_drift(session)}),
+        (
+            StaysBecause.SCHEDULE,
+            {next_log(session, scanner_id).scan_id for scanner_id in _scanners_that_check_drift(session)},
+        ),
     ):
         if known := scan_ids - {None}:
             yield Protection(because, ScanRow.id.in_(known))
@@ -80,13 +94,11 @@ def _of_calibrations(session: Session) -> Iterator[Protection]:
         exists().where(table.calibration_id == CalibrationRow.id) for table in (ReconstructionRow, DriftRow, AskedRow)
     )
     yield Protection(StaysBecause.REFERRED_TO, or_(*referring))
-    # A schedule knows by it that the scan was used.
     yield Protection(StaysBecause.NEWEST, CalibrationRow.scan_id.in_(_newest_phantom_scans(session)))
 
 
 def _of_drifts(session: Session) -> Iterator[Protection]:
     yield _unfinished(STOCKS[RetentionKind.DRIFTS])
-    # A schedule knows by these which logs were looked at: it goes on behind the newest of them.
     known = []
     for scanner_id in _scanners_that_check_drift(session):
         last = session.scalar(last_looked_at(scanner_id))
@@ -98,7 +110,6 @@ def _of_drifts(session: Session) -> Iterator[Protection]:
 
 
 def _of_events(session: Session) -> Iterator[Protection]:
-    """An alarm knows by it when a scanner's last scan came, whether that is stored still or not."""
     came = EventRow.scanner_id == ScannerRow.id, EventRow.what == EventKind.QUEUED, EventRow.subject == "scan"
     newest = select(EventRow.number).where(*came).order_by(EventRow.number.desc()).limit(1)
     if numbers := _newest(session, newest):

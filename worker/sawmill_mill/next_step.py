@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from sawmill_contracts.calibrations import CalibrationResult
-from sawmill_contracts.two_questions import Answer, TwoQuestions
+from sawmill_mill.two_questions import Answer, TwoQuestions
 
 # The 95 % number over the size's standard uncertainty, where the size is one of two equal shares in quadrature.
 HALF_OF_IT_SIZE = 1.96 * 2.0**0.5

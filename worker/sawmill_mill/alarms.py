@@ -1,0 +1,218 @@
+"""The alarms of a scanner: when each one opens and closes, and its words."""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from datetime import UTC, date, datetime, time, timedelta
+from types import MappingProxyType
+from typing import NamedTuple
+
+from sawmill_contracts.alarms import Alarm, AlarmKind
+from sawmill_contracts.events import EventKind
+from sawmill_contracts.scanner_drift import DriftFinding
+from sawmill_contracts.scanners import AlarmLimits
+from sawmill_vocabulary.texts import N_
+
+_NOT_YET = datetime.max.replace(tzinfo=UTC)
+# Another value of one of these makes an alarm another alarm.
+_REASONS = ("limit_hours", "phantom_id", "expired_on")
+
+
+class ChartAlarm(NamedTuple):
+    """A jump or a trend that a drift chart has found, and the activation since which the chart counts."""
+
+    activation_number: int
+    at: datetime
+    finding: DriftFinding
+
+
+@dataclass(frozen=True)
+class ScannerFacts:
+    """The facts about one scanner that its alarms depend on; a time is None where there is no such scan.
+
+    Attributes
+    ----------
+    scan_stored_at, scan_accepted_at : datetime or None
+        When the newest stored scan came, and the newest of all, of which a deleted one is known by its event.
+    phantom_ready_at : datetime or None
+        When the newest stored phantom scan that is read came; its phantom is `phantom_id`.
+    phantom_calibrated_at : datetime or None
+        When the newest scan came of which a calibration was made, deleted or not.
+    phantom_coming_at : datetime or None
+        When the newest phantom scan came that is read or may yet turn out readable.
+    expiry_days : tuple of date
+        The last days of the measurements of that phantom.
+    active_number : int or None
+        The activation of the active calibration.
+    """
+
+    scanner_id: str
+    added_at: datetime
+    limits: AlarmLimits
+    scan_stored_at: datetime | None = None
+    scan_accepted_at: datetime | None = None
+    phantom_ready_at: datetime | None = None
+    phantom_calibrated_at: datetime | None = None
+    phantom_coming_at: datetime | None = None
+    phantom_id: str | None = None
+    expiry_days: tuple[date, ...] = ()
+    active_number: int | None = None
+    chart_alarms: tuple[ChartAlarm, ...] = ()
+
+
+class ExpectedAlarm(NamedTuple):
+    """An alarm, and the time at which it opens if nothing comes before."""
+
+    alarm: Alarm
+    opens_at: datetime
+
+
+@dataclass(frozen=True)
+class AlarmRule:
+    """One alarm of a scanner.
+
+    Attributes
+    ----------
+    expected : function of the facts
+        The alarm that opens if nothing comes; None where the scanner has no such alarm.
+    advice : str
+        What pages show: what is the matter and what to do.
+    sentence : function of an alarm
+        What is missing or was seen, in English, for events.
+    fields : tuple of str
+        The fields of `Alarm` that this one has.
+    """
+
+    expected: Callable[[ScannerFacts], ExpectedAlarm | None]
+    advice: str
+    sentence: Callable[[Alarm], str]
+    fields: tuple[str, ...]
+
+
+class AlarmChange(NamedTuple):
+    """An alarm that was opened, or that has ended."""
+
+    what: EventKind
+    alarm: Alarm
+
+
+def alarm_changes(facts: ScannerFacts, open_alarms: Mapping[AlarmKind, Alarm], now: datetime) -> Iterator[AlarmChange]:
+    """Yield the alarms of a scanner that have ended and those that open now.
+
+    The time opens alarms and ends none: clocks differ, and are put back.
+    """
+    for what, rule in ALARMS.items():
+        alarm, expected = open_alarms.get(what), rule.expected(facts)
+        if alarm is not None and (expected is None or _has_ended(alarm, expected.alarm)):
+            yield AlarmChange(EventKind.ALARM_CLOSED, alarm)
+            alarm = None
+        if alarm is None and expected is not None and expected.opens_at <= now:
+            yield AlarmChange(EventKind.ALARM_OPENED, expected.alarm)
+
+
+def alarm_sentence(alarm: Alarm) -> str:
+    """Return what is missing or was seen, in English."""
+    return ALARMS[alarm.what].sentence(alarm)
+
+
+def _has_ended(alarm: Alarm, expected: Alarm) -> bool:
+    """Return whether a later scan came, or the limit or the phantom changed; a deleted scan ends no alarm."""
+    if alarm.last_at is not None and expected.last_at is not None and expected.last_at > alarm.last_at:
+        return True
+    return any(getattr(alarm, name) != getattr(expected, name) for name in _REASONS)
+
+
+def _no_phantom_scan(facts: ScannerFacts) -> ExpectedAlarm | None:
+    """Expect a phantom scan that is read; one that is being read puts the alarm off."""
+    days = facts.limits.phantom_scan_every_days
+    if days is None:
+        return None
+    last_at = _latest(facts.phantom_ready_at, facts.phantom_calibrated_at) or facts.added_at
+    return _absence(facts, AlarmKind.NO_PHANTOM_SCAN, last_at, 24.0 * days, facts.phantom_coming_at)
+
+
+def _scanner_quiet(facts: ScannerFacts) -> ExpectedAlarm | None:
+    limit_hours = facts.limits.quiet_after_hours
+    if limit_hours is None:
+        return None
+    last_at = _latest(facts.scan_stored_at, facts.scan_accepted_at) or facts.added_at
+    return _absence(facts, AlarmKind.SCANNER_QUIET, last_at, limit_hours)
+
+
+def _absence(
+    facts: ScannerFacts, what: AlarmKind, last_at: datetime, limit_hours: float, coming_at: datetime | None = None
+) -> ExpectedAlarm:
+    limit = timedelta(hours=limit_hours)
+    alarm = Alarm(
+        scanner_id=facts.scanner_id, what=what, since=last_at + limit, last_at=last_at, limit_hours=limit_hours
+    )
+    return ExpectedAlarm(alarm, max(last_at, coming_at or last_at) + limit)
+
+
+def _phantom_expired(facts: ScannerFacts) -> ExpectedAlarm | None:
+    """Expect that the measurements stay valid; a phantom scan that is being read puts the alarm off."""
+    expired_on = min(facts.expiry_days, default=None)
+    if expired_on is None:
+        return None
+    since = datetime.combine(expired_on + timedelta(days=1), time(), UTC)
+    alarm = Alarm(
+        scanner_id=facts.scanner_id,
+        what=AlarmKind.PHANTOM_EXPIRED,
+        since=since,
+        phantom_id=facts.phantom_id,
+        expired_on=expired_on,
+    )
+    is_coming = facts.phantom_coming_at != facts.phantom_ready_at
+    return ExpectedAlarm(alarm, _NOT_YET if is_coming else since)
+
+
+def _drift(facts: ScannerFacts) -> ExpectedAlarm | None:
+    """Expect no change in the charts since the active calibration; the first one that was found opens the alarm."""
+    current = (each for each in facts.chart_alarms if each.activation_number == facts.active_number)
+    first = min(current, key=lambda each: each.at, default=None)
+    if first is None:
+        return None
+    alarm = Alarm(scanner_id=facts.scanner_id, what=AlarmKind.DRIFT, since=first.at, drift=first.finding)
+    return ExpectedAlarm(alarm, first.at)
+
+
+def _latest(*times: datetime | None) -> datetime | None:
+    return max((each for each in times if each is not None), default=None)
+
+
+def _came_not(scans: str) -> Callable[[Alarm], str]:
+    def sentence(alarm: Alarm) -> str:
+        since = "" if alarm.last_at is None else f" after {alarm.last_at:%Y-%m-%d %H:%M} UTC"
+        return f"no {scans} came{since} for {alarm.limit_hours:g} hours"
+
+    return sentence
+
+
+ALARMS: Mapping[AlarmKind, AlarmRule] = MappingProxyType(
+    {
+        AlarmKind.NO_PHANTOM_SCAN: AlarmRule(
+            _no_phantom_scan,
+            N_("No phantom was scanned for longer than is allowed: scan one and calibrate."),
+            _came_not("scan of a phantom"),
+            ("last_at", "limit_hours"),
+        ),
+        AlarmKind.PHANTOM_EXPIRED: AlarmRule(
+            _phantom_expired,
+            N_("The measurement of its phantom has expired: measure the phantom again."),
+            lambda alarm: f"the measurement of the phantom {alarm.phantom_id} was good until {alarm.expired_on}",
+            ("phantom_id", "expired_on"),
+        ),
+        AlarmKind.SCANNER_QUIET: AlarmRule(
+            _scanner_quiet,
+            N_("It has sent no scan for longer than it may: look at the scanner and its network."),
+            _came_not("scan"),
+            ("last_at", "limit_hours"),
+        ),
+        AlarmKind.DRIFT: AlarmRule(
+            _drift,
+            N_("Its logs together show that it has moved: scan the phantom and calibrate."),
+            lambda alarm: "" if alarm.drift is None else alarm.drift.sentence,
+            ("drift",),
+        ),
+    }
+)
+"""All alarms, in the order in which they are checked."""
