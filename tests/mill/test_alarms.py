@@ -88,16 +88,15 @@ def test_a_measurement_is_good_to_the_end_of_its_last_day():
 
 
 def test_the_first_finding_opens_the_alarm_of_drift_until_another_calibration_is_active():
-    charts = (ChartAlarm(3, hours(5), JUMP), ChartAlarm(3, hours(4), JUMP), ChartAlarm(2, hours(1), JUMP))
-    facts = replace(NEW, active_number=3, chart_alarms=charts)
+    facts = replace(NEW, chart_alarms=(ChartAlarm(hours(5), JUMP), ChartAlarm(hours(4), JUMP)))
     opened = after(facts, hours(5))
     assert opened[AlarmKind.DRIFT].since == hours(4)
     assert after(facts, hours(6), opened) == opened
-    assert after(replace(facts, active_number=4), hours(6), opened) == {}
+    assert after(NEW, hours(6), opened) == {}
 
 
 def test_each_alarm_has_its_fields_and_its_words():
-    facts = replace(NEW, active_number=1, chart_alarms=(ChartAlarm(1, START, JUMP),), expiry_days=(START.date(),))
+    facts = replace(NEW, chart_alarms=(ChartAlarm(START, JUMP),), expiry_days=(START.date(),))
     facts = replace(facts, phantom_id="disc", limits=AlarmLimits(quiet_after_hours=24, phantom_scan_every_days=1))
     opened = after(facts, hours(100))
     assert opened.keys() == ALARMS.keys() == set(AlarmKind)

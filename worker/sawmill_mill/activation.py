@@ -1,4 +1,4 @@
-"""When a calibration of a schedule or of a request becomes its scanner's active one by itself."""
+"""The rule by which a calibration of a schedule or of a request activates itself."""
 
 from typing import NamedTuple
 
@@ -11,7 +11,7 @@ class FinishedCalibration(NamedTuple):
     Attributes
     ----------
     activates : bool
-        Whether its schedule or its request asked for activation on pass.
+        Whether its schedule or its request wants activation on pass.
     rays_verdict : Verdict
         The verdict on the rays alone; of an answer of an earlier version the whole verdict.
     has_moved : bool

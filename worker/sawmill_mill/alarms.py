@@ -18,9 +18,8 @@ _REASONS = ("limit_hours", "phantom_id", "expired_on")
 
 
 class ChartAlarm(NamedTuple):
-    """A jump or a trend that a drift chart has found, and the activation since which the chart counts."""
+    """A jump or a trend that a drift chart has found."""
 
-    activation_number: int
     at: datetime
     finding: DriftFinding
 
@@ -41,8 +40,8 @@ class ScannerFacts:
         When the newest phantom scan came that is read or may yet turn out readable.
     expiry_days : tuple of date
         The last days of the measurements of that phantom.
-    active_number : int or None
-        The activation of the active calibration.
+    chart_alarms : tuple of ChartAlarm
+        The findings of the charts since the active calibration: another calibration ends them.
     """
 
     scanner_id: str
@@ -55,7 +54,6 @@ class ScannerFacts:
     phantom_coming_at: datetime | None = None
     phantom_id: str | None = None
     expiry_days: tuple[date, ...] = ()
-    active_number: int | None = None
     chart_alarms: tuple[ChartAlarm, ...] = ()
 
 
@@ -68,7 +66,7 @@ class ExpectedAlarm(NamedTuple):
 
 @dataclass(frozen=True)
 class AlarmRule:
-    """One alarm of a scanner.
+    """The declaration of an alarm.
 
     Attributes
     ----------
@@ -166,9 +164,8 @@ def _phantom_expired(facts: ScannerFacts) -> ExpectedAlarm | None:
 
 
 def _drift(facts: ScannerFacts) -> ExpectedAlarm | None:
-    """Expect no change in the charts since the active calibration; the first one that was found opens the alarm."""
-    current = (each for each in facts.chart_alarms if each.activation_number == facts.active_number)
-    first = min(current, key=lambda each: each.at, default=None)
+    """Expect no change in the charts; the first one that was found opens the alarm."""
+    first = min(facts.chart_alarms, key=lambda each: each.at, default=None)
     if first is None:
         return None
     alarm = Alarm(scanner_id=facts.scanner_id, what=AlarmKind.DRIFT, since=first.at, drift=first.finding)

@@ -1,4 +1,4 @@
-"""Which drift checks count for a scanner's drift chart."""
+"""The rule by which a drift check counts for its scanner's drift chart."""
 
 from datetime import datetime
 from typing import NamedTuple

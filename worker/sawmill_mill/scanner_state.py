@@ -1,4 +1,4 @@
-"""Whether a scanner is fine, to be watched or out of tolerance, and what a person does next."""
+"""The standing of a scanner: fine, to be watched or out of tolerance, and what a person does next."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ NEARLY = 0.7
 
 @dataclass(frozen=True)
 class Standing:
-    """Whether a scanner is in tolerance: a word, a colour's name and a sentence.
+    """The answer whether a scanner is in tolerance: a word, a colour's name and a sentence.
 
     `scientific` sentences come from a result and are English in every language; the catalogues have all other ones.
     """
@@ -30,7 +30,7 @@ class Standing:
 
 @dataclass(frozen=True)
 class Moved:
-    """How far a scanner's rays have moved against a calibration, by a later calibration or by a log.
+    """The movement of a scanner's rays since a calibration, seen by a later calibration or by a log.
 
     `since_active` tells that this calibration is still in use; otherwise a newer one has taken the movement up.
     """
@@ -48,7 +48,7 @@ class Moved:
 
     @property
     def tone(self) -> str:
-        """Colour of its bar: `idle` where a calibration has taken the movement up."""
+        """Colour of the bar: `idle` where a calibration has taken the movement up."""
         if not self.since_active:
             return "idle"
         return "bad" if not self.within_tolerance else "watch" if self.share >= NEARLY else "good"
@@ -77,7 +77,7 @@ class Checked(NamedTuple):
 
 @dataclass(frozen=True)
 class ScannerState:
-    """The facts about one scanner that decide how it stands.
+    """The facts about one scanner that decide its standing.
 
     Attributes
     ----------
@@ -173,7 +173,7 @@ class ScannerState:
 
     @property
     def wants_review(self) -> bool:
-        """True if the next step is to look at the newest calibration, and not to make another."""
+        """True if the next step is to review the newest calibration, and not to make another."""
         if self.newest is None or self.failure is not None or self.drifted is not None or self.newest.verdict == "fail":
             return False
         return self.active_id is None or self.compared is not None

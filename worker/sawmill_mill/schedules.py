@@ -1,4 +1,4 @@
-"""Which scan a schedule takes at a due time, and which due times are announced as missed."""
+"""The rules of schedules: which scan is taken at a due time, and which due times are announced as missed."""
 
 from collections.abc import Iterable, Mapping
 from datetime import datetime

@@ -44,7 +44,7 @@ class Alarms:
         self._database = database
 
     def open(self, *, scanner_id: str | None = None) -> list[Alarm]:
-        """Those that are open, of all scanners or of one."""
+        """Return the open alarms, of all scanners or of one."""
         with self._database.read() as session:
             return _opened(session, scanner_id)
 
@@ -75,7 +75,7 @@ class Alarms:
 
 
 def close_alarms(session: Session, now: datetime, scanner_id: str) -> None:
-    """Close those of a scanner that is deleted."""
+    """Close the alarms of a scanner that is deleted."""
     for alarm in _opened(session, scanner_id):
         _announce(session, now, EventKind.ALARM_CLOSED, alarm)
     session.execute(delete(AlarmRow).where(AlarmRow.scanner_id == scanner_id))
@@ -101,10 +101,10 @@ def _changes(session: Session, now: datetime, scanner_id: str | None = None) -> 
     opened = defaultdict[str, dict[AlarmKind, Alarm]](dict)
     for alarm in _opened(session, scanner_id):
         opened[alarm.scanner_id][alarm.what] = alarm
-    charts = _charts(session, scanner_id)
+    chart_alarms = _chart_alarms(session, scanner_id)
     for row in session.execute(_of_scanners(scanner_id)).mappings():
         try:
-            facts = _facts(session, row, charts[row["scanner_id"]])
+            facts = _facts(row, chart_alarms[row["scanner_id"]])
         except ValidationError as error:
             structlog.get_logger().error("alarms-unreadable", scanner_id=row["scanner_id"], reason=str(error))
             continue
@@ -120,7 +120,7 @@ def _opened(session: Session, scanner_id: str | None) -> list[Alarm]:
 
 
 def read_alarm(row: AlarmRow) -> Alarm:
-    """The alarm of a row."""
+    """Read the alarm of a row."""
     return Alarm.model_validate({name: getattr(row, name) for name in Alarm.model_fields})
 
 
@@ -145,46 +145,45 @@ def _of_scanners(scanner_id: str | None) -> Select[Any]:
     return statement if scanner_id is None else statement.where(ScannerRow.id == scanner_id)
 
 
-def _facts(session: Session, row: RowMapping, charts: Sequence[RowMapping]) -> ScannerFacts:
-    active = active_since(session, row["scanner_id"]) if charts else None
-    alarms = [{"activation_number": chart["activation_number"], **chart["alarm"]} for chart in charts]
+def _facts(row: RowMapping, chart_alarms: Sequence[Any]) -> ScannerFacts:
     measurements = _MEASUREMENTS.validate_python(row["measurements"] or [])
     read = {
         "limits": AlarmLimits.model_validate(row["spec"].get("alarms", {})),
         "expiry_days": tuple(each.expires_on for each in measurements if each.expires_on is not None),
-        "active_number": None if active is None else active.number,
-        "chart_alarms": _CHART_ALARMS.validate_python(alarms),
+        "chart_alarms": _CHART_ALARMS.validate_python(chart_alarms),
     }
     return ScannerFacts(**{name: value for name, value in row.items() if name not in {"spec", "measurements"}} | read)
 
 
-def _charts(session: Session, scanner_id: str | None) -> dict[str, list[RowMapping]]:
-    """Read by scanner the charts that have found a change."""
+def _chart_alarms(session: Session, scanner_id: str | None) -> dict[str, list[Any]]:
+    """Read by scanner what the charts since its active calibration have found."""
     columns = DriftChartRow.scanner_id, DriftChartRow.activation_number, DriftChartRow.alarm
     statement = select(*columns).where(DriftChartRow.alarm.is_not(None))
     if scanner_id is not None:
         statement = statement.where(DriftChartRow.scanner_id == scanner_id)
-    charts = defaultdict[str, list[RowMapping]](list)
-    for chart in session.execute(statement).mappings():
-        charts[chart["scanner_id"]].append(chart)
-    return charts
+    alarms = defaultdict[str, list[Any]](list)
+    for chart in session.execute(statement):
+        active = active_since(session, chart.scanner_id)
+        if active is not None and active.number == chart.activation_number:
+            alarms[chart.scanner_id].append(chart.alarm)
+    return alarms
 
 
 def _newest(column: InstrumentedAttribute[Any], *conditions: ColumnElement[bool]) -> ScalarSelect[Any]:
-    """Of the scanner's newest scan of which the conditions are true."""
+    """Select a column of the scanner's newest scan of which the conditions are true."""
     mine = select(column).where(ScanRow.scanner_id == ScannerRow.id, *conditions)
     return mine.order_by(ScanRow.created_at.desc()).limit(1).correlate(ScannerRow).scalar_subquery()
 
 
 def _newest_accepted() -> ScalarSelect[Any]:
-    """When the newest scan came, whether it is stored still or not: events outlast scans."""
+    """Select when the newest scan came, whether it is still stored or not: events outlast scans."""
     came = EventRow.scanner_id == ScannerRow.id, EventRow.what == EventKind.QUEUED, EventRow.subject == "scan"
     mine = select(EventRow.at).where(*came).order_by(EventRow.number.desc())
     return mine.limit(1).correlate(ScannerRow).scalar_subquery()
 
 
 def _newest_calibrated() -> ScalarSelect[Any]:
-    """When the newest scan came of which a calibration was made: this and the job that read it outlast the scan."""
+    """Select when the newest calibrated scan came: the calibration and the job that read the scan outlast it."""
     read = select(func.max(JobRow.created_at)).join(CalibrationRow, CalibrationRow.scan_id == JobRow.subject_id)
     mine = read.where(CalibrationRow.scanner_id == ScannerRow.id, JobRow.kind == JobKind.INGEST)
     return mine.correlate(ScannerRow).scalar_subquery()

@@ -1,4 +1,4 @@
-"""Which drift checks count as looks of a scanner's chart, each scan once (`sawmill_mill.drift_checks`)."""
+"""The facts by which a drift check counts for its scanner's chart (`sawmill_mill.drift_checks`)."""
 
 from sqlalchemy import exists, select
 from sqlalchemy.orm import Session
@@ -41,5 +41,5 @@ def counts_since(session: Session, check: DriftRow, result: DriftResult) -> int 
 
 
 def lock_scanner(session: Session, scanner_id: str) -> None:
-    """Keep others from its charts until the transaction ends; scans of it may come meanwhile."""
+    """Keep other transactions from a scanner's charts until this one ends; scans of the scanner may still come."""
     session.execute(select(ScannerRow.id).where(ScannerRow.id == scanner_id).with_for_update(key_share=True))

@@ -43,7 +43,8 @@ class Protection(NamedTuple):
 
 def protections(session: Session, kind: RetentionKind) -> list[Protection]:
     """Return what stays of a kind, as things are in this transaction. No condition is unknown (NULL) for any row."""
-    return [each for each in _OF_KIND[kind](session) if each.because in STAYS[kind]]
+    reasons = {reason.because for reason in STAYS[kind]}
+    return [each for each in _OF_KIND[kind](session) if each.because in reasons]
 
 
 def may_go(session: Session, kind: RetentionKind, rows: Select[Any]) -> Iterator[Row[Any]]:
@@ -57,12 +58,12 @@ def may_go(session: Session, kind: RetentionKind, rows: Select[Any]) -> Iterator
 
 
 def none_of(stay: Sequence[Protection]) -> ColumnElement[bool]:
-    """Whether nothing keeps a row."""
+    """Return the condition that nothing keeps a row."""
     return and_(true(), *(~each.condition for each in stay))
 
 
 def calibrations_in_use(session: Session) -> set[str]:
-    """Of each scanner the active calibration and the one that was active before it."""
+    """Read of each scanner the active calibration and the one that was active before it."""
     active = active_calibration(ScannerRow.id).correlate(ScannerRow)
     before = active.where(ActivationRow.calibration_id != active.scalar_subquery())
     rows = session.execute(select(active.scalar_subquery(), before.scalar_subquery()).select_from(ScannerRow))
@@ -122,7 +123,7 @@ def _unfinished(stock: Stock) -> Protection:
 
 
 def _scans_of_unfinished_jobs() -> Select[str]:
-    """Those that a job reads or will read, by jobs, of which few have not ended."""
+    """Select the scans that a job reads or will read, by jobs, of which few have not ended."""
     read = [select(JobRow.subject_id.label("scan_id")).where(_UNFINISHED, JobRow.kind == JobKind.INGEST)]
     for table in {table_of(declared.kind): None for declared in asked_kinds()}:
         if "scan_id" in table.own_columns():
@@ -133,7 +134,7 @@ def _scans_of_unfinished_jobs() -> Select[str]:
 
 
 def _newest(session: Session, of_scanner: Select[Found]) -> set[Found]:
-    """The answer to a question about each scanner, where there is one."""
+    """Read the results of a statement about each scanner, where there is one."""
     asked = select(of_scanner.correlate(ScannerRow).scalar_subquery()).select_from(ScannerRow)
     return {found for found in session.scalars(asked) if found is not None}
 

@@ -1,4 +1,4 @@
-"""What a schedule asks for at a due time: which scan is new to it, and the job that is queued for it."""
+"""Jobs of schedules: candidates for the rules of `sawmill_mill.schedules`, and what is queued for the chosen scan."""
 
 from datetime import datetime
 from typing import Any, NamedTuple
@@ -51,7 +51,7 @@ def queue_due(
 
 
 def newest_phantom_scan(scanner_id: ScannerId) -> Select[str]:
-    """The newest usable phantom scan of a scanner, which a schedule calibrates unless one has used it."""
+    """Select the newest usable phantom scan of a scanner."""
     return (
         select(ScanRow.id)
         .join(PhantomRow, PhantomRow.id == ScanRow.phantom_id)
@@ -63,7 +63,7 @@ def newest_phantom_scan(scanner_id: ScannerId) -> Select[str]:
 
 
 def last_looked_at(scanner_id: ScannerId) -> Select[datetime]:
-    """When the newest log scan of a scanner came that a drift check has looked at, of those that are stored."""
+    """Select when the newest stored log scan of a scanner came that a drift check has seen."""
     return (
         select(ScanRow.created_at)
         .join(DriftRow, DriftRow.scan_id == ScanRow.id)

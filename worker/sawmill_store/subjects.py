@@ -1,4 +1,4 @@
-"""What a job's end means for what it worked on."""
+"""Effects of a job's end on the thing that the job worked on."""
 
 from datetime import datetime
 from typing import Any
@@ -21,7 +21,7 @@ from sawmill_store.tables import CalibrationRow, Json, PhantomRow, ScanRow
 
 
 def checked_result(kind: JobKind, result: dict[str, Any]) -> Json:
-    """A job's result in the form in which it is stored.
+    """Check a job's result and return it in the form in which it is stored.
 
     Raises
     ------
