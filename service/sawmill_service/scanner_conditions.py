@@ -39,40 +39,28 @@ class ScannerCondition:
     @property
     def state(self) -> ScannerState:
         """The facts by which the scanner is judged."""
+        newest, failure, last = self.newest, self.failure, None
+        if newest is not None:
+            last = Calibrated(newest.id, newest.created_at, newest.verdict, newest.reasons, newest.comparison)
         return ScannerState(
-            newest=None if self.newest is None else _calibrated(self.newest),
+            newest=last,
             active_id=self.scanner.active_calibration_id,
             ray_change_mm=self.scanner.tolerances.ray_change_mm,
-            failure=None if self.failure is None else self.failure.detail,
-            last_check=None if self.drift is None else _checked(self.drift),
-            seen=None if self.seen is None or self.seen.result is None else _checked(self.seen),
+            failure=None if failure is None else failure.detail,
+            last_check=_checked(self.drift),
+            seen=_checked(self.seen),
             scanned=self.scanned,
             alarms=tuple(alarm.what for alarm in self.alarms),
         )
 
 
-def _calibrated(calibration: CalibrationSucceeded) -> Calibrated:
-    return Calibrated(
-        calibration.id,
-        calibration.created_at,
-        calibration.verdict,
-        tuple(calibration.reasons),
-        calibration.comparison,
-    )
-
-
-def _checked(check: Drift) -> Checked:
-    result = check.result
+def _checked(check: Drift | None) -> Checked | None:
+    if check is None:
+        return None
+    known, result = (check.created_at, check.calibration_id), check.result
     if result is None:
-        return Checked(check.created_at, check.calibration_id, within_tolerance=None)
-    return Checked(
-        check.created_at,
-        check.calibration_id,
-        result.within_tolerance,
-        result.ray_change_mm,
-        result.tolerance_mm,
-        result.reason,
-    )
+        return Checked(*known, within_tolerance=None)
+    return Checked(*known, result.within_tolerance, result.ray_change_mm, result.tolerance_mm, result.reason)
 
 
 def conditions_of(store: Store) -> list[ScannerCondition]:

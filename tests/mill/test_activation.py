@@ -2,29 +2,23 @@
 
 import pytest
 
-from sawmill_mill.activation import FinishedCalibration, activation_reason
+from sawmill_mill.activation import activation_reason
 
-PASSED = FinishedCalibration(activates=True, schedule_id=None, rays_verdict="pass", has_moved=False)
-
-
-def test_a_pass_activates_where_it_was_asked_for_and_says_by_whom():
-    assert activation_reason(PASSED) == "the rays pass; the request asked for activation on pass"
-    scheduled = activation_reason(PASSED._replace(schedule_id="daily"))
-    assert scheduled == "the rays pass; schedule daily asked for activation on pass"
+PASSED = {"wanted": True, "schedule_id": None, "rays_verdict": "pass", "has_moved": False}
 
 
 @pytest.mark.parametrize(
-    "changes",
+    ("changes", "asker"),
     [
-        {"activates": False},
-        {"rays_verdict": "watch"},
-        {"rays_verdict": "fail"},
-        {"schedule_id": "daily", "has_moved": True},
+        ({}, "the request"),
+        ({"has_moved": True}, "the request"),
+        ({"schedule_id": "daily"}, "schedule daily"),
+        ({"schedule_id": "daily", "has_moved": True}, None),
+        ({"wanted": False}, None),
+        ({"rays_verdict": "watch"}, None),
+        ({"rays_verdict": "fail"}, None),
     ],
 )
-def test_nothing_else_activates_itself(changes):
-    assert activation_reason(PASSED._replace(**changes)) is None
-
-
-def test_a_request_may_take_over_a_scanner_that_has_moved():
-    assert activation_reason(PASSED._replace(has_moved=True))
+def test_a_pass_activates_itself_where_it_was_asked_for_unless_a_schedule_finds_the_scanner_moved(changes, asker):
+    reason = None if asker is None else f"the rays pass; {asker} asked for activation on pass"
+    assert activation_reason(**PASSED | changes) == reason

@@ -179,9 +179,7 @@ def test_each_protection_keeps_what_it_is_for_and_nothing_else_does(mill, full_m
 
     with mill._database.read() as session:
         for kind, reasons in STAYS.items():
-            assert {each.because for each in protected.protections(session, kind)} == {
-                each.because for each in reasons
-            }, kind
+            assert {each.because for each in protected.protections(session, kind)} == set(reasons), kind
     kept, previews = {}, {kind: shown(kind) for kind in {kind for _, kind in full_mill}}
     for (because, kind), identifiers in full_mill.items():
         stays = {each.because: set(each.first_ids) for each in previews[kind].stays}

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from datetime import UTC, date, datetime, time, timedelta
+from functools import partial
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -26,34 +27,23 @@ class ChartAlarm(NamedTuple):
 
 @dataclass(frozen=True)
 class ScannerFacts:
-    """The facts about one scanner that its alarms depend on; a time is None where there is no such scan.
-
-    Attributes
-    ----------
-    scan_stored_at, scan_accepted_at : datetime or None
-        When the newest stored scan came, and the newest of all, of which a deleted one is known by its event.
-    phantom_ready_at : datetime or None
-        When the newest stored phantom scan that is read came; its phantom is `phantom_id`.
-    phantom_calibrated_at : datetime or None
-        When the newest scan came of which a calibration was made, deleted or not.
-    phantom_coming_at : datetime or None
-        When the newest phantom scan came that is read or may yet turn out readable.
-    expiry_days : tuple of date
-        The last days of the measurements of that phantom.
-    chart_alarms : tuple of ChartAlarm
-        The findings of the charts since the active calibration: another calibration ends them.
-    """
+    """The facts about one scanner that its alarms depend on; a time is None where there is no such scan."""
 
     scanner_id: str
     added_at: datetime
     limits: AlarmLimits
+    # When the newest stored scan came, and the newest of all, of which a deleted one is known by its event.
     scan_stored_at: datetime | None = None
     scan_accepted_at: datetime | None = None
+    # The same of phantom scans that are read, a deleted one if a calibration was made of it.
     phantom_ready_at: datetime | None = None
     phantom_calibrated_at: datetime | None = None
+    # When the newest phantom scan came that is read or may yet turn out readable.
     phantom_coming_at: datetime | None = None
+    # The phantom of the newest stored phantom scan that is read, and the last days of its measurements.
     phantom_id: str | None = None
     expiry_days: tuple[date, ...] = ()
+    # Found since the active calibration: another calibration ends them.
     chart_alarms: tuple[ChartAlarm, ...] = ()
 
 
@@ -68,16 +58,8 @@ class ExpectedAlarm(NamedTuple):
 class AlarmRule:
     """The declaration of an alarm.
 
-    Attributes
-    ----------
-    expected : function of the facts
-        The alarm that opens if nothing comes; None where the scanner has no such alarm.
-    advice : str
-        What pages show: what is the matter and what to do.
-    sentence : function of an alarm
-        What is missing or was seen, in English, for events.
-    fields : tuple of str
-        The fields of `Alarm` that this one has.
+    `expected` returns the alarm that opens if nothing comes, None where the scanner has no such alarm. Pages show the
+    `advice`, events the `sentence`, in English. `fields` are the fields of `Alarm` that this one has.
     """
 
     expected: Callable[[ScannerFacts], ExpectedAlarm | None]
@@ -139,49 +121,37 @@ def _scanner_quiet(facts: ScannerFacts) -> ExpectedAlarm | None:
 def _absence(
     facts: ScannerFacts, what: AlarmKind, last_at: datetime, limit_hours: float, coming_at: datetime | None = None
 ) -> ExpectedAlarm:
-    limit = timedelta(hours=limit_hours)
-    alarm = Alarm(
-        scanner_id=facts.scanner_id, what=what, since=last_at + limit, last_at=last_at, limit_hours=limit_hours
-    )
+    limit, id_ = timedelta(hours=limit_hours), facts.scanner_id
+    alarm = Alarm(scanner_id=id_, what=what, since=last_at + limit, last_at=last_at, limit_hours=limit_hours)
     return ExpectedAlarm(alarm, max(last_at, coming_at or last_at) + limit)
 
 
 def _phantom_expired(facts: ScannerFacts) -> ExpectedAlarm | None:
     """Expect that the measurements stay valid; a phantom scan that is being read puts the alarm off."""
-    expired_on = min(facts.expiry_days, default=None)
-    if expired_on is None:
+    if not facts.expiry_days:
         return None
-    since = datetime.combine(expired_on + timedelta(days=1), time(), UTC)
-    alarm = Alarm(
-        scanner_id=facts.scanner_id,
-        what=AlarmKind.PHANTOM_EXPIRED,
-        since=since,
-        phantom_id=facts.phantom_id,
-        expired_on=expired_on,
-    )
-    is_coming = facts.phantom_coming_at != facts.phantom_ready_at
+    last_day, is_coming = min(facts.expiry_days), facts.phantom_coming_at != facts.phantom_ready_at
+    since = datetime.combine(last_day + timedelta(days=1), time(), UTC)
+    about = {"phantom_id": facts.phantom_id, "expired_on": last_day}
+    alarm = Alarm(scanner_id=facts.scanner_id, what=AlarmKind.PHANTOM_EXPIRED, since=since, **about)
     return ExpectedAlarm(alarm, _NOT_YET if is_coming else since)
 
 
 def _drift(facts: ScannerFacts) -> ExpectedAlarm | None:
     """Expect no change in the charts; the first one that was found opens the alarm."""
-    first = min(facts.chart_alarms, key=lambda each: each.at, default=None)
-    if first is None:
+    if not facts.chart_alarms:
         return None
-    alarm = Alarm(scanner_id=facts.scanner_id, what=AlarmKind.DRIFT, since=first.at, drift=first.finding)
-    return ExpectedAlarm(alarm, first.at)
+    since, finding = min(facts.chart_alarms, key=lambda each: each.at)
+    return ExpectedAlarm(Alarm(scanner_id=facts.scanner_id, what=AlarmKind.DRIFT, since=since, drift=finding), since)
 
 
 def _latest(*times: datetime | None) -> datetime | None:
     return max((each for each in times if each is not None), default=None)
 
 
-def _came_not(scans: str) -> Callable[[Alarm], str]:
-    def sentence(alarm: Alarm) -> str:
-        since = "" if alarm.last_at is None else f" after {alarm.last_at:%Y-%m-%d %H:%M} UTC"
-        return f"no {scans} came{since} for {alarm.limit_hours:g} hours"
-
-    return sentence
+def _came_not(scan: str, alarm: Alarm) -> str:
+    since = "" if alarm.last_at is None else f" after {alarm.last_at:%Y-%m-%d %H:%M} UTC"
+    return f"no {scan} came{since} for {alarm.limit_hours:g} hours"
 
 
 ALARMS: Mapping[AlarmKind, AlarmRule] = MappingProxyType(
@@ -189,7 +159,7 @@ ALARMS: Mapping[AlarmKind, AlarmRule] = MappingProxyType(
         AlarmKind.NO_PHANTOM_SCAN: AlarmRule(
             _no_phantom_scan,
             N_("No phantom was scanned for longer than is allowed: scan one and calibrate."),
-            _came_not("scan of a phantom"),
+            partial(_came_not, "scan of a phantom"),
             ("last_at", "limit_hours"),
         ),
         AlarmKind.PHANTOM_EXPIRED: AlarmRule(
@@ -201,7 +171,7 @@ ALARMS: Mapping[AlarmKind, AlarmRule] = MappingProxyType(
         AlarmKind.SCANNER_QUIET: AlarmRule(
             _scanner_quiet,
             N_("It has sent no scan for longer than it may: look at the scanner and its network."),
-            _came_not("scan"),
+            partial(_came_not, "scan"),
             ("last_at", "limit_hours"),
         ),
         AlarmKind.DRIFT: AlarmRule(

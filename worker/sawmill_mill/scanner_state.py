@@ -1,6 +1,6 @@
 """The standing of a scanner: fine, to be watched or out of tolerance, and what a person does next."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from typing import NamedTuple
@@ -60,7 +60,7 @@ class Calibrated(NamedTuple):
     id: str
     created_at: datetime
     verdict: Verdict
-    reasons: tuple[str, ...] = ()
+    reasons: Sequence[str] = ()
     comparison: Comparison | None = None
 
 
@@ -79,23 +79,9 @@ class Checked(NamedTuple):
 class ScannerState:
     """The facts about one scanner that decide its standing.
 
-    Attributes
-    ----------
-    newest : Calibrated or None
-        The newest calibration that succeeded.
-    active_id : str or None
-        Id of the calibration in use.
-    ray_change_mm : float
-        The scanner's tolerance of movement.
-    failure : str or None
-        Why a calibration failed that is newer than `newest`.
-    last_check, seen : Checked or None
-        The newest drift check that ended, and the newest one that could tell whether the scanner has moved since the
-        active calibration.
-    scanned : bool
-        Whether there is a scan.
-    alarms : tuple of AlarmKind
-        The open alarms.
+    `newest` is the newest calibration that succeeded, `active_id` the one in use, `failure` why a newer one failed.
+    `last_check` is the newest drift check that ended, `seen` the newest one that could tell whether the scanner has
+    moved since the active calibration. `ray_change_mm` is the tolerance of movement. `alarms` are the open ones.
     """
 
     newest: Calibrated | None = None

@@ -11,12 +11,10 @@ from sawmill_contracts.phantoms import PhantomState
 from sawmill_contracts.scans import ScanState
 from sawmill_vocabulary import FEWEST_PAIRED_VIEWS
 
+# A log of fewer views has too few to be compared. The drift check itself finds what else a scan lacks.
 FEWEST_VIEWS = FEWEST_PAIRED_VIEWS
-"""A log of fewer views has too few to be compared. The drift check itself finds what else a scan lacks."""
-
-UNSEEN: tuple[JobState, ...] = (JobState.FAILED, JobState.CANCELLED)
-"""States of a drift check's job in which the check has not seen its log."""
-
+# A drift check whose job ended so has not seen its log.
+UNSEEN = (JobState.FAILED, JobState.CANCELLED)
 WHY_NOTHING_WAS_QUEUED: Mapping[ScheduleOutcome, str] = MappingProxyType(
     {
         "no-new-phantom-scan": "there was no new scan of a phantom",
@@ -27,7 +25,7 @@ WHY_NOTHING_WAS_QUEUED: Mapping[ScheduleOutcome, str] = MappingProxyType(
 
 
 class PhantomScan(NamedTuple):
-    """A phantom scan of a scanner; `is_used` tells that a schedule has calibrated with it."""
+    """A phantom scan; `is_used` tells that a schedule has calibrated with it."""
 
     id: str
     state: ScanState
@@ -45,67 +43,36 @@ class LogScan(NamedTuple):
     is_checked: bool
 
 
-class Choice(NamedTuple):
-    """The outcome of a due time, and the scan for which a job is queued."""
-
-    outcome: ScheduleOutcome
-    scan_id: str | None = None
-
-
-class Missed(NamedTuple):
-    """A due time that is announced as missed."""
-
-    due_at: datetime
-    reason: str
-
-
-def choose_phantom_scan(newest_first: Iterable[PhantomScan]) -> Choice:
+def phantom_scan_to_use(newest_first: Iterable[PhantomScan]) -> str | None:
     """Choose the newest usable phantom scan, unless a schedule has used it: an older one shows the past."""
-    usable = (scan for scan in newest_first if _is_usable(scan))
-    newest = next(usable, None)
-    return Choice("no-new-phantom-scan") if newest is None or newest.is_used else Choice("queued", newest.id)
+    for scan in newest_first:
+        if scan.state is ScanState.READY and scan.phantom_state is PhantomState.READY:
+            return None if scan.is_used else scan.id
+    return None
 
 
-def choose_log_scan(
-    newest_first: Iterable[LogScan], last_checked_at: datetime | None, *, has_active_calibration: bool = True
-) -> Choice:
+def log_scan_to_check(newest_first: Iterable[LogScan], last_checked_at: datetime | None) -> str | None:
     """Choose the newest log scan that is fit for a drift check.
 
-    Parameters
-    ----------
-    last_checked_at : datetime or None
-        When the newest stored log came that a drift check has seen: an older log shows the past.
+    An older log than the newest one that a drift check has seen shows the past; that one came at `last_checked_at`.
     """
-    if not has_active_calibration:
-        return Choice("no-active-calibration")
-    fit = (scan for scan in newest_first if _is_fit(scan, last_checked_at))
-    newest = next(fit, None)
-    return Choice("no-new-log-scan") if newest is None else Choice("queued", newest.id)
+    for scan in newest_first:
+        is_new = not scan.is_checked and (last_checked_at is None or scan.created_at > last_checked_at)
+        if is_new and scan.state is ScanState.READY and scan.views >= FEWEST_VIEWS:
+            return scan.id
+    return None
 
 
 def missed_due_time(
     first_due_at: datetime, due_at: datetime, outcome: ScheduleOutcome, *, missed_before: bool
-) -> Missed | None:
-    """Return the due time that is announced as missed; a schedule that keeps missing is announced when that begins.
+) -> tuple[datetime, str] | None:
+    """Return the due time that is announced as missed, and why; None where none is.
 
-    Parameters
-    ----------
-    first_due_at, due_at : datetime
-        The first due time that has not run, and the latest one, which runs now.
-    missed_before : bool
-        Whether the schedule was missed at its last due time as well.
+    A due time before the latest one, `due_at`, has not run. A schedule that keeps missing is announced when that
+    begins: not where it was missed at its last due time as well.
     """
     why_nothing = WHY_NOTHING_WAS_QUEUED.get(outcome)
     if first_due_at < due_at:
         later = "" if why_nothing is None else f"; later {why_nothing}"
-        return Missed(first_due_at, f"nothing ran schedules then{later}")
-    return None if why_nothing is None or missed_before else Missed(due_at, why_nothing)
-
-
-def _is_usable(scan: PhantomScan) -> bool:
-    return scan.state is ScanState.READY and scan.phantom_state is PhantomState.READY
-
-
-def _is_fit(scan: LogScan, last_checked_at: datetime | None) -> bool:
-    is_new = not scan.is_checked and (last_checked_at is None or scan.created_at > last_checked_at)
-    return is_new and scan.state is ScanState.READY and scan.views >= FEWEST_VIEWS
+        return first_due_at, f"nothing ran schedules then{later}"
+    return None if why_nothing is None or missed_before else (due_at, why_nothing)

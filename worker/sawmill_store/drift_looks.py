@@ -4,7 +4,7 @@ from sqlalchemy import exists, select
 from sqlalchemy.orm import Session
 
 from sawmill_contracts.drifts import DriftResult
-from sawmill_mill.drift_checks import ActiveCalibration, DriftCheck, counts_for_chart
+from sawmill_mill.drift_checks import DriftCheck, counts_for_chart
 from sawmill_store.activations import active_since
 from sawmill_store.tables import CalibrationRow, DriftRow, MeasurementRow, ScannerRow, ScanRow
 
@@ -29,15 +29,16 @@ def counts_since(session: Session, check: DriftRow, result: DriftResult) -> int 
     )
     finished = DriftCheck(
         calibration_id=check.calibration_id,
+        active_id=calibration.id,
         log_came_at=scan.created_at,
+        phantom_came_at=phantom_scan.created_at,
         rotation=result.rotation,
+        active_rotation=None if calibration.result is None else calibration.result["rotation"],
         method=result.method,
         covariance=result.covariance,
         is_counted=session.scalar(select(same)) is True,
     )
-    rotation = None if calibration.result is None else calibration.result["rotation"]
-    in_use = ActiveCalibration(calibration.id, phantom_scan.created_at, rotation)
-    return active.number if counts_for_chart(finished, in_use) else None
+    return active.number if counts_for_chart(finished) else None
 
 
 def lock_scanner(session: Session, scanner_id: str) -> None:

@@ -43,8 +43,7 @@ class Protection(NamedTuple):
 
 def protections(session: Session, kind: RetentionKind) -> list[Protection]:
     """Return what stays of a kind, as things are in this transaction. No condition is unknown (NULL) for any row."""
-    reasons = {reason.because for reason in STAYS[kind]}
-    return [each for each in _OF_KIND[kind](session) if each.because in reasons]
+    return [each for each in _OF_KIND[kind](session) if each.because in STAYS[kind]]
 
 
 def may_go(session: Session, kind: RetentionKind, rows: Select[Any]) -> Iterator[Row[Any]]:
@@ -78,7 +77,7 @@ def _of_scans(session: Session) -> Iterator[Protection]:
         (StaysBecause.NEWEST, _newest(session, _newest_log()) | _newest_phantom_scans(session)),
         (
             StaysBecause.SCHEDULE,
-            {next_log(session, scanner_id).scan_id for scanner_id in _scanners_that_check_drift(session)},
+            {next_log(session, scanner_id) for scanner_id in _scanners_that_check_drift(session)},
         ),
     ):
         if known := scan_ids - {None}:

@@ -12,15 +12,7 @@ from sawmill_contracts.drifts import DriftAsk
 from sawmill_contracts.jobs import Priority
 from sawmill_contracts.phantoms import PhantomState
 from sawmill_contracts.scans import ScanState
-from sawmill_mill.schedules import (
-    FEWEST_VIEWS,
-    UNSEEN,
-    Choice,
-    LogScan,
-    PhantomScan,
-    choose_log_scan,
-    choose_phantom_scan,
-)
+from sawmill_mill.schedules import FEWEST_VIEWS, UNSEEN, LogScan, PhantomScan, log_scan_to_check, phantom_scan_to_use
 from sawmill_store.activations import ScannerId, active_calibration_id
 from sawmill_store.asked import Asked
 from sawmill_store.tables import CalibrationRow, DriftRow, JobRow, PhantomRow, ScanRow, ScheduleRow
@@ -74,18 +66,16 @@ def last_looked_at(scanner_id: ScannerId) -> Select[datetime]:
     )
 
 
-def next_log(session: Session, scanner_id: str, *, has_active_calibration: bool = True) -> Choice:
+def next_log(session: Session, scanner_id: str) -> str | None:
     """Choose the log scan that a schedule checks for drift next."""
     views, is_checked = ScanRow.reading["shape"]["views"].as_integer(), exists().where(DriftRow.scan_id == ScanRow.id)
     logs = select(ScanRow.id, ScanRow.created_at, ScanRow.state, views, is_checked)
     logs = logs.where(ScanRow.scanner_id == scanner_id, ScanRow.phantom_id.is_(None))
-    last = session.scalar(last_looked_at(scanner_id))
-    if last is not None:
+    if (last := session.scalar(last_looked_at(scanner_id))) is not None:
         logs = logs.where(ScanRow.created_at > last)
     narrowed = logs.where(ScanRow.state == ScanState.READY, ~is_checked, views >= FEWEST_VIEWS)
     newest_first = narrowed.order_by(ScanRow.created_at.desc(), ScanRow.id.desc()).limit(_CANDIDATES)
-    candidates = (LogScan(*row) for row in session.execute(newest_first))
-    return choose_log_scan(candidates, last, has_active_calibration=has_active_calibration)
+    return log_scan_to_check((LogScan(*row) for row in session.execute(newest_first)), last)
 
 
 def _recalibrate(
@@ -95,23 +85,23 @@ def _recalibrate(
     is_used = exists().where(CalibrationRow.scan_id == ScanRow.id, CalibrationRow.schedule_id.is_not(None))
     columns = ScanRow.id, ScanRow.state, PhantomRow.state, is_used
     newest_first = newest_phantom_scan(row.scanner_id).with_only_columns(*columns).limit(_CANDIDATES)
-    chosen = choose_phantom_scan(PhantomScan(*each) for each in session.execute(newest_first))
-    if chosen.scan_id is None:
-        return Outcome(chosen.outcome)
-    given = {"scan_id": chosen.scan_id, "activate": row.on_pass == "activate"}  # noqa: S105 - no password
-    ask = CalibrationAsk.model_validate({**row.options, **given})
+    scan_id = phantom_scan_to_use(PhantomScan(*each) for each in session.execute(newest_first))
+    if scan_id is None:
+        return Outcome("no-new-phantom-scan")
+    ask = CalibrationAsk.model_validate({**row.options, "scan_id": scan_id, "activate": row.on_pass == "activate"})  # noqa: S105 - no password
     queued = calibrations.queue(session, ask, now, given={"schedule_id": row.id}, priority=Priority.BATCH)
-    return Outcome(chosen.outcome, calibration_id=queued.id)
+    return Outcome("queued", calibration_id=queued.id)
 
 
 def _check_drift(session: Session, drifts: Asked[DriftAsk, Any], row: ScheduleRow, now: datetime) -> Outcome:
     """Queue a drift check of the log scan that the rule chooses."""
-    has_active_calibration = active_calibration_id(session, row.scanner_id) is not None
-    chosen = next_log(session, row.scanner_id, has_active_calibration=has_active_calibration)
-    if chosen.scan_id is None:
-        return Outcome(chosen.outcome)
+    if active_calibration_id(session, row.scanner_id) is None:
+        return Outcome("no-active-calibration")
+    scan_id = next_log(session, row.scanner_id)
+    if scan_id is None:
+        return Outcome("no-new-log-scan")
     # What came as a mean has no rows to choose from.
-    is_mean = session.get_one(ScanRow, chosen.scan_id).spec.get("averaged_rows") is not None
-    ask = DriftAsk(scan_id=chosen.scan_id, **row.drift_options | ({"rows": None} if is_mean else {}))
+    is_mean = session.get_one(ScanRow, scan_id).spec.get("averaged_rows") is not None
+    ask = DriftAsk(scan_id=scan_id, **row.drift_options | ({"rows": None} if is_mean else {}))
     queued = drifts.queue(session, ask, now, priority=Priority.BATCH)
-    return Outcome(chosen.outcome, drift_id=queued.id)
+    return Outcome("queued", drift_id=queued.id)

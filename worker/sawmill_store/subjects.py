@@ -10,7 +10,7 @@ from sawmill_contracts.jobs import JobKind
 from sawmill_contracts.kinds import AskedKind, declaration_of
 from sawmill_contracts.phantoms import PhantomState
 from sawmill_contracts.scans import ScanState
-from sawmill_mill.activation import FinishedCalibration, activation_reason
+from sawmill_mill.activation import activation_reason
 from sawmill_store.acting import THE_SERVICE, Actor, acting_as
 from sawmill_store.activations import activate
 from sawmill_store.asked_rows import found_asked
@@ -64,13 +64,12 @@ def record_end_without_result(session: Session, kind: JobKind, subject_id: str, 
 
 
 def _activate_on_pass(session: Session, calibration: CalibrationRow, result: Json, now: datetime) -> None:
-    finished = FinishedCalibration(
-        activates=calibration.activate,
+    reason = activation_reason(
+        wanted=calibration.activate,
         schedule_id=calibration.schedule_id,
-        rays_verdict=result["rays_verdict"] or result["verdict"],
+        rays_verdict=result["rays_verdict"] or result["verdict"],  # an earlier version has the verdict alone
         has_moved=(result["comparison"] or {}).get("within_tolerance") is False,
     )
-    reason = activation_reason(finished)
     if reason is not None:
         job = calibration.job
         by_request = Actor(job.asked_by or THE_SERVICE.name, job.key_id, request_id=job.request_id)
