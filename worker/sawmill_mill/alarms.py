@@ -40,7 +40,7 @@ class ScannerFacts:
     phantom_calibrated_at: datetime | None = None
     # When the newest phantom scan came that is read or may yet turn out readable.
     phantom_coming_at: datetime | None = None
-    # The phantom of the newest stored phantom scan that is read, and the last days of its measurements.
+    # The phantom in the newest stored phantom scan that is read, and the last days of validity of the measurements.
     phantom_id: str | None = None
     expiry_days: tuple[date, ...] = ()
     # Found since the active calibration: another calibration ends them.

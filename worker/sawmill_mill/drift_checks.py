@@ -12,7 +12,7 @@ MOST_CORRELATED = 1.0 - 1e-9
 class DriftCheck(NamedTuple):
     """A drift check that succeeded, and the active calibration, whose phantom came at `phantom_came_at`.
 
-    `covariance` is that of (u_c, tilt, source to detector) in mm and radians. `is_counted` tells that a check of the
+    `covariance` belongs to (u_c, tilt, source to detector) in mm and radians. `is_counted` tells that a check of the
     same file by the same method is in the chart.
     """
 
