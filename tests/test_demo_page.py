@@ -6,7 +6,7 @@ from results import calibration_result
 
 from sawmill_command.demo_page import LogPair, Section, write_page
 from sawmill_contracts.calibrations import CalibrationResult
-from sawmill_contracts.two_questions import TwoQuestions
+from sawmill_mill.two_questions import TwoQuestions
 
 LIMITS = {"tolerance_mm": 0.1, "scale_tolerance_percent": 0.5}
 PAIR = LogPair("log's-before.png", "after.png", 17.62, 0.0123, ["source shift +14 mm", "detector tilt -1.7°"], 0.61)

@@ -22,8 +22,8 @@ from sawmill_command import demo_client, examples
 from sawmill_command.demo_client import DemoError, Json
 from sawmill_command.demo_page import LogPair, Section, write_page
 from sawmill_contracts.calibrations import CalibrationSucceeded
-from sawmill_contracts.two_questions import TwoQuestions
 from sawmill_formats.output.volume_reader import volume_slice
+from sawmill_mill.two_questions import TwoQuestions
 from sawmill_tomography.geometry.geometry import Scanner, SourceFrame, Theta, angle_difference, to_vector
 from sawmill_tomography.geometry.ray_error import ray_error
 from sawmill_tomography.reconstruction.quality import relative_error, structural_similarity_index

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from sawmill_contracts.two_questions import VERDICTS, TwoQuestions
+from sawmill_mill.two_questions import VERDICTS, TwoQuestions
 from sawmill_vocabulary import Verdict
 from sawmill_worker.pictures.report_page import page_templates
 

@@ -16,7 +16,12 @@ OTHERS = LANGUAGES.keys() - {ENGLISH}
 @pytest.fixture(scope="module")
 def texts_of_the_pages(tmp_path_factory):
     template = tmp_path_factory.mktemp("texts") / "sawmill.pot"
-    folders = ("service/sawmill_service", "worker/sawmill_contracts", "worker/sawmill_vocabulary")
+    folders = (
+        "service/sawmill_service",
+        "worker/sawmill_contracts",
+        "worker/sawmill_mill",
+        "worker/sawmill_vocabulary",
+    )
     places = [str(ROOT / folder) for folder in folders]
     options = ["--mapping-file", str(ROOT / "pyproject.toml"), "--output-file", str(template)]
     CommandLineInterface().run(["pybabel", "--quiet", "extract", *options, *places])

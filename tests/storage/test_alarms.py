@@ -111,18 +111,6 @@ def test_logs_do_not_stand_in_for_a_phantom(store, limited, log, upload, finish,
     assert [what for what, _ in store.alarms.check()] == ["alarm-closed"]
 
 
-def test_without_a_scan_the_time_counts_from_the_scanner_and_without_a_limit_there_is_no_alarm(store, limited, clock):
-    clock.advance(days=300)
-    assert store.alarms.check() == []
-    limited(quiet_after_hours=24, phantom_scan_every_days=7)
-    assert {alarm.last_at for _, alarm in store.alarms.check()} == {START}
-    # Another limit is another alarm; none ends it.
-    limited(quiet_after_hours=48, phantom_scan_every_days=7)
-    assert [what for what, _ in store.alarms.check()] == ["alarm-closed", "alarm-opened"]
-    limited()
-    assert [what for what, _ in store.alarms.check()] == ["alarm-closed", "alarm-closed"]
-
-
 def test_a_phantom_whose_measurement_expired_is_named_until_another_one_is_scanned(
     store, phantom, upload, finish, refuse, clock
 ):
@@ -174,17 +162,6 @@ def test_alarms_go_with_their_scanner(store, scanner, limited, clock):
     store.scanners.delete(scanner.id)
     assert store.alarms.open() == store.alarms.check() == []
     assert events_of(store) == [("opened", "scanner-quiet"), ("closed", "scanner-quiet")]
-
-
-def test_no_clock_closes_an_alarm(store, limited, clock):
-    limited(quiet_after_hours=24)
-    clock.advance(hours=24)
-    assert len(store.alarms.check()) == 1
-    clock.advance(minutes=-1)
-    assert store.alarms.check() == []
-    clock.advance(minutes=2)
-    assert store.alarms.check() == []
-    assert events_of(store) == [("opened", "scanner-quiet")]
 
 
 def test_a_phantom_scan_that_is_refused_ends_no_alarm_and_delays_a_new_one(

@@ -144,21 +144,15 @@ def test_a_scan_without_a_phantom_needs_one_in_the_ask(store, upload):
     assert store.calibrations.accept(CalibrationAsk(scan_id=scan.id, phantom_id="l-shape")).phantom_id == "l-shape"
 
 
-@pytest.mark.parametrize(("verdict", "active"), [("pass", True), ("watch", False), ("fail", False)])
-def test_only_a_pass_activates_itself(store, scanner, ready_scan, finish, verdict, active):
-    asked = store.calibrations.accept(CalibrationAsk(scan_id=ready_scan.id, activate=True))
-    finish(store, verdict=verdict)
-    assert (store.scanners.get(scanner.id).active_calibration_id == asked.id) is active
-
-
 @pytest.mark.parametrize(
-    ("rays", "active"),
-    [("pass", True), ("watch", False), (None, False)],
+    ("verdicts", "active"), [(("watch", "pass"), True), (("watch", None), False), (("pass", None), True)]
 )
-def test_an_uncertain_scale_blurs_nothing_and_the_rays_alone_decide(store, scanner, ready_scan, finish, rays, active):
+def test_a_calibration_activates_itself_by_the_verdict_on_its_rays(
+    store, scanner, ready_scan, finish, verdicts, active
+):
     """None: an attempt of an earlier version, which has the verdict alone."""
     asked = store.calibrations.accept(CalibrationAsk(scan_id=ready_scan.id, activate=True))
-    finish(store, verdict="watch", rays_verdict=rays)
+    finish(store, verdict=verdicts[0], rays_verdict=verdicts[1])
     assert (store.scanners.get(scanner.id).active_calibration_id == asked.id) is active
 
 

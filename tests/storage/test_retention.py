@@ -17,6 +17,7 @@ from sawmill_contracts.reconstructions import ReconstructionAsk
 from sawmill_contracts.retention import RetentionAsk, RetentionKind, RetentionRules, StaysBecause
 from sawmill_contracts.scans import ScanState
 from sawmill_contracts.schedules import ScheduleSpec
+from sawmill_mill.retention import STAYS
 from sawmill_platform.contracts.jobs import JobState
 from sawmill_platform.database.tables import JobRow
 from sawmill_platform.errors import Conflict, NotFound
@@ -179,6 +180,9 @@ def test_each_protection_keeps_what_it_is_for_and_nothing_else_does(mill, full_m
     def without(because):
         return lambda session, kind: [each for each in protected.protections(session, kind) if each.because != because]
 
+    with mill._database.read() as session:
+        for kind, reasons in STAYS.items():
+            assert {each.because for each in protected.protections(session, kind)} == set(reasons), kind
     kept, previews = {}, {kind: shown(kind) for kind in {kind for _, kind in full_mill}}
     for (because, kind), identifiers in full_mill.items():
         stays = {each.because: set(each.first_ids) for each in previews[kind].stays}

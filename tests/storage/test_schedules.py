@@ -74,18 +74,6 @@ def test_a_due_schedule_queues_the_newest_phantom_scan_once(store, schedule, clo
 
 
 @pytest.mark.usefixtures("schedule")
-def test_an_older_scan_than_the_last_one_used_is_not_new(store, clock, upload, finish):
-    for _ in range(2):
-        clock.advance(minutes=1)
-        upload(store)
-        finish(store)
-    clock.advance(minutes=30)
-    assert store.schedules.run_due()[0].outcome == "queued"
-    clock.advance(minutes=30)
-    assert store.schedules.run_due()[0].outcome == "no-new-phantom-scan"
-
-
-@pytest.mark.usefixtures("schedule")
 def test_log_scans_and_unread_scans_are_passed_over(store, scanner, clock, ready_scan, upload):
     spec = ScanSpec(scanner_id=scanner.id, data=DataKind.COUNTS)
     clock.advance(minutes=1)
@@ -180,16 +168,6 @@ def test_the_newest_log_that_is_fit_for_it_is_checked_for_drift_once(store, chec
     store.drifts.accept(DriftAsk(scan_id=later))
     clock.advance(minutes=30)
     assert store.schedules.run_due()[0].outcome == "no-new-log-scan"
-
-
-@pytest.mark.usefixtures("active", "checks")
-@pytest.mark.parametrize("views", [7, 8])
-def test_a_log_is_fit_for_it_where_its_views_are_enough_to_be_compared(store, log_scan, clock, views):
-    scan = log_scan(views=views, last_deg=157.5)
-    fit = scan if views > 7 else None
-    clock.advance(minutes=30)
-    (run,) = store.schedules.run_due()
-    assert (run.drift_id and store.drifts.get(run.drift_id).scan_id) == fit
 
 
 @pytest.mark.usefixtures("active", "checks")

@@ -55,17 +55,6 @@ class Alarm(Contract):
         None, description="What the logs showed when it was opened. Null: it is of no drift."
     )
 
-    @property
-    def sentence(self) -> str:
-        """What is missing or was seen, in English."""
-        if self.drift is not None:
-            return self.drift.sentence
-        if self.what is AlarmKind.PHANTOM_EXPIRED:
-            return f"the measurement of the phantom {self.phantom_id} was good until {self.expired_on}"
-        missing = "scan of a phantom" if self.what is AlarmKind.NO_PHANTOM_SCAN else "scan"
-        since = "" if self.last_at is None else f" after {self.last_at:%Y-%m-%d %H:%M} UTC"
-        return f"no {missing} came{since} for {self.limit_hours:g} hours"
-
 
 class AlarmList(Contract):
     """The alarms that are open."""

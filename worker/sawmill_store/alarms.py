@@ -1,12 +1,13 @@
-"""Alarms of absence and of drift. A row is an open alarm: written once when it opens, removed once it has ended."""
+"""Alarms by the rules of `sawmill_mill.alarms`. A row is an open alarm: written when it opens, removed when it ends."""
 
-from collections.abc import Iterator
-from datetime import UTC, datetime, time, timedelta
-from typing import Any, NamedTuple
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from datetime import datetime
+from typing import Any
 
 import structlog
 from pydantic import TypeAdapter, ValidationError
-from sqlalchemy import ColumnElement, ScalarSelect, delete, func, select
+from sqlalchemy import ColumnElement, RowMapping, ScalarSelect, Select, delete, func, select
 from sqlalchemy.orm import InstrumentedAttribute, Session
 
 from sawmill_contracts import job_kinds, mill_events
@@ -14,6 +15,7 @@ from sawmill_contracts.alarms import Alarm, AlarmKind
 from sawmill_contracts.phantoms import SizeMeasurement
 from sawmill_contracts.scanners import AlarmLimits
 from sawmill_contracts.scans import ScanState
+from sawmill_mill.alarms import AlarmChange, ChartAlarm, ScannerFacts, alarm_changes, alarm_sentence
 from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.event_kinds import EventKind
 from sawmill_platform.database.database import Database
@@ -25,14 +27,7 @@ from sawmill_store.tables import AlarmRow, CalibrationRow, DriftChartRow, Phanto
 _READY = (ScanRow.phantom_id.is_not(None), ScanRow.state == ScanState.READY)
 _COMING = (ScanRow.phantom_id.is_not(None), ScanRow.state != ScanState.REFUSED)
 _MEASUREMENTS = TypeAdapter(list[SizeMeasurement])
-_NOT_YET = datetime.max.replace(tzinfo=UTC)
-
-
-class AlarmChange(NamedTuple):
-    """An alarm that was opened, or that has ended."""
-
-    what: EventKind
-    alarm: Alarm
+_CHART_ALARMS = TypeAdapter(tuple[ChartAlarm, ...])
 
 
 class Alarms:
@@ -42,7 +37,7 @@ class Alarms:
         self._database = database
 
     def open(self, *, scanner_id: str | None = None) -> list[Alarm]:
-        """Those that are open, of all scanners or of one."""
+        """Return the open alarms, of all scanners or of one."""
         with self._database.read() as session:
             return _opened(session, scanner_id)
 
@@ -73,7 +68,7 @@ class Alarms:
 
 
 def close_alarms(session: Session, now: datetime, scanner_id: str) -> None:
-    """Close those of a scanner that is deleted."""
+    """Close the alarms of a scanner that is deleted."""
     for alarm in _opened(session, scanner_id):
         _announce(session, now, mill_events.ALARM_CLOSED, alarm)
     session.execute(delete(AlarmRow).where(AlarmRow.scanner_id == scanner_id))
@@ -89,61 +84,23 @@ def _announce(session: Session, now: datetime, what: EventKind, alarm: Alarm) ->
         alarm.scanner_id,
         group_id=alarm.scanner_id,
         detail=detail,
-        why=alarm.sentence,
+        why=alarm_sentence(alarm),
     )
 
 
-class _Expected(NamedTuple):
-    """What an alarm would tell, and from when on it is opened."""
-
-    alarm: Alarm
-    opens_at: datetime
-
-
-class _Known(NamedTuple):
-    """Of one scanner: times are of its newest scans, None where there is none.
-
-    A scan that was deleted counts for `scan_at`, and for `phantom_scan_at` where a calibration was made of it.
-    `coming_at` is of the newest phantom scan that is read or may yet turn out readable, `ready_at` of the newest
-    that is read; its phantom has `phantom_id` and `measurements`.
-    """
-
-    scanner: ScannerRow
-    scan_at: datetime | None
-    phantom_scan_at: datetime | None
-    coming_at: datetime | None
-    ready_at: datetime | None
-    phantom_id: str | None
-    measurements: Any
-
-
 def _changes(session: Session, now: datetime, scanner_id: str | None = None) -> Iterator[AlarmChange]:
-    """What has ended, and what is new. The time opens alarms and ends none: clocks differ, and are put back."""
-    opened = {(each.scanner_id, each.what): each for each in _opened(session, scanner_id)}
-    drifted = _drifted(session, scanner_id)
-    for known in _known(session, scanner_id):
+    """Yield the changes of one scanner or of all, by the rules of `sawmill_mill.alarms`."""
+    opened = defaultdict[str, dict[AlarmKind, Alarm]](dict)
+    for alarm in _opened(session, scanner_id):
+        opened[alarm.scanner_id][alarm.what] = alarm
+    chart_alarms = _chart_alarms(session, scanner_id)
+    for row in session.execute(_of_scanners(scanner_id)).mappings():
         try:
-            expected = {each.alarm.what: each for each in _expected(known)}
-            if known.scanner.id in drifted:
-                expected[AlarmKind.DRIFT] = _of_drift(known.scanner.id, drifted[known.scanner.id])
+            facts = _facts(row, chart_alarms[row["scanner_id"]])
         except ValidationError as error:
-            structlog.get_logger().error("alarms-unreadable", scanner_id=known.scanner.id, reason=str(error))
+            structlog.get_logger().error("alarms-unreadable", scanner_id=row["scanner_id"], reason=str(error))
             continue
-        for what in AlarmKind:
-            alarm, next_one = opened.get((known.scanner.id, what)), expected.get(what)
-            if alarm is not None and (next_one is None or _ended(alarm, next_one.alarm)):
-                yield AlarmChange(mill_events.ALARM_CLOSED, alarm)
-                alarm = None
-            if alarm is None and next_one is not None and next_one.opens_at <= now:
-                yield AlarmChange(mill_events.ALARM_OPENED, next_one.alarm)
-
-
-def _ended(alarm: Alarm, next_one: Alarm) -> bool:
-    """Whether a later scan came, or the limit or the phantom is another; not because a scan was deleted."""
-    if alarm.last_at is not None and next_one.last_at is not None and next_one.last_at > alarm.last_at:
-        return True
-    same = {"limit_hours", "phantom_id", "expired_on"}
-    return alarm.model_dump(include=same) != next_one.model_dump(include=same)
+        yield from alarm_changes(facts, opened[facts.scanner_id], now)
 
 
 def _opened(session: Session, scanner_id: str | None) -> list[Alarm]:
@@ -155,107 +112,70 @@ def _opened(session: Session, scanner_id: str | None) -> list[Alarm]:
 
 
 def read_alarm(row: AlarmRow) -> Alarm:
-    """The alarm of a row."""
+    """Read the alarm of a row."""
     return Alarm.model_validate({name: getattr(row, name) for name in Alarm.model_fields})
 
 
-def _known(session: Session, scanner_id: str | None) -> Iterator[_Known]:
+def _of_scanners(scanner_id: str | None) -> Select[Any]:
+    """Select the facts of scanners; events and jobs tell of scans that are deleted."""
     statement = (
         select(
-            ScannerRow,
-            _newest(ScanRow.created_at),
-            _newest_accepted(),
-            _newest(ScanRow.created_at, *_READY),
-            _newest_calibrated(),
-            _newest(ScanRow.created_at, *_COMING),
-            PhantomRow.id,
-            PhantomRow.drawing["measurements"],
+            ScannerRow.id.label("scanner_id"),
+            ScannerRow.created_at.label("added_at"),
+            ScannerRow.spec,
+            _newest(ScanRow.created_at).label("scan_stored_at"),
+            _newest_accepted().label("scan_accepted_at"),
+            _newest(ScanRow.created_at, *_READY).label("phantom_ready_at"),
+            _newest_calibrated().label("phantom_calibrated_at"),
+            _newest(ScanRow.created_at, *_COMING).label("phantom_coming_at"),
+            PhantomRow.id.label("phantom_id"),
+            PhantomRow.drawing["measurements"].label("measurements"),
         )
         .select_from(ScannerRow)
         .outerjoin(PhantomRow, PhantomRow.id == _newest(ScanRow.phantom_id, *_READY))
     )
-    if scanner_id is not None:
-        statement = statement.where(ScannerRow.id == scanner_id)
-    for scanner, stored_at, accepted_at, ready_at, calibrated_at, coming_at, *phantom in session.execute(statement):
-        scan_at, phantom_scan_at = _latest(stored_at, accepted_at), _latest(ready_at, calibrated_at)
-        yield _Known(scanner, scan_at, phantom_scan_at, coming_at, ready_at, *phantom)
+    return statement if scanner_id is None else statement.where(ScannerRow.id == scanner_id)
 
 
-def _drifted(session: Session, scanner_id: str | None) -> dict[str, list[Any]]:
-    """By scanner: what charts of its active calibration found. Another calibration ends it."""
+def _facts(row: RowMapping, chart_alarms: Sequence[Any]) -> ScannerFacts:
+    measurements = _MEASUREMENTS.validate_python(row["measurements"] or [])
+    read = {
+        "limits": AlarmLimits.model_validate(row["spec"].get("alarms", {})),
+        "expiry_days": tuple(each.expires_on for each in measurements if each.expires_on is not None),
+        "chart_alarms": _CHART_ALARMS.validate_python(chart_alarms),
+    }
+    return ScannerFacts(**{name: value for name, value in row.items() if name not in {"spec", "measurements"}} | read)
+
+
+def _chart_alarms(session: Session, scanner_id: str | None) -> dict[str, list[Any]]:
+    """Read by scanner what the charts since its active calibration have found."""
     columns = DriftChartRow.scanner_id, DriftChartRow.activation_number, DriftChartRow.alarm
     statement = select(*columns).where(DriftChartRow.alarm.is_not(None))
     if scanner_id is not None:
         statement = statement.where(DriftChartRow.scanner_id == scanner_id)
-    found_of = dict[str, list[Any]]()
-    for its_id, activation_number, alarm in session.execute(statement):
-        active = active_since(session, its_id)
-        if active is not None and active.number == activation_number:
-            found_of.setdefault(its_id, []).append(alarm)
-    return found_of
-
-
-def _of_drift(scanner_id: str, found: list[Any]) -> _Expected:
-    """The first that its charts found."""
-    about = {"scanner_id": scanner_id, "what": AlarmKind.DRIFT}
-    alarms = [Alarm.model_validate(about | {"since": each.get("at"), "drift": each.get("finding")}) for each in found]
-    first = min(alarms, key=lambda each: each.since)
-    return _Expected(first, first.since)
-
-
-def _expected(known: _Known) -> Iterator[_Expected]:
-    """Each alarm that the scanner's limits and phantom will open if nothing comes."""
-    scanner = known.scanner
-    limits = AlarmLimits.model_validate(scanner.spec.get("alarms", {}))
-    every_days = limits.phantom_scan_every_days
-    for what, newest_at, coming_at, limit_hours in (
-        (
-            AlarmKind.NO_PHANTOM_SCAN,
-            known.phantom_scan_at,
-            known.coming_at,
-            None if every_days is None else 24.0 * every_days,
-        ),
-        (AlarmKind.SCANNER_QUIET, known.scan_at, None, limits.quiet_after_hours),
-    ):
-        if limit_hours is not None:
-            last_at, limit = newest_at or scanner.created_at, timedelta(hours=limit_hours)
-            alarm = Alarm(
-                scanner_id=scanner.id, what=what, since=last_at + limit, last_at=last_at, limit_hours=limit_hours
-            )
-            yield _Expected(alarm, max(last_at, coming_at or last_at) + limit)
-    measured = _MEASUREMENTS.validate_python(known.measurements or [])
-    is_coming = known.coming_at != known.ready_at
-    if expiring := [each.expires_on for each in measured if each.expires_on]:
-        since = datetime.combine(min(expiring) + timedelta(days=1), time(), UTC)
-        alarm = Alarm(
-            scanner_id=scanner.id,
-            what=AlarmKind.PHANTOM_EXPIRED,
-            since=since,
-            phantom_id=known.phantom_id,
-            expired_on=min(expiring),
-        )
-        yield _Expected(alarm, _NOT_YET if is_coming else since)
-
-
-def _latest(*times: datetime | None) -> datetime | None:
-    return max((each for each in times if each is not None), default=None)
+    alarms = defaultdict[str, list[Any]](list)
+    for chart in session.execute(statement):
+        active = active_since(session, chart.scanner_id)
+        if active is not None and active.number == chart.activation_number:
+            alarms[chart.scanner_id].append(chart.alarm)
+    return alarms
 
 
 def _newest(column: InstrumentedAttribute[Any], *conditions: ColumnElement[bool]) -> ScalarSelect[Any]:
-    """Of the scanner's newest scan of which the conditions are true."""
+    """Select a column of the scanner's newest scan of which the conditions are true."""
     mine = select(column).where(ScanRow.scanner_id == ScannerRow.id, *conditions)
     return mine.order_by(ScanRow.created_at.desc()).limit(1).correlate(ScannerRow).scalar_subquery()
 
 
 def _newest_accepted() -> ScalarSelect[Any]:
-    """When the newest scan came, whether it is stored still or not: events outlast scans."""
+    """Select when the newest scan came, whether it is still stored or not: events outlast scans."""
     came = EventRow.group_id == ScannerRow.id, EventRow.what == event_kinds.QUEUED, EventRow.subject == "scan"
     mine = select(EventRow.at).where(*came).order_by(EventRow.number.desc())
     return mine.limit(1).correlate(ScannerRow).scalar_subquery()
 
 
 def _newest_calibrated() -> ScalarSelect[Any]:
-    """When the newest scan came of which a calibration was made: this and the job that read it outlast the scan."""
+    """Select when the newest calibrated scan came: the calibration and the job that read the scan outlast it."""
     read = select(func.max(JobRow.created_at)).join(CalibrationRow, CalibrationRow.scan_id == JobRow.subject_id)
     mine = read.where(CalibrationRow.scanner_id == ScannerRow.id, JobRow.kind == job_kinds.INGEST)
     return mine.correlate(ScannerRow).scalar_subquery()

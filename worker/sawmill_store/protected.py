@@ -1,15 +1,16 @@
-"""What never goes by rules of retention, and why: conditions on the rows of a kind, asked when something is to go."""
+"""Conditions on the rows of a kind for each reason of `sawmill_mill.retention`, asked when something is to go."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
-from sqlalchemy import ColumnElement, Select, and_, exists, or_, select, true, union_all
+from sqlalchemy import ColumnElement, Row, Select, and_, exists, or_, select, true, union_all
 from sqlalchemy.orm import Session
 
 from sawmill_contracts import job_kinds
 from sawmill_contracts.kinds import asked_kinds
 from sawmill_contracts.retention import RetentionKind, StaysBecause
 from sawmill_contracts.scans import ScanState
+from sawmill_mill.retention import STAYS, stays_because
 from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.jobs import UNFINISHED
 from sawmill_platform.database.tables import EventRow, JobRow
@@ -41,17 +42,27 @@ class Protection(NamedTuple):
 
 
 def protections(session: Session, kind: RetentionKind) -> list[Protection]:
-    """What stays of a kind, as things are in this transaction. No condition is unknown (NULL) for any row."""
-    return list(_OF_KIND[kind](session))
+    """Return what stays of a kind, as things are in this transaction. No condition is unknown (NULL) for any row."""
+    return [each for each in _OF_KIND[kind](session) if each.because in STAYS[kind]]
+
+
+def may_go(session: Session, kind: RetentionKind, rows: Select[Any]) -> Iterator[Row[Any]]:
+    """Yield the rows of a statement on the table of a kind that no reason keeps."""
+    stay = protections(session, kind)
+    facts = [each.condition.label(f"fact_{number}") for number, each in enumerate(stay)]
+    for row in session.execute(rows.add_columns(*facts)):
+        reasons = {each.because for each, is_true in zip(stay, row[-len(stay) :], strict=True) if is_true}
+        if not stays_because(kind, reasons):
+            yield row
 
 
 def none_of(stay: Sequence[Protection]) -> ColumnElement[bool]:
-    """Whether nothing keeps a row."""
+    """Return the condition that nothing keeps a row."""
     return and_(true(), *(~each.condition for each in stay))
 
 
 def calibrations_in_use(session: Session) -> set[str]:
-    """Of each scanner the active calibration and the one that was active before it."""
+    """Read of each scanner the active calibration and the one that was active before it."""
     active = active_calibration(ScannerRow.id).correlate(ScannerRow)
     before = active.where(ActivationRow.calibration_id != active.scalar_subquery())
     rows = session.execute(select(active.scalar_subquery(), before.scalar_subquery()).select_from(ScannerRow))
@@ -64,7 +75,10 @@ def _of_scans(session: Session) -> Iterator[Protection]:
     for because, scan_ids in (
         (StaysBecause.ACTIVE_CALIBRATION, set(session.scalars(of_these))),
         (StaysBecause.NEWEST, _newest(session, _newest_log()) | _newest_phantom_scans(session)),
-        (StaysBecause.SCHEDULE, {next_log(session, scanner_id) for scanner_id in _scanners_that_check_drift(session)}),
+        (
+            StaysBecause.SCHEDULE,
+            {next_log(session, scanner_id) for scanner_id in _scanners_that_check_drift(session)},
+        ),
     ):
         if known := scan_ids - {None}:
             yield Protection(because, ScanRow.id.in_(known))
@@ -80,13 +94,11 @@ def _of_calibrations(session: Session) -> Iterator[Protection]:
         exists().where(table.calibration_id == CalibrationRow.id) for table in (ReconstructionRow, DriftRow, AskedRow)
     )
     yield Protection(StaysBecause.REFERRED_TO, or_(*referring))
-    # A schedule knows by it that the scan was used.
     yield Protection(StaysBecause.NEWEST, CalibrationRow.scan_id.in_(_newest_phantom_scans(session)))
 
 
 def _of_drifts(session: Session) -> Iterator[Protection]:
     yield _unfinished(STOCKS[RetentionKind.DRIFTS])
-    # A schedule knows by these which logs were looked at: it goes on behind the newest of them.
     known = []
     for scanner_id in _scanners_that_check_drift(session):
         last = session.scalar(last_looked_at(scanner_id))
@@ -98,7 +110,6 @@ def _of_drifts(session: Session) -> Iterator[Protection]:
 
 
 def _of_events(session: Session) -> Iterator[Protection]:
-    """An alarm knows by it when a scanner's last scan came, whether that is stored still or not."""
     came = EventRow.group_id == ScannerRow.id, EventRow.what == event_kinds.QUEUED, EventRow.subject == "scan"
     newest = select(EventRow.number).where(*came).order_by(EventRow.number.desc()).limit(1)
     if numbers := _newest(session, newest):
@@ -111,7 +122,7 @@ def _unfinished(stock: Stock) -> Protection:
 
 
 def _scans_of_unfinished_jobs() -> Select[str]:
-    """Those that a job reads or will read, by jobs, of which few have not ended."""
+    """Select the scans that a job reads or will read, by jobs, of which few have not ended."""
     read = [select(JobRow.subject_id.label("scan_id")).where(_UNFINISHED, JobRow.kind == job_kinds.INGEST)]
     for table in {table_of(declared.kind): None for declared in asked_kinds()}:
         if "scan_id" in table.own_columns():
@@ -122,7 +133,7 @@ def _scans_of_unfinished_jobs() -> Select[str]:
 
 
 def _newest(session: Session, of_scanner: Select[Found]) -> set[Found]:
-    """The answer to a question about each scanner, where there is one."""
+    """Read the results of a statement about each scanner, where there is one."""
     asked = select(of_scanner.correlate(ScannerRow).scalar_subquery()).select_from(ScannerRow)
     return {found for found in session.scalars(asked) if found is not None}
 

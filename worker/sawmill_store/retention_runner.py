@@ -22,7 +22,7 @@ from sawmill_platform.files.file_store import FileStore
 from sawmill_platform.ledger.events import announce
 from sawmill_store.leftovers import noted
 from sawmill_store.measured_bytes import freed_bytes_of, measure_some, places_of
-from sawmill_store.protected import none_of, protections
+from sawmill_store.protected import may_go, none_of, protections
 from sawmill_store.retention import SUBJECT, THE_ROW, rules_of, waits_since
 from sawmill_store.retention_rules import STOCKS, Reach, Stock, last_old_event, reach_of
 from sawmill_store.tables import CalibrationRow, RetentionRow, ScannerRow, ScheduleRunRow
@@ -199,8 +199,8 @@ def _oldest(session: Session, stock: Stock, reach: Reach) -> Sequence[str]:
 def _may_still_go(session: Session, stock: Stock, chosen: Sequence[str]) -> dict[str, datetime]:
     """Of these rows, which are locked: when each came."""
     table = stock.table
-    still = table.id.in_(chosen), none_of(protections(session, stock.kind))
-    return {row.id: row.created_at for row in session.execute(select(table.id, table.created_at).where(*still))}
+    rows = select(table.id, table.created_at).where(table.id.in_(chosen))
+    return {row.id: row.created_at for row in may_go(session, stock.kind, rows)}
 
 
 def _lock(session: Session, stock: Stock, identifiers: Sequence[str]) -> None:

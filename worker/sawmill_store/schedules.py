@@ -13,6 +13,7 @@ from sawmill_contracts import mill_events
 from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.drifts import DriftAsk
 from sawmill_contracts.schedules import Schedule, ScheduleRun, ScheduleSpec
+from sawmill_mill.schedules import WHY_NOTHING_WAS_QUEUED, missed_due_time
 from sawmill_platform.acting import Actor, acting_as
 from sawmill_platform.contracts.base import Page, placed_complaint
 from sawmill_platform.contracts.event_kinds import EventKind
@@ -26,13 +27,6 @@ from sawmill_store.asked import Asked
 from sawmill_store.history import changes_in_words
 from sawmill_store.scheduled import queue_due
 from sawmill_store.tables import ScannerRow, ScheduleRow, ScheduleRunRow
-
-# Of a due time at which nothing was queued, by its outcome.
-_WHY_NOT = {
-    "no-new-phantom-scan": "there was no new scan of a phantom",
-    "no-new-log-scan": "there was no new scan of a log that a drift check could use",
-    "no-active-calibration": "the scanner has no active calibration to compare a log with",
-}
 
 
 class Schedules:
@@ -177,13 +171,10 @@ class Schedules:
             outcome = queue_due(session, self._calibrations, self._drifts, row, now)
             run = ScheduleRun(due_at=due_at, **outcome._asdict())
             session.add(ScheduleRunRow(schedule_id=schedule_id, **run.model_dump()))
-            why_not = _WHY_NOT.get(run.outcome)
-            if first_due_at < due_at:
-                reasons = ["nothing ran schedules then", *([] if why_not is None else [f"later {why_not}"])]
-                _announce_missed(session, row, now, first_due_at, "; ".join(reasons))
-            elif why_not is not None and not row.missed:
-                _announce_missed(session, row, now, due_at, why_not)
-            row.missed = why_not is not None
+            missed = missed_due_time(first_due_at, due_at, run.outcome, missed_before=row.missed)
+            if missed is not None:
+                _announce_missed(session, row, now, *missed)
+            row.missed = run.outcome in WHY_NOTHING_WAS_QUEUED
             return run
 
     def _miss(self, schedule_id: str, now: datetime, reason: str) -> None:

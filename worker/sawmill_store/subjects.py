@@ -1,4 +1,4 @@
-"""What a job's end means for what it worked on."""
+"""Effects of a job's end on the thing that the job worked on."""
 
 from datetime import datetime
 
@@ -8,6 +8,7 @@ from sawmill_contracts import job_kinds, mill_events
 from sawmill_contracts.kinds import AskedKind
 from sawmill_contracts.phantoms import PhantomState
 from sawmill_contracts.scans import ScanState
+from sawmill_mill.activation import activation_reason
 from sawmill_platform.acting import THE_SERVICE, Actor, acting_as
 from sawmill_platform.contracts.jobs import JobKind
 from sawmill_platform.contracts.kinds import declaration_of
@@ -55,13 +56,13 @@ def record_end_without_result(session: Session, kind: JobKind, subject_id: str, 
 
 
 def _activate_on_pass(session: Session, calibration: CalibrationRow, result: Json, now: datetime) -> None:
-    # A schedule never takes over a scanner that has moved: that is the technician's to see and to accept.
-    moved = calibration.schedule_id is not None and (result["comparison"] or {}).get("within_tolerance") is False
-    # An uncertain scale makes an image larger or smaller and blurs nothing: the rays decide.
-    rays = result["rays_verdict"] or result["verdict"]
-    if calibration.activate and rays == "pass" and not moved:
-        asker = f"schedule {calibration.schedule_id}" if calibration.schedule_id else "the request"
-        reason = f"the rays pass; {asker} asked for activation on pass"
+    reason = activation_reason(
+        wanted=calibration.activate,
+        schedule_id=calibration.schedule_id,
+        rays_verdict=result["rays_verdict"] or result["verdict"],  # an earlier version has the verdict alone
+        has_moved=(result["comparison"] or {}).get("within_tolerance") is False,
+    )
+    if reason is not None:
         job = calibration.job
         by_request = Actor(job.asked_by or THE_SERVICE.name, job.key_id, request_id=job.request_id)
         with acting_as(by_request):

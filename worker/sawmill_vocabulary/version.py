@@ -8,6 +8,7 @@ PACKAGES = (
     "sawmill_contracts",
     "sawmill_tomography",
     "sawmill_formats",
+    "sawmill_mill",
     "sawmill_store",
     "sawmill_worker",
     "sawmill_calibration",

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from sawmill_contracts.plans import Plan
 from sawmill_contracts.scanners import StoredScanner
-from sawmill_contracts.two_questions import TwoQuestions
+from sawmill_mill.two_questions import TwoQuestions
 from sawmill_platform.errors import NotFound
 from sawmill_service.pages.frame import PageFrame
 from sawmill_service.pages.verdicts import ShownQuestion, shown_pair

@@ -12,6 +12,7 @@ from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.history import HistoryKind
 from sawmill_contracts.scanners import StoredScanner
 from sawmill_contracts.schedules import Schedule, ScheduleRun
+from sawmill_mill.alarms import ALARMS
 from sawmill_platform.contracts.base import Identifier
 from sawmill_platform.errors import NotFound
 from sawmill_service.dependencies import TheStore
@@ -25,7 +26,7 @@ from sawmill_service.pages.languages import locale_of, marked
 from sawmill_service.pages.pooled_lines import DEVIATIONS
 from sawmill_service.pages.scanner_form import FIELDS, ScannerForm, ScannerForms
 from sawmill_service.pages.schedule_form import DAYS, KINDS, OUTCOMES, ScheduleForm, added, plain
-from sawmill_service.scanner_conditions import ALARMS, condition_of
+from sawmill_service.scanner_conditions import condition_of
 from sawmill_store.store import Store
 from sawmill_vocabulary import LARGEST_ASSUMED_LOG_RADIUS_MM
 

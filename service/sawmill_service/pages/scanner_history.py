@@ -10,6 +10,7 @@ from fastapi.responses import HTMLResponse
 
 from sawmill_contracts import mill_events
 from sawmill_contracts.history import HistoryEntry, HistoryKind
+from sawmill_mill.alarms import ALARMS
 from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.base import Identifier
 from sawmill_service.dependencies import TheStore
@@ -21,7 +22,6 @@ from sawmill_service.pages.pooled_lines import DEVIATIONS
 from sawmill_service.pages.scanner import SPANS
 from sawmill_service.pages.trend_chart import MOST_LINES, trend_chart
 from sawmill_service.pages.words import Word
-from sawmill_service.scanner_conditions import ALARMS
 
 PER_PAGE = 50
 KINDS = {

@@ -10,12 +10,13 @@ from fastapi.responses import HTMLResponse
 
 from sawmill_contracts import mill_events
 from sawmill_contracts.measurements import Movement
+from sawmill_mill.alarms import ALARMS
 from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.event_kinds import EventKind
 from sawmill_service.dependencies import TheStore
 from sawmill_service.pages.frame import PageFrame, ThePage
 from sawmill_service.pages.sparkline import Sparkline, sparkline
-from sawmill_service.scanner_conditions import ALARMS, ScannerCondition, conditions_of
+from sawmill_service.scanner_conditions import ScannerCondition, conditions_of
 from sawmill_store.store import Store
 
 SPAN = timedelta(days=30)
@@ -56,9 +57,9 @@ class ScannerRow:
     @property
     def rank(self) -> tuple[int, float, str]:
         """The worst comes first; among equals the one that has moved farthest."""
-        moved = self.condition.moved
-        share = moved.share if moved is not None and moved.since_active else 0.0
-        return _WORST_FIRST.index(self.condition.standing.tone), -share, self.condition.scanner.name
+        state = self.condition.state
+        share = state.moved.share if state.moved is not None and state.moved.since_active else 0.0
+        return _WORST_FIRST.index(state.standing.tone), -share, self.condition.scanner.name
 
 
 @dataclass(frozen=True)
@@ -97,7 +98,7 @@ def _board(page: PageFrame, store: Store) -> Board:
     now = store.now()
     movements = store.measurements.movements(now - SPAN, now)
     scanners = [_row(condition, movements, now) for condition in conditions_of(store)]
-    needy = sum(row.condition.needs_somebody for row in scanners)
+    needy = sum(row.condition.state.needs_somebody for row in scanners)
     return Board(sorted(scanners, key=lambda row: row.rank), needy, _headline(page.text, len(scanners), needy), now)
 
 

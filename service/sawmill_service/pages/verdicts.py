@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_contracts.scanners import Tolerances
-from sawmill_contracts.two_questions import Answer, TwoQuestions
+from sawmill_mill.two_questions import Answer, TwoQuestions
 from sawmill_service.pages.formats import Formats
 from sawmill_service.pages.languages import marked
 

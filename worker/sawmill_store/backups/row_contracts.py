@@ -13,12 +13,13 @@ from sqlalchemy.orm import Session
 from sqlalchemy.types import NullType
 
 from sawmill_contracts import job_kinds
-from sawmill_contracts.alarms import Alarm, AlarmKind
+from sawmill_contracts.alarms import Alarm
 from sawmill_contracts.kinds import AskedKind
 from sawmill_contracts.phantoms import PhantomState, StoredPhantom
 from sawmill_contracts.scanner_drift import PooledDrift
 from sawmill_contracts.scans import Scan, ScanState
 from sawmill_contracts.schedules import Schedule
+from sawmill_mill.alarms import ALARMS
 from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.base import placed_complaint
 from sawmill_platform.contracts.events import Event
@@ -84,13 +85,6 @@ _UNFIT = (ArithmeticError, AttributeError, LookupError, TypeError, ValueError, N
 _OBJECT = TypeAdapter(dict[str, object])
 _ANSWER = TypeAdapter(Answer)
 _OF_CLOCKS = {event_kinds.CLOCK_OFF, event_kinds.CLOCK_STEPPED}
-# What pages show of an open alarm.
-_OF_ALARMS = {
-    AlarmKind.NO_PHANTOM_SCAN: ("last_at", "limit_hours"),
-    AlarmKind.SCANNER_QUIET: ("last_at", "limit_hours"),
-    AlarmKind.PHANTOM_EXPIRED: ("phantom_id", "expired_on"),
-    AlarmKind.DRIFT: ("drift",),
-}
 
 Read = Callable[[Session, Any], object]
 
@@ -199,7 +193,7 @@ def _check_result(has_succeeded: bool, result: object) -> None:  # noqa: FBT001 
 
 
 def _read_alarm(_: Session, row: AlarmRow) -> Alarm:
-    for name in _OF_ALARMS[row.what]:
+    for name in ALARMS[row.what].fields:
         if getattr(row, name) is None:
             msg = f"{name}: an alarm {row.what} has one, not null"
             raise ValueError(msg)

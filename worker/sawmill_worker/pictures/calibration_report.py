@@ -14,7 +14,7 @@ from matplotlib.transforms import Bbox
 
 from sawmill_contracts.calibration_arrays import CalibrationArrays, LogImages
 from sawmill_contracts.calibrations import CalibrationResult
-from sawmill_contracts.two_questions import VERDICTS
+from sawmill_mill.two_questions import VERDICTS
 from sawmill_vocabulary import ReconstructionMethod
 from sawmill_worker.pictures.calibration_table import calibration_table
 from sawmill_worker.pictures.fit_panels import draw_residual, draw_search

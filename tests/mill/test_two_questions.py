@@ -5,7 +5,7 @@ from results import calibration_result
 
 from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_contracts.scanners import Tolerances
-from sawmill_contracts.two_questions import Answer, TwoQuestions
+from sawmill_mill.two_questions import Answer, TwoQuestions
 
 LIMITS = {"tolerance_mm": 0.1, "scale_tolerance_percent": 0.5}
 PREDICTED = {"rms": 0.02, "max": 0.05, "upper_95": 0.04, "radius_mm": 150.0}

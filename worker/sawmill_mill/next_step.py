@@ -1,17 +1,17 @@
-"""What a person does next with a calibration, in one sentence, and which of its reasons that is because of."""
+"""The next step of a person with a calibration, in one sentence, and the reason for that step."""
 
 from dataclasses import dataclass
 from enum import StrEnum
 
 from sawmill_contracts.calibrations import CalibrationResult
-from sawmill_contracts.two_questions import Answer, TwoQuestions
+from sawmill_mill.two_questions import Answer, TwoQuestions
 
 # The 95 % number over the size's standard uncertainty, where the size is one of two equal shares in quadrature.
 HALF_OF_IT_SIZE = 1.96 * 2.0**0.5
 
 
 class Action(StrEnum):
-    """In a word."""
+    """The next step in a word."""
 
     NOTHING = "nothing"
     ACCEPT = "accept"
@@ -22,7 +22,7 @@ class Action(StrEnum):
 
 @dataclass(frozen=True)
 class NextStep:
-    """What to do.
+    """The next step.
 
     Attributes
     ----------
@@ -38,7 +38,7 @@ class NextStep:
 
 
 def next_step(result: CalibrationResult, both: TwoQuestions, *, active: bool) -> NextStep:
-    """What to do with an answer; `active` where its scanner uses it already."""
+    """Return what to do with an answer; `active` where its scanner uses it already."""
     comparison, rays = result.comparison, both.rays.answer
     moved = None if comparison is None or comparison.within_tolerance else comparison.reason
     reason = next((each for each in result.reasons if each != moved), None)
@@ -63,7 +63,7 @@ def _not_to_be_used(*, active: bool) -> str:
 
 
 def _scale_step(result: CalibrationResult, both: TwoQuestions, in_use: str | None, reason: str | None) -> NextStep:
-    """Where the rays are right: by the answer to the second question."""
+    """Return the next step where the rays are right, by the answer to the second question."""
     if both.millimetres.answer is not Answer.LOOK:
         accept = "Accept it."
         return NextStep(Action.NOTHING, in_use) if in_use else NextStep(Action.ACCEPT, accept)
@@ -74,6 +74,6 @@ def _scale_step(result: CalibrationResult, both: TwoQuestions, in_use: str | Non
 
 
 def _is_size(result: CalibrationResult) -> bool:
-    """Whether most of the scale's uncertainty is the phantom's size tolerance."""
+    """Return whether most of the scale's uncertainty is the phantom's size tolerance."""
     size = result.scale_uncertainty_mm / result.source_frame.source_distance_mm
     return (result.scale_uncertainty_percent or 0.0) <= 100.0 * HALF_OF_IT_SIZE * size

@@ -1,4 +1,4 @@
-"""The two questions that stand wherever a calibration's verdict stands: are the rays right, are the millimetres right.
+"""The two questions next to every verdict of a calibration: are the rays right, are the millimetres right.
 
 Each is answered by a number, its limit and a sentence. The sentences are texts to be translated; a page gives its own
 `gettext` and its own way of writing millimetres and per cent.
@@ -31,7 +31,7 @@ VERDICTS: Mapping[Verdict, str] = MappingProxyType(
 
 
 class Answer(StrEnum):
-    """To one of the two questions."""
+    """An answer to one of the two questions."""
 
     YES = "yes"
     LOOK = "look"
@@ -56,16 +56,16 @@ def in_percent(value: float) -> str:
 
 @dataclass(frozen=True)
 class RaysRight:
-    """Whether the rays are right among themselves: what makes an image sharp.
+    """The first question, whether the rays are right among themselves: this makes an image sharp.
 
     Attributes
     ----------
     upper_95_mm : float or None
         The RMS ray error stays below this in 95 of 100 cases; None without error bars.
     limit_mm : float or None
-        What is allowed; None where nobody recorded it.
+        The largest allowed value; None where nobody recorded it.
     verdict : Verdict
-        On the rays alone; of an answer of an earlier version on the whole.
+        The verdict on the rays alone; in an answer of an earlier version the whole verdict.
     """
 
     upper_95_mm: float | None
@@ -76,12 +76,12 @@ class RaysRight:
 
     @property
     def within(self) -> bool | None:
-        """Whether the number keeps its limit; None where either is not known."""
+        """True if the number keeps its limit; None where either is not known."""
         return _within(self.upper_95_mm, self.limit_mm)
 
     @property
     def answer(self) -> Answer:
-        """In a word: by the verdict, which knows more than the number, unless the number is beyond its limit."""
+        """Answer by the verdict, which knows more than the number, unless the number is beyond its limit."""
         if self.verdict == "fail":
             return Answer.NO
         if self.upper_95_mm is None:
@@ -104,25 +104,25 @@ class RaysRight:
         return N_("By its number, %(bound)s where %(limit)s is allowed; but something else speaks against it.")
 
     def sentence(self, words: Words = str, mm: Written = in_mm) -> str:
-        """The answer in one sentence, in the language of `words`."""
+        """Return the answer in one sentence, in the language of `words`."""
         places = {"bound": self.upper_95_mm, "limit": self.limit_mm}
         return words(self.message) % {name: mm(value) for name, value in places.items() if value is not None}
 
 
 @dataclass(frozen=True)
 class MillimetresRight:
-    """Whether the image's millimetres are right: a common scale, for which the phantom's size is the ruler.
+    """The second question, whether the image's millimetres are right: the phantom's size is the ruler of the scale.
 
     Attributes
     ----------
     percent_95 : float or None
         Sizes in the image are right to this with 95 %; None where it is not known.
     limit_percent : float or None
-        What is allowed; None where nobody recorded it.
+        The largest allowed value; None where nobody recorded it.
     diameter_mm : float
-        Of the largest log: the disc in which ray errors are counted.
+        Diameter of the largest log: the disc in which ray errors are counted.
     contradicted : bool
-        The phantom's size and the scanner's constants do not go together.
+        Whether the phantom's size and the scanner's constants contradict each other.
     """
 
     percent_95: float | None
@@ -134,22 +134,22 @@ class MillimetresRight:
 
     @property
     def within(self) -> bool | None:
-        """Whether the number keeps its limit; None where either is not known."""
+        """True if the number keeps its limit; None where either is not known."""
         return _within(self.percent_95, self.limit_percent)
 
     @property
     def on_diameter_mm(self) -> float | None:
-        """What the number is on the diameter of the largest log."""
+        """The number on the diameter of the largest log, mm."""
         return _share(self.percent_95, self.diameter_mm)
 
     @property
     def limit_on_diameter_mm(self) -> float | None:
-        """What the limit is on the diameter of the largest log."""
+        """The limit on the diameter of the largest log, mm."""
         return _share(self.limit_percent, self.diameter_mm)
 
     @property
     def answer(self) -> Answer:
-        """In a word. An uncertain scale blurs nothing, so it asks for a look and stops nothing."""
+        """Answer in a word; an uncertain scale blurs nothing, so the answer is at worst `look`."""
         if self.contradicted:
             return Answer.NO
         if self.within is None:
@@ -170,7 +170,7 @@ class MillimetresRight:
         return N_("Sizes are right to %(percent)s: %(error)s on a log of %(diameter)s; %(limit)s is allowed.")
 
     def sentence(self, words: Words = str, length: Written = in_length, percent: Written = in_percent) -> str:
-        """The answer in one sentence, in the language of `words`."""
+        """Return the answer in one sentence, in the language of `words`."""
         lengths = {"error": self.on_diameter_mm, "diameter": self.diameter_mm}
         shares = {"percent": self.percent_95, "limit": self.limit_percent}
         places = {name: length(value) for name, value in lengths.items() if value is not None}
@@ -180,14 +180,14 @@ class MillimetresRight:
 
 @dataclass(frozen=True)
 class TwoQuestions:
-    """Of one calibration."""
+    """The two questions about one calibration."""
 
     rays: RaysRight
     millimetres: MillimetresRight
 
     @classmethod
     def of(cls, result: CalibrationResult, tolerances: Tolerances | None) -> Self:
-        """By an answer and the limits that it was held against.
+        """Ask about an answer and the limits with which it was compared.
 
         Parameters
         ----------
@@ -214,7 +214,7 @@ class TwoQuestions:
 
     @classmethod
     def of_plan(cls, planned: PlanResult, tolerances: Tolerances) -> Self:
-        """By what a plan promises and what its scanner allows: noise and the phantom's size alone can speak against."""
+        """Ask about a plan and a scanner's tolerances; only noise and the phantom's size can speak against a plan."""
         predicted, limit_mm = planned.predicted_ray_error_mm, tolerances.predicted_ray_error_mm
         return cls(
             RaysRight(predicted.upper_95, limit_mm, "pass" if predicted.upper_95 <= limit_mm else "fail"),
