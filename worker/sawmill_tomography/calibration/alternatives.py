@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from sawmill_tomography.calibration.fit import Fit, OnStep, refine, unheard
 from sawmill_tomography.calibration.misfit import COARSE_VIEWS
-from sawmill_tomography.calibration.task import CalibrationTask, Hypothesis
+from sawmill_tomography.calibration.task import CalibrationTask, PoseHypothesis
 from sawmill_tomography.geometry.geometry import angle_difference
 from sawmill_vocabulary import Handedness, Rotation
 
@@ -23,7 +23,7 @@ LEAST_RESIDUAL = 1e-12
 class RankedFit(NamedTuple):
     """A fit to all the data, under its hypothesis."""
 
-    hypothesis: Hypothesis
+    hypothesis: PoseHypothesis
     fit: Fit
 
 
@@ -71,7 +71,7 @@ class Alternatives:
 
 
 def fit_hypotheses(
-    task: CalibrationTask, coarse: Mapping[Hypothesis, Sequence[Fit]], on_step: OnStep = unheard
+    task: CalibrationTask, coarse: Mapping[PoseHypothesis, Sequence[Fit]], on_step: OnStep = unheard
 ) -> list[RankedFit]:
     """Fit to all the data what may be the best, and measure what cannot be on some; best first, one a first angle."""
     least = min((fit.relative_residual for fits in coarse.values() for fit in fits), default=0.0)
@@ -96,9 +96,9 @@ def fit_hypotheses(
     return _one_of_each_angle(fitted)
 
 
-def by_hypothesis(ranked: Sequence[RankedFit]) -> dict[Hypothesis, list[Fit]]:
+def by_hypothesis(ranked: Sequence[RankedFit]) -> dict[PoseHypothesis, list[Fit]]:
     """The fits of each hypothesis, in their order."""
-    fits: dict[Hypothesis, list[Fit]] = {}
+    fits: dict[PoseHypothesis, list[Fit]] = {}
     for hypothesis, fit in ranked:
         fits.setdefault(hypothesis, []).append(fit)
     return fits
@@ -106,7 +106,7 @@ def by_hypothesis(ranked: Sequence[RankedFit]) -> dict[Hypothesis, list[Fit]]:
 
 def alternatives_of(ranked: Sequence[RankedFit], independent_samples: float) -> Alternatives:
     """What competes with the first of these fits."""
-    reports: dict[Hypothesis, HypothesisReport] = {}
+    reports: dict[PoseHypothesis, HypothesisReport] = {}
     for hypothesis, fit in ranked:
         reports.setdefault(hypothesis, HypothesisReport(*hypothesis, fit.relative_residual))
     best = ranked[0]

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from sawmill_tomography.calibration.misfit import CoarseMisfit
-from sawmill_tomography.calibration.task import Hypothesis
+from sawmill_tomography.calibration.task import PoseHypothesis
 from sawmill_tomography.geometry.geometry import SourceFrame, wrap_angle
 from sawmill_tomography.projection import analytic
 from sawmill_vocabulary import Handedness
@@ -22,7 +22,7 @@ Pose = tuple[Handedness, SourceFrame, tuple[float, float]]
 
 
 def ambiguous_poses(
-    misfit: CoarseMisfit, found: Hypothesis, at: SourceFrame, position_mm: tuple[float, float]
+    misfit: CoarseMisfit, found: PoseHypothesis, at: SourceFrame, position_mm: tuple[float, float]
 ) -> list[Pose]:
     """Poses whose projection correlates with the scan in a peak of its own.
 

@@ -8,21 +8,21 @@ from dataclasses import replace
 import numpy as np
 
 from sawmill_tomography.calibration.alternatives import RankedFit, alternatives_of, by_hypothesis, fit_hypotheses
-from sawmill_tomography.calibration.calibration import Calibration, Timing, choose_theta
+from sawmill_tomography.calibration.calibration import CalibrationOutcome, StageSeconds, choose_theta
 from sawmill_tomography.calibration.error_bars import error_bars
 from sawmill_tomography.calibration.faults.adjustments import prepare
 from sawmill_tomography.calibration.faults.finding import AdjustedFit
-from sawmill_tomography.calibration.faults.metal import Metal, find_metal
+from sawmill_tomography.calibration.faults.metal import PhantomMetal, find_metal
 from sawmill_tomography.calibration.fit import Fit, OnStep, unheard
 from sawmill_tomography.calibration.joint_fit import JointFit, as_fit
-from sawmill_tomography.calibration.judgement import Evidence, Limits, judge
+from sawmill_tomography.calibration.judgement import Evidence, JudgementLimits, judge
 from sawmill_tomography.calibration.refusals import NOT_FOUND, refuse_unfound
 from sawmill_tomography.calibration.residual_analysis import analyse_residual
 from sawmill_tomography.calibration.scale import scale_uncertainty
 from sawmill_tomography.calibration.scan_model import ScanModel, Term
 from sawmill_tomography.calibration.search import SearchCallback, SearchResult, search
 from sawmill_tomography.calibration.source_distance import with_theta
-from sawmill_tomography.calibration.task import CalibrationTask, Hypothesis
+from sawmill_tomography.calibration.task import CalibrationTask, PoseHypothesis
 from sawmill_tomography.sinograms.hardening import fit_hardening
 from sawmill_tomography.sinograms.scattered_radiation import fit_scatter_and_hardening
 from sawmill_tomography.statistics.robust import noise_of_differences
@@ -35,7 +35,7 @@ LEAST_SIGNAL = 0.02
 
 def calibrate(
     task: CalibrationTask, *, seed: int = 7, progress: SearchCallback | None = None, on_step: OnStep = unheard
-) -> Calibration:
+) -> CalibrationOutcome:
     """Find the geometry from one scan of the phantom.
 
     Parameters
@@ -61,7 +61,7 @@ def calibrate(
 
 def conclude(
     task: CalibrationTask, basins: SearchResult, *, started: float, searched: float, on_step: OnStep = unheard
-) -> Calibration:
+) -> CalibrationOutcome:
     """From the coarse fits to the complete answer; `started` and `searched` are readings of `time.perf_counter`."""
     ranked = fit_hypotheses(task, basins.fits, on_step)
     known, metal = _without_metal(task, by_hypothesis(ranked), on_step)
@@ -69,14 +69,14 @@ def conclude(
         task, ranked = known, fit_hypotheses(known, by_hypothesis(ranked), on_step)
     best = _found(task, ranked, on_step)
     sentences = () if metal is None else (metal.sentence(ranked[0].hypothesis.handedness, best.fit.position_mm),)
-    prepared, joint, scatter, source_distance = with_theta(task, prepare(best, task.without), on_step)
+    prepared, joint, statistics, source_distance = with_theta(task, prepare(best, task.without), on_step)
     refined = time.perf_counter()
-    fit = as_fit(joint, scatter.covariance, task.true_axis, task.scanner.source_to_cor_mm)
+    fit = as_fit(joint, statistics.covariance, task.true_axis, task.scanner.source_to_cor_mm)
     frame = fit.frame
     radius_mm = task.radius_mm(ranked[0].hypothesis.handedness, fit.position_mm)
-    found = analyse_residual(joint, scatter, task.scanner, radius_mm)
+    found = analyse_residual(joint, statistics, task.scanner, radius_mm)
     theta, twin = choose_theta(task.scanner, frame, task.bounds)
-    bars = error_bars(task.scanner, frame, theta, scatter, radius_mm)
+    bars = error_bars(task.scanner, frame, theta, statistics, radius_mm)
     alternatives = alternatives_of(ranked, task.sinogram.size / bars.inflation)
     scale = scale_uncertainty(
         task.scanner,
@@ -88,9 +88,9 @@ def conclude(
     )
     in_bounds = task.bounds is None or task.bounds.contain(theta)
     evidence = Evidence(fit, source_distance, bars, alternatives, found, scale, in_bounds)
-    judgement = judge(evidence, Limits.of(task))
+    judgement = judge(evidence, JudgementLimits.of(task))
     ended = time.perf_counter()
-    return Calibration(
+    return CalibrationOutcome(
         task=task,
         hypothesis=ranked[0].hypothesis,
         theta=theta,
@@ -112,7 +112,7 @@ def conclude(
         evidence=evidence,
         beam=_beam(joint.model),
         search=basins.report,
-        timing=Timing(ended - started, searched - started, refined - searched, ended - refined),
+        timing=StageSeconds(ended - started, searched - started, refined - searched, ended - refined),
     )
 
 
@@ -149,8 +149,8 @@ def _beam(model: ScanModel) -> BeamCorrection:
 
 
 def _without_metal(
-    task: CalibrationTask, fits: Mapping[Hypothesis, Sequence[Fit]], on_step: OnStep
-) -> tuple[CalibrationTask, Metal | None]:
+    task: CalibrationTask, fits: Mapping[PoseHypothesis, Sequence[Fit]], on_step: OnStep
+) -> tuple[CalibrationTask, PhantomMetal | None]:
     """The task that knows which samples see metal, and the metal, from fits to some of the samples.
 
     The same task where there is none and none was suspected.

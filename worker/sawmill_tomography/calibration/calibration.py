@@ -9,7 +9,7 @@ from sawmill_tomography.calibration.judgement import Evidence, Judgement
 from sawmill_tomography.calibration.scale import ScaleUncertainty
 from sawmill_tomography.calibration.search import SearchReport
 from sawmill_tomography.calibration.source_distance import SourceDistance
-from sawmill_tomography.calibration.task import CalibrationTask, Hypothesis
+from sawmill_tomography.calibration.task import CalibrationTask, PoseHypothesis
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner, SourceFrame, Theta, ThetaBounds
 from sawmill_tomography.phantoms.phantom import Phantom
 from sawmill_vocabulary import Handedness, Rotation
@@ -17,7 +17,7 @@ from sawmill_vocabulary.scattered_radiation import NOTHING_FOUND, BeamCorrection
 
 
 @dataclass(frozen=True)
-class Timing:
+class StageSeconds:
     """Seconds; total runs from the sinogram in memory to the complete answer."""
 
     total: float
@@ -27,7 +27,7 @@ class Timing:
 
 
 @dataclass(frozen=True, eq=False)
-class Calibration:
+class CalibrationOutcome:
     """The complete answer.
 
     Attributes
@@ -49,7 +49,7 @@ class Calibration:
     """
 
     task: CalibrationTask
-    hypothesis: Hypothesis
+    hypothesis: PoseHypothesis
     theta: Theta
     theta_twin: Theta | None
     fit: FittedModel
@@ -62,7 +62,7 @@ class Calibration:
     adjustments: tuple[str, ...]
     judgement: Judgement
     search: SearchReport
-    timing: Timing
+    timing: StageSeconds
     evidence: Evidence | None = None
     beam: BeamCorrection = NOTHING_FOUND
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from sawmill_tomography.calibration.fit_parameters import FRAME, Parameter
+from sawmill_tomography.calibration.fit_parameters import FRAME, FitParameter
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner, SourceFrame, Theta, to_vector
 
 # The source shift is resolved from zero when R exceeds r_S by more standard deviations.
@@ -14,26 +14,26 @@ RESOLVED = 2.0
 
 @dataclass(frozen=True, eq=False)
 class Covariance:
-    """Of the fit's parameters, in the order of `Parameter`.
+    """Of the fit's parameters, in the order of `FitParameter`.
 
     Attributes
     ----------
     values : (n, n) float64
         Of the first n parameters. Rows and columns of `held` and of `unknown` parameters are zero.
-    held : frozenset of Parameter
+    held : frozenset of FitParameter
         Known exactly: held at a given value during the fit.
-    unknown : frozenset of Parameter
+    unknown : frozenset of FitParameter
         Not determined by the scan: any value explains it as well.
     """
 
     values: FloatArray
-    held: frozenset[Parameter] = field(default=frozenset())
-    unknown: frozenset[Parameter] = field(default=frozenset())
+    held: frozenset[FitParameter] = field(default=frozenset())
+    unknown: frozenset[FitParameter] = field(default=frozenset())
 
     @property
-    def determined(self) -> list[Parameter]:
+    def determined(self) -> list[FitParameter]:
         """The parameters that have a variance, in their order."""
-        return [p for p in Parameter if p < len(self.values) and p not in self.held | self.unknown]
+        return [p for p in FitParameter if p < len(self.values) and p not in self.held | self.unknown]
 
     @property
     def of_frame(self) -> "Covariance":
@@ -52,7 +52,7 @@ def frame_deviation(frame: SourceFrame, covariance: FloatArray) -> FloatArray:
 def theta_covariance(scanner: Scanner, frame: SourceFrame, theta: Theta, covariance: FloatArray) -> FloatArray | None:
     """The covariance of theta to first order, (5, 5); None where h_S is not resolved from zero."""
     r, r_s = frame.source_distance_mm, scanner.source_to_cor_mm
-    spread = math.sqrt(float(covariance[Parameter.R, Parameter.R]))
+    spread = math.sqrt(float(covariance[FitParameter.R, FitParameter.R]))
     if spread == 0.0 or r - r_s <= RESOLVED * spread:
         return None
     sign = 1 if theta.source_shift_mm >= 0.0 else -1

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sawmill_tomography.calibration.covariance import Covariance, frame_deviation, theta_covariance
-from sawmill_tomography.calibration.scatter import Scatter
+from sawmill_tomography.calibration.residual_statistics import ResidualStatistics
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner, SourceFrame, Theta
 from sawmill_tomography.geometry.ray_error import PredictedRayError, predicted_ray_error
 
@@ -47,15 +47,17 @@ class ErrorBars:
         return frame_deviation(frame, self.covariance.values)
 
 
-def error_bars(scanner: Scanner, frame: SourceFrame, theta: Theta, scatter: Scatter, radius_mm: float) -> ErrorBars:
+def error_bars(
+    scanner: Scanner, frame: SourceFrame, theta: Theta, statistics: ResidualStatistics, radius_mm: float
+) -> ErrorBars:
     """From the scatter of the parameters."""
-    covariance = scatter.covariance.of_frame
+    covariance = statistics.covariance.of_frame
     of_theta = theta_covariance(scanner, frame, theta, covariance.values)
     return ErrorBars(
         covariance=covariance,
         theta_covariance=of_theta,
         predicted_ray_error=predicted_ray_error(scanner, frame, covariance.values, radius_mm=radius_mm),
-        inflation=scatter.inflation,
-        deviation_ratio=scatter.deviation_ratio,
+        inflation=statistics.inflation,
+        deviation_ratio=statistics.deviation_ratio,
         source_shift_resolved=of_theta is not None,
     )

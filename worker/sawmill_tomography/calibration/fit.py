@@ -13,7 +13,7 @@ import numpy as np
 
 from sawmill_tomography.calibration.covariance import Covariance
 from sawmill_tomography.calibration.elimination import reduce, scaled_inverse
-from sawmill_tomography.calibration.fit_parameters import RAYS, GramTerm, Parameter
+from sawmill_tomography.calibration.fit_parameters import RAYS, FitParameter, GramTerm
 from sawmill_tomography.calibration.sinogram_data import SinogramData
 from sawmill_tomography.geometry.geometry import FloatArray, GeometryError, SourceFrame, to_vector, wrap_angle
 from sawmill_tomography.phantoms.phantom import Phantom
@@ -39,7 +39,7 @@ class FittedModel:
     relative_residual: float
 
     def to_vector(self) -> FloatArray:
-        """The seven unknowns, (7,), in the order of `Parameter`."""
+        """The seven unknowns, (7,), in the order of `FitParameter`."""
         return np.concatenate([to_vector(self.frame), self.position_mm])
 
 
@@ -86,7 +86,7 @@ class _Normal:
 def _eliminate(grams: FloatArray) -> _Normal | None:
     """Project what is linear out of derivatives and data; None where the model shows nothing."""
     try:
-        schur, solved = reduce(grams, [*Parameter, GramTerm.DATA])
+        schur, solved = reduce(grams, [*FitParameter, GramTerm.DATA])
     except np.linalg.LinAlgError:  # the model is zero, or the same everywhere
         return None
     gain, offset = solved[:, -1].tolist()
@@ -102,8 +102,8 @@ def _eliminate(grams: FloatArray) -> _Normal | None:
 
 
 def _normal_equations(phantom: Phantom, data: SinogramData, x: FloatArray) -> _Normal | None:
-    """At a vector x (7,) in the order of `Parameter`; None where no such geometry exists or it shows nothing."""
-    if not np.isfinite(x).all() or abs(x[Parameter.TILT]) > 1.4 or not 0.0 < x[Parameter.R] < x[Parameter.SDD]:
+    """At a vector x (7,) in the order of `FitParameter`; None where no such geometry exists or it shows nothing."""
+    if not np.isfinite(x).all() or abs(x[FitParameter.TILT]) > 1.4 or not 0.0 < x[FitParameter.R] < x[FitParameter.SDD]:
         return None
     try:
         return _eliminate(data.gram(phantom, x))
@@ -142,8 +142,8 @@ def refine(
     """
     centre = float(np.average(data.sinogram, weights=data.weights))
     centred = replace(data, sinogram=data.sinogram - centre)
-    held = frozenset({Parameter.R}) if fixed_source_distance else frozenset[Parameter]()
-    free = np.array([p for p in Parameter if p not in held])
+    held = frozenset({FitParameter.R}) if fixed_source_distance else frozenset[FitParameter]()
+    free = np.array([p for p in FitParameter if p not in held])
     x = np.concatenate([to_vector(start), position_mm])
     now = _normal_equations(phantom, centred, x)
     if now is None:
@@ -182,7 +182,7 @@ def _fit(
     data: SinogramData,
     x: FloatArray,
     normal: _Normal,
-    held: frozenset[Parameter],
+    held: frozenset[FitParameter],
     centre: float,
     mean_square: float,
     *,
@@ -190,16 +190,16 @@ def _fit(
     iterations: int,
 ) -> Fit:
     count = data.samples
-    determinable = [p for p in Parameter if p not in held]
+    determinable = [p for p in FitParameter if p not in held]
     free = np.array(determinable)
     degrees = max(count - free.size - 2, 1.0)
-    covariance = np.zeros((len(Parameter), len(Parameter)))
+    covariance = np.zeros((len(FitParameter), len(FitParameter)))
     inverse = scaled_inverse(normal.hessian[np.ix_(free, free)], least=1e-15)
     covariance[np.ix_(free, free)] = inverse * normal.rss / degrees
     residual_rms = math.sqrt(normal.rss / count)
     return Fit(
-        frame=SourceFrame.from_vector((wrap_angle(x[Parameter.PSI]), *x[RAYS])),
-        position_mm=(float(x[Parameter.T_X]), float(x[Parameter.T_Y])),
+        frame=SourceFrame.from_vector((wrap_angle(x[FitParameter.PSI]), *x[RAYS])),
+        position_mm=(float(x[FitParameter.T_X]), float(x[FitParameter.T_Y])),
         gain=normal.gain,
         offset=normal.offset + centre,
         covariance=Covariance(covariance, held, frozenset(p for p in determinable if not covariance[p, p] > 0.0)),

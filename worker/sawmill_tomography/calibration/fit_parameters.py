@@ -3,7 +3,7 @@
 from enum import IntEnum
 
 
-class Parameter(IntEnum):
+class FitParameter(IntEnum):
     """An unknown of the fit: its place in every vector, derivative and covariance.
 
     The first five are those of `SourceFrame.to_vector`. R and SDD are distances in mm, U_C the COR's column in mm,
@@ -23,7 +23,7 @@ class Parameter(IntEnum):
 FRAME = slice(0, 5)
 RAYS = slice(1, 5)
 # The unknowns of the phantom's pose.
-POSE = [Parameter.PSI, Parameter.T_X, Parameter.T_Y]
+POSE = [FitParameter.PSI, FitParameter.T_X, FitParameter.T_Y]
 
 
 class GramTerm(IntEnum):

@@ -26,7 +26,7 @@ from sawmill_tomography.calibration.faults.intensity_averaging import averaging
 from sawmill_tomography.calibration.faults.slip import likeliest_slip, slip_at
 from sawmill_tomography.calibration.faults.view_gain import views_differ
 from sawmill_tomography.calibration.fit import Fit, OnStep, unheard
-from sawmill_tomography.calibration.fit_parameters import Parameter
+from sawmill_tomography.calibration.fit_parameters import FitParameter
 from sawmill_tomography.calibration.normal_equations import Column, System, ViewGrams
 from sawmill_tomography.calibration.scan_model import ScanModel, Term
 from sawmill_tomography.calibration.selection import Beside, EffectTest
@@ -316,7 +316,7 @@ class _JointFitter:
 def _averaged_anew(model: ScanModel, before: FloatArray) -> ScanModel:
     """With the averaging of intensities of the model as it is now."""
     data = model.data
-    position = model.pose[:, 1:] + model.x[[Parameter.T_X, Parameter.T_Y]]
+    position = model.pose[:, 1:] + model.x[[FitParameter.T_X, FitParameter.T_Y]]
     turned = replace(data, angles_rad=data.angles_rad + model.pose[:, 0])
     added = averaging(model.phantom, turned, model.frame, position_mm=position, gain=model.gain)
     return replace(model, data=replace(data, sinogram=data.sinogram - before + added))
@@ -361,7 +361,7 @@ def as_fit(joint: JointFit, covariance: Covariance, true_axis: TrueAxis | None, 
     scale = max(1.0 / longer, min(source_to_cor_mm / distance, 1.0))
     return Fit(
         frame=replace(model.frame, psi_rad=wrap_angle(model.frame.psi_rad), source_distance_mm=scale * distance),
-        position_mm=(scale * float(model.x[Parameter.T_X]), scale * float(model.x[Parameter.T_Y])),
+        position_mm=(scale * float(model.x[FitParameter.T_X]), scale * float(model.x[FitParameter.T_Y])),
         gain=float(model.gain.mean()) / scale,
         offset=float(model.offset.mean()),
         residual_rms=rms,

@@ -7,11 +7,11 @@ from enum import Enum
 
 from sawmill_tomography.calibration.alternatives import Alternatives
 from sawmill_tomography.calibration.error_bars import ErrorBars
-from sawmill_tomography.calibration.faults.structure import Place, Structure
+from sawmill_tomography.calibration.faults.structure import ResidualPlace, Structure
 from sawmill_tomography.calibration.fit import Fit
 from sawmill_tomography.calibration.residual_analysis import ResidualAnalysis
 from sawmill_tomography.calibration.scale import ScaleSource, ScaleUncertainty
-from sawmill_tomography.calibration.second_witness import SecondWitness
+from sawmill_tomography.calibration.second_witness import LogWitness
 from sawmill_tomography.calibration.source_distance import SourceDistance
 from sawmill_tomography.calibration.task import CalibrationTask
 from sawmill_vocabulary import Agreement, CalibrationStatus, MovedBody, Verdict
@@ -30,15 +30,17 @@ CONTRADICTION = 4.0
 
 # Where a residual lies, and what leaves one there: each cause with its remedy, since the place alone cannot tell them.
 CAUSES = {
-    Place.VIEWS: "in few views, as when the log moves or an exposure fails: look at these views and repeat the scan",
-    Place.CELLS: "in single cells, the same in every view, as from flat fields of few frames or cells of unequal "
-    "gain: take more flat frames, or have rings removed",
-    Place.EDGES: "at the phantom's edges, which has several causes: a detector that lags or a turntable that turns "
-    "during the exposure (turn slower, expose shorter), angles that jitter (look at the drive and its encoder), a "
-    "surface as the saw left it or worn corners (plane it), a drawing that is not its shape (measure it, draw it anew)",
-    Place.SHADOW: "inside the phantom's shadow, which has several causes: wood that is not uniform (use one without "
-    "knots, evenly dry), scatter and beam hardening (collimate and filter the beam), flat fields that no longer fit "
-    "(take new ones), rows that show something else (check the rows)",
+    ResidualPlace.VIEWS: "in few views, as when the log moves or an exposure fails: look at these views and "
+    "repeat the scan",
+    ResidualPlace.CELLS: "in single cells, the same in every view, as from flat fields of few frames or cells of "
+    "unequal gain: take more flat frames, or have rings removed",
+    ResidualPlace.EDGES: "at the phantom's edges, which has several causes: a detector that lags or a turntable that "
+    "turns during the exposure (turn slower, expose shorter), angles that jitter (look at the drive and its encoder), "
+    "a surface as the saw left it or worn corners (plane it), a drawing that is not its shape (measure it, "
+    "draw it anew)",
+    ResidualPlace.SHADOW: "inside the phantom's shadow, which has several causes: wood that is not uniform (use one "
+    "without knots, evenly dry), scatter and beam hardening (collimate and filter the beam), flat fields that no "
+    "longer fit (take new ones), rows that show something else (check the rows)",
 }
 SCALE_CURES = {
     ScaleSource.SIZE: "most of it is the phantom's size tolerance, so measure the phantom and give a smaller one "
@@ -69,7 +71,7 @@ class Judgement:
 
 
 @dataclass(frozen=True)
-class Limits:
+class JudgementLimits:
     """What is allowed, and the scanner's known r_S."""
 
     tolerance_mm: float
@@ -77,7 +79,7 @@ class Limits:
     source_to_cor_mm: float
 
     @classmethod
-    def of(cls, task: CalibrationTask) -> "Limits":
+    def of(cls, task: CalibrationTask) -> "JudgementLimits":
         """Those of a task."""
         return cls(task.tolerance_mm, task.scale_tolerance_percent, task.scanner.source_to_cor_mm)
 
@@ -93,7 +95,7 @@ class Evidence:
     residual: ResidualAnalysis
     scale: ScaleUncertainty
     theta_in_bounds: bool
-    witness: SecondWitness | None = None
+    witness: LogWitness | None = None
 
     @property
     def structure(self) -> Structure | None:
@@ -126,7 +128,7 @@ class Remark:
     of_scale: bool = False
 
 
-def judge(evidence: Evidence, limits: Limits) -> Judgement:
+def judge(evidence: Evidence, limits: JudgementLimits) -> Judgement:
     """The verdict is that of the worst remark, the status that of the first remark that has one."""
     return combined([remark for kind in KINDS for remark in kind(evidence, limits)])
 
@@ -144,7 +146,7 @@ def _worst(remarks: list[Remark]) -> Verdict:
     return "fail" if Degree.FAIL in degrees else "watch" if Degree.WATCH in degrees else "pass"
 
 
-def _convergence(evidence: Evidence, _: Limits) -> Iterator[Remark]:
+def _convergence(evidence: Evidence, _: JudgementLimits) -> Iterator[Remark]:
     if not evidence.fit.converged:
         cure = (
             "compare the report's residual with the drawing for what the drawing does not have, check the rows, and "
@@ -153,7 +155,7 @@ def _convergence(evidence: Evidence, _: Limits) -> Iterator[Remark]:
         yield Remark(Degree.FAIL, f"the fit did not converge: {cure}", CalibrationStatus.NOT_CONVERGED)
 
 
-def _effects(evidence: Evidence, limits: Limits) -> Iterator[Remark]:
+def _effects(evidence: Evidence, limits: JudgementLimits) -> Iterator[Remark]:
     """What was found and should not be there, or was found and not fitted."""
     for effect in evidence.residual.effects:
         if effect.ray_error_mm <= MATTERS * limits.tolerance_mm or (effect.fitted and not effect.remedy):
@@ -165,7 +167,7 @@ def _effects(evidence: Evidence, limits: Limits) -> Iterator[Remark]:
         yield Remark(Degree.NOTE, "; ".join(filter(None, [effect.sentence, fitted, effect.remedy])))
 
 
-def _second_witness(evidence: Evidence, limits: Limits) -> Iterator[Remark]:
+def _second_witness(evidence: Evidence, limits: JudgementLimits) -> Iterator[Remark]:
     """Whether the log beside the phantom contradicts it, by more than matters."""
     witness = evidence.witness
     if witness is None:
@@ -181,7 +183,7 @@ def _second_witness(evidence: Evidence, limits: Limits) -> Iterator[Remark]:
         yield Remark(Degree.WATCH if matters else Degree.NOTE, _disagreement(witness))
 
 
-def _other_hypothesis(evidence: Evidence, _: Limits) -> Iterator[Remark]:
+def _other_hypothesis(evidence: Evidence, _: JudgementLimits) -> Iterator[Remark]:
     """Whether another side or sense of rotation explains the scan as well."""
     hypotheses = evidence.alternatives.hypotheses
     if len(hypotheses) > 1 and _undecided(evidence.alternatives, hypotheses[1].relative_residual):
@@ -194,7 +196,7 @@ def _other_hypothesis(evidence: Evidence, _: Limits) -> Iterator[Remark]:
         )
 
 
-def _first_angle(evidence: Evidence, _: Limits) -> Iterator[Remark]:
+def _first_angle(evidence: Evidence, _: JudgementLimits) -> Iterator[Remark]:
     """Whether another first angle explains the scan as well."""
     turned = evidence.alternatives.turned
     if turned is not None and _undecided(evidence.alternatives, turned.relative_residual):
@@ -206,7 +208,7 @@ def _first_angle(evidence: Evidence, _: Limits) -> Iterator[Remark]:
         )
 
 
-def _held_distance(evidence: Evidence, limits: Limits) -> Iterator[Remark]:
+def _held_distance(evidence: Evidence, limits: JudgementLimits) -> Iterator[Remark]:
     """Whether a free source distance below r_S is noise or a contradiction."""
     distance, r_s = evidence.source_distance, limits.source_to_cor_mm
     if not distance.held:
@@ -228,7 +230,7 @@ def _held_distance(evidence: Evidence, limits: Limits) -> Iterator[Remark]:
         )
 
 
-def _precision(evidence: Evidence, limits: Limits) -> Iterator[Remark]:
+def _precision(evidence: Evidence, limits: JudgementLimits) -> Iterator[Remark]:
     """Whether the tolerance is held with 95 % (ISO 14253-1): by the predicted ray error's upper bound.
 
     Where only its RMS is within the tolerance the calibration is to be watched.
@@ -251,7 +253,7 @@ def _precision(evidence: Evidence, limits: Limits) -> Iterator[Remark]:
     )
 
 
-def _structured_residual(evidence: Evidence, _: Limits) -> Iterator[Remark]:
+def _structured_residual(evidence: Evidence, _: JudgementLimits) -> Iterator[Remark]:
     """What the model leaves of the sinogram."""
     structure = evidence.structure
     if structure is not None:
@@ -262,7 +264,7 @@ def _structured_residual(evidence: Evidence, _: Limits) -> Iterator[Remark]:
         )
 
 
-def _bounds(evidence: Evidence, _: Limits) -> Iterator[Remark]:
+def _bounds(evidence: Evidence, _: JudgementLimits) -> Iterator[Remark]:
     if not evidence.theta_in_bounds:
         yield Remark(
             Degree.WATCH,
@@ -270,7 +272,7 @@ def _bounds(evidence: Evidence, _: Limits) -> Iterator[Remark]:
         )
 
 
-def _source_shift(evidence: Evidence, _: Limits) -> Iterator[Remark]:
+def _source_shift(evidence: Evidence, _: JudgementLimits) -> Iterator[Remark]:
     if not evidence.source_distance.held and not evidence.error_bars.source_shift_resolved:
         yield Remark(
             Degree.NOTE,
@@ -278,7 +280,7 @@ def _source_shift(evidence: Evidence, _: Limits) -> Iterator[Remark]:
         )
 
 
-def _scale(evidence: Evidence, limits: Limits) -> Iterator[Remark]:
+def _scale(evidence: Evidence, limits: JudgementLimits) -> Iterator[Remark]:
     """Whether the image's millimetres are known well enough: no residual shows a common scale."""
     scale = evidence.scale
     if scale.percent_95 > limits.scale_percent:
@@ -291,7 +293,7 @@ def _scale(evidence: Evidence, limits: Limits) -> Iterator[Remark]:
 
 
 # In the order of their statuses, the worst first.
-KINDS: tuple[Callable[[Evidence, Limits], Iterator[Remark]], ...] = (
+KINDS: tuple[Callable[[Evidence, JudgementLimits], Iterator[Remark]], ...] = (
     _convergence,
     _effects,
     _second_witness,
@@ -312,7 +314,7 @@ def _undecided(alternatives: Alternatives, relative_residual: float) -> bool:
     return behind is not None and behind < DECISIVE
 
 
-def _disagreement(witness: SecondWitness) -> str:
+def _disagreement(witness: LogWitness) -> str:
     """By how much the log contradicts the phantom, which of them is wrong, and what to do."""
     column, tilt = witness.difference
     differ = (

@@ -13,7 +13,7 @@ import numpy as np
 
 from sawmill_tomography.calibration._search_numba import best_turn
 from sawmill_tomography.calibration.initial_guesses import WIDEST_TILT
-from sawmill_tomography.calibration.task import Hypothesis
+from sawmill_tomography.calibration.task import PoseHypothesis
 from sawmill_tomography.geometry.geometry import (
     TAU,
     FloatArray,
@@ -71,7 +71,7 @@ class CoarseMisfit:
         self._correlation = np.empty(len(self.rotations))
         self._turn = np.empty(len(self.rotations), np.int64)
 
-    def __call__(self, vector: FloatArray) -> dict[Hypothesis, Candidate]:
+    def __call__(self, vector: FloatArray) -> dict[PoseHypothesis, Candidate]:
         """Each hypothesis at (R, ln M, u_c, tau), the first angle the best one; empty where no scanner can be."""
         r, log_magnification, u_c, tau = (float(value) for value in vector)
         sdd = r * math.exp(log_magnification)
@@ -88,7 +88,7 @@ class CoarseMisfit:
             for index, rotation in enumerate(self.rotations):
                 misfit = 1.0 - float(self._correlation[index])
                 psi = float(self._turn[index]) * TAU / TURNS
-                candidates[Hypothesis(handedness, rotation)] = Candidate(misfit, SourceFrame(psi, r, sdd, u_c, tau))
+                candidates[PoseHypothesis(handedness, rotation)] = Candidate(misfit, SourceFrame(psi, r, sdd, u_c, tau))
         return candidates
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sawmill_tomography.calibration.fit_parameters import RAYS, Parameter
+from sawmill_tomography.calibration.fit_parameters import RAYS, FitParameter
 from sawmill_tomography.geometry.geometry import FloatArray, GeometryError, Scanner, SourceFrame, to_vector
 from sawmill_tomography.geometry.ray_error import ray_error, scale_ray_error
 
@@ -26,28 +26,28 @@ class _Cause:
 
 def _cor(change: FloatArray) -> str:
     return (
-        f"the COR moved {change[Parameter.U_C]:+.2f} mm on the detector and the tilt did not: "
+        f"the COR moved {change[FitParameter.U_C]:+.2f} mm on the detector and the tilt did not: "
         "look at the turntable, not the detector, unless the detector slid along its own line"
     )
 
 
 def _tilt(change: FloatArray) -> str:
     return (
-        f"the detector's tilt changed by {math.degrees(change[Parameter.TILT]):+.3f} degrees and nothing else: "
+        f"the detector's tilt changed by {math.degrees(change[FitParameter.TILT]):+.3f} degrees and nothing else: "
         "look at the detector's mount"
     )
 
 
 def _stand(change: FloatArray) -> str:
     return (
-        f"the detector moved {change[Parameter.SDD]:+.2f} mm along the beam and the source did not: "
+        f"the detector moved {change[FitParameter.SDD]:+.2f} mm along the beam and the source did not: "
         "look at the detector's stand"
     )
 
 
 def _scale(change: FloatArray) -> str:
     return (
-        f"the source distance changed by {change[Parameter.R]:+.2f} mm and nothing else, as it does when the "
+        f"the source distance changed by {change[FitParameter.R]:+.2f} mm and nothing else, as it does when the "
         "phantom's size is not the stated one: check which phantom was scanned and measure it, then look at the "
         "turntable along the beam"
     )
@@ -55,24 +55,24 @@ def _scale(change: FloatArray) -> str:
 
 def _source(change: FloatArray) -> str:
     return (
-        f"the source moved {change[Parameter.R]:+.2f} mm along the beam, against turntable and detector "
+        f"the source moved {change[FitParameter.R]:+.2f} mm along the beam, against turntable and detector "
         "alike: look at the source's mount"
     )
 
 
 def _knocked(change: FloatArray) -> str:
     return (
-        f"the COR moved {change[Parameter.U_C]:+.2f} mm on the detector and the tilt changed by "
-        f"{math.degrees(change[Parameter.TILT]):+.3f} degrees: the detector was knocked; look at its mount"
+        f"the COR moved {change[FitParameter.U_C]:+.2f} mm on the detector and the tilt changed by "
+        f"{math.degrees(change[FitParameter.TILT]):+.3f} degrees: the detector was knocked; look at its mount"
     )
 
 
 def _several(change: FloatArray) -> str:
     return (
-        f"the COR moved {change[Parameter.U_C]:+.2f} mm on the detector, the tilt changed by "
-        f"{math.degrees(change[Parameter.TILT]):+.3f} degrees, the source distance by {change[Parameter.R]:+.2f} mm "
-        f"and the distance from source to detector by {change[Parameter.SDD]:+.2f} mm: the scanner was moved, "
-        "or another phantom was scanned"
+        f"the COR moved {change[FitParameter.U_C]:+.2f} mm on the detector, the tilt changed by "
+        f"{math.degrees(change[FitParameter.TILT]):+.3f} degrees, the source distance by "
+        f"{change[FitParameter.R]:+.2f} mm and the distance from source to detector by "
+        f"{change[FitParameter.SDD]:+.2f} mm: the scanner was moved, or another phantom was scanned"
     )
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from sawmill_tomography.calibration._derivatives_numba import BLOCK, combine, inner_products
 from sawmill_tomography.calibration.elimination import scaled_inverse, unit_scale
 from sawmill_tomography.calibration.faults.structure import beyond_chance
-from sawmill_tomography.calibration.fit_parameters import Parameter
+from sawmill_tomography.calibration.fit_parameters import FitParameter
 from sawmill_tomography.calibration.sample_noise import sample_noise
 from sawmill_tomography.calibration.scan_model import POSE, ScanModel, Term
 from sawmill_tomography.geometry.geometry import FloatArray
@@ -52,9 +52,9 @@ class Column:
         return term if shape is None else None
 
     @property
-    def parameter(self) -> Parameter | None:
+    def parameter(self) -> FitParameter | None:
         """The parameter of the plain fit that it is; None for all others."""
-        return Parameter(self.term) if self.term is not None and self.term <= Term.T_Y else None
+        return FitParameter(self.term) if self.term is not None and self.term <= Term.T_Y else None
 
 
 class ViewGrams:

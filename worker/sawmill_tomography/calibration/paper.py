@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 import sawmill_vocabulary as vocabulary
 from sawmill_tomography.calibration.alternatives import Alternatives, HypothesisReport
-from sawmill_tomography.calibration.calibration import Calibration, Timing, choose_theta
+from sawmill_tomography.calibration.calibration import CalibrationOutcome, StageSeconds, choose_theta
 from sawmill_tomography.calibration.errors import CalibrationError
 from sawmill_tomography.calibration.fit import FittedModel
 from sawmill_tomography.calibration.judgement import Degree, Judgement, Remark, combined
@@ -25,7 +25,7 @@ from sawmill_tomography.calibration.refusals import NOT_FOUND
 from sawmill_tomography.calibration.scale import scale_uncertainty
 from sawmill_tomography.calibration.search import SearchCallback, SearchReport
 from sawmill_tomography.calibration.source_distance import SourceDistance
-from sawmill_tomography.calibration.task import CalibrationTask, Hypothesis
+from sawmill_tomography.calibration.task import CalibrationTask, PoseHypothesis
 from sawmill_tomography.geometry.geometry import (
     FanBeamGeometry,
     FloatArray,
@@ -58,7 +58,7 @@ Pair = tuple[AnyFloats, AnyFloats]
 
 
 @dataclass(frozen=True)
-class PaperOptions:
+class PaperSettings:
     """Switches of the published search.
 
     Attributes
@@ -91,7 +91,7 @@ def remove_background(sinogram: FloatArray) -> FloatArray:
 class PaperObjective:
     """J(theta) for one sense of rotation; lower is better."""
 
-    def __init__(self, task: CalibrationTask, rotation: Rotation, options: PaperOptions) -> None:
+    def __init__(self, task: CalibrationTask, rotation: Rotation, options: PaperSettings) -> None:
         self._task, self._options = task, options
         self._angles = rotation.apply(task.angles_rad)
         self._data = remove_background(task.sinogram)
@@ -148,12 +148,12 @@ class PaperObjective:
 def calibrate_as_published(
     task: CalibrationTask,
     *,
-    options: PaperOptions | None = None,
+    options: PaperSettings | None = None,
     seed: int = 7,
     progress: SearchCallback | None = None,
     earlier: Evaluations | None = None,
     on_computed: Callable[[RecallingObjective], None] | None = None,
-) -> Calibration:
+) -> CalibrationOutcome:
     """The published search, seeded. The rotation is taken as given unless the task says otherwise.
 
     Parameters
@@ -169,7 +169,7 @@ def calibrate_as_published(
         If no scanner can be at theta's best value.
     """
     started = time.perf_counter()
-    chosen = options or PaperOptions()
+    chosen = options or PaperSettings()
     rotation = task.rotation or Rotation.AS_GIVEN
     objective = PaperObjective(task, rotation, chosen)
     asked = RecallingObjective(objective, earlier, on_computed)
@@ -219,7 +219,7 @@ def _answer(
     objective: PaperObjective,
     search: SearchReport,
     started: float,
-) -> Calibration:
+) -> CalibrationOutcome:
     found = time.perf_counter()
     correlations = objective.correlations(theta)
     handedness = max(correlations, key=lambda h: correlations[h])
@@ -239,9 +239,9 @@ def _answer(
         (HypothesisReport(h, rotation, float((data.sinogram - m).std()) / spread) for h, (_, _, m) in fitted.items()),
         key=lambda report: report.handedness is not handedness,
     )
-    return Calibration(
+    return CalibrationOutcome(
         task=task,
-        hypothesis=Hypothesis(handedness, rotation),
+        hypothesis=PoseHypothesis(handedness, rotation),
         theta=reported,
         theta_twin=twin,
         fit=FittedModel(frame, (0.0, 0.0), gain, offset, rms, rms / spread),
@@ -254,7 +254,7 @@ def _answer(
         adjustments=(),
         judgement=_judgement(hypotheses[0].relative_residual, rotation_given=task.rotation is not None),
         search=search,
-        timing=Timing(ended - started, found - started, 0.0, 0.0),
+        timing=StageSeconds(ended - started, found - started, 0.0, 0.0),
     )
 
 

@@ -22,7 +22,7 @@ LEAST_INFORMATION = 1e-11
 
 
 @dataclass(frozen=True)
-class Plan:
+class CramerRaoPlan:
     """The precision to expect of a calibration with one scan of a phantom.
 
     Attributes
@@ -55,7 +55,9 @@ class Plan:
     views_cut_off: int
 
 
-def plan(geometry: FanBeamGeometry, phantom: Phantom, *, noise: float, log_radius_mm: float | None = None) -> Plan:
+def plan(
+    geometry: FanBeamGeometry, phantom: Phantom, *, noise: float, log_radius_mm: float | None = None
+) -> CramerRaoPlan:
     """The precision that this phantom gives, standing on the rotation centre, at these views.
 
     Parameters
@@ -88,7 +90,7 @@ def plan(geometry: FanBeamGeometry, phantom: Phantom, *, noise: float, log_radiu
     covariance = sigma * sigma * _inverse(phantom, grams)[:5, :5]
     radius_mm = counted_radius_mm(log_radius_mm, phantom)
     of_theta = theta_covariance(scanner, frame, geometry.theta, covariance)
-    return Plan(
+    return CramerRaoPlan(
         noise=sigma,
         covariance=covariance,
         frame_deviation=frame_deviation(frame, covariance),

@@ -9,10 +9,10 @@ import numpy as np
 from sawmill_tomography.calibration.faults import angle_jitter, view_gain
 from sawmill_tomography.calibration.faults.adjustments import ALIKE
 from sawmill_tomography.calibration.faults.structure import Structure, find_structure
-from sawmill_tomography.calibration.fit_parameters import FRAME, Parameter
+from sawmill_tomography.calibration.fit_parameters import FRAME, FitParameter
 from sawmill_tomography.calibration.joint_fit import JointFit
 from sawmill_tomography.calibration.normal_equations import Column
-from sawmill_tomography.calibration.scatter import Scatter
+from sawmill_tomography.calibration.residual_statistics import ResidualStatistics
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner
 from sawmill_tomography.geometry.ray_error import ray_error_of_bias
 from sawmill_vocabulary import Adjustment
@@ -63,10 +63,12 @@ class ResidualAnalysis:
         return any(effect.adjustment in {Adjustment.SLIP, Adjustment.CREEP} for effect in self.effects)
 
 
-def analyse_residual(joint: JointFit, scatter: Scatter, scanner: Scanner, radius_mm: float) -> ResidualAnalysis:
+def analyse_residual(
+    joint: JointFit, statistics: ResidualStatistics, scanner: Scanner, radius_mm: float
+) -> ResidualAnalysis:
     """The effects fitted, and the structure in what they leave."""
     effects = (*_fitted(joint, scanner, radius_mm), *_not_fitted(joint, scanner, radius_mm))
-    if not scatter.structured:
+    if not statistics.structured:
         return ResidualAnalysis(effects)
     model = joint.model
     used = 1.0 if model.data.weights is None else model.data.weights > 0.0
@@ -109,7 +111,7 @@ def _not_fitted(joint: JointFit, scanner: Scanner, radius_mm: float) -> Iterator
 
 def _off_mm(joint: JointFit, columns: Sequence[Column], off: FloatArray, scanner: Scanner, radius_mm: float) -> float:
     """The RMS ray error of columns that are off by as much."""
-    bias = np.zeros(len(Parameter))
+    bias = np.zeros(len(FitParameter))
     for column, moved in zip(columns, off, strict=True):
         if column.parameter is not None:
             bias[column.parameter] = moved

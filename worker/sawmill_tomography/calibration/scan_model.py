@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 import scipy
 
-from sawmill_tomography.calibration.fit_parameters import FRAME, Parameter
+from sawmill_tomography.calibration.fit_parameters import FRAME, FitParameter
 from sawmill_tomography.calibration.rounded_corners import with_rounded_corners
 from sawmill_tomography.calibration.sinogram_data import SinogramData
 from sawmill_tomography.geometry.geometry import TAU, FloatArray, SourceFrame
@@ -24,15 +24,15 @@ from sawmill_tomography.sinograms.scattered_radiation import halo
 
 
 class Term(IntEnum):
-    """An unknown of the forward model: its place among the derivatives. The first seven are those of `Parameter`."""
+    """An unknown of the forward model: its place among the derivatives. The first seven are those of `FitParameter`."""
 
-    PSI = Parameter.PSI
-    R = Parameter.R
-    SDD = Parameter.SDD
-    U_C = Parameter.U_C
-    TILT = Parameter.TILT
-    T_X = Parameter.T_X
-    T_Y = Parameter.T_Y
+    PSI = FitParameter.PSI
+    R = FitParameter.R
+    SDD = FitParameter.SDD
+    U_C = FitParameter.U_C
+    TILT = FitParameter.TILT
+    T_X = FitParameter.T_X
+    T_Y = FitParameter.T_Y
     GAIN = 7
     OFFSET = 8
     # Of the line integral p: p^2 and p^3.
@@ -74,7 +74,7 @@ class ScanModel:
     drawing : Phantom
         As this hypothesis of handedness sees it.
     x : (7,) float64
-        In the order of `Parameter`.
+        In the order of `FitParameter`.
     gain, offset : (views, 1) float64
     sizes : mapping of Term to float
         Of the terms behind OFFSET; absent ones are 0.
@@ -113,7 +113,11 @@ class ScanModel:
     def clears(self) -> bool:
         """Whether such a geometry exists."""
         x = self.x
-        if not np.isfinite(x).all() or abs(x[Parameter.TILT]) > 1.4 or not 0.0 < x[Parameter.R] < x[Parameter.SDD]:
+        if (
+            not np.isfinite(x).all()
+            or abs(x[FitParameter.TILT]) > 1.4
+            or not 0.0 < x[FitParameter.R] < x[FitParameter.SDD]
+        ):
             return False
         reach = self.phantom.radius_mm + float(np.hypot(*(self.pose[:, 1:] + x[5:]).T).max())
         return analytic.clears(reach, self.frame)

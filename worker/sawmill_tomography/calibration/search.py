@@ -13,7 +13,7 @@ from sawmill_tomography.calibration.fit import Fit, OnStep, refine, unheard
 from sawmill_tomography.calibration.initial_guesses import random_guesses, shadow_extent, shadow_guesses
 from sawmill_tomography.calibration.misfit import Candidate, CoarseMisfit, coarse_data, search_box
 from sawmill_tomography.calibration.sinogram_data import SinogramData
-from sawmill_tomography.calibration.task import CalibrationTask, Hypothesis
+from sawmill_tomography.calibration.task import CalibrationTask, PoseHypothesis
 from sawmill_tomography.geometry.geometry import FloatArray, GeometryError, SourceFrame
 
 # A coarse fit that leaves less than this unexplained ends the search. Otherwise random guesses are added, in rounds of
@@ -60,7 +60,7 @@ class SearchReport:
 class SearchResult:
     """Coarse fits of each hypothesis, best first: where least squares on all the data begins."""
 
-    fits: Mapping[Hypothesis, Sequence[Fit]]
+    fits: Mapping[PoseHypothesis, Sequence[Fit]]
     report: SearchReport
 
 
@@ -77,7 +77,7 @@ def search(
     rng = np.random.default_rng(seed)
     misfit = _coarse_misfit(task)
     box = _search_box(task)
-    fits: dict[Hypothesis, Fit] = {}
+    fits: dict[PoseHypothesis, Fit] = {}
     history: list[tuple[int, float]] = []
     best, generation = math.inf, 0
     for generation, count in enumerate((0, *RANDOM_GUESSES)):
@@ -125,14 +125,14 @@ def _from_the_shadow(
 
 
 def _improve(
-    fits: dict[Hypothesis, Fit],
+    fits: dict[PoseHypothesis, Fit],
     misfit: CoarseMisfit,
     guesses: FloatArray,
     history: list[tuple[int, float]],
     on_step: OnStep,
 ) -> None:
     """Fit the best guesses of each hypothesis coarsely, and keep each fit that beats the one before it."""
-    scored: dict[Hypothesis, list[Candidate]] = {}
+    scored: dict[PoseHypothesis, list[Candidate]] = {}
     for guess in guesses:
         on_step()
         for hypothesis, candidate in misfit(guess).items():
@@ -160,7 +160,7 @@ def _least(fits: Collection[Fit]) -> float:
 
 def _coarse_fit(
     misfit: CoarseMisfit,
-    hypothesis: Hypothesis,
+    hypothesis: PoseHypothesis,
     start: SourceFrame,
     position_mm: tuple[float, float],
     others: Collection[Fit],
@@ -180,8 +180,8 @@ def _coarse_fit(
 
 
 def _with_ambiguous_poses(
-    found: dict[Hypothesis, Fit], misfit: CoarseMisfit, on_step: OnStep
-) -> dict[Hypothesis, list[Fit]]:
+    found: dict[PoseHypothesis, Fit], misfit: CoarseMisfit, on_step: OnStep
+) -> dict[PoseHypothesis, list[Fit]]:
     """Beside the fits found, those from poses in which the best fit's body looks almost the same."""
     fits = {hypothesis: [fit] for hypothesis, fit in found.items()}
     if not fits:
@@ -189,7 +189,7 @@ def _with_ambiguous_poses(
     best = min(found, key=lambda hypothesis: found[hypothesis].relative_residual)
     fit = found[best]
     for handedness, frame, position in ambiguous_poses(misfit, best, fit.frame, fit.position_mm):
-        hypothesis = Hypothesis(handedness, best.rotation)
+        hypothesis = PoseHypothesis(handedness, best.rotation)
         other = _coarse_fit(misfit, hypothesis, frame, position, [fit], on_step)
         if other is not None:
             rivals = fits.setdefault(hypothesis, [])

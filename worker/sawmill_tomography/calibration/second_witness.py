@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sawmill_tomography.calibration.fit_parameters import Parameter
+from sawmill_tomography.calibration.fit_parameters import FitParameter
 from sawmill_tomography.drift.change import LogMovement
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner, SourceFrame, to_vector
 from sawmill_tomography.geometry.ray_error import predicted_ray_error
@@ -18,7 +18,7 @@ from sawmill_vocabulary import Agreement, MovedBody, Rotation, WitnessTaken
 # them the answers are combined and their errors widened by what they differ by (Birge 1932).
 AGREE, DISAGREE = 5.991, 13.816
 # What both see.
-BOTH = [Parameter.U_C, Parameter.TILT]
+BOTH = [FitParameter.U_C, FitParameter.TILT]
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +46,7 @@ class LogAnswer:
 
 
 @dataclass(frozen=True, eq=False)
-class SecondWitness:
+class LogWitness:
     """Both answers, and what follows.
 
     Attributes
@@ -105,7 +105,7 @@ def compare_witnesses(
     *,
     phantom_moved: bool,
     radius_mm: float,
-) -> SecondWitness:
+) -> LogWitness:
     """Compare the log's answer with the phantom's, and take from each what it knows.
 
     Parameters
@@ -122,7 +122,7 @@ def compare_witnesses(
     sees[[0, 1], BOTH] = 1.0
     difference = log.seen - vector[BOTH]
     # At another SDD the log gives another u_c and tau.
-    sees[:, Parameter.SDD] = -log.sdd_sensitivity
+    sees[:, FitParameter.SDD] = -log.sdd_sensitivity
     spread = sees @ covariance @ sees.T + log.covariance
     chi_squared = float(difference @ np.linalg.solve(spread, difference))
     agreement = _agreement(chi_squared)
@@ -141,7 +141,7 @@ def compare_witnesses(
     bias = np.zeros((len(vector), 1))
     bias[BOTH, 0] = difference
     change = predicted_ray_error(scanner, frame, bias @ bias.T, radius_mm=radius_mm)
-    return SecondWitness(
+    return LogWitness(
         log,
         other_sense,
         vector[BOTH],
@@ -209,11 +209,11 @@ class _Prior:
 
 def _with_theta(scanner: Scanner, vector: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Hold R at r_S where it came to be less, for which no theta exists, as `source_distance.with_theta` does."""
-    deficit = scanner.source_to_cor_mm - vector[Parameter.R]
-    variance = covariance[Parameter.R, Parameter.R]
+    deficit = scanner.source_to_cor_mm - vector[FitParameter.R]
+    variance = covariance[FitParameter.R, FitParameter.R]
     if deficit <= 0.0 or variance == 0.0:
         return vector, covariance
-    step = covariance[:, Parameter.R] * (deficit / variance)
+    step = covariance[:, FitParameter.R] * (deficit / variance)
     moved = vector + step
-    moved[Parameter.R] = scanner.source_to_cor_mm
+    moved[FitParameter.R] = scanner.source_to_cor_mm
     return moved, covariance + np.outer(step, step)

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sawmill_tomography.calibration.fit_parameters import FRAME, Parameter
+from sawmill_tomography.calibration.fit_parameters import FRAME, FitParameter
 from sawmill_tomography.geometry.geometry import FloatArray, SourceFrame
 from sawmill_tomography.phantoms.phantom import Phantom
 from sawmill_tomography.projection import analytic
@@ -49,14 +49,14 @@ class SinogramData:
         return replace(self, sinogram=sinogram, angles_rad=self.angles_rad[::step], weights=weights)
 
     def gram(self, phantom: Phantom, x: FloatArray) -> FloatArray:
-        """`analytic.gram` at a vector x (7,) in the order of `Parameter`."""
+        """`analytic.gram` at a vector x (7,) in the order of `FitParameter`."""
         return analytic.gram(
             phantom,
             self.cells,
             SourceFrame.from_vector(x[FRAME]),
             self.angles_rad,
             self.sinogram,
-            position_mm=(x[Parameter.T_X], x[Parameter.T_Y]),
+            position_mm=(x[FitParameter.T_X], x[FitParameter.T_Y]),
             rays_per_cell=self.rays_per_cell,
             weights=self.weights,
         )

@@ -8,10 +8,10 @@ import numpy as np
 from sawmill_tomography.calibration.errors import CalibrationError
 from sawmill_tomography.calibration.faults.finding import AdjustedFit
 from sawmill_tomography.calibration.fit import OnStep, refine, unheard
-from sawmill_tomography.calibration.fit_parameters import Parameter
+from sawmill_tomography.calibration.fit_parameters import FitParameter
 from sawmill_tomography.calibration.joint_fit import JointFit, fit_consistent_views, fit_jointly
 from sawmill_tomography.calibration.refusals import refuse_other_scanner
-from sawmill_tomography.calibration.scatter import Scatter, parameter_scatter
+from sawmill_tomography.calibration.residual_statistics import ResidualStatistics, residual_statistics
 from sawmill_tomography.calibration.task import CalibrationTask
 from sawmill_tomography.geometry.geometry import SourceFrame
 
@@ -37,7 +37,7 @@ class SourceDistance:
 
 def with_theta(
     task: CalibrationTask, prepared: AdjustedFit, on_step: OnStep = unheard
-) -> tuple[AdjustedFit, JointFit, Scatter, SourceDistance]:
+) -> tuple[AdjustedFit, JointFit, ResidualStatistics, SourceDistance]:
     """The free fit, or the one with R = r_S where the free one has no theta (docs/conventions.md#theta).
 
     The covariance of a fit that was held is the free one's, and what holding it moved: R of the scanner may be larger
@@ -52,12 +52,12 @@ def with_theta(
     prepared, free = fit_consistent_views(prepared, task.without, on_step)
     r_s, frame = task.scanner.source_to_cor_mm, free.model.frame
     refuse_other_scanner(task.scanner, frame.source_distance_mm)
-    scatter = parameter_scatter(free)
+    statistics = residual_statistics(free)
     if frame.source_distance_mm >= r_s:
-        return prepared, free, scatter, SourceDistance(frame.source_distance_mm)
+        return prepared, free, statistics, SourceDistance(frame.source_distance_mm)
     ratio = r_s / frame.source_distance_mm
     start = replace(frame, source_distance_mm=r_s, source_to_detector_mm=frame.source_to_detector_mm * ratio)
-    position = (float(free.model.x[Parameter.T_X]), float(free.model.x[Parameter.T_Y]))
+    position = (float(free.model.x[FitParameter.T_X]), float(free.model.x[FitParameter.T_Y]))
     fit = refine(
         prepared.phantom, prepared.data, start, position_mm=position, fixed_source_distance=True, on_step=on_step
     )
@@ -69,16 +69,16 @@ def with_theta(
         )
     held = fit_jointly(replace(prepared, fit=fit), task.without, on_step)
     distance = SourceDistance(
-        frame.source_distance_mm, held=True, deficit_deviations=_deficit_deviations(task, frame, scatter)
+        frame.source_distance_mm, held=True, deficit_deviations=_deficit_deviations(task, frame, statistics)
     )
     moved = held.model.x - free.model.x
-    covariance = replace(scatter.covariance, values=scatter.covariance.values + np.outer(moved, moved))
-    return prepared, held, replace(parameter_scatter(held), covariance=covariance), distance
+    covariance = replace(statistics.covariance, values=statistics.covariance.values + np.outer(moved, moved))
+    return prepared, held, replace(residual_statistics(held), covariance=covariance), distance
 
 
-def _deficit_deviations(task: CalibrationTask, frame: SourceFrame, scatter: Scatter) -> float:
+def _deficit_deviations(task: CalibrationTask, frame: SourceFrame, statistics: ResidualStatistics) -> float:
     distance = frame.source_distance_mm
-    variance = float(scatter.covariance.values[Parameter.R, Parameter.R])
+    variance = float(statistics.covariance.values[FitParameter.R, FitParameter.R])
     deviation = math.hypot(math.sqrt(variance), task.phantom.size_tolerance * distance)
     deficit = task.scanner.source_to_cor_mm - distance
     return deficit / deviation if deviation > 0.0 else math.inf

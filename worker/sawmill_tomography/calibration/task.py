@@ -18,7 +18,7 @@ from sawmill_tomography.projection.analytic import DetectorCells
 from sawmill_vocabulary import Adjustment, Handedness, Rotation, TrueAxis
 
 
-class Hypothesis(NamedTuple):
+class PoseHypothesis(NamedTuple):
     """One of the four: from which side the phantom was seen, and in which sense the scanner turns."""
 
     handedness: Handedness

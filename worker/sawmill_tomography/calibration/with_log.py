@@ -4,24 +4,24 @@ from dataclasses import replace
 
 import numpy as np
 
-from sawmill_tomography.calibration.calibration import Calibration, choose_theta
+from sawmill_tomography.calibration.calibration import CalibrationOutcome, choose_theta
 from sawmill_tomography.calibration.covariance import theta_covariance
 from sawmill_tomography.calibration.error_bars import ErrorBars
 from sawmill_tomography.calibration.fit import Fit
-from sawmill_tomography.calibration.fit_parameters import Parameter
-from sawmill_tomography.calibration.judgement import Evidence, Limits, judge
+from sawmill_tomography.calibration.fit_parameters import FitParameter
+from sawmill_tomography.calibration.judgement import Evidence, JudgementLimits, judge
 from sawmill_tomography.calibration.scale import scale_uncertainty
-from sawmill_tomography.calibration.second_witness import BOTH, LogAnswer, SecondWitness, compare_witnesses
+from sawmill_tomography.calibration.second_witness import BOTH, LogAnswer, LogWitness, compare_witnesses
 from sawmill_tomography.drift.change import ConjugateFit, DetectorFit
 from sawmill_tomography.drift.detector_fit import detector_fit
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner, SourceFrame, Theta
 from sawmill_tomography.geometry.ray_error import predicted_ray_error
 from sawmill_vocabulary import Rotation
 
-POSITION = [Parameter.T_X, Parameter.T_Y]
+POSITION = [FitParameter.T_X, FitParameter.T_Y]
 
 
-def with_log(calibration: Calibration, log_sinogram: FloatArray) -> Calibration:
+def with_log(calibration: CalibrationOutcome, log_sinogram: FloatArray) -> CalibrationOutcome:
     """The calibration with the log as its second witness; unchanged where it has no error bars.
 
     Parameters
@@ -78,7 +78,7 @@ def _at_known_distance(fit: DetectorFit) -> tuple[FloatArray, FloatArray]:
     return sensitivity, fit.covariance[:2, :2] - np.outer(sensitivity, fit.covariance[2, :2])
 
 
-def _following(calibration: Calibration, evidence: Evidence, witness: SecondWitness) -> Calibration:
+def _following(calibration: CalibrationOutcome, evidence: Evidence, witness: LogWitness) -> CalibrationOutcome:
     task, fit = calibration.task, _moved(evidence.fit, witness)
     theta, twin = choose_theta(task.scanner, fit.frame, task.bounds)
     bars = _error_bars(calibration, evidence.error_bars, fit.frame, theta, witness)
@@ -92,7 +92,7 @@ def _following(calibration: Calibration, evidence: Evidence, witness: SecondWitn
         aspect_half=evidence.scale.aspect_half,
     )
     heard = replace(evidence, fit=fit, error_bars=bars, scale=scale, theta_in_bounds=in_bounds, witness=witness)
-    judgement = judge(heard, Limits.of(task))
+    judgement = judge(heard, JudgementLimits.of(task))
     return replace(
         calibration,
         theta=theta,
@@ -105,7 +105,7 @@ def _following(calibration: Calibration, evidence: Evidence, witness: SecondWitn
     )
 
 
-def _moved(fit: Fit, witness: SecondWitness) -> Fit:
+def _moved(fit: Fit, witness: LogWitness) -> Fit:
     """The fit with the geometry of both, and the phantom where its rows put it with that u_c and tau."""
     frame = SourceFrame.from_vector(witness.vector)
     values = fit.covariance.values
@@ -116,7 +116,7 @@ def _moved(fit: Fit, witness: SecondWitness) -> Fit:
 
 
 def _error_bars(
-    calibration: Calibration, alone: ErrorBars, frame: SourceFrame, theta: Theta, witness: SecondWitness
+    calibration: CalibrationOutcome, alone: ErrorBars, frame: SourceFrame, theta: Theta, witness: LogWitness
 ) -> ErrorBars:
     scanner, values = calibration.scanner, witness.covariance
     of_theta = theta_covariance(scanner, frame, theta, values)

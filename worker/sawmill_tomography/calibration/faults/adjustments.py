@@ -10,7 +10,7 @@ from sawmill_tomography.calibration.faults.deformation import DEFORMATION
 from sawmill_tomography.calibration.faults.density_gradient import DENSITY_GRADIENT
 from sawmill_tomography.calibration.faults.effect import Effect
 from sawmill_tomography.calibration.faults.encoder import ENCODER
-from sawmill_tomography.calibration.faults.finding import AdjustedFit, Finding
+from sawmill_tomography.calibration.faults.finding import AdjustedFit, EffectFinding
 from sawmill_tomography.calibration.faults.flat_field import FLAT_FIELD
 from sawmill_tomography.calibration.faults.intensity_averaging import INTENSITY_AVERAGING
 from sawmill_tomography.calibration.faults.lag import LAG
@@ -21,7 +21,7 @@ from sawmill_tomography.calibration.faults.scattered_radiation import SCATTERED_
 from sawmill_tomography.calibration.faults.wobble import WOBBLE_ONCE, WOBBLE_TWICE
 from sawmill_vocabulary import Adjustment
 
-BEFORE: tuple[Finding, ...] = (INTENSITY_AVERAGING, OUTLIERS)
+BEFORE: tuple[EffectFinding, ...] = (INTENSITY_AVERAGING, OUTLIERS)
 EFFECTS: tuple[Effect, ...] = (
     BEAM_HARDENING,
     SCATTERED_RADIATION,

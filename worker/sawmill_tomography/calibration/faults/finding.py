@@ -60,7 +60,7 @@ class AdjustedFit:
 
 
 @dataclass(frozen=True)
-class Finding:
+class EffectFinding:
     """A fault of the scan or of the plain model.
 
     Attributes

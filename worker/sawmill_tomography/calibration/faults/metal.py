@@ -50,7 +50,7 @@ ROUNDS, SETTLED = 3, 0.02
 
 
 @dataclass(frozen=True, eq=False)
-class Metal:
+class PhantomMetal:
     """Metal in a phantom.
 
     Attributes
@@ -75,7 +75,7 @@ class Metal:
         )
 
 
-def find_metal(phantom: Phantom, data: SinogramData, fit: Fit, on_step: OnStep = unheard) -> Metal | None:
+def find_metal(phantom: Phantom, data: SinogramData, fit: Fit, on_step: OnStep = unheard) -> PhantomMetal | None:
     """Metal in a phantom, from a fit to a scan with it.
 
     Parameters
@@ -87,7 +87,7 @@ def find_metal(phantom: Phantom, data: SinogramData, fit: Fit, on_step: OnStep =
     fit : Fit
         To samples of which some or none see metal.
     """
-    found: Metal | None = None
+    found: PhantomMetal | None = None
     for _ in range(ROUNDS):
         metal = _Search(phantom, data, fit).metal()
         if metal is None:
@@ -114,7 +114,7 @@ class _Search:
         self._wood = fit.gain * max(shape.density for shape in phantom.shapes)
         self._radius_mm = math.ceil(phantom.radius_mm + math.hypot(*fit.position_mm))
 
-    def metal(self) -> Metal | None:
+    def metal(self) -> PhantomMetal | None:
         """The metal that this fit's residual shows."""
         if len(self._data.sinogram) < FEWEST_VIEWS or self._radius_mm > LARGEST_RADIUS_MM:
             return None
@@ -135,7 +135,7 @@ class _Search:
             return None
         pieces, count = scipy.ndimage.label(scipy.ndimage.maximum_filter(body, 3))
         middles = (np.argwhere(body & (pieces == one)).mean(axis=0) - self._radius_mm for one in range(1, count + 1))
-        return Metal(samples, tuple((float(x), float(y)) for x, y in middles))
+        return PhantomMetal(samples, tuple((float(x), float(y)) for x, y in middles))
 
     def _residual(self, views: slice) -> NDArray[np.float32]:
         """What the model leaves, without what cells have in common in all views; 0 where nothing may be used."""

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sawmill_tomography.calibration.fit_parameters import Parameter
+from sawmill_tomography.calibration.fit_parameters import FitParameter
 from sawmill_tomography.calibration.normal_equations import Column
 from sawmill_tomography.calibration.scan_model import ScanModel, Term
 from sawmill_tomography.geometry.geometry import FloatArray
@@ -34,7 +34,7 @@ def of_position(shapes: Sequence[FloatArray]) -> tuple[Column, ...]:
 
 def in_the_laboratory(model: ScanModel, shapes: Sequence[FloatArray]) -> tuple[Column, ...]:
     """Two columns a shape: a move across the beam, and along it."""
-    phi = model.data.angles_rad + model.x[Parameter.PSI]
+    phi = model.data.angles_rad + model.x[FitParameter.PSI]
     cosine, sine = np.cos(phi), np.sin(phi)
     columns = []
     for shape in shapes:

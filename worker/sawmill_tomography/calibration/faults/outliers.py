@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sawmill_tomography.calibration.faults.finding import AdjustedFit, Finding
+from sawmill_tomography.calibration.faults.finding import AdjustedFit, EffectFinding
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.statistics.robust import robust_deviation
 from sawmill_vocabulary import Adjustment
@@ -63,4 +63,4 @@ def _is_a_fault(power: FloatArray, outlying: NDArray[np.bool_]) -> bool:
     return bool(max(cells, views) > FAULT_SHARE * power.sum())
 
 
-OUTLIERS = Finding(Adjustment.OUTLIERS, _adjust)
+OUTLIERS = EffectFinding(Adjustment.OUTLIERS, _adjust)

@@ -22,7 +22,7 @@ CHANCE = 4.0
 SHADOW = 0.02
 
 
-class Place(StrEnum):
+class ResidualPlace(StrEnum):
     """Where the model is not the scan's."""
 
     VIEWS = "few views"
@@ -39,12 +39,12 @@ class Structure:
     ----------
     share : float
         Its RMS against that of the sinogram without its mean.
-    place : Place
+    place : ResidualPlace
         Where most of it lies.
     """
 
     share: float
-    place: Place
+    place: ResidualPlace
 
 
 def find_structure(residual: FloatArray, model: FloatArray) -> Structure:
@@ -75,19 +75,19 @@ def beyond_chance(mean: float, deviation: float, count: int) -> float:
     return mean if mean > CHANCE * deviation / math.sqrt(count) else 0.0
 
 
-def _place(residual: FloatArray, model: FloatArray, shared: float) -> Place:
+def _place(residual: FloatArray, model: FloatArray, shared: float) -> ResidualPlace:
     power = residual**2
     # What every view sees in a cell, and its neighbour does not; the views' mean leaves some of the noise.
     cells = residual.mean(axis=0)
     unequal = 0.5 * float((np.diff(cells) ** 2).mean()) - (float(power.mean()) - shared) / len(residual)
     if unequal > MOST_POWER * shared:
-        return Place.CELLS
+        return ResidualPlace.CELLS
     by_view = power.sum(axis=1)
     worst = np.argsort(by_view)[-max(1, round(FEW_VIEWS * len(by_view))) :]
     if by_view[worst].sum() > MOST_POWER * by_view.sum():
         level = np.sqrt(np.abs(residual)).mean(axis=1) ** 2
         if np.median(level[worst]) > ALL_OVER * np.median(level):
-            return Place.VIEWS
+            return ResidualPlace.VIEWS
     depth = float(np.ptp(model))
     bent = -2.0 * model
     bent[:, 1:] += model[:, :-1]
@@ -98,7 +98,11 @@ def _place(residual: FloatArray, model: FloatArray, shared: float) -> Place:
         at_edges[:, away:] |= kinks[:, :-away]
         at_edges[:, :-away] |= kinks[:, away:]
     in_shadow = (model > model.min() + SHADOW * depth) & ~at_edges
-    return Place.EDGES if _mean(power, at_edges) > EDGES_STAND_OUT * _mean(power, in_shadow) else Place.SHADOW
+    return (
+        ResidualPlace.EDGES
+        if _mean(power, at_edges) > EDGES_STAND_OUT * _mean(power, in_shadow)
+        else ResidualPlace.SHADOW
+    )
 
 
 def _mean(power: FloatArray, where: NDArray[np.bool_]) -> float:

@@ -7,7 +7,7 @@ import numpy as np
 
 from sawmill_tomography.calibration.covariance import Covariance
 from sawmill_tomography.calibration.errors import CalibrationError
-from sawmill_tomography.calibration.fit_parameters import RAYS, Parameter
+from sawmill_tomography.calibration.fit_parameters import RAYS, FitParameter
 from sawmill_tomography.calibration.joint_fit import JointFit
 from sawmill_tomography.geometry.geometry import FloatArray
 
@@ -25,11 +25,11 @@ SINGULAR = 1e-11
 SHARES = 400.0
 # An undetermined combination of parameters moves the rays when this much of it is R, SDD, u_c and tau.
 RAYS_SHARE = 1e-3
-RAY_PARAMETERS = list(Parameter)[RAYS]
+RAY_PARAMETERS = list(FitParameter)[RAYS]
 
 
 @dataclass(frozen=True)
-class Scatter:
+class ResidualStatistics:
     """How much the parameters scatter.
 
     Attributes
@@ -60,10 +60,10 @@ class _Scores:
 
     white: FloatArray
     unscale: FloatArray
-    free: list[Parameter]
+    free: list[FitParameter]
 
 
-def parameter_scatter(joint: JointFit) -> Scatter:
+def residual_statistics(joint: JointFit) -> ResidualStatistics:
     """The covariance that the residual warrants.
 
     Four things inflate it. What the residual holds beside noise: each parameter takes one share of it by chance.
@@ -103,12 +103,12 @@ def parameter_scatter(joint: JointFit) -> Scatter:
             of_free = of_free + np.real(back.conj().T @ back) / number
     for bias in joint.biases:
         of_free = of_free + np.outer(bias[:count], bias[:count])
-    values = np.zeros((len(Parameter), len(Parameter)))
+    values = np.zeros((len(FitParameter), len(FitParameter)))
     values[np.ix_(scores.free, scores.free)] = of_free
-    held = frozenset(Parameter) - frozenset(scores.free)
+    held = frozenset(FitParameter) - frozenset(scores.free)
     unknown = frozenset(p for p in scores.free if not values[p, p] > 0.0)
     ratio = np.diag(of_free) / np.where(np.diag(plain) > 0.0, np.diag(plain), 1.0)
-    return Scatter(Covariance(values, held, unknown), inflation, math.sqrt(float(ratio.mean())), structured)
+    return ResidualStatistics(Covariance(values, held, unknown), inflation, math.sqrt(float(ratio.mean())), structured)
 
 
 def _refuse_undetermined(joint: JointFit) -> None:
@@ -127,7 +127,7 @@ def _refuse_undetermined(joint: JointFit) -> None:
         )
 
 
-def _free(joint: JointFit) -> list[Parameter]:
+def _free(joint: JointFit) -> list[FitParameter]:
     return [column.parameter for column in joint.system.columns if column.parameter is not None]
 
 
