@@ -1,6 +1,6 @@
 """The geometry and every effect that the scan shows, fitted together by generalised least squares.
 
-Gauss and Newton's steps from the plain fit. At each point every effect of `faults.adjustments` is tested by its own
+Gauss and Newton's steps from the plain fit. At each point every effect of `faults.effects` is tested by its own
 pattern; one that chance does not explain joins the fit. What is beyond chance but not fitted adds its bias to the
 covariance.
 """
@@ -12,10 +12,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from sawmill_tomography.calibration.covariance import Covariance
-from sawmill_tomography.calibration.faults.adjustments import ALIKE, EFFECTS
 from sawmill_tomography.calibration.faults.angle_jitter import angle_scatter
-from sawmill_tomography.calibration.faults.deformation import DEFORMATION
-from sawmill_tomography.calibration.faults.effect import Effect
+from sawmill_tomography.calibration.faults.effects import ALIKE, DEFORMATION, EFFECTS, Effect
 from sawmill_tomography.calibration.faults.finding import AdjustedFit
 from sawmill_tomography.calibration.faults.inconsistent_views import (
     inconsistent_views,

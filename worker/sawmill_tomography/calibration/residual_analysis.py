@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sawmill_tomography.calibration.faults import angle_jitter, view_gain
-from sawmill_tomography.calibration.faults.adjustments import ALIKE
+from sawmill_tomography.calibration.faults.effects import ALIKE
 from sawmill_tomography.calibration.faults.structure import Structure, find_structure
 from sawmill_tomography.calibration.fit_parameters import FRAME, FitParameter
 from sawmill_tomography.calibration.joint_fit import JointFit

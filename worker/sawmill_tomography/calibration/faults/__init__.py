@@ -1,1 +1,1 @@
-"""Faults of a scan: one finding a file, each with what it looks for, its evidence, and what it does."""
+"""Faults of a scan: each with its evidence, the sentence that reports it, and what is done about it."""

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from sawmill_tomography.calibration.elimination import scaled_inverse
-from sawmill_tomography.calibration.faults.effect import Effect
+from sawmill_tomography.calibration.faults.effects import Effect
 from sawmill_tomography.calibration.normal_equations import Column
 from sawmill_tomography.calibration.scan_model import POSE, ScanModel
 from sawmill_tomography.geometry.geometry import FloatArray
