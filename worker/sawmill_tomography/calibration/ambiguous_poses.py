@@ -1,4 +1,4 @@
-"""Poses in which a body that is nearly itself turned, or seen from behind, shows almost the same sinogram."""
+"""Poses that show almost the same sinogram, because the body is nearly symmetric when turned or seen from behind."""
 
 import math
 from dataclasses import replace
@@ -24,9 +24,9 @@ Pose = tuple[Handedness, SourceFrame, tuple[float, float]]
 def ambiguous_poses(
     misfit: CoarseMisfit, found: PoseHypothesis, at: SourceFrame, position_mm: tuple[float, float]
 ) -> list[Pose]:
-    """Poses whose projection correlates with the scan in a peak of its own.
+    """Find the poses at which the correlation of projection and scan has another peak than the fit's.
 
-    In each pose the centroid stays where the fit at `at` and `position_mm` sees it.
+    In each pose the centroid stays at its place in the fit, which `at` and `position_mm` give.
     """
     some = slice(None, None, max(1, len(misfit.angles_rad) // VIEWS))
     angles, turns = found.rotation.apply(misfit.angles_rad)[some], misfit.table_rad[::2]
@@ -36,7 +36,7 @@ def ambiguous_poses(
     for other, phantom in misfit.phantoms.items():
         places = np.exp(1j * turns) * centroid - complex(*phantom.centroid_mm)
         clear = [analytic.clears(phantom.radius_mm + abs(place), at) for place in places.tolist()]
-        # All turns in one call, as if they were views.
+        # All turns are projected in one call, like views.
         where = np.repeat(places[clear], angles.size)
         views = np.add.outer(turns[clear], angles).ravel()
         model = analytic.project(phantom, misfit.cells, at, views, position_mm=np.stack([where.real, where.imag], -1))
@@ -44,7 +44,7 @@ def ambiguous_poses(
         model -= model.mean(axis=1, keepdims=True)
         spread = np.linalg.norm(model, axis=1) * np.linalg.norm(data)
         correlation = np.full(turns.size, -1.0)
-        # A pose that no view shows correlates with nothing.
+        # A pose that casts no shadow in any view has no correlation.
         correlation[clear] = np.divide(
             np.einsum("tm,m->t", model, data), spread, out=np.full(spread.size, -1.0), where=spread > 0.0
         )

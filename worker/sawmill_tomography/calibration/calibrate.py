@@ -1,4 +1,4 @@
-"""The calibration that users get: search -> fit -> joint fit -> residual -> error bars -> alternatives -> judgement."""
+"""The default calibration: search -> fit -> joint fit -> residual -> error bars -> alternatives -> judgement."""
 
 import math
 import time
@@ -29,7 +29,7 @@ from sawmill_tomography.statistics.robust import noise_of_differences
 from sawmill_vocabulary import Adjustment
 from sawmill_vocabulary.scattered_radiation import NOTHING_FOUND, BeamCorrection
 
-# A sinogram with less than this share of its power above white noise shows nothing.
+# A sinogram shows nothing when less than this share of the power is above white noise.
 LEAST_SIGNAL = 0.02
 
 
@@ -48,7 +48,7 @@ def calibrate(
     Raises
     ------
     CalibrationError
-        If no geometry explains the scan; its message gives what to look at.
+        If no geometry explains the scan; the message tells what to check.
     """
     started = time.perf_counter()
     found = search(task, seed, progress, on_step)
@@ -62,7 +62,7 @@ def calibrate(
 def conclude(
     task: CalibrationTask, basins: SearchResult, *, started: float, searched: float, on_step: OnStep = unheard
 ) -> CalibrationOutcome:
-    """From the coarse fits to the complete answer; `started` and `searched` are readings of `time.perf_counter`."""
+    """Calibrate from the coarse fits; `started` and `searched` are readings of `time.perf_counter`."""
     ranked = fit_hypotheses(task, basins.fits, on_step)
     known, metal = _without_metal(task, by_hypothesis(ranked), on_step)
     if known is not task:
@@ -117,18 +117,18 @@ def conclude(
 
 
 def _aspect_half(task: CalibrationTask, joint: JointFit) -> float:
-    """Half the difference between the phantom's directions: which is right, or whether they differ, is not known."""
+    """Return half the difference between the phantom's directions, of which the right one is not known; 0 if known."""
     if task.true_axis is not None and joint.other_reading is None:
         return 0.0
     return 0.5 * abs(joint.aspect)
 
 
 def _beam(model: ScanModel) -> BeamCorrection:
-    """The hardening and scatter of all samples that count alike, once geometry and effects are known, if any is there.
+    """Fit hardening and scatter, if there is any, to all samples with equal weights at the known geometry and effects.
 
-    The joint fit takes out what all views share, and with it much of a round phantom's hardening. Its scatter is a
-    share of what is left of the beam, which does not go over from the phantom to a log: the fit here takes it as a
-    share of what the object takes out of the beam.
+    The joint fit takes out what all views share, and with it much of a round phantom's hardening. The joint fit's
+    scatter is a share of the beam that is left behind the object, which cannot be transferred from the phantom to a
+    log: the fit here gives scatter as a share of what the object takes out of the beam.
     """
     around, wide = model.size(Term.SCATTER), model.size(Term.SCATTER_WIDE)
     hardens = model.size(Term.HARDENING) != 0.0 or model.size(Term.HARDENING_CUBIC) != 0.0
@@ -151,9 +151,9 @@ def _beam(model: ScanModel) -> BeamCorrection:
 def _without_metal(
     task: CalibrationTask, fits: Mapping[PoseHypothesis, Sequence[Fit]], on_step: OnStep
 ) -> tuple[CalibrationTask, PhantomMetal | None]:
-    """The task that knows which samples see metal, and the metal, from fits to some of the samples.
+    """Return the task with the samples that see metal, and the metal, from fits to some of the samples.
 
-    The same task where there is none and none was suspected.
+    The task is returned unchanged where no metal was found and none was suspected.
     """
     if Adjustment.METAL in task.without or not fits:
         return task, None
@@ -164,7 +164,7 @@ def _without_metal(
 
 
 def _found(task: CalibrationTask, ranked: list[RankedFit], on_step: OnStep) -> AdjustedFit:
-    """The best fit, of which nothing is adjusted yet, if it explains the scan as this phantom."""
+    """Return the best fit without adjustments, or refuse the scan if this fit does not explain it as this phantom."""
     if not ranked:
         refuse_unfound(task.scanner, task.phantom, None, 1.0)
     (handedness, rotation), fit = ranked[0]
@@ -174,11 +174,11 @@ def _found(task: CalibrationTask, ranked: list[RankedFit], on_step: OnStep) -> A
 
 
 def _unexplained(best: AdjustedFit) -> float:
-    """The share of the sinogram that the best fit leaves; white noise is not counted where it would be too much."""
-    if best.fit.relative_residual <= NOT_FOUND:  # without its noise it is less
+    """Compute the share of the sinogram that the best fit leaves, without white noise where the share is too large."""
+    if best.fit.relative_residual <= NOT_FOUND:  # the share without noise is smaller still
         return best.fit.relative_residual
     fit, residual = best.fit, best.data.sinogram - best.model
-    # Neighbouring cells share what the model lacks; what they do not share is noise.
+    # Neighbouring cells share the model's errors; the part that neighbouring cells do not share is noise.
     noise = noise_of_differences(np.diff(residual, axis=1), 1)
     total = fit.residual_rms**2 / fit.relative_residual**2 if fit.relative_residual > 0.0 else math.inf
     signal = total - noise**2

@@ -1,4 +1,4 @@
-"""The error bars of a calibration: the covariance, and the ray error that it predicts."""
+"""The error bars of a calibration: the covariance, and the predicted ray error."""
 
 from dataclasses import dataclass
 
@@ -12,22 +12,22 @@ from sawmill_tomography.geometry.ray_error import PredictedRayError, predicted_r
 
 @dataclass(frozen=True, eq=False)
 class ErrorBars:
-    """What is known of the errors.
+    """Uncertainties of a calibration.
 
     Attributes
     ----------
     covariance : Covariance
-        Of the geometry's five unknowns.
+        Covariance of the geometry's five unknowns.
     theta_covariance : (5, 5) float64 or None
-        Of theta; None where the source shift is not resolved.
+        Covariance of theta; None where the source shift is not resolved.
     predicted_ray_error : PredictedRayError
-        Inside the log's disc.
+        Predicted ray error inside the log's disc.
     inflation : float
         Factor by which the residual's correlation within views inflated the covariance; 1 for white noise.
     deviation_ratio : float
-        The standard deviations against those for white noise of the residual's RMS.
+        Ratio of the standard deviations to the ones that white noise of the residual's RMS would give.
     source_shift_resolved : bool
-        Whether the source shift differs from zero by more than its uncertainty.
+        True if the source shift differs from zero by more than its uncertainty.
     """
 
     covariance: Covariance
@@ -39,18 +39,18 @@ class ErrorBars:
 
     @property
     def theta_deviation(self) -> FloatArray | None:
-        """Standard deviations of theta, (5,); None where it has no covariance."""
+        """Standard deviations of theta, (5,); None where theta has no covariance."""
         return None if self.theta_covariance is None else np.sqrt(np.diag(self.theta_covariance))
 
     def frame_deviation(self, frame: SourceFrame) -> FloatArray:
-        """Standard deviations of (psi, R, SDD, u_c, tau, M), (6,); zero where held or unknown."""
+        """Compute standard deviations of (psi, R, SDD, u_c, tau, M), (6,); zero where held or unknown."""
         return frame_deviation(frame, self.covariance.values)
 
 
 def error_bars(
     scanner: Scanner, frame: SourceFrame, theta: Theta, statistics: ResidualStatistics, radius_mm: float
 ) -> ErrorBars:
-    """From the scatter of the parameters."""
+    """Compute the error bars from the residual's statistics, for rays inside a disc of this radius."""
     covariance = statistics.covariance.of_frame
     of_theta = theta_covariance(scanner, frame, theta, covariance.values)
     return ErrorBars(

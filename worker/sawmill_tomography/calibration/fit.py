@@ -1,8 +1,8 @@
 """Least squares on the sinogram: Levenberg-Marquardt with gain and background eliminated.
 
 min over (psi, R, SDD, u_c, tau, t_x, t_y) of || g * proj(phantom at t) + b - y ||^2, g and b in closed form (variable
-projection with Kaufman's derivative; Golub and Pereyra 2003). Every inner product that this needs comes from the
-per-view Gram matrices of `analytic.gram`, so no derivative is ever stored.
+projection with Kaufman's derivative; Golub and Pereyra 2003). All inner products come from the per-view Gram matrices
+of `analytic.gram`, so no derivative is ever stored.
 """
 
 import math
@@ -21,14 +21,14 @@ from sawmill_tomography.phantoms.phantom import Phantom
 
 @dataclass(frozen=True)
 class FittedModel:
-    """A geometry with the gain and offset that explain most of the scan at it.
+    """A geometry with the gain and offset that explain most of the scan.
 
     Attributes
     ----------
     position_mm : (float, float)
-        Where the phantom stood, x and y.
+        The phantom's position, x and y.
     residual_rms, relative_residual : float
-        In the sinogram's unit, and against the RMS of the sinogram without its mean.
+        RMS of the residual, in the sinogram's unit, and against the RMS of the sinogram without its mean.
     """
 
     frame: SourceFrame
@@ -39,18 +39,18 @@ class FittedModel:
     relative_residual: float
 
     def to_vector(self) -> FloatArray:
-        """The seven unknowns, (7,), in the order of `FitParameter`."""
+        """Return the seven unknowns, (7,), in the order of `FitParameter`."""
         return np.concatenate([to_vector(self.frame), self.position_mm])
 
 
 @dataclass(frozen=True)
 class Fit(FittedModel):
-    """Where least squares ended.
+    """The end point of least squares.
 
     Attributes
     ----------
     covariance : Covariance
-        Of the seven unknowns for white noise of the residual's size.
+        Covariance of the seven unknowns for white noise of the residual's size.
     """
 
     covariance: Covariance
@@ -58,18 +58,18 @@ class Fit(FittedModel):
     iterations: int
 
 
-# A fit ends where a step would gain less than this share of one sample's variance, a tenth of a standard deviation, or
-# of this share of the data's power, where that is larger.
+# A fit ends where a step would gain less than the share NO_GAIN of one sample's variance (a tenth of a standard
+# deviation). The residual's power counts as at least the share ROUNDING of the data's power.
 NO_GAIN, ROUNDING = 0.01, 1e-14
-# A step that lowers the sum of squares by less than this share of it is slow.
+# A step is slow when it lowers the sum of squares by less than this share.
 SLOW = 0.2
 
-# Called at each step of fits, whose number is not known beforehand.
+# Called at each step of a fit; the number of steps is not known beforehand.
 OnStep = Callable[[], None]
 
 
 def unheard() -> None:
-    """For those who need not know of steps."""
+    """Ignore the steps of a fit."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ class _Normal:
 
 
 def _eliminate(grams: FloatArray) -> _Normal | None:
-    """Project what is linear out of derivatives and data; None where the model shows nothing."""
+    """Project the linear terms out of derivatives and data; None where the model shows nothing."""
     try:
         schur, solved = reduce(grams, [*FitParameter, GramTerm.DATA])
     except np.linalg.LinAlgError:  # the model is zero, or the same everywhere
@@ -102,7 +102,10 @@ def _eliminate(grams: FloatArray) -> _Normal | None:
 
 
 def _normal_equations(phantom: Phantom, data: SinogramData, x: FloatArray) -> _Normal | None:
-    """At a vector x (7,) in the order of `FitParameter`; None where no such geometry exists or it shows nothing."""
+    """Compute the normal equations at a vector x (7,) in the order of `FitParameter`.
+
+    The result is None where no such geometry exists, or where the phantom has no shadow on the detector.
+    """
     if not np.isfinite(x).all() or abs(x[FitParameter.TILT]) > 1.4 or not 0.0 < x[FitParameter.R] < x[FitParameter.SDD]:
         return None
     try:
@@ -122,23 +125,23 @@ def refine(
     hopeless: float = math.inf,
     on_step: OnStep = unheard,
 ) -> Fit | None:
-    """Go from an initial guess in the right basin to its minimum.
+    """Go from an initial guess in the right basin to the basin's minimum.
 
     Parameters
     ----------
     phantom : Phantom
-        As this hypothesis of handedness sees it.
+        The phantom as this hypothesis of handedness sees it.
     start : SourceFrame
-        Where to begin; with `fixed_source_distance` R stays there.
+        The initial guess; with `fixed_source_distance` R is not changed.
     hopeless : float
-        The relative residual above which the fit ends with its first slow step.
+        The relative residual above which the fit ends with the first slow step.
     on_step : callable
         Called at each iteration.
 
     Returns
     -------
     Fit or None
-        None where the guess explains nothing: no shadow on the detector, or a gain that is not positive.
+        None where the guess explains nothing: the phantom has no shadow on the detector, or the gain is not positive.
     """
     centre = float(np.average(data.sinogram, weights=data.weights))
     centred = replace(data, sinogram=data.sinogram - centre)

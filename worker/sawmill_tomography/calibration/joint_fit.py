@@ -1,8 +1,8 @@
 """The geometry and every effect that the scan shows, fitted together by generalised least squares.
 
-Gauss and Newton's steps from the plain fit. At each point every effect of `faults.effects` is tested by its own
-pattern; one that chance does not explain joins the fit. What is beyond chance but not fitted adds its bias to the
-covariance.
+The fit takes Gauss-Newton steps from the plain fit. At each point every effect of `faults.effects` is tested by its own
+pattern; an effect that chance does not explain joins the fit. An effect that is beyond chance but not fitted adds a
+bias to the covariance.
 """
 
 import math
@@ -34,29 +34,29 @@ from sawmill_vocabulary import Adjustment, TrueAxis
 
 ROUNDS = 12
 VIEW_ROUNDS = 3
-# Effects join in the first rounds, this number of them in each: what they explain together is only known to first
-# order.
+# Effects join in the first JOINING rounds, at most MOST_AT_ONCE in each: what several effects explain together is only
+# known to first order.
 JOINING, MOST_AT_ONCE = 6, 2
-# A fit that ends before a step is small is good enough where the next one would move the geometry by no more than this
-# many of its standard deviations, squared.
+# A fit that ends before a step is small is good enough where the next step would move the geometry by no more than
+# this many standard deviations, squared.
 TOLERABLE = 25.0
 MOST_SLIPS = 2
 
 
 @dataclass(eq=False)
 class Fitted:
-    """An effect in the fit, or tried.
+    """An effect that is fitted or tested.
 
     Attributes
     ----------
     trials : float
-        Number of places at which it was looked for.
+        Number of places at which the effect was searched: the views, for a slip.
     declined : bool
-        It is not to join: other effects explained it, or it was not to be fitted.
+        The effect must not join the fit: other effects explained it, or the user switched it off.
     sizes : (columns,) float64
-        Of its columns.
+        Sizes of the effect's columns.
     places : list of int
-        Of its columns in the system at hand.
+        Indices of the effect's columns in the current system.
     """
 
     effect: Effect
@@ -67,20 +67,20 @@ class Fitted:
     places: list[int] = field(init=False, default_factory=list)
 
     def __post_init__(self) -> None:
-        """Nothing yet."""
+        """Set all sizes to 0."""
         self.sizes = np.zeros(len(self.columns))
 
 
 @dataclass(frozen=True, eq=False)
 class OtherReading:
-    """An effect that explains what a fitted one does, so that the scan does not tell which of them is there.
+    """An effect that explains the scan as well as a fitted effect, so that the scan does not show which is real.
 
     Attributes
     ----------
     sizes : (columns,) float64
-        Of the other effect's columns, if it were fitted in the other's place.
+        Sizes of the columns of `other`, if `other` were fitted instead of `fitted`.
     bias : (base,) float64
-        Change of all else that is fitted if it were.
+        Change of all remaining fitted columns in that case.
     """
 
     fitted: Fitted
@@ -91,18 +91,20 @@ class OtherReading:
 
 @dataclass(frozen=True, eq=False)
 class JointFit:
-    """Where it ended.
+    """The end point of the joint fit.
 
     Attributes
     ----------
-    fitted : effects in the fit.
+    fitted : tuple of Fitted
+        Effects in the fit.
     system : System
-        At the end, of all columns; `used` are those fitted, `change` the last step's.
-    beyond_chance : effects that are beyond chance and not fitted, and the test of each.
+        Normal equations of all columns at the end; `used` are the fitted columns, `change` is the last step.
+    beyond_chance : tuple of (Fitted, EffectTest)
+        Effects that are beyond chance and not fitted, with the test of each.
     other_reading : OtherReading or None
-        None where no fitted effect may stand for another.
+        None where no other effect explains the scan as well as a fitted one.
     angle_variance : float
-        By which the views' angles scatter, rad^2; 0 where they do not.
+        Variance of the views' angles, rad^2; 0 where the angles do not scatter.
     """
 
     model: ScanModel
@@ -119,20 +121,20 @@ class JointFit:
 
     @property
     def biases(self) -> list[FloatArray]:
-        """What the fitted columns would be off by, the geometry's first, for each effect that may be there instead."""
+        """Errors of the fitted columns, the geometry's first, for each effect that may be real and is not fitted."""
         beyond_chance = [test.bias for _, test in self.beyond_chance]
         return beyond_chance if self.other_reading is None else [*beyond_chance, self.other_reading.bias]
 
     @property
     def aspect(self) -> float:
-        """By how much the phantom is longer in x than in y, if that is what the scan shows; a share."""
+        """Share by which the phantom is longer in x than in y, if that is what the scan shows."""
         other = self.other_reading
         if other is not None and other.other.effect is DEFORMATION:
             return float(other.sizes[0])
         return self.model.size(Term.ASPECT)
 
     def without(self, one: Fitted) -> tuple[list[Column], FloatArray]:
-        """The other columns, and what they would be off by if an effect were not fitted."""
+        """Return the fitted columns without an effect's, and their errors if the effect were not fitted."""
         columns = self.system.columns
         rest = [i for i in self.used if i not in one.places]
         off = self.system.inverse(rest) @ self.system.normal[np.ix_(rest, one.places)] @ one.sizes
@@ -140,7 +142,7 @@ class JointFit:
 
 
 def fit_jointly(prepared: AdjustedFit, without: Collection[Adjustment] = (), on_step: OnStep = unheard) -> JointFit:
-    """From the plain fit; effects in `without` are tested, and not fitted."""
+    """Fit geometry and effects from the plain fit; effects in `without` are tested, and not fitted."""
     fitter = _JointFitter(prepared, frozenset(without))
     while fitter.rounds < ROUNDS and not fitter.round():
         on_step()
@@ -150,7 +152,7 @@ def fit_jointly(prepared: AdjustedFit, without: Collection[Adjustment] = (), on_
 def fit_consistent_views(
     prepared: AdjustedFit, without: Collection[Adjustment] = (), on_step: OnStep = unheard
 ) -> tuple[AdjustedFit, JointFit]:
-    """As `fit_jointly`, without the few views that the fit to the others does not explain."""
+    """Fit as `fit_jointly` does, leaving out the few views that a fit to the remaining views does not explain."""
     joint = fit_jointly(prepared, without, on_step)
     found = np.zeros(len(prepared.data.sinogram), bool)
     for _ in range(VIEW_ROUNDS if Adjustment.OUTLIERS not in without else 0):
@@ -167,7 +169,7 @@ def fit_consistent_views(
 
 
 class _JointFitter:
-    """The model on its way, the effects in it and those that wait."""
+    """The current model, the effects in the model and the effects that may still join."""
 
     def __init__(self, prepared: AdjustedFit, without: frozenset[Adjustment]) -> None:
         start, views = prepared.fit, len(prepared.data.sinogram)
@@ -194,7 +196,7 @@ class _JointFitter:
         self.rounds = 0
 
     def round(self) -> bool:
-        """One step, after the effects that stand out have joined; whether the fit has ended."""
+        """Let significant effects join, and take one step; return whether the fit has ended."""
         self.rounds += 1
         grams, free = self._linearised()
         system, tried, used = self._system(grams, free)
@@ -218,7 +220,7 @@ class _JointFitter:
         return self.converged
 
     def result(self) -> JointFit:
-        """Where it ended."""
+        """Return the end point of the fit."""
         system, tried, used, change, tests = self.last
         allowed = [one for one in tried if one.effect.adjustment not in self.without]
         other = _other_reading(system, used, self.fitted, allowed)
@@ -242,7 +244,7 @@ class _JointFitter:
         )
 
     def _linearised(self) -> tuple[ViewGrams, list[Column]]:
-        """The derivatives' inner products, random effects of the views taken out, and the columns always fitted."""
+        """Compute the derivatives' inner products, without views' random effects, and the columns always fitted."""
         grams = ViewGrams(self.model)
         if not self.model.view_gain and Adjustment.VIEW_GAIN not in self.without and views_differ(grams):
             self.model = self.model.with_view_gains(grams.weights)
@@ -258,7 +260,10 @@ class _JointFitter:
         return grams, self.base
 
     def _system(self, grams: ViewGrams, free: list[Column]) -> tuple[System, list[Fitted], list[int]]:
-        """Normal equations of all columns; the effects to be tried, the likeliest slip among them; what is fitted."""
+        """Return the normal equations of all columns, the effects to be tested, and the indices of the fitted columns.
+
+        The likeliest slip is among the effects to be tested.
+        """
         tried = list(self.waiting)
         base = [*free, *(column for one in self.fitted for column in one.columns)]
         used = list(range(len(base)))
@@ -277,7 +282,10 @@ class _JointFitter:
     def _join(
         self, system: System, tried: Sequence[Fitted], used: list[int]
     ) -> tuple[list[Fitted], list[tuple[Fitted, EffectTest]]]:
-        """Those that join, each time the one that explains most, and the tests of the rest; `used` grows by columns."""
+        """Let effects join, each time the one that explains most; return the new effects, and the tests of the rest.
+
+        The columns of the new effects are appended to `used`.
+        """
         joined: list[Fitted] = []
         while True:
             beside = Beside(system, used)
@@ -293,7 +301,10 @@ class _JointFitter:
         return joined, tests
 
     def _settled(self, system: System, used: list[int], change: FloatArray) -> bool:
-        """Whether every effect is still needed, angles scatter no more, and intensities are averaged as modelled."""
+        """Return whether every effect is needed, all scatter of angles is fitted, and averaging follows the model.
+
+        Where something is missing, the model is changed and the fit continues.
+        """
         dropped = [one for one in self.fitted if not _needed(system, used, one)]
         for one in dropped:
             self.model = moved(self.model, one.columns, -one.sizes)
@@ -312,7 +323,7 @@ class _JointFitter:
 
 
 def _averaged_anew(model: ScanModel, before: FloatArray) -> ScanModel:
-    """With the averaging of intensities of the model as it is now."""
+    """Compute the averaging of intensities for the current model, and put it into the sinogram instead of `before`."""
     data = model.data
     position = model.pose[:, 1:] + model.x[[FitParameter.T_X, FitParameter.T_Y]]
     turned = replace(data, angles_rad=data.angles_rad + model.pose[:, 0])
@@ -321,7 +332,7 @@ def _averaged_anew(model: ScanModel, before: FloatArray) -> ScanModel:
 
 
 def _needed(system: System, used: list[int], one: Fitted) -> bool:
-    """Whether an effect is still far beyond chance beside the others."""
+    """Return whether an effect is still far beyond chance next to the rest of the fit."""
     rest = [i for i in used if i not in one.places]
     return Beside(system.without(one.places, one.sizes), rest).tested(one.places).is_fitted(one.trials)
 
@@ -329,7 +340,7 @@ def _needed(system: System, used: list[int], one: Fitted) -> bool:
 def _other_reading(
     system: System, used: list[int], fitted: Sequence[Fitted], tried: Sequence[Fitted]
 ) -> OtherReading | None:
-    """Find what may be there instead of a fitted effect: the other of `ALIKE`, if it leaves nothing of that effect."""
+    """Find an effect that may be real instead of a fitted one: the second of `ALIKE`, if it leaves nothing to fit."""
     pair = [one for one in (*fitted, *tried) if one.effect in ALIKE]
     one = next((one for one in pair if one in fitted), None)
     other = next((one for one in pair if one not in fitted), None)
@@ -345,9 +356,9 @@ def _other_reading(
 
 
 def as_fit(joint: JointFit, covariance: Covariance, true_axis: TrueAxis | None, source_to_cor_mm: float) -> Fit:
-    """What is reported of it; its millimetres are those of the drawing's true axis, or of the mean of both.
+    """Return the fit to report; millimetres are measured by the drawing's true axis, or by the mean of both axes.
 
-    Where the true axis would put the source nearer than r_S, the source stays there.
+    Where the true axis would put the source nearer than r_S, the source stays at r_S.
     """
     model, data = joint.model, joint.model.data
     rms = math.sqrt(float(np.average(model.residual**2, weights=data.weights)))
@@ -371,7 +382,7 @@ def as_fit(joint: JointFit, covariance: Covariance, true_axis: TrueAxis | None, 
 
 
 def _within(joint: JointFit, covariance: Covariance) -> bool:
-    """Whether the last step moved no parameter of the geometry by more than a standard deviation of its error bars."""
+    """Return whether the last step moved every parameter of the geometry by at most one standard deviation."""
     deviations = np.sqrt(np.diag(covariance.values))
     changes = zip(joint.system.columns, joint.change.tolist(), strict=True)
     return all(abs(size) <= deviations[column.parameter] for column, size in changes if column.parameter is not None)

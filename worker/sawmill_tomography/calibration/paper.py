@@ -1,7 +1,7 @@
 """The published calibration: differential evolution on the correlation of FBP images (arXiv 2206.14444).
 
 J(theta) = -max(<X_ref, FBP_theta>, <mirror X_ref, FBP_theta>), best/1/bin, crossover 0.7, mutation dithered in
-[0.5, 1]. It is here to be compared with; it gives no error bars.
+[0.5, 1]. The method serves comparisons, and gives no error bars.
 """
 
 import math
@@ -82,7 +82,7 @@ class PaperSettings:
 
 
 def remove_background(sinogram: FloatArray) -> FloatArray:
-    """The sinogram less its air level, the median of its lowest tenth of range: a constant background biases J."""
+    """Subtract the air level, the median of the lowest tenth of the range: a constant background biases J."""
     low, high = np.percentile(sinogram, [1.0, 99.0])
     air = sinogram[sinogram <= low + 0.1 * (high - low)]
     return sinogram - float(np.median(air))
@@ -103,7 +103,7 @@ class PaperObjective:
 
     @property
     def scale(self) -> float:
-        """-J of a perfect answer."""
+        """Value of -J for a perfect answer."""
         if self._options.correlation == "normalised":
             return 1.0
         if self._options.objective == "projection":
@@ -111,14 +111,14 @@ class PaperObjective:
         return float(max((reference**2).sum() for reference in self._references.values()))
 
     def __call__(self, vector: FloatArray) -> float:
-        """J at (alpha0, r_D, h_S, h_D, alpha_D); 0, no correlation, where no such scanner can be."""
+        """Evaluate J at (alpha0, r_D, h_S, h_D, alpha_D); 0, no correlation, where no such scanner can be."""
         return -max(self.correlations(Theta.from_vector(vector)).values())
 
     def correlations(self, theta: Theta) -> dict[Handedness, float]:
-        """The correlation with the phantom as drawn and from behind."""
+        """Compute the correlation with the phantom as drawn and from behind."""
         try:
             pairs = self._image_pairs(theta) if self._options.objective == "image" else self._sinogram_pairs(theta)
-        except GeometryError:  # the search box of theta holds scanners whose source stands inside the field
+        except GeometryError:  # the search box of theta holds scanners whose source is inside the field
             return dict.fromkeys(self._phantoms, 0.0)
         return {h: self._correlation(a, b) for h, (a, b) in pairs.items()}
 
@@ -154,14 +154,14 @@ def calibrate_as_published(
     earlier: Evaluations | None = None,
     on_computed: Callable[[RecallingObjective], None] | None = None,
 ) -> CalibrationOutcome:
-    """The published search, seeded. The rotation is taken as given unless the task says otherwise.
+    """Calibrate by the published search, with a seed; the view angles count as given unless the task has a rotation.
 
     Parameters
     ----------
     earlier : Evaluations, optional
-        Of the same search, which was ended: it goes on from there to the same answer, bit for bit.
+        Evaluations of the same search before it was stopped: the search continues to the same answer, bit for bit.
     on_computed : callable, optional
-        Called after each evaluation of the objective with what has them all.
+        Called after each evaluation of the objective, with the object that has all evaluations.
 
     Raises
     ------
@@ -278,7 +278,7 @@ def _judgement(unexplained: float, *, rotation_given: bool) -> Judgement:
 def _explain(
     task: CalibrationTask, handedness: Handedness, rotation: Rotation, theta: Theta
 ) -> tuple[float, float, FloatArray]:
-    """Gain, offset and the model sinogram that explain most of the data at theta."""
+    """Compute the gain, offset and model sinogram that explain most of the data at theta."""
     data = task.full_data(rotation)
     frame = theta.source_frame(task.scanner.source_to_cor_mm)
     shadow = analytic.project(

@@ -1,4 +1,4 @@
-"""The multi-start search: initial guesses, each fitted to a coarse sinogram, until one explains the scan."""
+"""The multi-start search: initial guesses are fitted to a coarse sinogram until one fit explains the scan."""
 
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -16,28 +16,29 @@ from sawmill_tomography.calibration.sinogram_data import SinogramData
 from sawmill_tomography.calibration.task import CalibrationTask, PoseHypothesis
 from sawmill_tomography.geometry.geometry import FloatArray, GeometryError, SourceFrame
 
-# A coarse fit that leaves less than this unexplained ends the search. Otherwise random guesses are added, in rounds of
-# these sizes.
+# A coarse fit that leaves less than the share EXPLAINED of the sinogram ends the search. Otherwise random guesses are
+# added, in rounds of these sizes.
 EXPLAINED = 0.05
 RANDOM_GUESSES = (64, 256)
-# Guesses of each hypothesis that are fitted, and the iterations of each fit: the fit to all the data does the rest.
+# Number of guesses of each hypothesis that are fitted, and iterations of each fit: the fit to all the data does the
+# rest.
 GUESSES_FITTED = 2
 COARSE_ITERATIONS = 20
 
-# Receives the round of the search, the number of rounds at most, and the least relative residual so far.
+# Receives the round of the search, the largest number of rounds, and the least relative residual so far.
 SearchCallback = Callable[[int, int, float], None]
 
 
 @dataclass(frozen=True)
 class SearchReport:
-    """How the basin was found.
+    """Report on the search.
 
     Attributes
     ----------
     best_value : float
-        The objective's: the relative residual here, minus the correlation in the published search.
+        Best value of the objective: the relative residual here, minus the correlation in the published search.
     history : tuple of (int, float)
-        The evaluations made and the best value so far, each time that it became better.
+        Number of evaluations and best value so far, each time that the value improved.
     """
 
     method: str
@@ -51,14 +52,14 @@ class SearchReport:
 
     @staticmethod
     def note(history: list[tuple[int, float]], evaluations: int, value: float) -> None:
-        """Add a value to a history in the making, if it is better than all before it."""
+        """Add a value to a growing history, if the value is better than all earlier values."""
         if not history or value < history[-1][1]:
             history.append((evaluations, value))
 
 
 @dataclass(frozen=True)
 class SearchResult:
-    """Coarse fits of each hypothesis, best first: where least squares on all the data begins."""
+    """Coarse fits of each hypothesis, best first: the starting points of least squares on all the data."""
 
     fits: Mapping[PoseHypothesis, Sequence[Fit]]
     report: SearchReport
@@ -67,7 +68,7 @@ class SearchResult:
 def search(
     task: CalibrationTask, seed: int, on_round: SearchCallback | None = None, on_step: OnStep = unheard
 ) -> SearchResult:
-    """Coarse fits of each hypothesis; guesses are added until one of them explains the scan.
+    """Make coarse fits of each hypothesis, adding guesses until a fit explains the scan.
 
     Raises
     ------
@@ -131,7 +132,7 @@ def _improve(
     history: list[tuple[int, float]],
     on_step: OnStep,
 ) -> None:
-    """Fit the best guesses of each hypothesis coarsely, and keep each fit that beats the one before it."""
+    """Fit the best guesses of each hypothesis coarsely, and keep each fit that is better than the last."""
     scored: dict[PoseHypothesis, list[Candidate]] = {}
     for guess in guesses:
         on_step()
@@ -144,7 +145,7 @@ def _improve(
         for candidate in sorted(candidates, key=lambda c: c.misfit)[:GUESSES_FITTED]
     ]
     for hypothesis, candidate in sorted(chosen, key=lambda pair: pair[1].misfit):
-        # Once the scan is explained, one guess shows what another hypothesis makes of it.
+        # After a fit explains the scan, one guess of each other hypothesis is enough.
         if hypothesis in fits and _least(fits.values()) < EXPLAINED:
             continue
         fit = _coarse_fit(misfit, hypothesis, candidate.frame, (0.0, 0.0), fits.values(), on_step)
@@ -166,7 +167,7 @@ def _coarse_fit(
     others: Collection[Fit],
     on_step: OnStep,
 ) -> Fit | None:
-    """Fit a guess to the coarse sinogram, as long as it may contend with a fit among others that explains the scan."""
+    """Fit a guess to the coarse sinogram, as long as the guess may compete with a fit of `others`."""
     least = _least(others)
     return refine(
         misfit.phantoms[hypothesis.handedness],
@@ -182,7 +183,7 @@ def _coarse_fit(
 def _with_ambiguous_poses(
     found: dict[PoseHypothesis, Fit], misfit: CoarseMisfit, on_step: OnStep
 ) -> dict[PoseHypothesis, list[Fit]]:
-    """Beside the fits found, those from poses in which the best fit's body looks almost the same."""
+    """Add fits that start from poses in which the best fit's body looks almost the same."""
     fits = {hypothesis: [fit] for hypothesis, fit in found.items()}
     if not fits:
         return fits

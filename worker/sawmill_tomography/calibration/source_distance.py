@@ -1,4 +1,4 @@
-"""The source distance R, which no theta allows to be less than the known r_S: held there where the free fit is less."""
+"""The source distance R: held at the known r_S where the free fit gives less, since theta exists only for R >= r_S."""
 
 import math
 from dataclasses import dataclass, replace
@@ -18,7 +18,7 @@ from sawmill_tomography.geometry.geometry import SourceFrame
 
 @dataclass(frozen=True)
 class SourceDistance:
-    """How R was found.
+    """The source distance of the free fit, and whether R was held.
 
     Attributes
     ----------
@@ -27,7 +27,8 @@ class SourceDistance:
     held : bool
         R was held at r_S, because the free fit gave less.
     deficit_deviations : float
-        By how many standard deviations, the stated size's included, the free R is less than r_S; 0 where it is not.
+        Deficit of the free R against r_S, in standard deviations that include the phantom's size tolerance; 0 where
+        the free R is at least r_S.
     """
 
     unconstrained_mm: float
@@ -38,16 +39,16 @@ class SourceDistance:
 def with_theta(
     task: CalibrationTask, prepared: AdjustedFit, on_step: OnStep = unheard
 ) -> tuple[AdjustedFit, JointFit, ResidualStatistics, SourceDistance]:
-    """The free fit, or the one with R = r_S where the free one has no theta (docs/conventions.md#theta).
+    """Fit freely, or with R = r_S where the free fit has no theta (docs/conventions.md#theta).
 
-    The covariance of a fit that was held is the free one's, and what holding it moved: R of the scanner may be larger
-    than r_S, or r_S itself be off, and R and SDD are then off together. The scan knows their ratio far better than
-    either, so R's row stays in.
+    The covariance of a held fit is the free fit's covariance plus the square of the change that holding made: the
+    scanner's R may be larger than r_S, or r_S itself be wrong, and R and SDD then have errors together. The scan
+    determines the ratio of R and SDD far better than either distance, so R's row stays in the covariance.
 
     Raises
     ------
     CalibrationError
-        If the free R is no scanner's, or no fit exists with R = r_S.
+        If the free R is impossible for this scanner, or no fit exists with R = r_S.
     """
     prepared, free = fit_consistent_views(prepared, task.without, on_step)
     r_s, frame = task.scanner.source_to_cor_mm, free.model.frame

@@ -1,4 +1,4 @@
-"""A calibration once the log beside its phantom was heard: geometry, error bars and judgement follow from both."""
+"""A calibration with the log next to the phantom: geometry, error bars and judgement follow from both bodies."""
 
 from dataclasses import replace
 
@@ -22,7 +22,7 @@ POSITION = [FitParameter.T_X, FitParameter.T_Y]
 
 
 def with_log(calibration: CalibrationOutcome, log_sinogram: FloatArray) -> CalibrationOutcome:
-    """The calibration with the log as its second witness; unchanged where it has no error bars.
+    """Add the log as a second witness to a calibration; without error bars the calibration is returned unchanged.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ def with_log(calibration: CalibrationOutcome, log_sinogram: FloatArray) -> Calib
     Raises
     ------
     DriftError
-        The log shows nothing: too few views, a log too round, or one that reaches an end of the detector.
+        If the log shows nothing: too few views, a log too round, or a log that reaches an end of the detector.
     """
     evidence, task = calibration.evidence, calibration.task
     if evidence is None:
@@ -54,24 +54,24 @@ def with_log(calibration: CalibrationOutcome, log_sinogram: FloatArray) -> Calib
 def _ask_log(
     scanner: Scanner, sinogram: FloatArray, angles_rad: FloatArray, frame: SourceFrame, rotation: Rotation
 ) -> LogAnswer:
-    """What a log's sinogram (views, detector) gives near the phantom's answer, by opposite rays or pairs of views.
+    """Fit u_c and tau to a log's sinogram (views, detector) near the phantom's answer, by opposite rays or view pairs.
 
     Raises
     ------
     DriftError
-        The views are too few, or this log does not show the two.
+        If the views are too few, or this log does not show u_c and tau.
     """
     fit = detector_fit(scanner, sinogram, angles_rad, frame, rotation)
     sensitivity, covariance = _at_known_distance(fit)
     seen = np.array([fit.cor_column_mm, fit.tilt_rad])
     seen += sensitivity * (frame.source_to_detector_mm - fit.source_to_detector_mm)
     turned = fit.rotation if fit.rotation_decided else rotation
-    # Pairs of views refuse a log that moves far, and do not tell where it jumped a little.
+    # Pairs of views refuse a log that moves far, and do not show where a log jumped a little.
     return LogAnswer(seen, covariance, sensitivity, turned, fit.movement if isinstance(fit, ConjugateFit) else None)
 
 
 def _at_known_distance(fit: DetectorFit) -> tuple[FloatArray, FloatArray]:
-    """Change of (u_c, tau) per mm of SDD, (2,), and their covariance (2, 2) where SDD is known."""
+    """Compute the change of (u_c, tau) per mm of SDD, (2,), and the covariance (2, 2) of both at a known SDD."""
     if fit.distance_held:
         return fit.distance_sensitivity, fit.covariance[:2, :2]
     sensitivity = fit.covariance[:2, 2] / fit.covariance[2, 2]
@@ -106,7 +106,7 @@ def _following(calibration: CalibrationOutcome, evidence: Evidence, witness: Log
 
 
 def _moved(fit: Fit, witness: LogWitness) -> Fit:
-    """The fit with the geometry of both, and the phantom where its rows put it with that u_c and tau."""
+    """Return the fit with the geometry of both bodies, and the phantom's position that fits this u_c and tau."""
     frame = SourceFrame.from_vector(witness.vector)
     values = fit.covariance.values
     own = values[np.ix_(BOTH, BOTH)]

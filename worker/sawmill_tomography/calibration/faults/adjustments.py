@@ -11,7 +11,7 @@ BEFORE: tuple[EffectFinding, ...] = (INTENSITY_AVERAGING, OUTLIERS)
 
 
 def prepare(now: AdjustedFit, without: Collection[Adjustment] = ()) -> AdjustedFit:
-    """Go from the plain fit to the one that effects are fitted from; faults in `without` are not looked for."""
+    """Adjust the plain fit to faults, as the start of the joint fit; faults in `without` are not searched."""
     for finding in BEFORE:
         if finding.adjustment not in without:
             now = finding.adjust(now)

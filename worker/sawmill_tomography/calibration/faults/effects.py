@@ -1,6 +1,7 @@
 """Effects that may be fitted with the geometry: one table of what each adds to the model, reports and advises.
 
-An effect is fitted where the scan shows it (`selection.py`). A slip has a view of its own, and so a file of its own.
+An effect is fitted where the scan shows it (`selection.py`). The effect of a slip, which depends on the view, is in
+`slip.py`.
 """
 
 import math

@@ -1,4 +1,4 @@
-"""A cell of counts averages intensities over its rays, where the model averages paths."""
+"""Intensity averaging: a cell of counts averages intensities over its rays, where the model averages paths."""
 
 from dataclasses import replace
 
@@ -18,9 +18,9 @@ ROUNDS = 2
 
 
 def _adjust(now: AdjustedFit) -> AdjustedFit:
-    """Add the difference to the sinogram, from the fit itself, and repeat the fit.
+    """Add the difference, computed from the fit itself, to the sinogram and repeat the fit.
 
-    Without it, edges along the rays would pull the geometry.
+    Without this correction, edges along the rays would bias the geometry.
     """
     if not now.from_counts or now.data.rays_per_cell == 1:  # a cell of one ray averages nothing
         return now
@@ -39,7 +39,7 @@ def _adjust(now: AdjustedFit) -> AdjustedFit:
 def averaging(
     phantom: Phantom, data: SinogramData, frame: SourceFrame, *, position_mm: Position, gain: FloatArray | float
 ) -> FloatArray:
-    """mean(p) + ln(mean(exp(-p))) over each cell's rays, (views, cells), of p in the data's unit."""
+    """Compute mean(p) + ln(mean(exp(-p))) over each cell's rays, (views, cells), for p in the data's unit."""
     cells = data.cells
     fine = DetectorCells(cells.first_border_mm, cells.width_mm / FINE_RAYS, cells.count * FINE_RAYS)
     rays = analytic.project(phantom, fine, frame, data.angles_rad, position_mm=position_mm, rays_per_cell=1)

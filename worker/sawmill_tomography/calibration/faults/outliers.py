@@ -1,4 +1,4 @@
-"""Samples that the model cannot explain: dead and hot cells, corrupt views. They lose weight."""
+"""Outliers: samples of dead and hot cells and of corrupt views, which the model cannot explain, lose weight."""
 
 from dataclasses import replace
 
@@ -10,16 +10,16 @@ from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.statistics.robust import robust_deviation
 from sawmill_vocabulary import Adjustment
 
-# In robust standard deviations: beyond it a sample loses weight.
+# A residual of more robust standard deviations makes a sample lose weight.
 OUTLIER = 4.0
-# The shadow proper, as a share of its depth.
+# The least depth of the shadow proper, as a share of the largest.
 SHADOW = 0.02
-# Outliers are reweighted when they hold this share of the residual's power.
+# Outliers are reweighted when they have this share of the residual's power.
 OUTLIER_POWER = 0.25
-# They are a fault of the scan, and no model error, when most of their power (FAULT_SHARE) lies in cells, or in views,
-# of which more than the share WHOLE is outlying (tests/tomography/calibration/test_adjust.py).
+# Outliers are a fault of the scan, and not a model error, when most of their power (FAULT_SHARE) lies in cells, or in
+# views, with more than the share WHOLE of outlying samples (tests/tomography/calibration/test_adjust.py).
 WHOLE, FAULT_SHARE = 0.2, 0.7
-# The first fit was still pulled by the outliers.
+# The fit is repeated, since outliers bias the first fit.
 ROUNDS = 2
 
 
@@ -46,9 +46,9 @@ def _adjust(now: AdjustedFit) -> AdjustedFit:
 
 
 def _deviation(now: AdjustedFit, residual: FloatArray, used: FloatArray) -> float:
-    """The residual's robust standard deviation in the shadow, at least what the phantom's size tolerance leaves.
+    """Compute the residual's robust standard deviation in the shadow, at least what the size tolerance leaves.
 
-    Air does not count: it may be free of noise, and is the most of a sinogram.
+    Air does not count: air may be free of noise, and covers most of a sinogram.
     """
     depth = float(np.ptp(now.model))
     shadowed = residual[(now.model > now.fit.offset + SHADOW * depth) & (used > 0.0)]
@@ -57,7 +57,7 @@ def _deviation(now: AdjustedFit, residual: FloatArray, used: FloatArray) -> floa
 
 
 def _is_a_fault(power: FloatArray, outlying: NDArray[np.bool_]) -> bool:
-    """Whether outliers are whole cells or whole views, as faults are; elsewhere the model is wrong."""
+    """Return whether outliers are whole cells or whole views, as with faults; otherwise the model is wrong."""
     cells = power[:, outlying.mean(axis=0) > WHOLE].sum()
     views = power[outlying.mean(axis=1) > WHOLE].sum()
     return bool(max(cells, views) > FAULT_SHARE * power.sum())
