@@ -128,17 +128,17 @@ def _by_blur(blurred, from_counts, row):
 
 
 @njit(fastmath=_FAST)
-def _of_intensities(around, wide, lagging, beside, row):
+def _of_intensities(around, wide, lagging, added, row):
     """Divide the rows by the measured intensity, and fill the rows of scatter and lag, which add to a cell's own."""
     cells = row.shape[1]
-    if beside.any():
+    if added.any():
         for p in range(_SLOPE):
             for m in range(cells):
-                row[p, m] /= 1.0 + beside[m]
+                row[p, m] /= 1.0 + added[m]
     for m in range(cells):
-        row[_SCATTER, m] = -around[m] / (1.0 + beside[m])
-        row[_SCATTER + 1, m] = -wide[m] / (1.0 + beside[m])
-        row[_SCATTER + 2, m] = -lagging[m] / (1.0 + beside[m])
+        row[_SCATTER, m] = -around[m] / (1.0 + added[m])
+        row[_SCATTER + 1, m] = -wide[m] / (1.0 + added[m])
+        row[_SCATTER + 2, m] = -lagging[m] / (1.0 + added[m])
 
 
 @njit(parallel=True, cache=True, fastmath=_FAST)
@@ -176,8 +176,8 @@ def inner_products(
     edges, discs, frame, t_x, t_y, angles, u_first, pitch, rays = geometry
     grams, scores, sums, kept, neighbours = products
     views, cells = residual.shape
-    around, wide, lagging, beside = intensities
-    from_counts = len(beside) > 0
+    around, wide, lagging, added = intensities
+    from_counts = len(added) > 0
     count = TERMS if from_counts else _SCATTER
     for block in prange(sums.shape[0]):
         raw, row = np.empty((ROWS, cells)), np.zeros((TERMS + ROWS_AT_ONCE, cells))
@@ -206,7 +206,7 @@ def inner_products(
                 row[_SLOPE, m] = across
                 row[_CURVATURE, m] = across * across
             if from_counts:
-                _of_intensities(around[k], wide[k], lagging[k], beside[k], row)
+                _of_intensities(around[k], wide[k], lagging[k], added[k], row)
             for m in range(cells):
                 chain[m] = math.sqrt(weights[k, m])
                 row[count, m] = chain[m] * (residual[k, m] - stripes[m])
@@ -258,12 +258,12 @@ def combine(terms, shapes, grams, scores, grams_of_columns, scores_of_columns):
 
 
 @njit(cache=True, fastmath=_FAST)
-def whiten(grams, of_base, scores, base, first, white, carried, change, white_scores, information):
+def whiten(grams, of_base, scores, base, first, white, sensitivity, change, white_scores, information):
     """Fill each view's scores (views, n) and grams (views, n, n) of n combinations of columns next to others.
 
     of_base : (views, base, columns), the rows of `base` in grams (views, columns, columns)
     white : (own, n) weights of the columns from `first` on
-    carried : (base, n) weights of the base's columns, which are subtracted
+    sensitivity : (base, n) weights of the base's columns, which are subtracted
     change : (n,) change of the combinations after which the scores hold
     """
     own, n = white.shape
@@ -278,16 +278,16 @@ def whiten(grams, of_base, scores, base, first, white, carried, change, white_sc
                 for column in range(columns):
                     line[column] += white[i, q] * grams[k, first + i, column]
             for i in range(base.size):
-                score -= carried[i, q] * scores[k, base[i]]
+                score -= sensitivity[i, q] * scores[k, base[i]]
                 for column in range(columns):
-                    line[column] -= carried[i, q] * of_base[k, i, column]
+                    line[column] -= sensitivity[i, q] * of_base[k, i, column]
             white_scores[k, q] = score
             for p in range(n):
                 total = 0.0
                 for i in range(own):
                     total += white[i, p] * line[first + i]
                 for i in range(base.size):
-                    total -= carried[i, p] * line[base[i]]
+                    total -= sensitivity[i, p] * line[base[i]]
                 information[k, q, p] = total
                 white_scores[k, q] -= total * change[p]
 

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from sawmill_tomography.calibration.fit import Fit, OnStep, refine, unheard
+from sawmill_tomography.calibration.fit import Fit, OnStep, ignore_progress, refine
 from sawmill_tomography.calibration.misfit import COARSE_VIEWS
 from sawmill_tomography.calibration.task import CalibrationTask, PoseHypothesis
 from sawmill_tomography.geometry.geometry import angle_difference
@@ -72,7 +72,7 @@ class Alternatives:
 
 
 def fit_hypotheses(
-    task: CalibrationTask, coarse: Mapping[PoseHypothesis, Sequence[Fit]], on_step: OnStep = unheard
+    task: CalibrationTask, coarse: Mapping[PoseHypothesis, Sequence[Fit]], on_step: OnStep = ignore_progress
 ) -> list[RankedFit]:
     """Fit the hypotheses to all the data, best first, one fit for each first angle.
 

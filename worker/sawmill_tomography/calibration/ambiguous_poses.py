@@ -22,16 +22,16 @@ Pose = tuple[Handedness, SourceFrame, tuple[float, float]]
 
 
 def ambiguous_poses(
-    misfit: CoarseMisfit, found: PoseHypothesis, at: SourceFrame, position_mm: tuple[float, float]
+    misfit: CoarseMisfit, hypothesis: PoseHypothesis, at: SourceFrame, position_mm: tuple[float, float]
 ) -> list[Pose]:
     """Find the poses at which the correlation of projection and scan has another peak than the fit's.
 
     In each pose the centroid stays at its place in the fit, which `at` and `position_mm` give.
     """
     some = slice(None, None, max(1, len(misfit.angles_rad) // VIEWS))
-    angles, turns = found.rotation.apply(misfit.angles_rad)[some], misfit.table_rad[::2]
+    angles, turns = hypothesis.rotation.apply(misfit.angles_rad)[some], misfit.table_rad[::2]
     data = misfit.sinogram[some].ravel() - misfit.sinogram[some].mean()
-    centroid = complex(*misfit.phantoms[found.handedness].centroid_mm) + complex(*position_mm)
+    centroid = complex(*misfit.phantoms[hypothesis.handedness].centroid_mm) + complex(*position_mm)
     poses: list[Pose] = []
     for other, phantom in misfit.phantoms.items():
         places = np.exp(1j * turns) * centroid - complex(*phantom.centroid_mm)
@@ -49,7 +49,7 @@ def ambiguous_poses(
             np.einsum("tm,m->t", model, data), spread, out=np.full(spread.size, -1.0), where=spread > 0.0
         )
         peak = (correlation > np.roll(correlation, 1)) & (correlation >= np.roll(correlation, -1))
-        if other is found.handedness:
+        if other is hypothesis.handedness:
             peak &= np.abs(np.angle(np.exp(1j * turns))) > OWN_PEAK
         best = sorted(np.flatnonzero(peak), key=lambda index: -correlation[index])[:PEAKS]
         for index in best:

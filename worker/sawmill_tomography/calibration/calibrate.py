@@ -13,7 +13,7 @@ from sawmill_tomography.calibration.error_bars import error_bars
 from sawmill_tomography.calibration.faults.adjustments import prepare
 from sawmill_tomography.calibration.faults.finding import AdjustedFit
 from sawmill_tomography.calibration.faults.metal import PhantomMetal, find_metal
-from sawmill_tomography.calibration.fit import Fit, OnStep, unheard
+from sawmill_tomography.calibration.fit import Fit, OnStep, ignore_progress
 from sawmill_tomography.calibration.joint_fit import JointFit, as_fit
 from sawmill_tomography.calibration.judgement import Evidence, JudgementLimits, judge
 from sawmill_tomography.calibration.refusals import NOT_FOUND, refuse_unfound
@@ -34,7 +34,7 @@ LEAST_SIGNAL = 0.02
 
 
 def calibrate(
-    task: CalibrationTask, *, seed: int = 7, progress: SearchCallback | None = None, on_step: OnStep = unheard
+    task: CalibrationTask, *, seed: int = 7, progress: SearchCallback | None = None, on_step: OnStep = ignore_progress
 ) -> CalibrationOutcome:
     """Find the geometry from one scan of the phantom.
 
@@ -51,30 +51,30 @@ def calibrate(
         If no geometry explains the scan; the message tells what to check.
     """
     started = time.perf_counter()
-    found = search(task, seed, progress, on_step)
-    if not found.report.converged or task.screening.hidden is not None:
-        known, _ = _without_metal(task, found.fits, on_step)
-        if known is not task:
-            task, found = known, search(known, seed, progress, on_step)
-    return conclude(task, found, started=started, searched=time.perf_counter(), on_step=on_step)
+    basins = search(task, seed, progress, on_step)
+    if not basins.report.converged or task.screening.hidden is not None:
+        screened, _ = _without_metal(task, basins.fits, on_step)
+        if screened is not task:
+            task, basins = screened, search(screened, seed, progress, on_step)
+    return conclude(task, basins, started=started, searched=time.perf_counter(), on_step=on_step)
 
 
 def conclude(
-    task: CalibrationTask, basins: SearchResult, *, started: float, searched: float, on_step: OnStep = unheard
+    task: CalibrationTask, basins: SearchResult, *, started: float, searched: float, on_step: OnStep = ignore_progress
 ) -> CalibrationOutcome:
     """Calibrate from the coarse fits; `started` and `searched` are readings of `time.perf_counter`."""
     ranked = fit_hypotheses(task, basins.fits, on_step)
-    known, metal = _without_metal(task, by_hypothesis(ranked), on_step)
-    if known is not task:
-        task, ranked = known, fit_hypotheses(known, by_hypothesis(ranked), on_step)
-    best = _found(task, ranked, on_step)
+    screened, metal = _without_metal(task, by_hypothesis(ranked), on_step)
+    if screened is not task:
+        task, ranked = screened, fit_hypotheses(screened, by_hypothesis(ranked), on_step)
+    best = _best_fit(task, ranked, on_step)
     sentences = () if metal is None else (metal.sentence(ranked[0].hypothesis.handedness, best.fit.position_mm),)
     prepared, joint, statistics, source_distance = with_theta(task, prepare(best, task.without), on_step)
     refined = time.perf_counter()
     fit = as_fit(joint, statistics.covariance, task.true_axis, task.scanner.source_to_cor_mm)
     frame = fit.frame
     radius_mm = task.radius_mm(ranked[0].hypothesis.handedness, fit.position_mm)
-    found = analyse_residual(joint, statistics, task.scanner, radius_mm)
+    analysis = analyse_residual(joint, statistics, task.scanner, radius_mm)
     theta, twin = choose_theta(task.scanner, frame, task.bounds)
     bars = error_bars(task.scanner, frame, theta, statistics, radius_mm)
     alternatives = alternatives_of(ranked, task.sinogram.size / bars.inflation)
@@ -87,7 +87,7 @@ def conclude(
         aspect_half=_aspect_half(task, joint),
     )
     in_bounds = task.bounds is None or task.bounds.contain(theta)
-    evidence = Evidence(fit, source_distance, bars, alternatives, found, scale, in_bounds)
+    evidence = Evidence(fit, source_distance, bars, alternatives, analysis, scale, in_bounds)
     judgement = judge(evidence, JudgementLimits.of(task))
     ended = time.perf_counter()
     return CalibrationOutcome(
@@ -106,7 +106,7 @@ def conclude(
             *task.screening.adjustments,
             *sentences,
             *prepared.adjustments,
-            *(f"{effect.sentence}: fitted" for effect in found.effects if effect.fitted),
+            *(f"{effect.sentence}: fitted" for effect in analysis.effects if effect.fitted),
         ),
         judgement=judgement,
         evidence=evidence,
@@ -136,8 +136,8 @@ def _beam(model: ScanModel) -> BeamCorrection:
         return NOTHING_FOUND
     lengths, integrals, weights = model.lengths, model.sharp + model.residual, model.data.weights
     if around or wide:
-        beside = around * model.halos[0] + wide * model.halos[1]
-        measured = integrals - np.log1p(np.maximum(beside, -0.95))
+        added = around * model.halos[0] + wide * model.halos[1]
+        measured = integrals - np.log1p(np.maximum(added, -0.95))
         fitted = fit_scatter_and_hardening(lengths, measured, model.residual, weights)
         if fitted is not None:
             return fitted
@@ -163,7 +163,7 @@ def _without_metal(
     return (of_all, None) if metal is None else (replace(task, metal=metal.samples), metal)
 
 
-def _found(task: CalibrationTask, ranked: list[RankedFit], on_step: OnStep) -> AdjustedFit:
+def _best_fit(task: CalibrationTask, ranked: list[RankedFit], on_step: OnStep) -> AdjustedFit:
     """Return the best fit without adjustments, or refuse the scan if this fit does not explain it as this phantom."""
     if not ranked:
         refuse_unfound(task.scanner, task.phantom, None, 1.0)

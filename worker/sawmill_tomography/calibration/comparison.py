@@ -64,8 +64,8 @@ def compare(
         within_tolerance=True,
         reason="",
     )
-    found = next(_complaints(scanner, active, new, change, limits), None)
-    return replace(change, within_tolerance=found is None, reason=found or _quiet(change, limits))
+    complaint = next(_complaints(scanner, active, new, change, limits), None)
+    return replace(change, within_tolerance=complaint is None, reason=complaint or _quiet(change, limits))
 
 
 def _complaints(
@@ -109,8 +109,8 @@ def _quiet(change: GeometryChange, limits: ChangeLimits) -> str:
 
 def _described_scale(change: GeometryChange) -> str:
     spread = change.scale_change_uncertainty_percent
-    known = "" if spread is None else f" +- {spread:.2g} %"
-    return f"the scale changed by {change.scale_change_percent:+.3f}{known or ' %'}"
+    uncertainty = "" if spread is None else f" +- {spread:.2g} %"
+    return f"the scale changed by {change.scale_change_percent:+.3f}{uncertainty or ' %'}"
 
 
 def _moved(scanner: Scanner, active: CalibratedGeometry, new: CalibratedGeometry, radius_mm: float) -> RayError:
@@ -132,5 +132,5 @@ def _scale_spread_percent(
 
 def _covariance(active: CalibratedGeometry, new: CalibratedGeometry) -> FloatArray | None:
     """Return the covariance of the change; None where neither calibration has error bars."""
-    known = [one.covariance for one in (active, new) if one.covariance is not None]
-    return sum(known[1:], known[0]) if known else None
+    covariances = [one.covariance for one in (active, new) if one.covariance is not None]
+    return sum(covariances[1:], covariances[0]) if covariances else None

@@ -68,7 +68,7 @@ SLOW = 0.2
 OnStep = Callable[[], None]
 
 
-def unheard() -> None:
+def ignore_progress() -> None:
     """Ignore the steps of a fit."""
 
 
@@ -123,7 +123,7 @@ def refine(
     fixed_source_distance: bool = False,
     max_iterations: int = 60,
     hopeless: float = math.inf,
-    on_step: OnStep = unheard,
+    on_step: OnStep = ignore_progress,
 ) -> Fit | None:
     """Go from an initial guess in the right basin to the basin's minimum.
 
@@ -148,8 +148,8 @@ def refine(
     held = frozenset({FitParameter.R}) if fixed_source_distance else frozenset[FitParameter]()
     free = np.array([p for p in FitParameter if p not in held])
     x = np.concatenate([to_vector(start), position_mm])
-    now = _normal_equations(phantom, centred, x)
-    if now is None:
+    current = _normal_equations(phantom, centred, x)
+    if current is None:
         return None
     samples, mean_square = data.samples, float(np.average(centred.sinogram**2, weights=data.weights))
     power, identity = mean_square * samples, np.eye(free.size)
@@ -157,28 +157,28 @@ def refine(
     while iterations < max_iterations:
         iterations += 1
         on_step()
-        hessian, gradient = now.hessian[free][:, free], now.gradient[free]
+        hessian, gradient = current.hessian[free][:, free], current.gradient[free]
         try:
             step = np.linalg.solve(hessian * (1.0 + damping * identity), gradient)
         except np.linalg.LinAlgError:  # a direction the data do not see at all: damp harder
             step = np.full(free.size, np.nan)
-        if damping < 1.0 and float(step @ gradient) <= NO_GAIN / samples * max(now.rss, ROUNDING * power):
+        if damping < 1.0 and float(step @ gradient) <= NO_GAIN / samples * max(current.rss, ROUNDING * power):
             converged = True
             break
         trial = x.copy()
         trial[free] += step
         then = _normal_equations(phantom, centred, trial)
-        if then is not None and then.rss <= now.rss:
-            slow = then.rss > (1.0 - SLOW) * now.rss
-            x, now, damping = trial, then, max(damping * 0.1, 1e-12)
-            if slow and now.rss > hopeless**2 * power:
+        if then is not None and then.rss <= current.rss:
+            slow = then.rss > (1.0 - SLOW) * current.rss
+            x, current, damping = trial, then, max(damping * 0.1, 1e-12)
+            if slow and current.rss > hopeless**2 * power:
                 break
         else:
             damping = max(damping * 10.0, 1e-9)
             if damping > 1e8:
-                converged = then is not None and abs(then.rss - now.rss) <= 1e-9 * now.rss
+                converged = then is not None and abs(then.rss - current.rss) <= 1e-9 * current.rss
                 break
-    return _fit(centred, x, now, held, centre, mean_square, converged=converged, iterations=iterations)
+    return _fit(centred, x, current, held, centre, mean_square, converged=converged, iterations=iterations)
 
 
 def _fit(

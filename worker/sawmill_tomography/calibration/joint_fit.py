@@ -23,11 +23,11 @@ from sawmill_tomography.calibration.faults.inconsistent_views import (
 from sawmill_tomography.calibration.faults.intensity_averaging import averaging
 from sawmill_tomography.calibration.faults.slip import likeliest_slip, slip_at
 from sawmill_tomography.calibration.faults.view_gain import views_differ
-from sawmill_tomography.calibration.fit import Fit, OnStep, unheard
+from sawmill_tomography.calibration.fit import Fit, OnStep, ignore_progress
 from sawmill_tomography.calibration.fit_parameters import FitParameter
 from sawmill_tomography.calibration.normal_equations import Column, System, ViewGrams
 from sawmill_tomography.calibration.scan_model import ScanModel, Term
-from sawmill_tomography.calibration.selection import Beside, EffectTest
+from sawmill_tomography.calibration.selection import EffectTest, EffectTester
 from sawmill_tomography.calibration.steps import BY_ANGLES, ROUNDING, is_small, moved, off_by, stepped
 from sawmill_tomography.geometry.geometry import FloatArray, wrap_angle
 from sawmill_vocabulary import Adjustment, TrueAxis
@@ -141,7 +141,9 @@ class JointFit:
         return [columns[i] for i in rest], off
 
 
-def fit_jointly(prepared: AdjustedFit, without: Collection[Adjustment] = (), on_step: OnStep = unheard) -> JointFit:
+def fit_jointly(
+    prepared: AdjustedFit, without: Collection[Adjustment] = (), on_step: OnStep = ignore_progress
+) -> JointFit:
     """Fit geometry and effects from the plain fit; effects in `without` are tested, and not fitted."""
     fitter = _JointFitter(prepared, frozenset(without))
     while fitter.rounds < ROUNDS and not fitter.round():
@@ -150,21 +152,23 @@ def fit_jointly(prepared: AdjustedFit, without: Collection[Adjustment] = (), on_
 
 
 def fit_consistent_views(
-    prepared: AdjustedFit, without: Collection[Adjustment] = (), on_step: OnStep = unheard
+    prepared: AdjustedFit, without: Collection[Adjustment] = (), on_step: OnStep = ignore_progress
 ) -> tuple[AdjustedFit, JointFit]:
     """Fit as `fit_jointly` does, leaving out the few views that a fit to the remaining views does not explain."""
     joint = fit_jointly(prepared, without, on_step)
-    found = np.zeros(len(prepared.data.sinogram), bool)
+    left_out = np.zeros(len(prepared.data.sinogram), bool)
     for _ in range(VIEW_ROUNDS if Adjustment.OUTLIERS not in without else 0):
-        odd = inconsistent_views(joint.model.residual, joint.model.data.sinogram, joint.model.data.weights) & ~found
-        remaining = without_views(prepared, found | odd) if odd.any() else None
+        inconsistent = (
+            inconsistent_views(joint.model.residual, joint.model.data.sinogram, joint.model.data.weights) & ~left_out
+        )
+        remaining = without_views(prepared, left_out | inconsistent) if inconsistent.any() else None
         if remaining is None:
             break
-        found |= odd
+        left_out |= inconsistent
         joint = fit_jointly(remaining, without, on_step)
-    if not found.any():
+    if not left_out.any():
         return prepared, joint
-    remaining = replace(prepared, adjustments=(*prepared.adjustments, sentence(int(found.sum()))))
+    remaining = replace(prepared, adjustments=(*prepared.adjustments, sentence(int(left_out.sum()))))
     return replace(remaining, data=joint.model.data), joint
 
 
@@ -224,7 +228,7 @@ class _JointFitter:
         system, tried, used, change, tests = self.last
         allowed = [one for one in tried if one.effect.adjustment not in self.without]
         other = _other_reading(system, used, self.fitted, allowed)
-        beyond = tuple(
+        beyond_chance = tuple(
             (one, test)
             for one, test in tests
             if (other is None or one is not other.other) and test.is_beyond_chance(one.trials)
@@ -236,7 +240,7 @@ class _JointFitter:
             used,
             change,
             self.variance,
-            beyond,
+            beyond_chance,
             other,
             self.angle_variance,
             converged=self.converged,
@@ -288,8 +292,8 @@ class _JointFitter:
         """
         joined: list[Fitted] = []
         while True:
-            beside = Beside(system, used)
-            tests = [(one, beside.tested(one.places)) for one in tried if one not in joined]
+            tester = EffectTester(system, used)
+            tests = [(one, tester.tested(one.places)) for one in tried if one not in joined]
             worth = [(test.power, one) for one, test in tests if not one.declined and test.is_fitted(one.trials)]
             if not worth or len(joined) == MOST_AT_ONCE or self.rounds > JOINING:
                 break
@@ -318,11 +322,11 @@ class _JointFitter:
                 return False
         if self.averaging is None or not self.fitted:
             return True
-        self.model, self.averaging = _averaged_anew(self.model, self.averaging), None
+        self.model, self.averaging = _with_new_averaging(self.model, self.averaging), None
         return False
 
 
-def _averaged_anew(model: ScanModel, before: FloatArray) -> ScanModel:
+def _with_new_averaging(model: ScanModel, before: FloatArray) -> ScanModel:
     """Compute the averaging of intensities for the current model, and put it into the sinogram instead of `before`."""
     data = model.data
     position = model.pose[:, 1:] + model.x[[FitParameter.T_X, FitParameter.T_Y]]
@@ -334,7 +338,7 @@ def _averaged_anew(model: ScanModel, before: FloatArray) -> ScanModel:
 def _needed(system: System, used: list[int], one: Fitted) -> bool:
     """Return whether an effect is still far beyond chance next to the rest of the fit."""
     rest = [i for i in used if i not in one.places]
-    return Beside(system.without(one.places, one.sizes), rest).tested(one.places).is_fitted(one.trials)
+    return EffectTester(system.without(one.places, one.sizes), rest).tested(one.places).is_fitted(one.trials)
 
 
 def _other_reading(
@@ -348,11 +352,11 @@ def _other_reading(
         return None
     rest = [i for i in used if i not in one.places]
     system = system.without(one.places, one.sizes)
-    if Beside(system, [*rest, *other.places]).tested(one.places).is_fitted():
+    if EffectTester(system, [*rest, *other.places]).tested(one.places).is_fitted():
         return None
-    beside = Beside(system, rest)
-    instead = beside.tested(other.places)
-    return OtherReading(one, other, instead.sizes, instead.bias - beside.tested(one.places).bias)
+    tester = EffectTester(system, rest)
+    instead = tester.tested(other.places)
+    return OtherReading(one, other, instead.sizes, instead.bias - tester.tested(one.places).bias)
 
 
 def as_fit(joint: JointFit, covariance: Covariance, true_axis: TrueAxis | None, source_to_cor_mm: float) -> Fit:

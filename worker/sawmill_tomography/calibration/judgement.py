@@ -214,19 +214,19 @@ def _held_distance(evidence: Evidence, limits: JudgementLimits) -> Iterator[Rema
     if not distance.held:
         return
     free_mm = distance.unconstrained_mm
-    found = f"the free fit put the source at {free_mm:.2f} mm, nearer than source_to_cor_mm {r_s:.2f}"
+    statement = f"the free fit put the source at {free_mm:.2f} mm, nearer than source_to_cor_mm {r_s:.2f}"
     if distance.deficit_deviations > CONTRADICTION:
         yield Remark(
             Degree.FAIL,
-            f"{found} by {distance.deficit_deviations:.0f} standard deviations: the phantom is larger than its "
+            f"{statement} by {distance.deficit_deviations:.0f} standard deviations: the phantom is larger than its "
             f"drawing, by {r_s / free_mm - 1.0:.1%} or more, or that constant is wrong: measure both",
             CalibrationStatus.INCONSISTENT_SCALE,
         )
     else:
         yield Remark(
             Degree.NOTE,
-            f"{found}, for which no theta exists: the source distance was held there, and the source shift is 0 within "
-            "the noise",
+            f"{statement}, for which no theta exists: the source distance was held there, and the source shift is 0 "
+            "within the noise",
         )
 
 

@@ -100,7 +100,7 @@ class ViewGrams:
             model.exposed,
             model.blurred,
             model.taps,
-            (*model.halos, model.lagging, model.beside) if model.from_counts else (np.empty((0, cells)),) * 4,
+            (*model.halos, model.lagging, model.added) if model.from_counts else (np.empty((0, cells)),) * 4,
             self.weights,
             residual,
             self.stripes,
@@ -150,9 +150,9 @@ class ViewGrams:
         """
         variance = self.power / max(self.samples, 1.0)
         own, scores = self.grams[:, Term.OFFSET, Term.OFFSET], self.scores[:, Term.OFFSET]
-        beyond = float((scores**2 - own * variance).sum())
+        excess = float((scores**2 - own * variance).sum())
         chance = SCATTERS * variance * math.sqrt(2.0 * float((own**2).sum()))
-        return (beyond / float((own**2).sum()) if beyond > chance else 0.0), variance
+        return (excess / float((own**2).sum()) if excess > chance else 0.0), variance
 
     def project_out(self, terms: Sequence[Term], precision: float) -> None:
         """Project out unknowns of each view: terms that are free in each view (precision 0), or scatter about 0.

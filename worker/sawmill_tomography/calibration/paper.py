@@ -172,20 +172,20 @@ def calibrate_as_published(
     chosen = options or PaperSettings()
     rotation = task.rotation or Rotation.AS_GIVEN
     objective = PaperObjective(task, rotation, chosen)
-    asked = RecallingObjective(objective, earlier, on_computed)
+    recalling = RecallingObjective(objective, earlier, on_computed)
     bounds = bounds_array(task.bounds or ThetaBounds())
 
     history: list[tuple[int, float]] = []
 
     def report(intermediate_result: object) -> None:
         best = getattr(intermediate_result, "fun", math.nan)
-        SearchReport.note(history, asked.count, float(best))
-        if progress is not None and not asked.recalls:
+        SearchReport.note(history, recalling.count, float(best))
+        if progress is not None and not recalling.recalls:
             progress(getattr(intermediate_result, "nit", 0), chosen.max_generations, best)
 
     tight = chosen.stop == "tight"
     outcome = scipy.optimize.differential_evolution(
-        asked,
+        recalling,
         scipy.optimize.Bounds(bounds[:, 0], bounds[:, 1]),
         strategy="best1bin",
         recombination=0.7,
@@ -196,13 +196,13 @@ def calibrate_as_published(
         tol=0.0 if tight else SCIPY_DEFAULT_TOL,
         atol=TIGHT * objective.scale if tight else 0.0,
     )
-    SearchReport.note(history, asked.count, float(outcome.fun))  # the polish comes after the last generation
+    SearchReport.note(history, recalling.count, float(outcome.fun))  # the polish comes after the last generation
     search = SearchReport(
         "differential-evolution on FBP correlation"
         if chosen.objective == "image"
         else "differential-evolution on sinogram correlation",
         seed,
-        asked.count,
+        recalling.count,
         int(outcome.nit),
         float(outcome.fun),
         bool(outcome.success),
@@ -220,7 +220,7 @@ def _answer(
     search: SearchReport,
     started: float,
 ) -> CalibrationOutcome:
-    found = time.perf_counter()
+    searched = time.perf_counter()
     correlations = objective.correlations(theta)
     handedness = max(correlations, key=lambda h: correlations[h])
     data = task.full_data(rotation)
@@ -254,7 +254,7 @@ def _answer(
         adjustments=(),
         judgement=_judgement(hypotheses[0].relative_residual, rotation_given=task.rotation is not None),
         search=search,
-        timing=StageSeconds(ended - started, found - started, 0.0, 0.0),
+        timing=StageSeconds(ended - started, searched - started, 0.0, 0.0),
     )
 
 

@@ -42,17 +42,17 @@ def sample_noise(data: SinogramData, residual: FloatArray, model: FloatArray) ->
     views = slice(None, None, max(1, residual.size // MEASURED))
     steps, values = np.abs(np.diff(residual[views], axis=1)), model[views, 1:]
     at = ((values - low) * per_level).astype(np.uint8)
-    known, variance = [], []
+    level_means, variance = [], []
     for one in range(LEVELS):
         here = (at == one) & (steps > 0.0)
         if np.count_nonzero(here) >= ENOUGH:
-            known.append(float(values[here].mean()))
+            level_means.append(float(values[here].mean()))
             variance.append(0.5 * (DEVIATION_OF_MEDIAN * float(np.median(steps[here]))) ** 2)
-    if not known:  # an exact scan has no noise
+    if not level_means:  # an exact scan has no noise
         weights = np.ones_like(residual) if data.weights is None else data.weights
         return SampleNoise(np.zeros_like(residual), weights)
     # For photons the logarithm of the variance is a straight line of the line integral.
-    of_sample = np.interp(model, known, np.log(variance))
+    of_sample = np.interp(model, level_means, np.log(variance))
     np.exp(of_sample, out=of_sample)
     weights = np.maximum(of_sample, LEAST_NOISE * float(of_sample.mean()))
     np.divide(1.0, weights, out=weights)

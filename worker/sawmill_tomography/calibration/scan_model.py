@@ -240,7 +240,7 @@ class ScanModel:
         return late
 
     @cached_property
-    def beside(self) -> FloatArray:
+    def added(self) -> FloatArray:
         """Intensity that scatter and lag add, as a share of the cell's own, (views, cells); at least 5 % remain."""
         around, wide = (self.size(Term.SCATTER), self.size(Term.SCATTER_WIDE))
         total = np.zeros_like(self.blurred)
@@ -256,15 +256,15 @@ class ScanModel:
         return (np.arange(self.data.cells.count) + 0.5) / self.data.cells.count - 0.5
 
     @property
-    def _acts_beside(self) -> bool:
+    def _adds_intensity(self) -> bool:
         return any(self.size(term) for term in (Term.SCATTER, Term.SCATTER_WIDE, Term.LAG))
 
     @cached_property
     def prediction(self) -> FloatArray:
         """Model sinogram (views, cells) in the data's unit."""
         model = self.blurred
-        if self._acts_beside:
-            model = model - np.log1p(self.beside)
+        if self._adds_intensity:
+            model = model - np.log1p(self.added)
         if self.size(Term.SLOPE) or self.size(Term.CURVATURE):
             model = model + self.size(Term.SLOPE) * self.across + self.size(Term.CURVATURE) * self.across**2
         return model
@@ -280,10 +280,10 @@ class ScanModel:
         square = self.size(Term.CORNERS)
         with_more = with_rounded_corners(self.drawing, math.sqrt(square + CORNER_STEP))
         without = with_rounded_corners(self.drawing, math.sqrt(square))
-        known = len(self.drawing.shapes)
+        drawn = len(self.drawing.shapes)
         pieces = (
-            *with_more.shapes[known:],
-            *(replace(shape, density=-shape.density) for shape in without.shapes[known:]),
+            *with_more.shapes[drawn:],
+            *(replace(shape, density=-shape.density) for shape in without.shapes[drawn:]),
         )
         if not pieces:
             return np.empty((0, 5))

@@ -9,7 +9,7 @@ import numpy as np
 from sawmill_tomography.calibration.alternatives import CONTENDER
 from sawmill_tomography.calibration.ambiguous_poses import ambiguous_poses
 from sawmill_tomography.calibration.errors import CalibrationError
-from sawmill_tomography.calibration.fit import Fit, OnStep, refine, unheard
+from sawmill_tomography.calibration.fit import Fit, OnStep, ignore_progress, refine
 from sawmill_tomography.calibration.initial_guesses import random_guesses, shadow_extent, shadow_guesses
 from sawmill_tomography.calibration.misfit import Candidate, CoarseMisfit, coarse_data, search_box
 from sawmill_tomography.calibration.sinogram_data import SinogramData
@@ -66,7 +66,7 @@ class SearchResult:
 
 
 def search(
-    task: CalibrationTask, seed: int, on_round: SearchCallback | None = None, on_step: OnStep = unheard
+    task: CalibrationTask, seed: int, on_round: SearchCallback | None = None, on_step: OnStep = ignore_progress
 ) -> SearchResult:
     """Make coarse fits of each hypothesis, adding guesses until a fit explains the scan.
 
@@ -164,11 +164,11 @@ def _coarse_fit(
     hypothesis: PoseHypothesis,
     start: SourceFrame,
     position_mm: tuple[float, float],
-    others: Collection[Fit],
+    fits: Collection[Fit],
     on_step: OnStep,
 ) -> Fit | None:
-    """Fit a guess to the coarse sinogram, as long as the guess may compete with a fit of `others`."""
-    least = _least(others)
+    """Fit a guess to the coarse sinogram, as long as the guess may compete with the best of these fits."""
+    least = _least(fits)
     return refine(
         misfit.phantoms[hypothesis.handedness],
         SinogramData(misfit.sinogram, hypothesis.rotation.apply(misfit.angles_rad), misfit.cells),
@@ -181,14 +181,14 @@ def _coarse_fit(
 
 
 def _with_ambiguous_poses(
-    found: dict[PoseHypothesis, Fit], misfit: CoarseMisfit, on_step: OnStep
+    coarse: dict[PoseHypothesis, Fit], misfit: CoarseMisfit, on_step: OnStep
 ) -> dict[PoseHypothesis, list[Fit]]:
     """Add fits that start from poses in which the best fit's body looks almost the same."""
-    fits = {hypothesis: [fit] for hypothesis, fit in found.items()}
+    fits = {hypothesis: [fit] for hypothesis, fit in coarse.items()}
     if not fits:
         return fits
-    best = min(found, key=lambda hypothesis: found[hypothesis].relative_residual)
-    fit = found[best]
+    best = min(coarse, key=lambda hypothesis: coarse[hypothesis].relative_residual)
+    fit = coarse[best]
     for handedness, frame, position in ambiguous_poses(misfit, best, fit.frame, fit.position_mm):
         hypothesis = PoseHypothesis(handedness, best.rotation)
         other = _coarse_fit(misfit, hypothesis, frame, position, [fit], on_step)

@@ -130,7 +130,7 @@ def compare_witnesses(
     moved = _moved(log.movement, agreement, phantom_moved=phantom_moved)
     other_sense = log.rotation is not rotation
     undecided = moved is None and agreement is Agreement.DISAGREE
-    taken = _taken(moved, heard=not (other_sense or undecided))
+    taken = _taken(moved, usable=not (other_sense or undecided))
     prior = _Prior(vector, covariance, sees)
     match taken:
         case "phantom":
@@ -173,8 +173,8 @@ def _moved(log: LogMovement | None, agreement: Agreement, *, phantom_moved: bool
     return MovedBody.PHANTOM if agreement is Agreement.DISAGREE else None
 
 
-def _taken(moved: MovedBody | None, *, heard: bool) -> WitnessTaken:
-    if not heard or moved in {MovedBody.LOG, MovedBody.BOTH}:
+def _taken(moved: MovedBody | None, *, usable: bool) -> WitnessTaken:
+    if not usable or moved in {MovedBody.LOG, MovedBody.BOTH}:
         return "phantom"
     return "both" if moved is None else "log"
 

@@ -64,7 +64,7 @@ class EffectTest:
         return self.degrees > 0 and self.significance > chance_limit(BEYOND_CHANCE / trials, self.degrees)
 
 
-class Beside:
+class EffectTester:
     """Tests of further columns against a fit of the columns `base`."""
 
     def __init__(self, system: System, base: Sequence[int]) -> None:
@@ -73,8 +73,8 @@ class Beside:
         self._best = inverse @ system.score[self._base]
         self._explained = float(system.score[self._base] @ self._best)
         # Coefficients of every column's projection on the base's columns, and the normal equations that remain.
-        self._carried = inverse @ cross
-        self._normal, self._score = system.normal - cross.T @ self._carried, system.score - cross.T @ self._best
+        self._sensitivity = inverse @ cross
+        self._normal, self._score = system.normal - cross.T @ self._sensitivity, system.score - cross.T @ self._best
 
     @cached_property
     def _of_base(self) -> FloatArray:
@@ -97,8 +97,8 @@ class Beside:
         white = np.ascontiguousarray(scale[:, None] * vectors[:, kept] / np.sqrt(values[kept]))
         score = white.T @ self._score[own]
         sizes, power, degrees = white @ score, float(score @ score), len(score)
-        carried = self._carried[:, own] @ white
-        bias = -carried @ score
+        sensitivity = self._sensitivity[:, own] @ white
+        bias = -sensitivity @ score
         explained = self._explained + power
         variance = max(system.power - explained, 0.0) / max(system.samples - len(base) - len(tried), 1.0)
         if variance <= 0.0 or degrees == 0:
@@ -114,7 +114,7 @@ class Beside:
             np.array(base),
             own.start,
             white,
-            carried,
+            sensitivity,
             score,
             scores,
             information,

@@ -7,7 +7,7 @@ import numpy as np
 
 from sawmill_tomography.calibration.errors import CalibrationError
 from sawmill_tomography.calibration.faults.finding import AdjustedFit
-from sawmill_tomography.calibration.fit import OnStep, refine, unheard
+from sawmill_tomography.calibration.fit import OnStep, ignore_progress, refine
 from sawmill_tomography.calibration.fit_parameters import FitParameter
 from sawmill_tomography.calibration.joint_fit import JointFit, fit_consistent_views, fit_jointly
 from sawmill_tomography.calibration.refusals import refuse_other_scanner
@@ -37,7 +37,7 @@ class SourceDistance:
 
 
 def with_theta(
-    task: CalibrationTask, prepared: AdjustedFit, on_step: OnStep = unheard
+    task: CalibrationTask, prepared: AdjustedFit, on_step: OnStep = ignore_progress
 ) -> tuple[AdjustedFit, JointFit, ResidualStatistics, SourceDistance]:
     """Fit freely, or with R = r_S where the free fit has no theta (docs/conventions.md#theta).
 

@@ -91,8 +91,8 @@ def _following(calibration: CalibrationOutcome, evidence: Evidence, witness: Log
         calibration.radius_mm,
         aspect_half=evidence.scale.aspect_half,
     )
-    heard = replace(evidence, fit=fit, error_bars=bars, scale=scale, theta_in_bounds=in_bounds, witness=witness)
-    judgement = judge(heard, JudgementLimits.of(task))
+    with_witness = replace(evidence, fit=fit, error_bars=bars, scale=scale, theta_in_bounds=in_bounds, witness=witness)
+    judgement = judge(with_witness, JudgementLimits.of(task))
     return replace(
         calibration,
         theta=theta,
@@ -101,7 +101,7 @@ def _following(calibration: CalibrationOutcome, evidence: Evidence, witness: Log
         error_bars=bars,
         scale=scale,
         judgement=judgement,
-        evidence=heard,
+        evidence=with_witness,
     )
 
 

@@ -1,1 +1,1 @@
-"""Faults of a scan: each with its evidence, the sentence that reports it, and what is done about it."""
+"""Faults and effects in a scan: the evidence for each, the adjustment, and the sentence that reports it."""

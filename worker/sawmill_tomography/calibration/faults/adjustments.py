@@ -10,9 +10,9 @@ from sawmill_vocabulary import Adjustment
 BEFORE: tuple[EffectFinding, ...] = (INTENSITY_AVERAGING, OUTLIERS)
 
 
-def prepare(now: AdjustedFit, without: Collection[Adjustment] = ()) -> AdjustedFit:
+def prepare(adjusted: AdjustedFit, without: Collection[Adjustment] = ()) -> AdjustedFit:
     """Adjust the plain fit to faults, as the start of the joint fit; faults in `without` are not searched."""
     for finding in BEFORE:
         if finding.adjustment not in without:
-            now = finding.adjust(now)
-    return now
+            adjusted = finding.adjust(adjusted)
+    return adjusted

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-from sawmill_tomography.calibration.fit import Fit, OnStep, refine, unheard
+from sawmill_tomography.calibration.fit import Fit, OnStep, ignore_progress, refine
 from sawmill_tomography.calibration.sinogram_data import SinogramData
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.phantoms.phantom import Phantom
@@ -34,7 +34,7 @@ class AdjustedFit:
     from_counts: bool = False
     adjustments: tuple[str, ...] = ()
     averaging: FloatArray | None = None
-    on_step: OnStep = unheard
+    on_step: OnStep = ignore_progress
 
     def after(self, data: SinogramData, fit: Fit, sentence: str) -> "AdjustedFit":
         """Return a copy with new data, a new fit and one more sentence."""

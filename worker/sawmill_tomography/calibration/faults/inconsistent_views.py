@@ -25,16 +25,16 @@ def inconsistent_views(residual: FloatArray, sinogram: FloatArray, weights: Floa
     if not power.any():
         return np.zeros(len(residual), bool)
     least = max(INCONSISTENT * float(np.median(power[power > 0.0])), residual.shape[1] * (LEAST * sinogram.std()) ** 2)
-    found: NDArray[np.bool_] = shared > least
-    return found if found.sum() <= MOST_VIEWS * len(found) else np.zeros_like(found)
+    inconsistent: NDArray[np.bool_] = shared > least
+    return inconsistent if inconsistent.sum() <= MOST_VIEWS * len(inconsistent) else np.zeros_like(inconsistent)
 
 
-def without_views(now: AdjustedFit, views: NDArray[np.bool_]) -> AdjustedFit | None:
+def without_views(adjusted: AdjustedFit, views: NDArray[np.bool_]) -> AdjustedFit | None:
     """Repeat the plain fit without these views; None where the fit does not converge."""
-    weights = np.ones_like(now.data.sinogram) if now.data.weights is None else now.data.weights
-    remaining = replace(now.data, weights=np.where(views[:, None], 0.0, weights))
-    again = now.refitted(remaining, now.fit)
-    return None if again is None else replace(now, data=remaining, fit=again)
+    weights = np.ones_like(adjusted.data.sinogram) if adjusted.data.weights is None else adjusted.data.weights
+    remaining = replace(adjusted.data, weights=np.where(views[:, None], 0.0, weights))
+    again = adjusted.refitted(remaining, adjusted.fit)
+    return None if again is None else replace(adjusted, data=remaining, fit=again)
 
 
 def sentence(number: int) -> str:

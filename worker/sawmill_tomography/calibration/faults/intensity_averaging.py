@@ -17,22 +17,22 @@ FINE_RAYS = 8
 ROUNDS = 2
 
 
-def _adjust(now: AdjustedFit) -> AdjustedFit:
+def _adjust(plain: AdjustedFit) -> AdjustedFit:
     """Add the difference, computed from the fit itself, to the sinogram and repeat the fit.
 
     Without this correction, edges along the rays would bias the geometry.
     """
-    if not now.from_counts or now.data.rays_per_cell == 1:  # a cell of one ray averages nothing
-        return now
-    data, fit, added = now.data, now.fit, np.zeros(())
+    if not plain.from_counts or plain.data.rays_per_cell == 1:  # a cell of one ray averages nothing
+        return plain
+    data, fit, added = plain.data, plain.fit, np.zeros(())
     for _ in range(ROUNDS):
-        added = averaging(now.phantom, now.data, fit.frame, position_mm=fit.position_mm, gain=fit.gain)
-        data = replace(now.data, sinogram=now.data.sinogram + added)
-        again = now.refitted(data, fit)
+        added = averaging(plain.phantom, plain.data, fit.frame, position_mm=fit.position_mm, gain=fit.gain)
+        data = replace(plain.data, sinogram=plain.data.sinogram + added)
+        again = plain.refitted(data, fit)
         if again is None:
-            return now
+            return plain
         fit = again
-    after = now.after(data, fit, "each cell's averaging of intensities was allowed for")
+    after = plain.after(data, fit, "each cell's averaging of intensities was allowed for")
     return replace(after, averaging=added)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from sawmill_tomography.calibration.fit import Fit, OnStep, refine, unheard
+from sawmill_tomography.calibration.fit import Fit, OnStep, ignore_progress, refine
 from sawmill_tomography.calibration.sinogram_data import SinogramData
 from sawmill_tomography.geometry.geometry import FloatArray, rotate
 from sawmill_tomography.phantoms.phantom import Phantom
@@ -37,9 +37,9 @@ CHANCE = 6.0
 LEAST_WOOD_MM, DENSER, FINEST_MM = 8.0, 2.5, 3.0
 # A point belongs to a piece of metal when its density is above this share of the piece's highest density.
 BODY = 0.3
-# Cells left out next to the metal's shadow: BESIDE on each side, and up to MOST_BESIDE more while the mean residual in
-# the next cells is above LEFT_BESIDE standard deviations of the mean.
-BESIDE, MOST_BESIDE, LEFT_BESIDE = 1, 8, 3.0
+# Cells left out next to the metal's shadow: MARGIN on each side, and up to MOST_MARGIN more while the mean residual in
+# the next cells is above MARGIN_DEVIATIONS standard deviations of the mean.
+MARGIN, MOST_MARGIN, MARGIN_DEVIATIONS = 1, 8, 3.0
 # Largest radius of the searched disc, whose points are 1 mm apart. No saw takes so large a log, so the position of a
 # phantom farther out is wrong (tests/calibration_api/test_absurd_values.py).
 LARGEST_RADIUS_MM = 2000.0
@@ -76,7 +76,9 @@ class PhantomMetal:
         )
 
 
-def find_metal(phantom: Phantom, data: SinogramData, fit: Fit, on_step: OnStep = unheard) -> PhantomMetal | None:
+def find_metal(
+    phantom: Phantom, data: SinogramData, fit: Fit, on_step: OnStep = ignore_progress
+) -> PhantomMetal | None:
     """Find metal in a phantom, from a fit to a scan that may show metal; None where there is none.
 
     Parameters
@@ -88,13 +90,13 @@ def find_metal(phantom: Phantom, data: SinogramData, fit: Fit, on_step: OnStep =
     fit : Fit
         Fit to samples of which some or none see metal.
     """
-    found: PhantomMetal | None = None
+    result: PhantomMetal | None = None
     for _ in range(ROUNDS):
         metal = _Search(phantom, data, fit).metal()
         if metal is None:
             break
-        settled = found is not None and (found.samples ^ metal.samples).sum() < SETTLED * metal.samples.sum()
-        found = metal
+        settled = result is not None and (result.samples ^ metal.samples).sum() < SETTLED * metal.samples.sum()
+        result = metal
         if settled:
             break
         weights = np.where(metal.samples, 0.0, 1.0 if data.weights is None else data.weights)
@@ -103,7 +105,7 @@ def find_metal(phantom: Phantom, data: SinogramData, fit: Fit, on_step: OnStep =
         if again is None:
             break
         fit = again
-    return found
+    return result
 
 
 class _Search:
@@ -239,17 +241,17 @@ class _Search:
     def _samples(self, residual: NDArray[np.float32], points_mm: NDArray[np.intp]) -> Samples:
         """Find the samples that see a body of these points, 1 mm wide each, and neighbours that the body blurs into."""
         views, cells = residual.shape
-        half = 0.7 * self._fit.frame.magnification / self._data.cells.width_mm + BESIDE
+        half = 0.7 * self._fit.frame.magnification / self._data.cells.width_mm + MARGIN
         columns = self._columns(points_mm)
         change = np.zeros((views, cells + 1), np.int32)
         view = np.broadcast_to(np.arange(views)[:, None], columns.shape)
         np.add.at(change, (view, np.clip(np.floor(columns - half), 0, cells).astype(np.intp)), 1)
         np.add.at(change, (view, np.clip(np.ceil(columns + half), 0, cells).astype(np.intp)), -1)
         samples: Samples = change[:, :-1].cumsum(axis=1) > 0
-        for _ in range(MOST_BESIDE):
+        for _ in range(MOST_MARGIN):
             wider = scipy.ndimage.maximum_filter1d(samples, 3, axis=1)
-            beside = residual[wider & ~samples]
-            if beside.size == 0 or beside.mean() < LEFT_BESIDE * beside.std() / math.sqrt(beside.size):
+            edge = residual[wider & ~samples]
+            if edge.size == 0 or edge.mean() < MARGIN_DEVIATIONS * edge.std() / math.sqrt(edge.size):
                 break
             samples = wider
         return samples

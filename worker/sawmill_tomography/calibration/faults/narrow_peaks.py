@@ -43,9 +43,9 @@ def narrow_peaks(sinogram: FloatArray, views: NDArray[np.bool_], pitch_mm: float
     deep = DEEP * (high - low)
     if not high > low or _peaks(excess, deep)[views[few]].any(axis=1).mean() < LEAST_VIEWS:
         return None
-    found = np.zeros(sinogram.shape, np.uint8)
-    found[:, width + 1 : -width - 1] = _peaks(_excess(sinogram, width), deep)
-    wide: NDArray[np.bool_] = scipy.ndimage.maximum_filter1d(found, width, axis=1, mode="constant") > 0
+    peaks = np.zeros(sinogram.shape, np.uint8)
+    peaks[:, width + 1 : -width - 1] = _peaks(_excess(sinogram, width), deep)
+    wide: NDArray[np.bool_] = scipy.ndimage.maximum_filter1d(peaks, width, axis=1, mode="constant") > 0
     return wide
 
 

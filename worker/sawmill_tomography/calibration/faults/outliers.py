@@ -23,37 +23,37 @@ WHOLE, FAULT_SHARE = 0.2, 0.7
 ROUNDS = 2
 
 
-def _adjust(now: AdjustedFit) -> AdjustedFit:
-    current, share = now, 0.0
-    used = np.ones_like(now.data.sinogram) if now.data.weights is None else now.data.weights
+def _adjust(plain: AdjustedFit) -> AdjustedFit:
+    current, share = plain, 0.0
+    used = np.ones_like(plain.data.sinogram) if plain.data.weights is None else plain.data.weights
     for _ in range(ROUNDS):
         residual = current.data.sinogram - current.model
         deviation = _deviation(current, residual, used)
         if deviation == 0.0:
-            return now
+            return plain
         size, power = np.abs(residual) / deviation, used * residual**2
         outlying = size > OUTLIER
         if power[outlying].sum() < OUTLIER_POWER * power.sum() or not _is_a_fault(power * outlying, outlying):
             break
         weighted = replace(current.data, weights=used * np.where(outlying, (OUTLIER / size) ** 2, 1.0))
-        again = now.refitted(weighted, current.fit)
+        again = plain.refitted(weighted, current.fit)
         if again is None:
             break
-        current, share = replace(now, data=weighted, fit=again), float(outlying[used > 0.0].mean())
+        current, share = replace(plain, data=weighted, fit=again), float(outlying[used > 0.0].mean())
     if share == 0.0:
-        return now
-    return now.after(current.data, current.fit, f"{share:.2%} of the samples are outliers and lost weight")
+        return plain
+    return plain.after(current.data, current.fit, f"{share:.2%} of the samples are outliers and lost weight")
 
 
-def _deviation(now: AdjustedFit, residual: FloatArray, used: FloatArray) -> float:
+def _deviation(adjusted: AdjustedFit, residual: FloatArray, used: FloatArray) -> float:
     """Compute the residual's robust standard deviation in the shadow, at least what the size tolerance leaves.
 
     Air does not count: air may be free of noise, and covers most of a sinogram.
     """
-    depth = float(np.ptp(now.model))
-    shadowed = residual[(now.model > now.fit.offset + SHADOW * depth) & (used > 0.0)]
+    depth = float(np.ptp(adjusted.model))
+    shadowed = residual[(adjusted.model > adjusted.fit.offset + SHADOW * depth) & (used > 0.0)]
     deviation = robust_deviation(shadowed - np.median(shadowed)) if shadowed.size else 0.0
-    return max(deviation, now.phantom.size_tolerance * depth)
+    return max(deviation, adjusted.phantom.size_tolerance * depth)
 
 
 def _is_a_fault(power: FloatArray, outlying: NDArray[np.bool_]) -> bool:

@@ -13,9 +13,9 @@ from sawmill_tomography.geometry.geometry import FloatArray
 # view: a view's mean square root of the residual, which a few strong cells do not dominate, is squared and must exceed
 # the median view's by the factor ALL_OVER.
 FEW_VIEWS, MOST_POWER, ALL_OVER = 0.05, 0.5, 2.0
-# A kink of the shadow has a second difference above the share KINK of the shadow's depth; BESIDE cells on either side
+# A kink of the shadow has a second difference above the share KINK of the shadow's depth; KINK_CELLS on either side
 # belong to the kink.
-KINK, BESIDE = 0.005, 2
+KINK, KINK_CELLS = 0.005, 2
 # Edges are to blame when a cell at an edge has this multiple of the power of a cell elsewhere in the shadow.
 EDGES_STAND_OUT = 3.0
 # A mean of products is noise up to this number of standard deviations of the mean.
@@ -96,7 +96,7 @@ def _place(residual: FloatArray, model: FloatArray, shared: float) -> ResidualPl
     bent[:, :-1] += model[:, 1:]
     kinks = np.abs(bent) > KINK * depth
     at_edges = kinks.copy()
-    for away in range(1, BESIDE + 1):
+    for away in range(1, KINK_CELLS + 1):
         at_edges[:, away:] |= kinks[:, :-away]
         at_edges[:, :-away] |= kinks[:, away:]
     in_shadow = (model > model.min() + SHADOW * depth) & ~at_edges
