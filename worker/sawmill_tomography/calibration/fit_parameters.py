@@ -22,8 +22,6 @@ class FitParameter(IntEnum):
 # The geometry's five unknowns, and the four of the five that move the rays: psi only turns all rays together.
 FRAME = slice(0, 5)
 RAYS = slice(1, 5)
-# The unknowns of the phantom's pose.
-POSE = [FitParameter.PSI, FitParameter.T_X, FitParameter.T_Y]
 
 
 class GramTerm(IntEnum):
