@@ -9,22 +9,22 @@ import numpy as np
 from scipy.optimize import Bounds, differential_evolution
 
 from sawmill_tomography.calibration.calibrate import conclude
-from sawmill_tomography.calibration.calibration import Calibration
+from sawmill_tomography.calibration.calibration import CalibrationOutcome
 from sawmill_tomography.calibration.fit import Fit, refine
 from sawmill_tomography.calibration.misfit import Candidate, CoarseMisfit, coarse_data, search_box
 from sawmill_tomography.calibration.search import SearchReport, SearchResult
 from sawmill_tomography.calibration.sinogram_data import SinogramData
-from sawmill_tomography.calibration.task import CalibrationTask, Hypothesis
+from sawmill_tomography.calibration.task import CalibrationTask, PoseHypothesis
 from sawmill_tomography.geometry.geometry import FloatArray
 
 
-def calibrate_by_evolution(task: CalibrationTask, *, seed: int) -> Calibration:
+def calibrate_by_evolution(task: CalibrationTask, *, seed: int) -> CalibrationOutcome:
     """As `calibrate`, with differential evolution for its search."""
     started = time.perf_counter()
     sinogram, angles, cells = coarse_data(task.scanner, task.sinogram, task.angles_rad)
     misfit = CoarseMisfit(task.phantoms, task.rotations, sinogram, angles, cells)
     box = search_box(task.scanner, task.bounds, task.phantom)
-    best: dict[Hypothesis, Candidate] = {}
+    best: dict[PoseHypothesis, Candidate] = {}
 
     def objective(vector: FloatArray) -> float:
         least = 2.0
@@ -48,7 +48,7 @@ def calibrate_by_evolution(task: CalibrationTask, *, seed: int) -> Calibration:
         init="sobol",
         rng=np.random.default_rng(seed),
     )
-    fits: dict[Hypothesis, list[Fit]] = {}
+    fits: dict[PoseHypothesis, list[Fit]] = {}
     for hypothesis, candidate in best.items():
         handedness, rotation = hypothesis
         data = SinogramData(sinogram, rotation.apply(angles), cells)

@@ -33,7 +33,7 @@ from rich.progress import track
 from scanners import SCANNER
 
 from sawmill_tomography.calibration.calibrate import calibrate
-from sawmill_tomography.calibration.calibration import Calibration
+from sawmill_tomography.calibration.calibration import CalibrationOutcome
 from sawmill_tomography.calibration.errors import CalibrationError
 from sawmill_tomography.calibration.task import CalibrationTask
 from sawmill_tomography.geometry.ray_error import ray_error
@@ -71,7 +71,7 @@ def outcome(number: int, seed: int) -> dict[str, Any]:
     return about | _answer(scan, found) | {"seconds": round(time.perf_counter() - started, 4)}
 
 
-def _answer(scan: StudyScan, found: Calibration) -> dict[str, Any]:
+def _answer(scan: StudyScan, found: CalibrationOutcome) -> dict[str, Any]:
     assert found.error_bars is not None
     setting = scan.setting
     true = ray_error(SCANNER, setting.frame, found.frame, radius_mm=LOG_RADIUS_MM)
@@ -103,7 +103,7 @@ def effect_mm(scan: StudyScan) -> float | None:
     return ray_error(SCANNER, without.frame, with_it.frame, radius_mm=LOG_RADIUS_MM).rms_mm
 
 
-def _plain(scan: StudyScan, physics: Physics) -> Calibration:
+def _plain(scan: StudyScan, physics: Physics) -> CalibrationOutcome:
     """The fit without remedies, the hypothesis given."""
     setting = scan.setting
     lines = -np.log(scan.scanned(physics).signal.clip(LOG_LEAST))

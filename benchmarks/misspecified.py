@@ -22,7 +22,7 @@ from scanners import SCANNER, RandomScan, random_scan
 from scipy.ndimage import gaussian_filter1d
 
 from sawmill_tomography.calibration.calibrate import calibrate
-from sawmill_tomography.calibration.calibration import Calibration
+from sawmill_tomography.calibration.calibration import CalibrationOutcome
 from sawmill_tomography.calibration.errors import CalibrationError
 from sawmill_tomography.calibration.task import CalibrationTask
 from sawmill_tomography.geometry.geometry import TAU, FloatArray
@@ -233,7 +233,7 @@ class Tally:
     sentences: Counter[str] = field(default_factory=Counter)
     wrong: int = 0
 
-    def add(self, scan: RandomScan, found: Calibration) -> None:
+    def add(self, scan: RandomScan, found: CalibrationOutcome) -> None:
         """Note one answer."""
         assert found.error_bars is not None
         predicted = found.error_bars.predicted_ray_error

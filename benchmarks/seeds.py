@@ -22,7 +22,7 @@ from scanners import SCANNER
 from scans import ANGLES, TRUE_FRAME, TRUE_THETA, log_quality, published_l_phantom, simulated, sources
 
 from sawmill_tomography.calibration.calibrate import calibrate
-from sawmill_tomography.calibration.calibration import Calibration
+from sawmill_tomography.calibration.calibration import CalibrationOutcome
 from sawmill_tomography.calibration.task import CalibrationTask
 from sawmill_tomography.geometry.geometry import FloatArray, angle_difference, to_vector
 from sawmill_tomography.geometry.ray_error import ray_error
@@ -41,7 +41,7 @@ class Study:
     angles: FloatArray
     target: str
 
-    def answers(self) -> list[Calibration]:
+    def answers(self) -> list[CalibrationOutcome]:
         """One calibration for each seed."""
         return [
             calibrate(CalibrationTask(SCANNER, L_SHAPE, sinogram, self.angles), seed=seed)
@@ -71,7 +71,7 @@ def _target(name: str, step: int) -> str:
     return "0.01" if step == 1 else "0.04"
 
 
-def line(study: Study, answers: list[Calibration]) -> str:
+def line(study: Study, answers: list[CalibrationOutcome]) -> str:
     """One line of the table."""
     frames = [answer.frame for answer in answers]
     errors = [ray_error(SCANNER, TRUE_FRAME, frame).rms_mm for frame in frames]
@@ -84,7 +84,7 @@ def line(study: Study, answers: list[Calibration]) -> str:
     return text
 
 
-def draw(answers: list[Calibration], path: Path) -> None:
+def draw(answers: list[CalibrationOutcome], path: Path) -> None:
     """The pairs of theta: the published search's runs, where they are, and the product's answers."""
     plan = Plan()
     curve = curve_units(plan, plan.dense_views)

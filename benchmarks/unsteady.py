@@ -18,7 +18,7 @@ from rich.progress import track
 from scanners import SCANNER
 
 from sawmill_tomography.calibration.calibrate import calibrate
-from sawmill_tomography.calibration.calibration import Calibration
+from sawmill_tomography.calibration.calibration import CalibrationOutcome
 from sawmill_tomography.geometry.ray_error import ray_error
 
 TOLERANCE_MM = 0.1
@@ -63,7 +63,7 @@ class Outcomes:
     unsteady: int = 0
     wrong: int = 0
 
-    def add(self, scan: CountedScan, found: Calibration) -> None:
+    def add(self, scan: CountedScan, found: CalibrationOutcome) -> None:
         """Note one answer."""
         assert found.error_bars is not None
         error = ray_error(SCANNER, scan.frame, found.frame).rms_mm

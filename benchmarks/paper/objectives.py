@@ -12,7 +12,7 @@ from paper import pictures
 from paper.experiment import Experiment, Plan, Result, Results, Unit, Values
 from paper.pairs import FRAME_LABELS, TO_DEGREES
 from paper.searches import MadeOf, binned, default_source, every_so_many, phantom_scan, scores
-from sawmill_tomography.calibration.paper import PaperObjective, PaperOptions, calibrate_as_published
+from sawmill_tomography.calibration.paper import PaperObjective, PaperSettings, calibrate_as_published
 from sawmill_tomography.calibration.task import CalibrationTask
 from sawmill_tomography.geometry.geometry import FloatArray, SourceFrame, to_vector
 from sawmill_tomography.phantoms.built_in import L_SHAPE
@@ -23,10 +23,10 @@ REACH = np.array([np.radians(1.0), 40.0, 60.0, 4.0, np.radians(3.0)])
 # How much worse than its best an objective is where its width is measured.
 LEVEL = 1e-3
 PUBLISHED, ON_SINOGRAMS = "FBP image, as published", "sinogram, normalised"
-OBJECTIVES: Mapping[str, PaperOptions] = {
-    PUBLISHED: PaperOptions(),
-    "FBP image, exact weights, normalised": PaperOptions(weighting="exact", correlation="normalised"),
-    ON_SINOGRAMS: PaperOptions(objective="projection", correlation="normalised"),
+OBJECTIVES: Mapping[str, PaperSettings] = {
+    PUBLISHED: PaperSettings(),
+    "FBP image, exact weights, normalised": PaperSettings(weighting="exact", correlation="normalised"),
+    ON_SINOGRAMS: PaperSettings(objective="projection", correlation="normalised"),
 }
 STYLES = ((pictures.ORANGE, "-"), (pictures.GREEN, "--"), (pictures.BLUE, "-."))
 
@@ -59,7 +59,7 @@ def run_search(
     """Differential evolution with one of the objectives and one of the stops."""
     take = every_so_many(views)
     chosen = OBJECTIVES[objective]
-    options = PaperOptions(
+    options = PaperSettings(
         objective=chosen.objective,
         weighting=chosen.weighting,
         correlation=chosen.correlation,

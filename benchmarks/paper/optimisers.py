@@ -11,7 +11,7 @@ from scipy.optimize import Bounds, differential_evolution, dual_annealing, minim
 from paper import pictures
 from paper.experiment import Experiment, Plan, Result, Results, Unit, Values
 from paper.searches import MadeOf, default_source, default_unit, every_so_many, phantom_scan
-from sawmill_tomography.calibration.paper import PaperObjective, PaperOptions
+from sawmill_tomography.calibration.paper import PaperObjective, PaperSettings
 from sawmill_tomography.calibration.task import CalibrationTask
 from sawmill_tomography.geometry.geometry import FloatArray, Theta, ThetaBounds, bounds_array
 from sawmill_tomography.geometry.ray_error import ray_error
@@ -97,7 +97,7 @@ def run(optimiser: str, seed: int, budget: int, views: int, image_size: int, mad
     """One run to the end of its budget; starts again from elsewhere if the optimiser ends by itself."""
     take = every_so_many(views)
     task = CalibrationTask(SCANNER, L_SHAPE, phantom_scan("l-shape", made_of, 0)[take], ANGLES[take])
-    objective = Counted(PaperObjective(task, Rotation.AS_GIVEN, PaperOptions(image_size=image_size)), budget)
+    objective = Counted(PaperObjective(task, Rotation.AS_GIVEN, PaperSettings(image_size=image_size)), budget)
     rng = np.random.default_rng(seed)
     try:
         while True:

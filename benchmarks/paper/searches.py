@@ -10,8 +10,8 @@ from scans import ANGLES, TRUE_FRAME, Source, log_quality, published_l_phantom, 
 
 from paper.experiment import Plan, Result, Unit
 from sawmill_tomography.calibration.calibrate import calibrate
-from sawmill_tomography.calibration.calibration import Calibration
-from sawmill_tomography.calibration.paper import PaperOptions, calibrate_as_published
+from sawmill_tomography.calibration.calibration import CalibrationOutcome
+from sawmill_tomography.calibration.paper import PaperSettings, calibrate_as_published
 from sawmill_tomography.calibration.task import CalibrationTask
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner, SourceFrame, Theta, angle_difference, to_vector
 from sawmill_tomography.geometry.ray_error import ray_error
@@ -61,7 +61,7 @@ def scores(theta: Theta, frame: SourceFrame, rotation: Rotation = Rotation.AS_GI
     return result
 
 
-def _described(found: Calibration) -> Result:
+def _described(found: CalibrationOutcome) -> Result:
     return scores(found.theta, found.frame, found.rotation) | {
         "handedness": str(found.handedness),
         "rotation": str(found.rotation),
@@ -96,7 +96,7 @@ def run_paper(
     scanner, sinogram = binned(SCANNER, phantom_scan(phantom, made_of, seed)[take], cells_binned)
     found = calibrate_as_published(
         CalibrationTask(scanner, BUILT_IN[phantom], sinogram, ANGLES[take]),
-        options=PaperOptions(image_size=image_size, max_generations=max_generations),
+        options=PaperSettings(image_size=image_size, max_generations=max_generations),
         seed=seed,
     )
     return _described(found)

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from sawmill_tomography.calibration.fit import refine
-from sawmill_tomography.calibration.fit_parameters import Parameter
+from sawmill_tomography.calibration.fit_parameters import FitParameter
 from sawmill_tomography.calibration.sinogram_data import SinogramData
 from sawmill_tomography.geometry.geometry import SourceFrame, to_vector
 from sawmill_tomography.geometry.ray_error import ray_error
@@ -41,7 +41,7 @@ def test_a_fixed_source_distance_stays_and_has_no_variance(cells, true, full_tur
     start = SourceFrame.from_vector(to_vector(true) * [1.0, 1.01, 1.01, 1.0, 1.0])
     fit = refine(L_SHAPE, SinogramData(sinogram, full_turn(20), cells), start, fixed_source_distance=True)
     assert fit.frame.source_distance_mm == start.source_distance_mm
-    assert fit.covariance.held == {Parameter.R}
+    assert fit.covariance.held == {FitParameter.R}
     assert fit.covariance.unknown == frozenset()
     assert not fit.covariance.values[1].any()
     assert not fit.covariance.values[:, 1].any()

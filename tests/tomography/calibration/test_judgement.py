@@ -4,9 +4,9 @@ import pytest
 from sawmill_tomography.calibration.alternatives import Alternatives, HypothesisReport, TurnedAlternative
 from sawmill_tomography.calibration.covariance import Covariance
 from sawmill_tomography.calibration.error_bars import ErrorBars
-from sawmill_tomography.calibration.faults.structure import Place, Structure
+from sawmill_tomography.calibration.faults.structure import ResidualPlace, Structure
 from sawmill_tomography.calibration.fit import Fit
-from sawmill_tomography.calibration.judgement import Evidence, Limits, judge
+from sawmill_tomography.calibration.judgement import Evidence, JudgementLimits, judge
 from sawmill_tomography.calibration.residual_analysis import FoundEffect, ResidualAnalysis
 from sawmill_tomography.calibration.scale import ScaleUncertainty
 from sawmill_tomography.calibration.source_distance import SourceDistance
@@ -58,7 +58,9 @@ def judgement_of(*, fit=None, bars=None, hypotheses=None, turned=None, inflation
         "scale": ScaleUncertainty(1.35, 0.13, 0.0015),
         "theta_in_bounds": True,
     }
-    return judge(Evidence(**(evidence | changes)), Limits(tolerance_mm=0.1, scale_percent=0.5, source_to_cor_mm=859.46))
+    return judge(
+        Evidence(**(evidence | changes)), JudgementLimits(tolerance_mm=0.1, scale_percent=0.5, source_to_cor_mm=859.46)
+    )
 
 
 @pytest.fixture
@@ -124,7 +126,7 @@ def test_a_fit_that_did_not_converge_fails(verdict_of):
 @pytest.mark.parametrize(("share", "count"), [(0.0009, 0), (0.004, 1), (0.05, 1)])
 def test_a_structured_residual_is_noted_and_takes_no_pass_away(verdict_of, share, count):
     """What it does to the rays is in the error bars: they decide."""
-    found, reasons = verdict_of(residual=ResidualAnalysis(structure=Structure(share, Place.EDGES)))
+    found, reasons = verdict_of(residual=ResidualAnalysis(structure=Structure(share, ResidualPlace.EDGES)))
     assert (found, len(reasons)) == ("pass", count)
     assert all(f"{share:.1%} of the sinogram unexplained, and not as noise" in reason for reason in reasons)
 
@@ -132,9 +134,9 @@ def test_a_structured_residual_is_noted_and_takes_no_pass_away(verdict_of, share
 @pytest.mark.parametrize(
     ("place", "reported"),
     [
-        (Place.EDGES, ("several causes", "lags", "turns during the exposure", "jitter", "draw it anew")),
-        (Place.SHADOW, ("several causes", "without knots", "scatter", "flat fields", "check the rows")),
-        (Place.VIEWS, ("repeat the scan",)),
+        (ResidualPlace.EDGES, ("several causes", "lags", "turns during the exposure", "jitter", "draw it anew")),
+        (ResidualPlace.SHADOW, ("several causes", "without knots", "scatter", "flat fields", "check the rows")),
+        (ResidualPlace.VIEWS, ("repeat the scan",)),
     ],
 )
 def test_where_the_residual_lies_names_every_cause_that_fits_and_its_cure(verdict_of, place, reported):
@@ -145,7 +147,7 @@ def test_where_the_residual_lies_names_every_cause_that_fits_and_its_cure(verdic
 def test_more_views_are_the_cure_only_where_noise_is_the_cause(verdict_of):
     assert "use more views" in verdict_of(bars={"predicted_ray_error": predicted(0.2)})[1][0]
     of_the_model = {"bars": {"predicted_ray_error": predicted(0.2), "deviation_ratio": 5.0}}
-    found = verdict_of(**of_the_model, residual=ResidualAnalysis(structure=Structure(0.01, Place.EDGES)))[1]
+    found = verdict_of(**of_the_model, residual=ResidualAnalysis(structure=Structure(0.01, ResidualPlace.EDGES)))[1]
     assert "as another reason states, and more views alone will not help" in found[0]
     assert "at the phantom's edges" in found[1]
     # Where there is no other reason, none is referred to.

@@ -76,8 +76,8 @@ def derivatives(model):
         for term in set(Term) - {Term.OFFSET, Term.BLUR} - set(range(Term.SLOPE, len(Term))):
             rows[term] = correlate1d(rows[term] * intensity, model.taps, axis=1) / soft
     if model.from_counts:
-        rows[: Term.SLOPE] = [row / (1.0 + model.beside) for row in rows[: Term.SLOPE]]
-        rows[Term.SCATTER :] = [-row / (1.0 + model.beside) for row in (*model.halos, model.lagging)]
+        rows[: Term.SLOPE] = [row / (1.0 + model.added) for row in rows[: Term.SLOPE]]
+        rows[Term.SCATTER :] = [-row / (1.0 + model.added) for row in (*model.halos, model.lagging)]
     return np.stack(rows)
 
 

@@ -6,7 +6,7 @@ import pytest
 
 from sawmill_tomography.calibration.paper import (
     PaperObjective,
-    PaperOptions,
+    PaperSettings,
     calibrate_as_published,
     remove_background,
 )
@@ -19,7 +19,7 @@ from sawmill_vocabulary import Handedness, Rotation
 
 pytestmark = pytest.mark.slow
 
-SMALL = PaperOptions(image_size=64, max_generations=5)
+SMALL = PaperSettings(image_size=64, max_generations=5)
 SEARCHED = replace(SMALL, max_generations=25)
 COARSE = Scanner(859.46, 192, 1154.2 / 192)
 

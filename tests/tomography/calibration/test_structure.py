@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sawmill_tomography.calibration.faults.structure import Place, find_structure
+from sawmill_tomography.calibration.faults.structure import ResidualPlace, find_structure
 
 VIEWS, CELLS = 80, 200
 
@@ -37,13 +37,13 @@ def test_a_pattern_s_share_is_its_size(model, rng):
 def test_edges_inside_and_views_are_distinguished(model, rng):
     noise = 0.1 * rng.standard_normal(model.shape)
     edges = np.abs(np.diff(model, axis=1, prepend=0.0)) > 50.0
-    assert find_structure(noise + 3.0 * edges, model).place is Place.EDGES
+    assert find_structure(noise + 3.0 * edges, model).place is ResidualPlace.EDGES
     inside = np.zeros_like(model)
     inside[:, 90:110] = 1.0
-    assert find_structure(noise + inside, model).place is Place.SHADOW
+    assert find_structure(noise + inside, model).place is ResidualPlace.SHADOW
     # Flat fields of few frames leave the same error in every view.
     unequal = np.broadcast_to(rng.standard_normal(CELLS), model.shape)
-    assert find_structure(noise + unequal, model).place is Place.CELLS
+    assert find_structure(noise + unequal, model).place is ResidualPlace.CELLS
     moved = np.zeros_like(model)
     moved[[7, 31], 20:180] = 5.0
-    assert find_structure(noise + moved, model).place is Place.VIEWS
+    assert find_structure(noise + moved, model).place is ResidualPlace.VIEWS

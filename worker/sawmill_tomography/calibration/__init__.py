@@ -1,1 +1,1 @@
-"""Calibration: the default method, the published one, and what both answer."""
+"""Calibration: the default method, the published method, and the outcome of both."""

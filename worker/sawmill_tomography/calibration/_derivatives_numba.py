@@ -1,6 +1,6 @@
 """Kernel of the joint fit. It only loops; `normal_equations.py` documents and allocates.
 
-All derivatives of one view stay in the processor's cache: their inner products leave it, not the derivatives.
+All derivatives of one view stay in the processor's cache: only inner products of the derivatives are written to memory.
 """
 
 import math
@@ -18,7 +18,7 @@ from sawmill_tomography.projection._analytic_numba import (
     products_of_rows,
 )
 
-# The views of a block are taken by one thread one after another, whatever the number of threads: so are their sums.
+# One thread takes the views of a block one after another, so the sums do not depend on the number of threads.
 BLOCK = 16
 
 TERMS = len(Term)
@@ -31,7 +31,7 @@ _SLOPE, _CURVATURE, _SCATTER = int(Term.SLOPE), int(Term.CURVATURE), int(Term.SC
 
 @njit(fastmath=_FAST)
 def _of_line_integrals(raw, gain, cosine, sine, sizes, chain, row):
-    """Fill the rows up to the exposure's from those of `_view`, before blur."""
+    """Fill the rows before the exposure's from the rows of `_view`, without blur."""
     cells = raw.shape[1]
     square, cubic, by_x, by_y = sizes[_HARDENING], sizes[_CUBIC], sizes[_GRADIENT_X], sizes[_GRADIENT_Y]
     for m in range(cells):
@@ -60,7 +60,7 @@ def _of_line_integrals(raw, gain, cosine, sine, sizes, chain, row):
 
 @njit(fastmath=_FAST)
 def _exposure(start, end, raw, gain, sizes, from_counts, row):
-    """Fill the row of the exposure from the lengths (cells,) at both points that stand for it."""
+    """Fill the row of the exposure from the lengths (cells,) at the two angles that represent the exposure."""
     square, cubic = sizes[_HARDENING], sizes[_CUBIC]
     for m in range(start.size):
         one, two, length = start[m], end[m], raw[PARAMETERS, m]
@@ -77,7 +77,7 @@ def _exposure(start, end, raw, gain, sizes, from_counts, row):
 
 @njit(fastmath=_FAST)
 def _log_cosh(x):
-    """ln(cosh(x)); of small arguments the first terms of its series."""
+    """Compute ln(cosh(x)); for small arguments by the first terms of the series."""
     y = x * x
     if y > 0.01:
         return math.log(math.cosh(x))
@@ -86,7 +86,7 @@ def _log_cosh(x):
 
 @njit(fastmath=_FAST)
 def _soften(line, taps, padded):
-    """Blur a line (cells,) in place; its ends are reflected."""
+    """Blur a line (cells,) in place, with reflection at both ends."""
     cells, reach = line.size, taps.size // 2
     for m in range(cells + 2 * reach):
         at = (m - reach) % (2 * cells)
@@ -100,7 +100,7 @@ def _soften(line, taps, padded):
 
 @njit(fastmath=_FAST)
 def _blur_rows(exposed, taps, from_counts, row):
-    """Blur the rows, or what they make of the intensities."""
+    """Blur the rows; where there are counts, blur the changes of intensity that the rows make."""
     cells = exposed.size
     padded, intensity = np.empty(cells + taps.size), np.ones(cells)
     if from_counts:
@@ -119,7 +119,7 @@ def _blur_rows(exposed, taps, from_counts, row):
 
 @njit(fastmath=_FAST)
 def _by_blur(blurred, from_counts, row):
-    """Fill the row of the squared width: half the second difference; of intensities, less the squared first one."""
+    """Fill the row of the blur's squared width: half the second difference, for intensities less the squared first."""
     cells = blurred.size
     for m in range(cells):
         before, after = blurred[max(m - 1, 0)], blurred[min(m + 1, cells - 1)]
@@ -128,17 +128,17 @@ def _by_blur(blurred, from_counts, row):
 
 
 @njit(fastmath=_FAST)
-def _of_intensities(around, wide, lagging, beside, row):
-    """Divide the rows by the intensity that is measured, and fill those of what is added to a cell's own."""
+def _of_intensities(around, wide, lagging, added, row):
+    """Divide the rows by the measured intensity, and fill the rows of scatter and lag, which add to a cell's own."""
     cells = row.shape[1]
-    if beside.any():
+    if added.any():
         for p in range(_SLOPE):
             for m in range(cells):
-                row[p, m] /= 1.0 + beside[m]
+                row[p, m] /= 1.0 + added[m]
     for m in range(cells):
-        row[_SCATTER, m] = -around[m] / (1.0 + beside[m])
-        row[_SCATTER + 1, m] = -wide[m] / (1.0 + beside[m])
-        row[_SCATTER + 2, m] = -lagging[m] / (1.0 + beside[m])
+        row[_SCATTER, m] = -around[m] / (1.0 + added[m])
+        row[_SCATTER + 1, m] = -wide[m] / (1.0 + added[m])
+        row[_SCATTER + 2, m] = -lagging[m] / (1.0 + added[m])
 
 
 @njit(parallel=True, cache=True, fastmath=_FAST)
@@ -158,26 +158,26 @@ def inner_products(
     kept_terms,
     products,
 ):
-    """Fill what leaves the views.
+    """Fill the views' inner products, and the sums over views.
 
-    geometry : as of the kernels of the analytic projection, as a tuple
-    turned : (2, views) angles of the two points that stand for a view's exposure
-    corner_edges : (edges, 5) of what a corner loses, of the density by which its derivative is taken
+    geometry : tuple of the first arguments of the analytic projection's kernels
+    turned : (2, views) angles of the two points that represent a view's exposure
+    corner_edges : (edges, 5) of the pieces that corners lose, with the density that makes them the derivative
     gain : (views, 1); sizes : (terms,)
     exposed, blurred : (views, cells)
-    taps : (2 n + 1,) of the blur; empty where there is none
-    intensities : four times (views, cells): what scatters from around and from the whole view, what lags, and what is
-        added of these; (0, cells) where the line integrals were not made from counts
-    weights, residual : (views, cells); stripes (cells,) are what all views share of the residual
+    taps : (2 n + 1,) weights of the blur; empty where there is none
+    intensities : four times (views, cells): scatter from around and from the whole view, lag, and the sum of what is
+        added; (0, cells) where the line integrals were not made from counts
+    weights, residual : (views, cells); stripes : (cells,) the part of the residual that all views share
     kept_terms : terms whose weighted rows are kept
     products : grams (views, terms, terms), scores (views, terms), sums (blocks, terms, cells) of the weighted rows,
-        kept (kept terms, views, cells), neighbours (views, 2): sum and sum of squares of neighbours' products
+        kept (kept terms, views, cells), neighbours (views, 2): sum and sum of squares of neighbouring cells' products
     """
     edges, discs, frame, t_x, t_y, angles, u_first, pitch, rays = geometry
     grams, scores, sums, kept, neighbours = products
     views, cells = residual.shape
-    around, wide, lagging, beside = intensities
-    from_counts = len(beside) > 0
+    around, wide, lagging, added = intensities
+    from_counts = len(added) > 0
     count = TERMS if from_counts else _SCATTER
     for block in prange(sums.shape[0]):
         raw, row = np.empty((ROWS, cells)), np.zeros((TERMS + ROWS_AT_ONCE, cells))
@@ -206,7 +206,7 @@ def inner_products(
                 row[_SLOPE, m] = across
                 row[_CURVATURE, m] = across * across
             if from_counts:
-                _of_intensities(around[k], wide[k], lagging[k], beside[k], row)
+                _of_intensities(around[k], wide[k], lagging[k], added[k], row)
             for m in range(cells):
                 chain[m] = math.sqrt(weights[k, m])
                 row[count, m] = chain[m] * (residual[k, m] - stripes[m])
@@ -232,10 +232,10 @@ def inner_products(
 
 @njit(cache=True, fastmath=_FAST)
 def combine(terms, shapes, grams, scores, grams_of_columns, scores_of_columns):
-    """Fill grams (views, n, n) and scores (views, n) of columns, each the sum of some terms times shapes.
+    """Fill grams (views, n, n) and scores (views, n) of columns, each column the sum of some terms times shapes.
 
     terms : (n, parts)
-    shapes : (n, parts, views); 0 for a part that is none
+    shapes : (n, parts, views); 0 for an unused part
     """
     views, count = grams.shape[0], grams.shape[1]
     n, parts = terms.shape
@@ -258,12 +258,13 @@ def combine(terms, shapes, grams, scores, grams_of_columns, scores_of_columns):
 
 
 @njit(cache=True, fastmath=_FAST)
-def whiten(grams, of_base, scores, base, first, white, carried, change, white_scores, information):
+def whiten(grams, of_base, scores, base, first, white, sensitivity, change, white_scores, information):
     """Fill each view's scores (views, n) and grams (views, n, n) of n combinations of columns next to others.
 
     of_base : (views, base, columns), the rows of `base` in grams (views, columns, columns)
-    white : (own, n) of the columns from `first` on; carried : (base, n) of the base's, taken away
-    change : (n,), after which the scores are
+    white : (own, n) weights of the columns from `first` on
+    sensitivity : (base, n) weights of the base's columns, which are subtracted
+    change : (n,) change of the combinations after which the scores hold
     """
     own, n = white.shape
     columns = grams.shape[2]
@@ -277,25 +278,25 @@ def whiten(grams, of_base, scores, base, first, white, carried, change, white_sc
                 for column in range(columns):
                     line[column] += white[i, q] * grams[k, first + i, column]
             for i in range(base.size):
-                score -= carried[i, q] * scores[k, base[i]]
+                score -= sensitivity[i, q] * scores[k, base[i]]
                 for column in range(columns):
-                    line[column] -= carried[i, q] * of_base[k, i, column]
+                    line[column] -= sensitivity[i, q] * of_base[k, i, column]
             white_scores[k, q] = score
             for p in range(n):
                 total = 0.0
                 for i in range(own):
                     total += white[i, p] * line[first + i]
                 for i in range(base.size):
-                    total -= carried[i, p] * line[base[i]]
+                    total -= sensitivity[i, p] * line[base[i]]
                 information[k, q, p] = total
                 white_scores[k, q] -= total * change[p]
 
 
 @njit(cache=True, fastmath=_FAST)
 def largest_power(scores, information, diagonal, blocks):
-    """Return the largest sum of squares of scores (views, n): of single views, or of blocks of neighbouring ones.
+    """Return the largest sum of squares of scores (views, n): of single views, or of blocks of neighbouring views.
 
-    Those of single views are (diagonal - information)^-1 scores, by Gauss's elimination.
+    The scores of single views are multiplied by (diagonal - information)^-1, by Gauss's elimination.
     """
     views, n = scores.shape
     matrix, solved, largest = np.empty((n, n)), np.empty(n), 0.0

@@ -8,7 +8,7 @@ from numba import njit
 
 @njit(cache=True, fastmath={"reassoc", "contract", "nsz"})
 def best_turn(model, sinogram, first, signs, data_sum, data_square, correlation, where):
-    """The turn of the model's rotation table that correlates best with the data, for each sense of rotation.
+    """Find the turn of the model's rotation table that correlates best with the data, for each sense of rotation.
 
     model (turns, cells): projections at equidistant turns; sinogram (views, cells); first (views,): each view's angle
     in turns; signs (senses,): +1 or -1. Fills correlation (senses,) and where (senses,).

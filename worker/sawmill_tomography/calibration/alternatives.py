@@ -1,19 +1,19 @@
-"""The hypotheses and first angles that compete with the best fit, and how far behind it they are."""
+"""The hypotheses and first angles that compete with the best fit, and how much less likely they are."""
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from sawmill_tomography.calibration.fit import Fit, OnStep, refine, unheard
+from sawmill_tomography.calibration.fit import Fit, OnStep, ignore_progress, refine
 from sawmill_tomography.calibration.misfit import COARSE_VIEWS
-from sawmill_tomography.calibration.task import CalibrationTask, Hypothesis
+from sawmill_tomography.calibration.task import CalibrationTask, PoseHypothesis
 from sawmill_tomography.geometry.geometry import angle_difference
 from sawmill_vocabulary import Handedness, Rotation
 
-# Hypotheses whose coarse residual is within this factor of the best one's are fitted to all the data and compared.
+# Hypotheses whose coarse residual is within this factor of the least are fitted to all the data and compared.
 CONTENDER = 3.0
-# Fits whose first angles differ by less are the same one.
+# Two fits whose first angles differ by less are the same fit.
 SAME_ANGLE = math.radians(5.0)
 ITERATIONS = 60
 # Relative residuals below this are rounding.
@@ -21,15 +21,15 @@ LEAST_RESIDUAL = 1e-12
 
 
 class RankedFit(NamedTuple):
-    """A fit to all the data, under its hypothesis."""
+    """A fit to all the data, and its hypothesis."""
 
-    hypothesis: Hypothesis
+    hypothesis: PoseHypothesis
     fit: Fit
 
 
 @dataclass(frozen=True)
 class HypothesisReport:
-    """One of the four hypotheses, and how much of the sinogram it leaves unexplained."""
+    """A hypothesis of the four, and the share of the sinogram that the hypothesis leaves unexplained."""
 
     handedness: Handedness
     rotation: Rotation
@@ -46,16 +46,17 @@ class TurnedAlternative:
 
 @dataclass(frozen=True)
 class Alternatives:
-    """What else was fitted to the scan.
+    """The hypotheses and turned phantoms that were also fitted to the scan.
 
     Attributes
     ----------
     hypotheses : tuple of HypothesisReport
-        Each once, best first.
+        Every hypothesis once, best first.
     turned : TurnedAlternative or None
         None where no other first angle was found.
     independent_samples : float or None
-        Samples of the sinogram, less those that only repeat their neighbours. None from a method without error bars.
+        Number of samples of the sinogram that do not only repeat neighbouring samples; None from a method without
+        error bars.
     """
 
     hypotheses: tuple[HypothesisReport, ...]
@@ -63,7 +64,7 @@ class Alternatives:
     independent_samples: float | None = None
 
     def log_likelihood_behind(self, relative_residual: float) -> float | None:
-        """The best one's log-likelihood less that of a fit with this residual; None where it is not known."""
+        """Return by how much a fit with this residual is behind the best in log-likelihood; None where unknown."""
         if self.independent_samples is None:
             return None
         best = self.hypotheses[0].relative_residual
@@ -71,9 +72,12 @@ class Alternatives:
 
 
 def fit_hypotheses(
-    task: CalibrationTask, coarse: Mapping[Hypothesis, Sequence[Fit]], on_step: OnStep = unheard
+    task: CalibrationTask, coarse: Mapping[PoseHypothesis, Sequence[Fit]], on_step: OnStep = ignore_progress
 ) -> list[RankedFit]:
-    """Fit to all the data what may be the best, and measure what cannot be on some; best first, one a first angle."""
+    """Fit the hypotheses to all the data, best first, one fit for each first angle.
+
+    A hypothesis that cannot be the best is only measured, on some of the views.
+    """
     least = min((fit.relative_residual for fits in coarse.values() for fit in fits), default=0.0)
     fitted: list[RankedFit] = []
     for hypothesis, starts in coarse.items():
@@ -82,7 +86,7 @@ def fit_hypotheses(
             contends = start.relative_residual <= CONTENDER * least
             if number > 0 and not contends:
                 continue
-            # The coarse residual has its noise averaged away: what cannot win is still measured on all the cells.
+            # The coarse residual has its noise averaged away: a fit that cannot win is still measured on all the cells.
             fit = refine(
                 task.phantoms[hypothesis.handedness],
                 data if contends else data.every(max(1, len(data.sinogram) // COARSE_VIEWS)),
@@ -96,17 +100,17 @@ def fit_hypotheses(
     return _one_of_each_angle(fitted)
 
 
-def by_hypothesis(ranked: Sequence[RankedFit]) -> dict[Hypothesis, list[Fit]]:
-    """The fits of each hypothesis, in their order."""
-    fits: dict[Hypothesis, list[Fit]] = {}
+def by_hypothesis(ranked: Sequence[RankedFit]) -> dict[PoseHypothesis, list[Fit]]:
+    """Group the fits by hypothesis, in the same order."""
+    fits: dict[PoseHypothesis, list[Fit]] = {}
     for hypothesis, fit in ranked:
         fits.setdefault(hypothesis, []).append(fit)
     return fits
 
 
 def alternatives_of(ranked: Sequence[RankedFit], independent_samples: float) -> Alternatives:
-    """What competes with the first of these fits."""
-    reports: dict[Hypothesis, HypothesisReport] = {}
+    """Return the alternatives to the first of these fits."""
+    reports: dict[PoseHypothesis, HypothesisReport] = {}
     for hypothesis, fit in ranked:
         reports.setdefault(hypothesis, HypothesisReport(*hypothesis, fit.relative_residual))
     best = ranked[0]

@@ -1,4 +1,4 @@
-"""The calibration that users get: search -> fit -> joint fit -> residual -> error bars -> alternatives -> judgement."""
+"""The default calibration: search -> fit -> joint fit -> residual -> error bars -> alternatives -> judgement."""
 
 import math
 import time
@@ -8,34 +8,34 @@ from dataclasses import replace
 import numpy as np
 
 from sawmill_tomography.calibration.alternatives import RankedFit, alternatives_of, by_hypothesis, fit_hypotheses
-from sawmill_tomography.calibration.calibration import Calibration, Timing, choose_theta
+from sawmill_tomography.calibration.calibration import CalibrationOutcome, StageSeconds, choose_theta
 from sawmill_tomography.calibration.error_bars import error_bars
 from sawmill_tomography.calibration.faults.adjustments import prepare
 from sawmill_tomography.calibration.faults.finding import AdjustedFit
-from sawmill_tomography.calibration.faults.metal import Metal, find_metal
-from sawmill_tomography.calibration.fit import Fit, OnStep, unheard
+from sawmill_tomography.calibration.faults.metal import PhantomMetal, find_metal
+from sawmill_tomography.calibration.fit import Fit, OnStep, ignore_progress
 from sawmill_tomography.calibration.joint_fit import JointFit, as_fit
-from sawmill_tomography.calibration.judgement import Evidence, Limits, judge
+from sawmill_tomography.calibration.judgement import Evidence, JudgementLimits, judge
 from sawmill_tomography.calibration.refusals import NOT_FOUND, refuse_unfound
 from sawmill_tomography.calibration.residual_analysis import analyse_residual
 from sawmill_tomography.calibration.scale import scale_uncertainty
 from sawmill_tomography.calibration.scan_model import ScanModel, Term
 from sawmill_tomography.calibration.search import SearchCallback, SearchResult, search
 from sawmill_tomography.calibration.source_distance import with_theta
-from sawmill_tomography.calibration.task import CalibrationTask, Hypothesis
+from sawmill_tomography.calibration.task import CalibrationTask, PoseHypothesis
 from sawmill_tomography.sinograms.hardening import fit_hardening
 from sawmill_tomography.sinograms.scattered_radiation import fit_scatter_and_hardening
 from sawmill_tomography.statistics.robust import noise_of_differences
 from sawmill_vocabulary import Adjustment
 from sawmill_vocabulary.scattered_radiation import NOTHING_FOUND, BeamCorrection
 
-# A sinogram with less than this share of its power above white noise shows nothing.
+# A sinogram shows nothing when less than this share of the power is above white noise.
 LEAST_SIGNAL = 0.02
 
 
 def calibrate(
-    task: CalibrationTask, *, seed: int = 7, progress: SearchCallback | None = None, on_step: OnStep = unheard
-) -> Calibration:
+    task: CalibrationTask, *, seed: int = 7, progress: SearchCallback | None = None, on_step: OnStep = ignore_progress
+) -> CalibrationOutcome:
     """Find the geometry from one scan of the phantom.
 
     Parameters
@@ -48,35 +48,35 @@ def calibrate(
     Raises
     ------
     CalibrationError
-        If no geometry explains the scan; its message gives what to look at.
+        If no geometry explains the scan; the message tells what to check.
     """
     started = time.perf_counter()
-    found = search(task, seed, progress, on_step)
-    if not found.report.converged or task.screening.hidden is not None:
-        known, _ = _without_metal(task, found.fits, on_step)
-        if known is not task:
-            task, found = known, search(known, seed, progress, on_step)
-    return conclude(task, found, started=started, searched=time.perf_counter(), on_step=on_step)
+    basins = search(task, seed, progress, on_step)
+    if not basins.report.converged or task.screening.hidden is not None:
+        screened, _ = _without_metal(task, basins.fits, on_step)
+        if screened is not task:
+            task, basins = screened, search(screened, seed, progress, on_step)
+    return conclude(task, basins, started=started, searched=time.perf_counter(), on_step=on_step)
 
 
 def conclude(
-    task: CalibrationTask, basins: SearchResult, *, started: float, searched: float, on_step: OnStep = unheard
-) -> Calibration:
-    """From the coarse fits to the complete answer; `started` and `searched` are readings of `time.perf_counter`."""
+    task: CalibrationTask, basins: SearchResult, *, started: float, searched: float, on_step: OnStep = ignore_progress
+) -> CalibrationOutcome:
+    """Calibrate from the coarse fits; `started` and `searched` are readings of `time.perf_counter`."""
     ranked = fit_hypotheses(task, basins.fits, on_step)
-    known, metal = _without_metal(task, by_hypothesis(ranked), on_step)
-    if known is not task:
-        task, ranked = known, fit_hypotheses(known, by_hypothesis(ranked), on_step)
-    best = _found(task, ranked, on_step)
+    screened, metal = _without_metal(task, by_hypothesis(ranked), on_step)
+    if screened is not task:
+        task, ranked = screened, fit_hypotheses(screened, by_hypothesis(ranked), on_step)
+    best = _best_fit(task, ranked, on_step)
     sentences = () if metal is None else (metal.sentence(ranked[0].hypothesis.handedness, best.fit.position_mm),)
-    prepared, joint, scatter, source_distance = with_theta(task, prepare(best, task.without), on_step)
+    prepared, joint, statistics, source_distance = with_theta(task, prepare(best, task.without), on_step)
     refined = time.perf_counter()
-    fit = as_fit(joint, scatter.covariance, task.true_axis, task.scanner.source_to_cor_mm)
+    fit = as_fit(joint, statistics.covariance, task.true_axis, task.scanner.source_to_cor_mm)
     frame = fit.frame
     radius_mm = task.radius_mm(ranked[0].hypothesis.handedness, fit.position_mm)
-    found = analyse_residual(joint, scatter, task.scanner, radius_mm)
+    analysis = analyse_residual(joint, statistics, task.scanner, radius_mm)
     theta, twin = choose_theta(task.scanner, frame, task.bounds)
-    bars = error_bars(task.scanner, frame, theta, scatter, radius_mm)
+    bars = error_bars(task.scanner, frame, theta, statistics, radius_mm)
     alternatives = alternatives_of(ranked, task.sinogram.size / bars.inflation)
     scale = scale_uncertainty(
         task.scanner,
@@ -87,10 +87,10 @@ def conclude(
         aspect_half=_aspect_half(task, joint),
     )
     in_bounds = task.bounds is None or task.bounds.contain(theta)
-    evidence = Evidence(fit, source_distance, bars, alternatives, found, scale, in_bounds)
-    judgement = judge(evidence, Limits.of(task))
+    evidence = Evidence(fit, source_distance, bars, alternatives, analysis, scale, in_bounds)
+    judgement = judge(evidence, JudgementLimits.of(task))
     ended = time.perf_counter()
-    return Calibration(
+    return CalibrationOutcome(
         task=task,
         hypothesis=ranked[0].hypothesis,
         theta=theta,
@@ -106,29 +106,29 @@ def conclude(
             *task.screening.adjustments,
             *sentences,
             *prepared.adjustments,
-            *(f"{effect.sentence}: fitted" for effect in found.effects if effect.fitted),
+            *(f"{effect.sentence}: fitted" for effect in analysis.effects if effect.fitted),
         ),
         judgement=judgement,
         evidence=evidence,
         beam=_beam(joint.model),
         search=basins.report,
-        timing=Timing(ended - started, searched - started, refined - searched, ended - refined),
+        timing=StageSeconds(ended - started, searched - started, refined - searched, ended - refined),
     )
 
 
 def _aspect_half(task: CalibrationTask, joint: JointFit) -> float:
-    """Half the difference between the phantom's directions: which is right, or whether they differ, is not known."""
+    """Return half the difference between the phantom's directions, of which the right one is not known; 0 if known."""
     if task.true_axis is not None and joint.other_reading is None:
         return 0.0
     return 0.5 * abs(joint.aspect)
 
 
 def _beam(model: ScanModel) -> BeamCorrection:
-    """The hardening and scatter of all samples that count alike, once geometry and effects are known, if any is there.
+    """Fit hardening and scatter, if there is any, to all samples with equal weights at the known geometry and effects.
 
-    The joint fit takes out what all views share, and with it much of a round phantom's hardening. Its scatter is a
-    share of what is left of the beam, which does not go over from the phantom to a log: the fit here takes it as a
-    share of what the object takes out of the beam.
+    The joint fit takes out what all views share, and with it much of a round phantom's hardening. The joint fit's
+    scatter is a share of the beam that is left behind the object, which cannot be transferred from the phantom to a
+    log: the fit here gives scatter as a share of what the object takes out of the beam.
     """
     around, wide = model.size(Term.SCATTER), model.size(Term.SCATTER_WIDE)
     hardens = model.size(Term.HARDENING) != 0.0 or model.size(Term.HARDENING_CUBIC) != 0.0
@@ -136,8 +136,8 @@ def _beam(model: ScanModel) -> BeamCorrection:
         return NOTHING_FOUND
     lengths, integrals, weights = model.lengths, model.sharp + model.residual, model.data.weights
     if around or wide:
-        beside = around * model.halos[0] + wide * model.halos[1]
-        measured = integrals - np.log1p(np.maximum(beside, -0.95))
+        added = around * model.halos[0] + wide * model.halos[1]
+        measured = integrals - np.log1p(np.maximum(added, -0.95))
         fitted = fit_scatter_and_hardening(lengths, measured, model.residual, weights)
         if fitted is not None:
             return fitted
@@ -149,11 +149,11 @@ def _beam(model: ScanModel) -> BeamCorrection:
 
 
 def _without_metal(
-    task: CalibrationTask, fits: Mapping[Hypothesis, Sequence[Fit]], on_step: OnStep
-) -> tuple[CalibrationTask, Metal | None]:
-    """The task that knows which samples see metal, and the metal, from fits to some of the samples.
+    task: CalibrationTask, fits: Mapping[PoseHypothesis, Sequence[Fit]], on_step: OnStep
+) -> tuple[CalibrationTask, PhantomMetal | None]:
+    """Return the task with the samples that see metal, and the metal, from fits to some of the samples.
 
-    The same task where there is none and none was suspected.
+    The task is returned unchanged where no metal was found and none was suspected.
     """
     if Adjustment.METAL in task.without or not fits:
         return task, None
@@ -163,8 +163,8 @@ def _without_metal(
     return (of_all, None) if metal is None else (replace(task, metal=metal.samples), metal)
 
 
-def _found(task: CalibrationTask, ranked: list[RankedFit], on_step: OnStep) -> AdjustedFit:
-    """The best fit, of which nothing is adjusted yet, if it explains the scan as this phantom."""
+def _best_fit(task: CalibrationTask, ranked: list[RankedFit], on_step: OnStep) -> AdjustedFit:
+    """Return the best fit without adjustments, or refuse the scan if this fit does not explain it as this phantom."""
     if not ranked:
         refuse_unfound(task.scanner, task.phantom, None, 1.0)
     (handedness, rotation), fit = ranked[0]
@@ -174,11 +174,11 @@ def _found(task: CalibrationTask, ranked: list[RankedFit], on_step: OnStep) -> A
 
 
 def _unexplained(best: AdjustedFit) -> float:
-    """The share of the sinogram that the best fit leaves; white noise is not counted where it would be too much."""
-    if best.fit.relative_residual <= NOT_FOUND:  # without its noise it is less
+    """Compute the share of the sinogram that the best fit leaves, without white noise where the share is too large."""
+    if best.fit.relative_residual <= NOT_FOUND:  # the share without noise is smaller still
         return best.fit.relative_residual
     fit, residual = best.fit, best.data.sinogram - best.model
-    # Neighbouring cells share what the model lacks; what they do not share is noise.
+    # Neighbouring cells share the model's errors; the part that neighbouring cells do not share is noise.
     noise = noise_of_differences(np.diff(residual, axis=1), 1)
     total = fit.residual_rms**2 / fit.relative_residual**2 if fit.relative_residual > 0.0 else math.inf
     signal = total - noise**2

@@ -1,4 +1,4 @@
-"""What a calibration answers, composed of the values that its stages found."""
+"""The outcome of a calibration, composed of the results of the stages."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,7 @@ from sawmill_tomography.calibration.judgement import Evidence, Judgement
 from sawmill_tomography.calibration.scale import ScaleUncertainty
 from sawmill_tomography.calibration.search import SearchReport
 from sawmill_tomography.calibration.source_distance import SourceDistance
-from sawmill_tomography.calibration.task import CalibrationTask, Hypothesis
+from sawmill_tomography.calibration.task import CalibrationTask, PoseHypothesis
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner, SourceFrame, Theta, ThetaBounds
 from sawmill_tomography.phantoms.phantom import Phantom
 from sawmill_vocabulary import Handedness, Rotation
@@ -17,8 +17,8 @@ from sawmill_vocabulary.scattered_radiation import NOTHING_FOUND, BeamCorrection
 
 
 @dataclass(frozen=True)
-class Timing:
-    """Seconds; total runs from the sinogram in memory to the complete answer."""
+class StageSeconds:
+    """Seconds of the stages; `total` runs from the sinogram in memory to the complete outcome."""
 
     total: float
     search: float
@@ -27,29 +27,29 @@ class Timing:
 
 
 @dataclass(frozen=True, eq=False)
-class Calibration:
-    """The complete answer.
+class CalibrationOutcome:
+    """The complete outcome of a calibration.
 
     Attributes
     ----------
     task : CalibrationTask
-        What was asked.
+        The task that was calibrated.
     theta_twin : Theta or None
         The other theta with the same sinogram.
     model, residual : (views, cells) float64
-        Of the sinogram that was asked about: their sum.
+        Model sinogram and residual; their sum is the task's sinogram.
     error_bars : ErrorBars or None
-        None from a method that has none.
+        None from a method without error bars.
     adjustments : tuple of str
-        What was found in the scan beyond the plain model, and what was done about it.
+        Sentences on effects and faults in the scan beyond the plain model, and on what was done about each.
     evidence : Evidence or None
-        What it was judged by; None from a method that has no error bars.
+        The evidence that the judgement is based on; None from a method without error bars.
     beam : BeamCorrection
         Hardening and scatter, None where they were not fitted.
     """
 
     task: CalibrationTask
-    hypothesis: Hypothesis
+    hypothesis: PoseHypothesis
     theta: Theta
     theta_twin: Theta | None
     fit: FittedModel
@@ -62,7 +62,7 @@ class Calibration:
     adjustments: tuple[str, ...]
     judgement: Judgement
     search: SearchReport
-    timing: Timing
+    timing: StageSeconds
     evidence: Evidence | None = None
     beam: BeamCorrection = NOTHING_FOUND
 
@@ -73,17 +73,17 @@ class Calibration:
 
     @property
     def frame(self) -> SourceFrame:
-        """The geometry found."""
+        """The calibrated geometry."""
         return self.fit.frame
 
     @property
     def handedness(self) -> Handedness:
-        """From which side the phantom was seen."""
+        """Side from which the phantom was seen."""
         return self.hypothesis.handedness
 
     @property
     def rotation(self) -> Rotation:
-        """In which sense the view angles count."""
+        """Sense in which the view angles count."""
         return self.hypothesis.rotation
 
     @property
@@ -93,19 +93,19 @@ class Calibration:
 
     @property
     def radius_mm(self) -> float:
-        """Of the disc in which ray errors are counted."""
+        """Radius of the disc in which ray errors are counted, mm."""
         return self.task.radius_mm(self.handedness, self.fit.position_mm)
 
     @property
     def geometry(self) -> "CalibratedGeometry":
-        """What is compared with another calibration, and used to reconstruct."""
+        """Geometry for comparisons with another calibration, and for reconstruction."""
         covariance = None if self.error_bars is None else self.error_bars.covariance.values
         return CalibratedGeometry(self.scanner, self.theta, self.frame, self.rotation, covariance)
 
 
 @dataclass(frozen=True, eq=False)
 class CalibratedGeometry:
-    """The geometry of a calibration, its sense of rotation and its covariance (5, 5), where it has one."""
+    """A calibration's geometry, sense of rotation, and covariance (5, 5) or None."""
 
     scanner: Scanner
     theta: Theta
@@ -115,7 +115,7 @@ class CalibratedGeometry:
 
 
 def choose_theta(scanner: Scanner, frame: SourceFrame, bounds: ThetaBounds | None) -> tuple[Theta, Theta | None]:
-    """The theta to report and its twin: the one inside the bounds, else the one with h_S >= 0."""
+    """Select the theta to report, and its twin: report the theta inside the bounds, else the theta with h_S >= 0."""
     theta = frame.theta(scanner.source_to_cor_mm)
     if theta.source_shift_mm == 0.0:
         return theta, None

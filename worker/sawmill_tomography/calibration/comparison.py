@@ -1,4 +1,4 @@
-"""A new calibration against the active one: how far the rays moved, how the scale changed, and the likely cause."""
+"""A new calibration against the active one: movement of the rays, change of scale, and the likely cause."""
 
 import math
 from collections.abc import Iterator
@@ -13,7 +13,7 @@ from sawmill_tomography.geometry.ray_error import RayError, ray_error, scale_dev
 
 @dataclass(frozen=True)
 class ChangeLimits:
-    """What may change between two calibrations; None: the first angle may be any."""
+    """Largest allowed changes between two calibrations; an `angle_change_deg` of None allows any first angle."""
 
     ray_change_mm: float
     angle_change_deg: float | None
@@ -23,16 +23,16 @@ class ChangeLimits:
 
 @dataclass(frozen=True)
 class GeometryChange:
-    """Differences new - active, whether they are within the limits, and one sentence.
+    """Differences new - active, whether the limits are held, and one sentence.
 
     Attributes
     ----------
     ray_change_mm : float
-        RMS, one common rotation and one common scale taken out.
+        RMS distance of the rays, one common rotation and one common scale taken out.
     scale_change_percent : float
-        Change of that common scale.
+        Change of the common scale.
     scale_change_uncertainty_percent : float or None
-        With 95 %, from both covariances; None where neither has one.
+        Uncertainty with 95 %, from both covariances; None where neither calibration has a covariance.
     """
 
     ray_change_mm: float
@@ -49,7 +49,7 @@ class GeometryChange:
 def compare(
     scanner: Scanner, active: CalibratedGeometry, new: CalibratedGeometry, limits: ChangeLimits
 ) -> GeometryChange:
-    """Differences new - active, and whether they are within the limits."""
+    """Compute the differences new - active, and whether they are within the limits."""
     moved = _moved(scanner, active, new, limits.log_radius_mm)
     covariance = _covariance(active, new)
     spread = None if covariance is None else _scale_spread_percent(scanner, new.frame, covariance, limits.log_radius_mm)
@@ -64,14 +64,14 @@ def compare(
         within_tolerance=True,
         reason="",
     )
-    found = next(_complaints(scanner, active, new, change, limits), None)
-    return replace(change, within_tolerance=found is None, reason=found or _quiet(change, limits))
+    complaint = next(_complaints(scanner, active, new, change, limits), None)
+    return replace(change, within_tolerance=complaint is None, reason=complaint or _quiet(change, limits))
 
 
 def _complaints(
     scanner: Scanner, active: CalibratedGeometry, new: CalibratedGeometry, change: GeometryChange, limits: ChangeLimits
 ) -> Iterator[str]:
-    """A sentence for each limit that the change exceeds, the gravest first."""
+    """Yield a sentence for each limit that the change exceeds, the gravest first."""
     if new.rotation is not active.rotation:
         yield "the log turns the other way than at the active calibration: check the drive's direction"
     moved_mm, resized = change.ray_change_mm, abs(change.scale_change_percent) > limits.scale_change_percent
@@ -96,7 +96,7 @@ def _complaints(
 
 
 def _quiet(change: GeometryChange, limits: ChangeLimits) -> str:
-    """What to report where every limit is held: a change of scale beyond its uncertainty too."""
+    """Return the sentence where every limit is held; a change of scale beyond its uncertainty is reported too."""
     within = f"the rays moved {change.ray_change_mm:.3f} mm RMS, within the {limits.ray_change_mm:.2f} mm allowed"
     spread = change.scale_change_uncertainty_percent
     if spread is None or abs(change.scale_change_percent) <= spread:
@@ -109,8 +109,8 @@ def _quiet(change: GeometryChange, limits: ChangeLimits) -> str:
 
 def _described_scale(change: GeometryChange) -> str:
     spread = change.scale_change_uncertainty_percent
-    known = "" if spread is None else f" +- {spread:.2g} %"
-    return f"the scale changed by {change.scale_change_percent:+.3f}{known or ' %'}"
+    uncertainty = "" if spread is None else f" +- {spread:.2g} %"
+    return f"the scale changed by {change.scale_change_percent:+.3f}{uncertainty or ' %'}"
 
 
 def _moved(scanner: Scanner, active: CalibratedGeometry, new: CalibratedGeometry, radius_mm: float) -> RayError:
@@ -131,6 +131,6 @@ def _scale_spread_percent(
 
 
 def _covariance(active: CalibratedGeometry, new: CalibratedGeometry) -> FloatArray | None:
-    """Of the change; None where neither calibration has error bars."""
-    known = [one.covariance for one in (active, new) if one.covariance is not None]
-    return sum(known[1:], known[0]) if known else None
+    """Return the covariance of the change; None where neither calibration has error bars."""
+    covariances = [one.covariance for one in (active, new) if one.covariance is not None]
+    return sum(covariances[1:], covariances[0]) if covariances else None

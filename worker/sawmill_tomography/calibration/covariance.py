@@ -1,48 +1,48 @@
-"""A covariance that keeps apart what is held exactly and what the scan leaves unknown, and what follows from it."""
+"""A covariance that distinguishes parameters held exactly from parameters left unknown, and its propagation."""
 
 import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from sawmill_tomography.calibration.fit_parameters import FRAME, Parameter
+from sawmill_tomography.calibration.fit_parameters import FRAME, FitParameter
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner, SourceFrame, Theta, to_vector
 
-# The source shift is resolved from zero when R exceeds r_S by more standard deviations.
+# The source shift is resolved from zero when R exceeds r_S by more than this number of standard deviations.
 RESOLVED = 2.0
 
 
 @dataclass(frozen=True, eq=False)
 class Covariance:
-    """Of the fit's parameters, in the order of `Parameter`.
+    """Covariance of the fit's parameters, in the order of `FitParameter`.
 
     Attributes
     ----------
     values : (n, n) float64
-        Of the first n parameters. Rows and columns of `held` and of `unknown` parameters are zero.
-    held : frozenset of Parameter
-        Known exactly: held at a given value during the fit.
-    unknown : frozenset of Parameter
-        Not determined by the scan: any value explains it as well.
+        Covariance of the first n parameters. Rows and columns of `held` and of `unknown` parameters are zero.
+    held : frozenset of FitParameter
+        Parameters known exactly, because the fit held each at a given value.
+    unknown : frozenset of FitParameter
+        Parameters that the scan does not determine: any value explains the scan as well.
     """
 
     values: FloatArray
-    held: frozenset[Parameter] = field(default=frozenset())
-    unknown: frozenset[Parameter] = field(default=frozenset())
+    held: frozenset[FitParameter] = field(default=frozenset())
+    unknown: frozenset[FitParameter] = field(default=frozenset())
 
     @property
-    def determined(self) -> list[Parameter]:
-        """The parameters that have a variance, in their order."""
-        return [p for p in Parameter if p < len(self.values) and p not in self.held | self.unknown]
+    def determined(self) -> list[FitParameter]:
+        """Parameters that have a variance, in order."""
+        return [p for p in FitParameter if p < len(self.values) and p not in self.held | self.unknown]
 
     @property
     def of_frame(self) -> "Covariance":
-        """Of the geometry's five alone; a copy."""
+        """Covariance of the geometry's five parameters alone; a copy."""
         return replace(self, values=self.values[FRAME, FRAME].copy())
 
 
 def frame_deviation(frame: SourceFrame, covariance: FloatArray) -> FloatArray:
-    """Standard deviations of (psi, R, SDD, u_c, tau, M), (6,), from the covariance (5, 5) of the first five."""
+    """Compute standard deviations (6,) of (psi, R, SDD, u_c, tau, M) from the covariance (5, 5) of the first five."""
     r, sdd = frame.source_distance_mm, frame.source_to_detector_mm
     slope = np.array([0.0, -sdd / (r * r), 1.0 / r, 0.0, 0.0])
     magnification = math.sqrt(max(float(slope @ covariance @ slope), 0.0))
@@ -50,9 +50,9 @@ def frame_deviation(frame: SourceFrame, covariance: FloatArray) -> FloatArray:
 
 
 def theta_covariance(scanner: Scanner, frame: SourceFrame, theta: Theta, covariance: FloatArray) -> FloatArray | None:
-    """The covariance of theta to first order, (5, 5); None where h_S is not resolved from zero."""
+    """Propagate the covariance to theta to first order, (5, 5); None where h_S is not resolved from zero."""
     r, r_s = frame.source_distance_mm, scanner.source_to_cor_mm
-    spread = math.sqrt(float(covariance[Parameter.R, Parameter.R]))
+    spread = math.sqrt(float(covariance[FitParameter.R, FitParameter.R]))
     if spread == 0.0 or r - r_s <= RESOLVED * spread:
         return None
     sign = 1 if theta.source_shift_mm >= 0.0 else -1

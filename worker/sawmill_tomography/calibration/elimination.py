@@ -1,6 +1,6 @@
-"""Normal equations: terms that are linear are eliminated from them (variable projection), and their inverse.
+"""Normal equations: elimination of linear terms (variable projection), and inversion.
 
-Golub and Pereyra 2003; the derivative is Kaufman's. Gram matrices are those of `analytic.gram`.
+Golub and Pereyra 2003; the derivative is Kaufman's. The Gram matrices come from `analytic.gram`.
 """
 
 from collections.abc import Sequence
@@ -14,12 +14,12 @@ _LINEAR = [GramTerm.SHADOW, GramTerm.ONE]
 
 
 def reduce(grams: FloatArray, kept: Sequence[int]) -> tuple[FloatArray, FloatArray]:
-    """Gram matrix of `kept` after gain and offset are projected out, and their coefficients, (2, kept).
+    """Project gain and offset out; return the Gram matrix of `kept` and the coefficients of both, (2, kept).
 
     Raises
     ------
     numpy.linalg.LinAlgError
-        If the linear terms do not stand apart: a phantom with no shadow on the detector.
+        If the linear terms are not independent: the phantom has no shadow on the detector.
     """
     gram = grams.sum(axis=0)
     linear, rest = gram[_LINEAR], gram[list(kept)]
@@ -29,21 +29,21 @@ def reduce(grams: FloatArray, kept: Sequence[int]) -> tuple[FloatArray, FloatArr
 
 
 def unit_scale(normal: FloatArray) -> FloatArray:
-    """Return what makes the diagonal of a normal matrix one (n,): radians and millimetres differ by 1e4."""
+    """Return the scale (n,) that makes the diagonal of a normal matrix one: radians and millimetres differ by 1e4."""
     diagonal = np.diag(normal)
     scale: FloatArray = np.where(diagonal > 0.0, 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0)), 0.0)
     return scale
 
 
 def scaled_inverse(normal: FloatArray, least: float = 1e-11) -> FloatArray:
-    """Invert a normal matrix (n, n) of unit diagonal; what it does not determine has no variance."""
+    """Invert a normal matrix (n, n), scaled to unit diagonal; undetermined directions have no variance."""
     scale = unit_scale(normal)
     both = np.outer(scale, scale)
     return pseudo_inverse(normal * both, least) * both
 
 
 def pseudo_inverse(matrix: FloatArray, least: float) -> FloatArray:
-    """Invert a symmetric matrix (n, n) but for eigenvalues below the share `least` of the largest."""
+    """Invert a symmetric matrix (n, n), leaving out eigenvalues below the share `least` of the largest."""
     values, vectors = np.linalg.eigh(matrix)
     size = np.abs(values)
     kept = size > least * size.max()

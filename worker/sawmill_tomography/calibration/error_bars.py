@@ -1,33 +1,33 @@
-"""The error bars of a calibration: the covariance, and the ray error that it predicts."""
+"""The error bars of a calibration: the covariance, and the predicted ray error."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
 from sawmill_tomography.calibration.covariance import Covariance, frame_deviation, theta_covariance
-from sawmill_tomography.calibration.scatter import Scatter
+from sawmill_tomography.calibration.residual_statistics import ResidualStatistics
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner, SourceFrame, Theta
 from sawmill_tomography.geometry.ray_error import PredictedRayError, predicted_ray_error
 
 
 @dataclass(frozen=True, eq=False)
 class ErrorBars:
-    """What is known of the errors.
+    """Uncertainties of a calibration.
 
     Attributes
     ----------
     covariance : Covariance
-        Of the geometry's five unknowns.
+        Covariance of the geometry's five unknowns.
     theta_covariance : (5, 5) float64 or None
-        Of theta; None where the source shift is not resolved.
+        Covariance of theta; None where the source shift is not resolved.
     predicted_ray_error : PredictedRayError
-        Inside the log's disc.
+        Predicted ray error inside the log's disc.
     inflation : float
         Factor by which the residual's correlation within views inflated the covariance; 1 for white noise.
     deviation_ratio : float
-        The standard deviations against those for white noise of the residual's RMS.
+        Ratio of the standard deviations to the ones that white noise of the residual's RMS would give.
     source_shift_resolved : bool
-        Whether the source shift differs from zero by more than its uncertainty.
+        True if the source shift differs from zero by more than its uncertainty.
     """
 
     covariance: Covariance
@@ -39,23 +39,25 @@ class ErrorBars:
 
     @property
     def theta_deviation(self) -> FloatArray | None:
-        """Standard deviations of theta, (5,); None where it has no covariance."""
+        """Standard deviations of theta, (5,); None where theta has no covariance."""
         return None if self.theta_covariance is None else np.sqrt(np.diag(self.theta_covariance))
 
     def frame_deviation(self, frame: SourceFrame) -> FloatArray:
-        """Standard deviations of (psi, R, SDD, u_c, tau, M), (6,); zero where held or unknown."""
+        """Compute standard deviations of (psi, R, SDD, u_c, tau, M), (6,); zero where held or unknown."""
         return frame_deviation(frame, self.covariance.values)
 
 
-def error_bars(scanner: Scanner, frame: SourceFrame, theta: Theta, scatter: Scatter, radius_mm: float) -> ErrorBars:
-    """From the scatter of the parameters."""
-    covariance = scatter.covariance.of_frame
+def error_bars(
+    scanner: Scanner, frame: SourceFrame, theta: Theta, statistics: ResidualStatistics, radius_mm: float
+) -> ErrorBars:
+    """Compute the error bars from the residual's statistics, for rays inside a disc of this radius."""
+    covariance = statistics.covariance.of_frame
     of_theta = theta_covariance(scanner, frame, theta, covariance.values)
     return ErrorBars(
         covariance=covariance,
         theta_covariance=of_theta,
         predicted_ray_error=predicted_ray_error(scanner, frame, covariance.values, radius_mm=radius_mm),
-        inflation=scatter.inflation,
-        deviation_ratio=scatter.deviation_ratio,
+        inflation=statistics.inflation,
+        deviation_ratio=statistics.deviation_ratio,
         source_shift_resolved=of_theta is not None,
     )

@@ -1,13 +1,13 @@
-"""The one error of a calibration."""
+"""The only exception of a calibration."""
 
 
 class CalibrationError(Exception):
-    """No calibration could be made of this scan.
+    """A failed calibration: this scan has none.
 
     Attributes
     ----------
     code : str
-        Stable, for programs: wrong-shape, angles-mismatch, too-few-views, not-finite, flat-scan, no-geometry,
+        Stable code for programs: wrong-shape, angles-mismatch, too-few-views, not-finite, flat-scan, no-geometry,
         phantom-outside-field, phantom-not-found.
     """
 

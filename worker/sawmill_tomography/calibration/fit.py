@@ -1,8 +1,8 @@
 """Least squares on the sinogram: Levenberg-Marquardt with gain and background eliminated.
 
 min over (psi, R, SDD, u_c, tau, t_x, t_y) of || g * proj(phantom at t) + b - y ||^2, g and b in closed form (variable
-projection with Kaufman's derivative; Golub and Pereyra 2003). Every inner product that this needs comes from the
-per-view Gram matrices of `analytic.gram`, so no derivative is ever stored.
+projection with Kaufman's derivative; Golub and Pereyra 2003). All inner products come from the per-view Gram matrices
+of `analytic.gram`, so no derivative is ever stored.
 """
 
 import math
@@ -13,7 +13,7 @@ import numpy as np
 
 from sawmill_tomography.calibration.covariance import Covariance
 from sawmill_tomography.calibration.elimination import reduce, scaled_inverse
-from sawmill_tomography.calibration.fit_parameters import RAYS, GramTerm, Parameter
+from sawmill_tomography.calibration.fit_parameters import RAYS, FitParameter, GramTerm
 from sawmill_tomography.calibration.sinogram_data import SinogramData
 from sawmill_tomography.geometry.geometry import FloatArray, GeometryError, SourceFrame, to_vector, wrap_angle
 from sawmill_tomography.phantoms.phantom import Phantom
@@ -21,14 +21,14 @@ from sawmill_tomography.phantoms.phantom import Phantom
 
 @dataclass(frozen=True)
 class FittedModel:
-    """A geometry with the gain and offset that explain most of the scan at it.
+    """A geometry with the gain and offset that explain most of the scan.
 
     Attributes
     ----------
     position_mm : (float, float)
-        Where the phantom stood, x and y.
+        The phantom's position, x and y.
     residual_rms, relative_residual : float
-        In the sinogram's unit, and against the RMS of the sinogram without its mean.
+        RMS of the residual, in the sinogram's unit, and against the RMS of the sinogram without its mean.
     """
 
     frame: SourceFrame
@@ -39,18 +39,18 @@ class FittedModel:
     relative_residual: float
 
     def to_vector(self) -> FloatArray:
-        """The seven unknowns, (7,), in the order of `Parameter`."""
+        """Return the seven unknowns, (7,), in the order of `FitParameter`."""
         return np.concatenate([to_vector(self.frame), self.position_mm])
 
 
 @dataclass(frozen=True)
 class Fit(FittedModel):
-    """Where least squares ended.
+    """The end point of least squares.
 
     Attributes
     ----------
     covariance : Covariance
-        Of the seven unknowns for white noise of the residual's size.
+        Covariance of the seven unknowns for white noise of the residual's size.
     """
 
     covariance: Covariance
@@ -58,18 +58,18 @@ class Fit(FittedModel):
     iterations: int
 
 
-# A fit ends where a step would gain less than this share of one sample's variance, a tenth of a standard deviation, or
-# of this share of the data's power, where that is larger.
+# A fit ends where a step would gain less than the share NO_GAIN of one sample's variance (a tenth of a standard
+# deviation). The residual's power counts as at least the share ROUNDING of the data's power.
 NO_GAIN, ROUNDING = 0.01, 1e-14
-# A step that lowers the sum of squares by less than this share of it is slow.
+# A step is slow when it lowers the sum of squares by less than this share.
 SLOW = 0.2
 
-# Called at each step of fits, whose number is not known beforehand.
+# Called at each step of a fit; the number of steps is not known beforehand.
 OnStep = Callable[[], None]
 
 
-def unheard() -> None:
-    """For those who need not know of steps."""
+def ignore_progress() -> None:
+    """Ignore the steps of a fit."""
 
 
 @dataclass(frozen=True)
@@ -84,9 +84,9 @@ class _Normal:
 
 
 def _eliminate(grams: FloatArray) -> _Normal | None:
-    """Project what is linear out of derivatives and data; None where the model shows nothing."""
+    """Project the linear terms out of derivatives and data; None where the model shows nothing."""
     try:
-        schur, solved = reduce(grams, [*Parameter, GramTerm.DATA])
+        schur, solved = reduce(grams, [*FitParameter, GramTerm.DATA])
     except np.linalg.LinAlgError:  # the model is zero, or the same everywhere
         return None
     gain, offset = solved[:, -1].tolist()
@@ -102,8 +102,11 @@ def _eliminate(grams: FloatArray) -> _Normal | None:
 
 
 def _normal_equations(phantom: Phantom, data: SinogramData, x: FloatArray) -> _Normal | None:
-    """At a vector x (7,) in the order of `Parameter`; None where no such geometry exists or it shows nothing."""
-    if not np.isfinite(x).all() or abs(x[Parameter.TILT]) > 1.4 or not 0.0 < x[Parameter.R] < x[Parameter.SDD]:
+    """Compute the normal equations at a vector x (7,) in the order of `FitParameter`.
+
+    The result is None where no such geometry exists, or where the phantom has no shadow on the detector.
+    """
+    if not np.isfinite(x).all() or abs(x[FitParameter.TILT]) > 1.4 or not 0.0 < x[FitParameter.R] < x[FitParameter.SDD]:
         return None
     try:
         return _eliminate(data.gram(phantom, x))
@@ -120,33 +123,33 @@ def refine(
     fixed_source_distance: bool = False,
     max_iterations: int = 60,
     hopeless: float = math.inf,
-    on_step: OnStep = unheard,
+    on_step: OnStep = ignore_progress,
 ) -> Fit | None:
-    """Go from an initial guess in the right basin to its minimum.
+    """Go from an initial guess in the right basin to the basin's minimum.
 
     Parameters
     ----------
     phantom : Phantom
-        As this hypothesis of handedness sees it.
+        The phantom as this hypothesis of handedness sees it.
     start : SourceFrame
-        Where to begin; with `fixed_source_distance` R stays there.
+        The initial guess; with `fixed_source_distance` R is not changed.
     hopeless : float
-        The relative residual above which the fit ends with its first slow step.
+        The relative residual above which the fit ends with the first slow step.
     on_step : callable
         Called at each iteration.
 
     Returns
     -------
     Fit or None
-        None where the guess explains nothing: no shadow on the detector, or a gain that is not positive.
+        None where the guess explains nothing: the phantom has no shadow on the detector, or the gain is not positive.
     """
     centre = float(np.average(data.sinogram, weights=data.weights))
     centred = replace(data, sinogram=data.sinogram - centre)
-    held = frozenset({Parameter.R}) if fixed_source_distance else frozenset[Parameter]()
-    free = np.array([p for p in Parameter if p not in held])
+    held = frozenset({FitParameter.R}) if fixed_source_distance else frozenset[FitParameter]()
+    free = np.array([p for p in FitParameter if p not in held])
     x = np.concatenate([to_vector(start), position_mm])
-    now = _normal_equations(phantom, centred, x)
-    if now is None:
+    current = _normal_equations(phantom, centred, x)
+    if current is None:
         return None
     samples, mean_square = data.samples, float(np.average(centred.sinogram**2, weights=data.weights))
     power, identity = mean_square * samples, np.eye(free.size)
@@ -154,35 +157,35 @@ def refine(
     while iterations < max_iterations:
         iterations += 1
         on_step()
-        hessian, gradient = now.hessian[free][:, free], now.gradient[free]
+        hessian, gradient = current.hessian[free][:, free], current.gradient[free]
         try:
             step = np.linalg.solve(hessian * (1.0 + damping * identity), gradient)
         except np.linalg.LinAlgError:  # a direction the data do not see at all: damp harder
             step = np.full(free.size, np.nan)
-        if damping < 1.0 and float(step @ gradient) <= NO_GAIN / samples * max(now.rss, ROUNDING * power):
+        if damping < 1.0 and float(step @ gradient) <= NO_GAIN / samples * max(current.rss, ROUNDING * power):
             converged = True
             break
         trial = x.copy()
         trial[free] += step
         then = _normal_equations(phantom, centred, trial)
-        if then is not None and then.rss <= now.rss:
-            slow = then.rss > (1.0 - SLOW) * now.rss
-            x, now, damping = trial, then, max(damping * 0.1, 1e-12)
-            if slow and now.rss > hopeless**2 * power:
+        if then is not None and then.rss <= current.rss:
+            slow = then.rss > (1.0 - SLOW) * current.rss
+            x, current, damping = trial, then, max(damping * 0.1, 1e-12)
+            if slow and current.rss > hopeless**2 * power:
                 break
         else:
             damping = max(damping * 10.0, 1e-9)
             if damping > 1e8:
-                converged = then is not None and abs(then.rss - now.rss) <= 1e-9 * now.rss
+                converged = then is not None and abs(then.rss - current.rss) <= 1e-9 * current.rss
                 break
-    return _fit(centred, x, now, held, centre, mean_square, converged=converged, iterations=iterations)
+    return _fit(centred, x, current, held, centre, mean_square, converged=converged, iterations=iterations)
 
 
 def _fit(
     data: SinogramData,
     x: FloatArray,
     normal: _Normal,
-    held: frozenset[Parameter],
+    held: frozenset[FitParameter],
     centre: float,
     mean_square: float,
     *,
@@ -190,16 +193,16 @@ def _fit(
     iterations: int,
 ) -> Fit:
     count = data.samples
-    determinable = [p for p in Parameter if p not in held]
+    determinable = [p for p in FitParameter if p not in held]
     free = np.array(determinable)
     degrees = max(count - free.size - 2, 1.0)
-    covariance = np.zeros((len(Parameter), len(Parameter)))
+    covariance = np.zeros((len(FitParameter), len(FitParameter)))
     inverse = scaled_inverse(normal.hessian[np.ix_(free, free)], least=1e-15)
     covariance[np.ix_(free, free)] = inverse * normal.rss / degrees
     residual_rms = math.sqrt(normal.rss / count)
     return Fit(
-        frame=SourceFrame.from_vector((wrap_angle(x[Parameter.PSI]), *x[RAYS])),
-        position_mm=(float(x[Parameter.T_X]), float(x[Parameter.T_Y])),
+        frame=SourceFrame.from_vector((wrap_angle(x[FitParameter.PSI]), *x[RAYS])),
+        position_mm=(float(x[FitParameter.T_X]), float(x[FitParameter.T_Y])),
         gain=normal.gain,
         offset=normal.offset + centre,
         covariance=Covariance(covariance, held, frozenset(p for p in determinable if not covariance[p, p] > 0.0)),

@@ -1,13 +1,13 @@
-"""The order of a fit's seven unknowns, and of the terms of `analytic.gram`: named here and nowhere else."""
+"""The order of a fit's seven unknowns, and of the terms of `analytic.gram`; no other module defines an order."""
 
 from enum import IntEnum
 
 
-class Parameter(IntEnum):
-    """An unknown of the fit: its place in every vector, derivative and covariance.
+class FitParameter(IntEnum):
+    """An unknown of the fit; the value is the index in every vector, derivative and covariance.
 
-    The first five are those of `SourceFrame.to_vector`. R and SDD are distances in mm, U_C the COR's column in mm,
-    PSI and TILT (tau) angles in radians; T_X and T_Y are the phantom's position in mm.
+    The first five are in the order of `SourceFrame.to_vector`. R and SDD are distances in mm, U_C the COR's column in
+    mm, PSI and TILT (tau) angles in radians; T_X and T_Y are the phantom's position in mm.
     """
 
     PSI = 0
@@ -19,15 +19,13 @@ class Parameter(IntEnum):
     T_Y = 6
 
 
-# The geometry's five unknowns, and of these the four that move the rays: psi is a common turn of all.
+# The geometry's five unknowns, and the four of the five that move the rays: psi only turns all rays together.
 FRAME = slice(0, 5)
 RAYS = slice(1, 5)
-# The unknowns of the phantom's pose.
-POSE = [Parameter.PSI, Parameter.T_X, Parameter.T_Y]
 
 
 class GramTerm(IntEnum):
-    """A term of `analytic.gram` behind the seven derivatives."""
+    """A term of `analytic.gram` after the seven derivatives."""
 
     SHADOW = 7
     ONE = 8

@@ -1,8 +1,8 @@
-"""Initial guesses of the geometry: those that cast the shadow seen, and random ones where that is not enough.
+"""Initial guesses of the geometry: guesses that cast the measured shadow, and random guesses where that is not enough.
 
-Over a full turn the phantom's farthest point sweeps the disc of its radius, so the shadow of all views together
-reaches from -gamma to +gamma with sin gamma = radius / R. For each (R, tau) that fixes SDD and u_c; what remains to be
-tried is a few values of R, along which the basin is long and flat, and of tau.
+Over a full turn the phantom's farthest point sweeps a disc of the phantom's radius, so the shadow of all views together
+reaches from -gamma to +gamma with sin gamma = radius / R. For each (R, tau) that fixes SDD and u_c. A few values of R,
+along which the basin is long and flat, and of tau remain to be tried.
 """
 
 import math
@@ -13,14 +13,14 @@ from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.projection.analytic import DetectorCells
 
 DISTANCES, TILTS = 2, 9
-# The largest tilt of a guess; least squares may go beyond it.
+# The largest tilt of a guess; least squares may exceed this tilt.
 WIDEST_TILT = 1.2
-# A cell belongs to the shadow where its strongest twentieth of views reaches this share of the deepest shadow.
+# A cell belongs to the shadow where the strongest twentieth of the views reaches this share of the deepest shadow.
 SHADOW_LEVEL, STRONGEST = 0.06, 0.05
 
 
 def shadow_extent(sinogram: FloatArray, cells: DetectorCells) -> tuple[float, float] | None:
-    """Where the shadow of all views together begins and ends on the detector, mm; None where there is none."""
+    """Find where the shadow of all views together begins and ends on the detector, mm; None without a shadow."""
     low, high = np.percentile(sinogram, [2.0, 99.5])
     air = float(np.median(sinogram[sinogram <= low + 0.1 * (high - low)]))
     strongest = max(1, round(STRONGEST * len(sinogram)))
@@ -35,7 +35,7 @@ def shadow_extent(sinogram: FloatArray, cells: DetectorCells) -> tuple[float, fl
 def shadow_guesses(
     extent: tuple[float, float], phantom_radius_mm: float, distances: tuple[float, float], rng: np.random.Generator
 ) -> FloatArray:
-    """(R, ln M, u_c, tau) of each guess, (guesses, 4), for R between `distances`; the grid is shifted by the seed."""
+    """Return guesses of (R, ln M, u_c, tau), (guesses, 4), for R between `distances`; `rng` shifts the grid."""
     left, right = extent
     shift_r, shift_tau = rng.uniform(0.0, 1.0, 2)
     guesses = []
@@ -53,7 +53,7 @@ def shadow_guesses(
 
 
 def random_guesses(box: FloatArray, count: int, rng: np.random.Generator) -> FloatArray:
-    """A Latin hypercube of `count` guesses (R, ln M, u_c, tau) in the box (4, 2)."""
+    """Draw a Latin hypercube of `count` guesses (R, ln M, u_c, tau) in the box (4, 2)."""
     strata = rng.permuted(np.tile(np.arange(count), (4, 1)), axis=1).T
     guesses: FloatArray = box[:, 0] + (strata + rng.uniform(size=(count, 4))) / count * (box[:, 1] - box[:, 0])
     return guesses

@@ -1,8 +1,8 @@
 """The geometry and every effect that the scan shows, fitted together by generalised least squares.
 
-Gauss and Newton's steps from the plain fit. At each point every effect of `faults.adjustments` is tested by its own
-pattern; one that chance does not explain joins the fit. What is beyond chance but not fitted adds its bias to the
-covariance.
+The fit takes Gauss-Newton steps from the plain fit. At each point every effect of `faults.effects` is tested by its own
+pattern; an effect that chance does not explain joins the fit. An effect that is beyond chance but not fitted adds a
+bias to the covariance.
 """
 
 import math
@@ -12,10 +12,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from sawmill_tomography.calibration.covariance import Covariance
-from sawmill_tomography.calibration.faults.adjustments import ALIKE, EFFECTS
 from sawmill_tomography.calibration.faults.angle_jitter import angle_scatter
-from sawmill_tomography.calibration.faults.deformation import DEFORMATION
-from sawmill_tomography.calibration.faults.effect import Effect
+from sawmill_tomography.calibration.faults.effects import ALIKE, DEFORMATION, EFFECTS, Effect
 from sawmill_tomography.calibration.faults.finding import AdjustedFit
 from sawmill_tomography.calibration.faults.inconsistent_views import (
     inconsistent_views,
@@ -25,40 +23,40 @@ from sawmill_tomography.calibration.faults.inconsistent_views import (
 from sawmill_tomography.calibration.faults.intensity_averaging import averaging
 from sawmill_tomography.calibration.faults.slip import likeliest_slip, slip_at
 from sawmill_tomography.calibration.faults.view_gain import views_differ
-from sawmill_tomography.calibration.fit import Fit, OnStep, unheard
-from sawmill_tomography.calibration.fit_parameters import Parameter
+from sawmill_tomography.calibration.fit import Fit, OnStep, ignore_progress
+from sawmill_tomography.calibration.fit_parameters import FitParameter
 from sawmill_tomography.calibration.normal_equations import Column, System, ViewGrams
 from sawmill_tomography.calibration.scan_model import ScanModel, Term
-from sawmill_tomography.calibration.selection import Beside, EffectTest
+from sawmill_tomography.calibration.selection import EffectTest, EffectTester
 from sawmill_tomography.calibration.steps import BY_ANGLES, ROUNDING, is_small, moved, off_by, stepped
 from sawmill_tomography.geometry.geometry import FloatArray, wrap_angle
 from sawmill_vocabulary import Adjustment, TrueAxis
 
 ROUNDS = 12
 VIEW_ROUNDS = 3
-# Effects join in the first rounds, this number of them in each: what they explain together is only known to first
-# order.
+# Effects join in the first JOINING rounds, at most MOST_AT_ONCE in each: what several effects explain together is only
+# known to first order.
 JOINING, MOST_AT_ONCE = 6, 2
-# A fit that ends before a step is small is good enough where the next one would move the geometry by no more than this
-# many of its standard deviations, squared.
+# A fit that ends before a step is small is good enough where the next step would move the geometry by no more than
+# this many standard deviations, squared.
 TOLERABLE = 25.0
 MOST_SLIPS = 2
 
 
 @dataclass(eq=False)
 class Fitted:
-    """An effect in the fit, or tried.
+    """An effect that is fitted or tested.
 
     Attributes
     ----------
     trials : float
-        Number of places at which it was looked for.
+        Number of places at which the effect was searched: the views, for a slip.
     declined : bool
-        It is not to join: other effects explained it, or it was not to be fitted.
+        The effect must not join the fit: other effects explained it, or the user switched it off.
     sizes : (columns,) float64
-        Of its columns.
+        Sizes of the effect's columns.
     places : list of int
-        Of its columns in the system at hand.
+        Indices of the effect's columns in the current system.
     """
 
     effect: Effect
@@ -69,20 +67,20 @@ class Fitted:
     places: list[int] = field(init=False, default_factory=list)
 
     def __post_init__(self) -> None:
-        """Nothing yet."""
+        """Set all sizes to 0."""
         self.sizes = np.zeros(len(self.columns))
 
 
 @dataclass(frozen=True, eq=False)
 class OtherReading:
-    """An effect that explains what a fitted one does, so that the scan does not tell which of them is there.
+    """An effect that explains the scan as well as a fitted effect, so that the scan does not show which is real.
 
     Attributes
     ----------
     sizes : (columns,) float64
-        Of the other effect's columns, if it were fitted in the other's place.
+        Sizes of the columns of `other`, if `other` were fitted instead of `fitted`.
     bias : (base,) float64
-        Change of all else that is fitted if it were.
+        Change of all remaining fitted columns in that case.
     """
 
     fitted: Fitted
@@ -93,18 +91,20 @@ class OtherReading:
 
 @dataclass(frozen=True, eq=False)
 class JointFit:
-    """Where it ended.
+    """The end point of the joint fit.
 
     Attributes
     ----------
-    fitted : effects in the fit.
+    fitted : tuple of Fitted
+        Effects in the fit.
     system : System
-        At the end, of all columns; `used` are those fitted, `change` the last step's.
-    beyond_chance : effects that are beyond chance and not fitted, and the test of each.
+        Normal equations of all columns at the end; `used` are the fitted columns, `change` is the last step.
+    beyond_chance : tuple of (Fitted, EffectTest)
+        Effects that are beyond chance and not fitted, with the test of each.
     other_reading : OtherReading or None
-        None where no fitted effect may stand for another.
+        None where no other effect explains the scan as well as a fitted one.
     angle_variance : float
-        By which the views' angles scatter, rad^2; 0 where they do not.
+        Variance of the views' angles, rad^2; 0 where the angles do not scatter.
     """
 
     model: ScanModel
@@ -121,28 +121,30 @@ class JointFit:
 
     @property
     def biases(self) -> list[FloatArray]:
-        """What the fitted columns would be off by, the geometry's first, for each effect that may be there instead."""
+        """Errors of the fitted columns, the geometry's first, for each effect that may be real and is not fitted."""
         beyond_chance = [test.bias for _, test in self.beyond_chance]
         return beyond_chance if self.other_reading is None else [*beyond_chance, self.other_reading.bias]
 
     @property
     def aspect(self) -> float:
-        """By how much the phantom is longer in x than in y, if that is what the scan shows; a share."""
+        """Share by which the phantom is longer in x than in y, if that is what the scan shows."""
         other = self.other_reading
         if other is not None and other.other.effect is DEFORMATION:
             return float(other.sizes[0])
         return self.model.size(Term.ASPECT)
 
     def without(self, one: Fitted) -> tuple[list[Column], FloatArray]:
-        """The other columns, and what they would be off by if an effect were not fitted."""
+        """Return the fitted columns without an effect's, and their errors if the effect were not fitted."""
         columns = self.system.columns
         rest = [i for i in self.used if i not in one.places]
         off = self.system.inverse(rest) @ self.system.normal[np.ix_(rest, one.places)] @ one.sizes
         return [columns[i] for i in rest], off
 
 
-def fit_jointly(prepared: AdjustedFit, without: Collection[Adjustment] = (), on_step: OnStep = unheard) -> JointFit:
-    """From the plain fit; effects in `without` are tested, and not fitted."""
+def fit_jointly(
+    prepared: AdjustedFit, without: Collection[Adjustment] = (), on_step: OnStep = ignore_progress
+) -> JointFit:
+    """Fit geometry and effects from the plain fit; effects in `without` are tested, and not fitted."""
     fitter = _JointFitter(prepared, frozenset(without))
     while fitter.rounds < ROUNDS and not fitter.round():
         on_step()
@@ -150,26 +152,28 @@ def fit_jointly(prepared: AdjustedFit, without: Collection[Adjustment] = (), on_
 
 
 def fit_consistent_views(
-    prepared: AdjustedFit, without: Collection[Adjustment] = (), on_step: OnStep = unheard
+    prepared: AdjustedFit, without: Collection[Adjustment] = (), on_step: OnStep = ignore_progress
 ) -> tuple[AdjustedFit, JointFit]:
-    """As `fit_jointly`, without the few views that the fit to the others does not explain."""
+    """Fit as `fit_jointly` does, leaving out the few views that a fit to the remaining views does not explain."""
     joint = fit_jointly(prepared, without, on_step)
-    found = np.zeros(len(prepared.data.sinogram), bool)
+    left_out = np.zeros(len(prepared.data.sinogram), bool)
     for _ in range(VIEW_ROUNDS if Adjustment.OUTLIERS not in without else 0):
-        odd = inconsistent_views(joint.model.residual, joint.model.data.sinogram, joint.model.data.weights) & ~found
-        remaining = without_views(prepared, found | odd) if odd.any() else None
+        inconsistent = (
+            inconsistent_views(joint.model.residual, joint.model.data.sinogram, joint.model.data.weights) & ~left_out
+        )
+        remaining = without_views(prepared, left_out | inconsistent) if inconsistent.any() else None
         if remaining is None:
             break
-        found |= odd
+        left_out |= inconsistent
         joint = fit_jointly(remaining, without, on_step)
-    if not found.any():
+    if not left_out.any():
         return prepared, joint
-    remaining = replace(prepared, adjustments=(*prepared.adjustments, sentence(int(found.sum()))))
+    remaining = replace(prepared, adjustments=(*prepared.adjustments, sentence(int(left_out.sum()))))
     return replace(remaining, data=joint.model.data), joint
 
 
 class _JointFitter:
-    """The model on its way, the effects in it and those that wait."""
+    """The current model, the effects in the model and the effects that may still join."""
 
     def __init__(self, prepared: AdjustedFit, without: frozenset[Adjustment]) -> None:
         start, views = prepared.fit, len(prepared.data.sinogram)
@@ -196,7 +200,7 @@ class _JointFitter:
         self.rounds = 0
 
     def round(self) -> bool:
-        """One step, after the effects that stand out have joined; whether the fit has ended."""
+        """Let significant effects join, and take one step; return whether the fit has ended."""
         self.rounds += 1
         grams, free = self._linearised()
         system, tried, used = self._system(grams, free)
@@ -220,11 +224,11 @@ class _JointFitter:
         return self.converged
 
     def result(self) -> JointFit:
-        """Where it ended."""
+        """Return the end point of the fit."""
         system, tried, used, change, tests = self.last
         allowed = [one for one in tried if one.effect.adjustment not in self.without]
         other = _other_reading(system, used, self.fitted, allowed)
-        beyond = tuple(
+        beyond_chance = tuple(
             (one, test)
             for one, test in tests
             if (other is None or one is not other.other) and test.is_beyond_chance(one.trials)
@@ -236,7 +240,7 @@ class _JointFitter:
             used,
             change,
             self.variance,
-            beyond,
+            beyond_chance,
             other,
             self.angle_variance,
             converged=self.converged,
@@ -244,7 +248,7 @@ class _JointFitter:
         )
 
     def _linearised(self) -> tuple[ViewGrams, list[Column]]:
-        """The derivatives' inner products, random effects of the views taken out, and the columns always fitted."""
+        """Compute the derivatives' inner products, without views' random effects, and the columns always fitted."""
         grams = ViewGrams(self.model)
         if not self.model.view_gain and Adjustment.VIEW_GAIN not in self.without and views_differ(grams):
             self.model = self.model.with_view_gains(grams.weights)
@@ -260,7 +264,10 @@ class _JointFitter:
         return grams, self.base
 
     def _system(self, grams: ViewGrams, free: list[Column]) -> tuple[System, list[Fitted], list[int]]:
-        """Normal equations of all columns; the effects to be tried, the likeliest slip among them; what is fitted."""
+        """Return the normal equations of all columns, the effects to be tested, and the indices of the fitted columns.
+
+        The likeliest slip is among the effects to be tested.
+        """
         tried = list(self.waiting)
         base = [*free, *(column for one in self.fitted for column in one.columns)]
         used = list(range(len(base)))
@@ -279,11 +286,14 @@ class _JointFitter:
     def _join(
         self, system: System, tried: Sequence[Fitted], used: list[int]
     ) -> tuple[list[Fitted], list[tuple[Fitted, EffectTest]]]:
-        """Those that join, each time the one that explains most, and the tests of the rest; `used` grows by columns."""
+        """Let effects join, each time the one that explains most; return the new effects, and the tests of the rest.
+
+        The columns of the new effects are appended to `used`.
+        """
         joined: list[Fitted] = []
         while True:
-            beside = Beside(system, used)
-            tests = [(one, beside.tested(one.places)) for one in tried if one not in joined]
+            tester = EffectTester(system, used)
+            tests = [(one, tester.tested(one.places)) for one in tried if one not in joined]
             worth = [(test.power, one) for one, test in tests if not one.declined and test.is_fitted(one.trials)]
             if not worth or len(joined) == MOST_AT_ONCE or self.rounds > JOINING:
                 break
@@ -295,7 +305,10 @@ class _JointFitter:
         return joined, tests
 
     def _settled(self, system: System, used: list[int], change: FloatArray) -> bool:
-        """Whether every effect is still needed, angles scatter no more, and intensities are averaged as modelled."""
+        """Return whether every effect is needed, all scatter of angles is fitted, and averaging follows the model.
+
+        Where something is missing, the model is changed and the fit continues.
+        """
         dropped = [one for one in self.fitted if not _needed(system, used, one)]
         for one in dropped:
             self.model = moved(self.model, one.columns, -one.sizes)
@@ -309,29 +322,29 @@ class _JointFitter:
                 return False
         if self.averaging is None or not self.fitted:
             return True
-        self.model, self.averaging = _averaged_anew(self.model, self.averaging), None
+        self.model, self.averaging = _with_new_averaging(self.model, self.averaging), None
         return False
 
 
-def _averaged_anew(model: ScanModel, before: FloatArray) -> ScanModel:
-    """With the averaging of intensities of the model as it is now."""
+def _with_new_averaging(model: ScanModel, before: FloatArray) -> ScanModel:
+    """Compute the averaging of intensities for the current model, and put it into the sinogram instead of `before`."""
     data = model.data
-    position = model.pose[:, 1:] + model.x[[Parameter.T_X, Parameter.T_Y]]
+    position = model.pose[:, 1:] + model.x[[FitParameter.T_X, FitParameter.T_Y]]
     turned = replace(data, angles_rad=data.angles_rad + model.pose[:, 0])
     added = averaging(model.phantom, turned, model.frame, position_mm=position, gain=model.gain)
     return replace(model, data=replace(data, sinogram=data.sinogram - before + added))
 
 
 def _needed(system: System, used: list[int], one: Fitted) -> bool:
-    """Whether an effect is still far beyond chance beside the others."""
+    """Return whether an effect is still far beyond chance next to the rest of the fit."""
     rest = [i for i in used if i not in one.places]
-    return Beside(system.without(one.places, one.sizes), rest).tested(one.places).is_fitted(one.trials)
+    return EffectTester(system.without(one.places, one.sizes), rest).tested(one.places).is_fitted(one.trials)
 
 
 def _other_reading(
     system: System, used: list[int], fitted: Sequence[Fitted], tried: Sequence[Fitted]
 ) -> OtherReading | None:
-    """Find what may be there instead of a fitted effect: the other of `ALIKE`, if it leaves nothing of that effect."""
+    """Find an effect that may be real instead of a fitted one: the second of `ALIKE`, if it leaves nothing to fit."""
     pair = [one for one in (*fitted, *tried) if one.effect in ALIKE]
     one = next((one for one in pair if one in fitted), None)
     other = next((one for one in pair if one not in fitted), None)
@@ -339,17 +352,17 @@ def _other_reading(
         return None
     rest = [i for i in used if i not in one.places]
     system = system.without(one.places, one.sizes)
-    if Beside(system, [*rest, *other.places]).tested(one.places).is_fitted():
+    if EffectTester(system, [*rest, *other.places]).tested(one.places).is_fitted():
         return None
-    beside = Beside(system, rest)
-    instead = beside.tested(other.places)
-    return OtherReading(one, other, instead.sizes, instead.bias - beside.tested(one.places).bias)
+    tester = EffectTester(system, rest)
+    instead = tester.tested(other.places)
+    return OtherReading(one, other, instead.sizes, instead.bias - tester.tested(one.places).bias)
 
 
 def as_fit(joint: JointFit, covariance: Covariance, true_axis: TrueAxis | None, source_to_cor_mm: float) -> Fit:
-    """What is reported of it; its millimetres are those of the drawing's true axis, or of the mean of both.
+    """Return the fit to report; millimetres are measured by the drawing's true axis, or by the mean of both axes.
 
-    Where the true axis would put the source nearer than r_S, the source stays there.
+    Where the true axis would put the source nearer than r_S, the source stays at r_S.
     """
     model, data = joint.model, joint.model.data
     rms = math.sqrt(float(np.average(model.residual**2, weights=data.weights)))
@@ -361,7 +374,7 @@ def as_fit(joint: JointFit, covariance: Covariance, true_axis: TrueAxis | None, 
     scale = max(1.0 / longer, min(source_to_cor_mm / distance, 1.0))
     return Fit(
         frame=replace(model.frame, psi_rad=wrap_angle(model.frame.psi_rad), source_distance_mm=scale * distance),
-        position_mm=(scale * float(model.x[Parameter.T_X]), scale * float(model.x[Parameter.T_Y])),
+        position_mm=(scale * float(model.x[FitParameter.T_X]), scale * float(model.x[FitParameter.T_Y])),
         gain=float(model.gain.mean()) / scale,
         offset=float(model.offset.mean()),
         residual_rms=rms,
@@ -373,7 +386,7 @@ def as_fit(joint: JointFit, covariance: Covariance, true_axis: TrueAxis | None, 
 
 
 def _within(joint: JointFit, covariance: Covariance) -> bool:
-    """Whether the last step moved no parameter of the geometry by more than a standard deviation of its error bars."""
+    """Return whether the last step moved every parameter of the geometry by at most one standard deviation."""
     deviations = np.sqrt(np.diag(covariance.values))
     changes = zip(joint.system.columns, joint.change.tolist(), strict=True)
     return all(abs(size) <= deviations[column.parameter] for column, size in changes if column.parameter is not None)

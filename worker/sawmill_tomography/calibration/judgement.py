@@ -1,4 +1,4 @@
-"""Status, verdict and reasons: each kind of evidence is one function that yields remarks; the worst decide."""
+"""Status, verdict and reasons: each kind of evidence is one function that yields remarks; the worst remarks decide."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -7,38 +7,40 @@ from enum import Enum
 
 from sawmill_tomography.calibration.alternatives import Alternatives
 from sawmill_tomography.calibration.error_bars import ErrorBars
-from sawmill_tomography.calibration.faults.structure import Place, Structure
+from sawmill_tomography.calibration.faults.structure import ResidualPlace, Structure
 from sawmill_tomography.calibration.fit import Fit
 from sawmill_tomography.calibration.residual_analysis import ResidualAnalysis
 from sawmill_tomography.calibration.scale import ScaleSource, ScaleUncertainty
-from sawmill_tomography.calibration.second_witness import SecondWitness
+from sawmill_tomography.calibration.second_witness import LogWitness
 from sawmill_tomography.calibration.source_distance import SourceDistance
 from sawmill_tomography.calibration.task import CalibrationTask
 from sawmill_vocabulary import Agreement, CalibrationStatus, MovedBody, Verdict
 
 # Log-likelihood advantage over the next hypothesis below which the choice is not decisive.
 DECISIVE = 10.0
-# What the residual holds beside noise is reported above this share of the sinogram. It takes no pass away: what it does
-# to the rays is in the error bars, and they decide.
+# Structure in the residual is reported above this share of the sinogram. Structure alone never prevents a pass: its
+# effect on the rays is in the error bars, and the error bars decide.
 REPORTED = 0.001
-# Error bars larger by more than this factor than white noise makes them are large because of the model.
+# Error bars that exceed those for white noise by more than this factor are large because of the model.
 MODEL_DOMINATED = 2.0
 # An effect is a reason where the rays would be off by more than this share of the tolerance without it.
 MATTERS = 0.1
-# A free source distance that is less than source_to_cor_mm by more standard deviations is no noise.
+# A free source distance that is less than source_to_cor_mm by more standard deviations is not explained by noise.
 CONTRADICTION = 4.0
 
-# Where a residual lies, and what leaves one there: each cause with its remedy, since the place alone cannot tell them.
+# Possible causes of a residual by its place, each with a remedy: the place alone does not show which cause is real.
 CAUSES = {
-    Place.VIEWS: "in few views, as when the log moves or an exposure fails: look at these views and repeat the scan",
-    Place.CELLS: "in single cells, the same in every view, as from flat fields of few frames or cells of unequal "
-    "gain: take more flat frames, or have rings removed",
-    Place.EDGES: "at the phantom's edges, which has several causes: a detector that lags or a turntable that turns "
-    "during the exposure (turn slower, expose shorter), angles that jitter (look at the drive and its encoder), a "
-    "surface as the saw left it or worn corners (plane it), a drawing that is not its shape (measure it, draw it anew)",
-    Place.SHADOW: "inside the phantom's shadow, which has several causes: wood that is not uniform (use one without "
-    "knots, evenly dry), scatter and beam hardening (collimate and filter the beam), flat fields that no longer fit "
-    "(take new ones), rows that show something else (check the rows)",
+    ResidualPlace.VIEWS: "in few views, as when the log moves or an exposure fails: look at these views and "
+    "repeat the scan",
+    ResidualPlace.CELLS: "in single cells, the same in every view, as from flat fields of few frames or cells of "
+    "unequal gain: take more flat frames, or have rings removed",
+    ResidualPlace.EDGES: "at the phantom's edges, which has several causes: a detector that lags or a turntable that "
+    "turns during the exposure (turn slower, expose shorter), angles that jitter (look at the drive and its encoder), "
+    "a surface as the saw left it or worn corners (plane it), a drawing that is not its shape (measure it, "
+    "draw it anew)",
+    ResidualPlace.SHADOW: "inside the phantom's shadow, which has several causes: wood that is not uniform (use one "
+    "without knots, evenly dry), scatter and beam hardening (collimate and filter the beam), flat fields that no "
+    "longer fit (take new ones), rows that show something else (check the rows)",
 }
 SCALE_CURES = {
     ScaleSource.SIZE: "most of it is the phantom's size tolerance, so measure the phantom and give a smaller one "
@@ -52,14 +54,14 @@ SCALE_CURES = {
 
 @dataclass(frozen=True)
 class Judgement:
-    """How far a calibration may be relied on, reasons worst first.
+    """Status, verdicts and reasons of a calibration, the worst reason first.
 
     Attributes
     ----------
     verdict : Verdict
-        Whether the rays are right among themselves and the image's millimetres are right.
+        Verdict on the rays among themselves, and on the image's millimetres.
     rays_verdict : Verdict
-        The first of these questions alone.
+        Verdict on the rays among themselves alone.
     """
 
     status: CalibrationStatus
@@ -69,22 +71,22 @@ class Judgement:
 
 
 @dataclass(frozen=True)
-class Limits:
-    """What is allowed, and the scanner's known r_S."""
+class JudgementLimits:
+    """The tolerances of a calibration, and the scanner's known r_S."""
 
     tolerance_mm: float
     scale_percent: float
     source_to_cor_mm: float
 
     @classmethod
-    def of(cls, task: CalibrationTask) -> "Limits":
-        """Those of a task."""
+    def of(cls, task: CalibrationTask) -> "JudgementLimits":
+        """Return the limits of a task."""
         return cls(task.tolerance_mm, task.scale_tolerance_percent, task.scanner.source_to_cor_mm)
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """What a calibration is judged by."""
+    """The evidence that a calibration is judged by."""
 
     fit: Fit
     source_distance: SourceDistance
@@ -93,17 +95,17 @@ class Evidence:
     residual: ResidualAnalysis
     scale: ScaleUncertainty
     theta_in_bounds: bool
-    witness: SecondWitness | None = None
+    witness: LogWitness | None = None
 
     @property
     def structure(self) -> Structure | None:
-        """What the residual holds beside noise, where it is enough to be reported."""
+        """Structure in the residual beyond noise, where there is enough to be reported."""
         structure = self.residual.structure
         return structure if structure is not None and structure.share > REPORTED else None
 
 
 class Degree(Enum):
-    """How much a remark speaks against an answer, the worst first."""
+    """The severity of a remark, the worst first."""
 
     FAIL = "fail"
     WATCH = "watch"
@@ -112,12 +114,12 @@ class Degree(Enum):
 
 @dataclass(frozen=True)
 class Remark:
-    """A reason, and the status that an answer has because of it, if it is one.
+    """A reason, and the calibration's status because of this reason, if the reason decides a status.
 
     Attributes
     ----------
     of_scale : bool
-        It speaks of the image's millimetres alone: the rays may be right among themselves.
+        The remark concerns the image's millimetres alone: the rays may be right among themselves.
     """
 
     degree: Degree
@@ -126,13 +128,13 @@ class Remark:
     of_scale: bool = False
 
 
-def judge(evidence: Evidence, limits: Limits) -> Judgement:
-    """The verdict is that of the worst remark, the status that of the first remark that has one."""
+def judge(evidence: Evidence, limits: JudgementLimits) -> Judgement:
+    """Judge by the evidence: the worst remark gives the verdict, the first remark with a status gives the status."""
     return combined([remark for kind in KINDS for remark in kind(evidence, limits)])
 
 
 def combined(remarks: list[Remark]) -> Judgement:
-    """The judgement of all remarks."""
+    """Combine all remarks into a judgement."""
     rays = [remark for remark in remarks if not remark.of_scale]
     status = next((remark.status for remark in remarks if remark.status is not None), CalibrationStatus.CALIBRATED)
     reasons = tuple(remark.reason for degree in Degree for remark in remarks if remark.degree is degree)
@@ -144,7 +146,7 @@ def _worst(remarks: list[Remark]) -> Verdict:
     return "fail" if Degree.FAIL in degrees else "watch" if Degree.WATCH in degrees else "pass"
 
 
-def _convergence(evidence: Evidence, _: Limits) -> Iterator[Remark]:
+def _convergence(evidence: Evidence, _: JudgementLimits) -> Iterator[Remark]:
     if not evidence.fit.converged:
         cure = (
             "compare the report's residual with the drawing for what the drawing does not have, check the rows, and "
@@ -153,8 +155,8 @@ def _convergence(evidence: Evidence, _: Limits) -> Iterator[Remark]:
         yield Remark(Degree.FAIL, f"the fit did not converge: {cure}", CalibrationStatus.NOT_CONVERGED)
 
 
-def _effects(evidence: Evidence, limits: Limits) -> Iterator[Remark]:
-    """What was found and should not be there, or was found and not fitted."""
+def _effects(evidence: Evidence, limits: JudgementLimits) -> Iterator[Remark]:
+    """Report effects that should not be there, and effects that were found and not fitted."""
     for effect in evidence.residual.effects:
         if effect.ray_error_mm <= MATTERS * limits.tolerance_mm or (effect.fitted and not effect.remedy):
             continue
@@ -165,8 +167,8 @@ def _effects(evidence: Evidence, limits: Limits) -> Iterator[Remark]:
         yield Remark(Degree.NOTE, "; ".join(filter(None, [effect.sentence, fitted, effect.remedy])))
 
 
-def _second_witness(evidence: Evidence, limits: Limits) -> Iterator[Remark]:
-    """Whether the log beside the phantom contradicts it, by more than matters."""
+def _second_witness(evidence: Evidence, limits: JudgementLimits) -> Iterator[Remark]:
+    """Check whether the log next to the phantom contradicts the phantom, by more than matters."""
     witness = evidence.witness
     if witness is None:
         return
@@ -181,8 +183,8 @@ def _second_witness(evidence: Evidence, limits: Limits) -> Iterator[Remark]:
         yield Remark(Degree.WATCH if matters else Degree.NOTE, _disagreement(witness))
 
 
-def _other_hypothesis(evidence: Evidence, _: Limits) -> Iterator[Remark]:
-    """Whether another side or sense of rotation explains the scan as well."""
+def _other_hypothesis(evidence: Evidence, _: JudgementLimits) -> Iterator[Remark]:
+    """Check whether another side or sense of rotation explains the scan as well."""
     hypotheses = evidence.alternatives.hypotheses
     if len(hypotheses) > 1 and _undecided(evidence.alternatives, hypotheses[1].relative_residual):
         best, second = hypotheses[:2]
@@ -194,8 +196,8 @@ def _other_hypothesis(evidence: Evidence, _: Limits) -> Iterator[Remark]:
         )
 
 
-def _first_angle(evidence: Evidence, _: Limits) -> Iterator[Remark]:
-    """Whether another first angle explains the scan as well."""
+def _first_angle(evidence: Evidence, _: JudgementLimits) -> Iterator[Remark]:
+    """Check whether another first angle explains the scan as well."""
     turned = evidence.alternatives.turned
     if turned is not None and _undecided(evidence.alternatives, turned.relative_residual):
         yield Remark(
@@ -206,32 +208,32 @@ def _first_angle(evidence: Evidence, _: Limits) -> Iterator[Remark]:
         )
 
 
-def _held_distance(evidence: Evidence, limits: Limits) -> Iterator[Remark]:
-    """Whether a free source distance below r_S is noise or a contradiction."""
+def _held_distance(evidence: Evidence, limits: JudgementLimits) -> Iterator[Remark]:
+    """Check whether a free source distance below r_S is noise or a contradiction."""
     distance, r_s = evidence.source_distance, limits.source_to_cor_mm
     if not distance.held:
         return
     free_mm = distance.unconstrained_mm
-    found = f"the free fit put the source at {free_mm:.2f} mm, nearer than source_to_cor_mm {r_s:.2f}"
+    statement = f"the free fit put the source at {free_mm:.2f} mm, nearer than source_to_cor_mm {r_s:.2f}"
     if distance.deficit_deviations > CONTRADICTION:
         yield Remark(
             Degree.FAIL,
-            f"{found} by {distance.deficit_deviations:.0f} standard deviations: the phantom is larger than its "
+            f"{statement} by {distance.deficit_deviations:.0f} standard deviations: the phantom is larger than its "
             f"drawing, by {r_s / free_mm - 1.0:.1%} or more, or that constant is wrong: measure both",
             CalibrationStatus.INCONSISTENT_SCALE,
         )
     else:
         yield Remark(
             Degree.NOTE,
-            f"{found}, for which no theta exists: the source distance was held there, and the source shift is 0 within "
-            "the noise",
+            f"{statement}, for which no theta exists: the source distance was held there, and the source shift is 0 "
+            "within the noise",
         )
 
 
-def _precision(evidence: Evidence, limits: Limits) -> Iterator[Remark]:
-    """Whether the tolerance is held with 95 % (ISO 14253-1): by the predicted ray error's upper bound.
+def _precision(evidence: Evidence, limits: JudgementLimits) -> Iterator[Remark]:
+    """Check whether the predicted ray error's upper bound holds the tolerance with 95 % (ISO 14253-1).
 
-    Where only its RMS is within the tolerance the calibration is to be watched.
+    Where only the RMS is within the tolerance, the verdict is "watch".
     """
     predicted, tolerance_mm = evidence.error_bars.predicted_ray_error, limits.tolerance_mm
     if predicted.upper_95_mm <= tolerance_mm:
@@ -251,8 +253,8 @@ def _precision(evidence: Evidence, limits: Limits) -> Iterator[Remark]:
     )
 
 
-def _structured_residual(evidence: Evidence, _: Limits) -> Iterator[Remark]:
-    """What the model leaves of the sinogram."""
+def _structured_residual(evidence: Evidence, _: JudgementLimits) -> Iterator[Remark]:
+    """Report the structure that the model leaves of the sinogram."""
     structure = evidence.structure
     if structure is not None:
         yield Remark(
@@ -262,7 +264,7 @@ def _structured_residual(evidence: Evidence, _: Limits) -> Iterator[Remark]:
         )
 
 
-def _bounds(evidence: Evidence, _: Limits) -> Iterator[Remark]:
+def _bounds(evidence: Evidence, _: JudgementLimits) -> Iterator[Remark]:
     if not evidence.theta_in_bounds:
         yield Remark(
             Degree.WATCH,
@@ -270,7 +272,7 @@ def _bounds(evidence: Evidence, _: Limits) -> Iterator[Remark]:
         )
 
 
-def _source_shift(evidence: Evidence, _: Limits) -> Iterator[Remark]:
+def _source_shift(evidence: Evidence, _: JudgementLimits) -> Iterator[Remark]:
     if not evidence.source_distance.held and not evidence.error_bars.source_shift_resolved:
         yield Remark(
             Degree.NOTE,
@@ -278,8 +280,8 @@ def _source_shift(evidence: Evidence, _: Limits) -> Iterator[Remark]:
         )
 
 
-def _scale(evidence: Evidence, limits: Limits) -> Iterator[Remark]:
-    """Whether the image's millimetres are known well enough: no residual shows a common scale."""
+def _scale(evidence: Evidence, limits: JudgementLimits) -> Iterator[Remark]:
+    """Check whether the image's millimetres are known well enough: no residual shows a common scale."""
     scale = evidence.scale
     if scale.percent_95 > limits.scale_percent:
         yield Remark(
@@ -290,8 +292,8 @@ def _scale(evidence: Evidence, limits: Limits) -> Iterator[Remark]:
         )
 
 
-# In the order of their statuses, the worst first.
-KINDS: tuple[Callable[[Evidence, Limits], Iterator[Remark]], ...] = (
+# The order of the statuses, the worst first.
+KINDS: tuple[Callable[[Evidence, JudgementLimits], Iterator[Remark]], ...] = (
     _convergence,
     _effects,
     _second_witness,
@@ -307,13 +309,13 @@ KINDS: tuple[Callable[[Evidence, Limits], Iterator[Remark]], ...] = (
 
 
 def _undecided(alternatives: Alternatives, relative_residual: float) -> bool:
-    """Whether the best fit's log-likelihood hardly exceeds that of one with this relative residual."""
+    """Return whether the best fit's log-likelihood hardly exceeds a fit's with this relative residual."""
     behind = alternatives.log_likelihood_behind(relative_residual)
     return behind is not None and behind < DECISIVE
 
 
-def _disagreement(witness: SecondWitness) -> str:
-    """By how much the log contradicts the phantom, which of them is wrong, and what to do."""
+def _disagreement(witness: LogWitness) -> str:
+    """Return a sentence: by how much log and phantom differ, which of the two is wrong, and what to do."""
     column, tilt = witness.difference
     differ = (
         f"the log beside the phantom puts the COR {column:+.3f} mm and the tilt {math.degrees(tilt):+.3f} degrees from "

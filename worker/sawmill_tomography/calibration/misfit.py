@@ -1,8 +1,8 @@
 """A coarse, normalised sinogram misfit of initial guesses in the source frame.
 
 The first angle is not searched: for each guess (R, ln M, u_c, tau) the phantom is projected once at a table of
-turns, and the turn that correlates best with all views is looked up, for each sense of rotation. Gain and background
-drop out of the correlation.
+turns, and the turn that correlates best with all views is read from the table, for each sense of rotation. Gain and
+background drop out of the correlation.
 """
 
 import math
@@ -13,7 +13,7 @@ import numpy as np
 
 from sawmill_tomography.calibration._search_numba import best_turn
 from sawmill_tomography.calibration.initial_guesses import WIDEST_TILT
-from sawmill_tomography.calibration.task import Hypothesis
+from sawmill_tomography.calibration.task import PoseHypothesis
 from sawmill_tomography.geometry.geometry import (
     TAU,
     FloatArray,
@@ -32,27 +32,27 @@ from sawmill_vocabulary import Handedness, Rotation
 TURNS = 120
 COARSE_VIEWS = 40
 COARSE_CELLS = 64
-# Without bounds: source shifts up to 0.6 r_S, and whatever magnification and tilt a scanner may have.
+# Ranges without bounds: source shifts up to 0.6 r_S, and all magnifications that a scanner may have.
 WIDEST_SHIFT = math.hypot(1.0, 0.6)
 MAGNIFICATIONS = (1.02, 6.0)
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A geometry under one of the four hypotheses, and how badly it correlates (1 - correlation)."""
+    """A geometry under one of the four hypotheses, and the misfit (1 - correlation)."""
 
     misfit: float
     frame: SourceFrame
 
     @property
     def relative_residual(self) -> float:
-        """What the best gain and background leave of the coarse sinogram: sqrt(1 - correlation^2)."""
+        """Share of the coarse sinogram that the best gain and background leave: sqrt(1 - correlation^2)."""
         return math.sqrt(max(self.misfit * (2.0 - self.misfit), 0.0))
 
 
 @dataclass
 class CoarseMisfit:
-    """1 - correlation of a coarse sinogram with the phantom's projection, the first angle looked up."""
+    """Objective 1 - correlation of a coarse sinogram with the phantom's projection at the best first angle."""
 
     phantoms: dict[Handedness, Phantom]
     rotations: tuple[Rotation, ...]
@@ -62,7 +62,7 @@ class CoarseMisfit:
     evaluations: int = 0
 
     def __post_init__(self) -> None:
-        """Prepare what no candidate changes."""
+        """Prepare the parts that are the same for all candidates."""
         self.table_rad = np.arange(TURNS) * TAU / TURNS
         self._first = np.round(self.angles_rad * TURNS / TAU).astype(np.int64) % TURNS
         self._sum = float(self.sinogram.sum())
@@ -71,8 +71,8 @@ class CoarseMisfit:
         self._correlation = np.empty(len(self.rotations))
         self._turn = np.empty(len(self.rotations), np.int64)
 
-    def __call__(self, vector: FloatArray) -> dict[Hypothesis, Candidate]:
-        """Each hypothesis at (R, ln M, u_c, tau), the first angle the best one; empty where no scanner can be."""
+    def __call__(self, vector: FloatArray) -> dict[PoseHypothesis, Candidate]:
+        """Evaluate each hypothesis at (R, ln M, u_c, tau) with the best first angle; empty where no scanner can be."""
         r, log_magnification, u_c, tau = (float(value) for value in vector)
         sdd = r * math.exp(log_magnification)
         self.evaluations += 1
@@ -88,14 +88,14 @@ class CoarseMisfit:
             for index, rotation in enumerate(self.rotations):
                 misfit = 1.0 - float(self._correlation[index])
                 psi = float(self._turn[index]) * TAU / TURNS
-                candidates[Hypothesis(handedness, rotation)] = Candidate(misfit, SourceFrame(psi, r, sdd, u_c, tau))
+                candidates[PoseHypothesis(handedness, rotation)] = Candidate(misfit, SourceFrame(psi, r, sdd, u_c, tau))
         return candidates
 
 
 def coarse_data(
     scanner: Scanner, sinogram: FloatArray, angles_rad: FloatArray
 ) -> tuple[FloatArray, FloatArray, DetectorCells]:
-    """Views at regular intervals, and cells averaged, down to about 40 x 64: (sinogram, angles, cells)."""
+    """Take views at regular intervals and average cells, down to about 40 x 64: (sinogram, angles, cells)."""
     binned = max(1, scanner.num_detector_pixels // COARSE_CELLS)
     cells = DetectorCells.of(scanner, binned=binned)
     step = max(1, sinogram.shape[0] // COARSE_VIEWS)
@@ -104,7 +104,7 @@ def coarse_data(
 
 
 def search_box(scanner: Scanner, bounds: ThetaBounds | None, phantom: Phantom) -> FloatArray:
-    """Ranges of (R, ln M, u_c, tau), (4, 2): those that the bounds of theta allow, or wherever a scanner can be.
+    """Return ranges of (R, ln M, u_c, tau), (4, 2), that the bounds of theta allow; without bounds, all possible ones.
 
     Raises
     ------

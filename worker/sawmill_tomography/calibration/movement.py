@@ -1,4 +1,4 @@
-"""What moved between two calibrations of a scanner: the simplest cause that explains the change of its geometry."""
+"""The simplest cause that explains the change of a scanner's geometry between two calibrations."""
 
 import math
 from collections.abc import Callable
@@ -6,19 +6,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sawmill_tomography.calibration.fit_parameters import RAYS, Parameter
+from sawmill_tomography.calibration.fit_parameters import RAYS, FitParameter
 from sawmill_tomography.geometry.geometry import FloatArray, GeometryError, Scanner, SourceFrame, to_vector
 from sawmill_tomography.geometry.ray_error import ray_error, scale_ray_error
 
-# What a cause does not explain must be within this number of standard deviations (Mahalanobis).
+# A cause explains a change when the rest is within this number of standard deviations (Mahalanobis).
 SIGNIFICANT = 3.5
-# A change that moves the rays by less than this share of what is allowed is no movement, however precisely it is known.
+# A change that moves the rays by less than this share of the tolerance is no movement, however precisely known.
 NEGLIGIBLE = 0.15
 
 
 @dataclass(frozen=True)
 class _Cause:
-    """Directions of (R, SDD, u_c, tau) in which it moves a scanner, and how such a change is described."""
+    """A cause: directions of (R, SDD, u_c, tau) in which a scanner moves, and a function that describes the change."""
 
     directions: tuple[tuple[float, float, float, float], ...]
     described: Callable[[FloatArray], str]
@@ -26,28 +26,28 @@ class _Cause:
 
 def _cor(change: FloatArray) -> str:
     return (
-        f"the COR moved {change[Parameter.U_C]:+.2f} mm on the detector and the tilt did not: "
+        f"the COR moved {change[FitParameter.U_C]:+.2f} mm on the detector and the tilt did not: "
         "look at the turntable, not the detector, unless the detector slid along its own line"
     )
 
 
 def _tilt(change: FloatArray) -> str:
     return (
-        f"the detector's tilt changed by {math.degrees(change[Parameter.TILT]):+.3f} degrees and nothing else: "
+        f"the detector's tilt changed by {math.degrees(change[FitParameter.TILT]):+.3f} degrees and nothing else: "
         "look at the detector's mount"
     )
 
 
 def _stand(change: FloatArray) -> str:
     return (
-        f"the detector moved {change[Parameter.SDD]:+.2f} mm along the beam and the source did not: "
+        f"the detector moved {change[FitParameter.SDD]:+.2f} mm along the beam and the source did not: "
         "look at the detector's stand"
     )
 
 
 def _scale(change: FloatArray) -> str:
     return (
-        f"the source distance changed by {change[Parameter.R]:+.2f} mm and nothing else, as it does when the "
+        f"the source distance changed by {change[FitParameter.R]:+.2f} mm and nothing else, as it does when the "
         "phantom's size is not the stated one: check which phantom was scanned and measure it, then look at the "
         "turntable along the beam"
     )
@@ -55,28 +55,28 @@ def _scale(change: FloatArray) -> str:
 
 def _source(change: FloatArray) -> str:
     return (
-        f"the source moved {change[Parameter.R]:+.2f} mm along the beam, against turntable and detector "
+        f"the source moved {change[FitParameter.R]:+.2f} mm along the beam, against turntable and detector "
         "alike: look at the source's mount"
     )
 
 
 def _knocked(change: FloatArray) -> str:
     return (
-        f"the COR moved {change[Parameter.U_C]:+.2f} mm on the detector and the tilt changed by "
-        f"{math.degrees(change[Parameter.TILT]):+.3f} degrees: the detector was knocked; look at its mount"
+        f"the COR moved {change[FitParameter.U_C]:+.2f} mm on the detector and the tilt changed by "
+        f"{math.degrees(change[FitParameter.TILT]):+.3f} degrees: the detector was knocked; look at its mount"
     )
 
 
 def _several(change: FloatArray) -> str:
     return (
-        f"the COR moved {change[Parameter.U_C]:+.2f} mm on the detector, the tilt changed by "
-        f"{math.degrees(change[Parameter.TILT]):+.3f} degrees, the source distance by {change[Parameter.R]:+.2f} mm "
-        f"and the distance from source to detector by {change[Parameter.SDD]:+.2f} mm: the scanner was moved, "
-        "or another phantom was scanned"
+        f"the COR moved {change[FitParameter.U_C]:+.2f} mm on the detector, the tilt changed by "
+        f"{math.degrees(change[FitParameter.TILT]):+.3f} degrees, the source distance by "
+        f"{change[FitParameter.R]:+.2f} mm and the distance from source to detector by "
+        f"{change[FitParameter.SDD]:+.2f} mm: the scanner was moved, or another phantom was scanned"
     )
 
 
-# The simplest first: one thing that moved before two.
+# The simplest causes come first: one thing that moved before two.
 _CAUSES = (
     (
         _Cause(((0.0, 0.0, 1.0, 0.0),), _cor),
@@ -98,14 +98,15 @@ def likely_cause(
     allowed_mm: float,
     radius_mm: float,
 ) -> str:
-    """One sentence: what moved, and where to look.
+    """Return one sentence: what moved, and what to check.
 
     Parameters
     ----------
     covariance : (5, 5) float64 or None
-        Of the change of (psi, R, SDD, u_c, tau): the sum of both calibrations'. None where they have none.
+        Covariance of the change of (psi, R, SDD, u_c, tau): the sum of both calibrations' covariances; None where
+        neither calibration has one.
     allowed_mm, radius_mm : float
-        RMS ray distance up to which nothing moved, and the disc in which it is counted.
+        RMS ray distance up to which nothing moved, and radius of the disc in which this distance is counted.
     """
     change = to_vector(after) - to_vector(before)
     spread = np.diag(_negligible(scanner, before, allowed_mm, radius_mm) ** 2)
@@ -120,7 +121,7 @@ def likely_cause(
 
 
 def _negligible(scanner: Scanner, frame: SourceFrame, allowed_mm: float, radius_mm: float) -> FloatArray:
-    """Changes of (R, SDD, u_c, tau), each alone, that move the rays, by shape and scale, by a negligible share."""
+    """Compute changes of (R, SDD, u_c, tau) that, each alone, move the rays by a negligible share, shape and scale."""
     steps = {"source_distance_mm": 1.0, "source_to_detector_mm": 1.0, "cor_column_mm": 0.1, "tilt_rad": 1e-3}
     sizes = []
     for name, step in steps.items():
@@ -135,7 +136,7 @@ def _negligible(scanner: Scanner, frame: SourceFrame, allowed_mm: float, radius_
 
 
 def _remaining(change: FloatArray, spread: FloatArray, directions: FloatArray) -> float:
-    """How many standard deviations of a change remain when it may go in these directions (4, k) as far as it likes."""
+    """Compute how many standard deviations of a change remain after the best movement in these directions (4, k)."""
     weight = np.linalg.inv(spread)
     amount = np.linalg.solve(directions.T @ weight @ directions, directions.T @ weight @ change)
     rest = change - directions @ amount

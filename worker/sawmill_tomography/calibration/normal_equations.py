@@ -1,8 +1,8 @@
-"""Generalised least squares at one point of the forward model: inner products of its derivatives and its residual.
+"""Generalised least squares at one point of the forward model: inner products of derivatives and residual.
 
-Samples weigh by their noise. Stripes, which a flat field of few frames leaves in every view alike, are noise that the
-cells share over the views: a random effect of each cell (Robinson 1991), estimated and projected out in part. An angle
-of each view that scatters is one too.
+Samples are weighted by their noise. Stripes, which a flat field of few frames leaves in every view alike, are noise
+that a cell has in all views: a random effect of each cell (Robinson 1991), estimated and projected out in part. Angles
+that scatter from view to view are a random effect too.
 """
 
 import math
@@ -15,19 +15,19 @@ import numpy as np
 from sawmill_tomography.calibration._derivatives_numba import BLOCK, combine, inner_products
 from sawmill_tomography.calibration.elimination import scaled_inverse, unit_scale
 from sawmill_tomography.calibration.faults.structure import beyond_chance
-from sawmill_tomography.calibration.fit_parameters import Parameter
+from sawmill_tomography.calibration.fit_parameters import FitParameter
 from sawmill_tomography.calibration.sample_noise import sample_noise
 from sawmill_tomography.calibration.scan_model import POSE, ScanModel, Term
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.statistics.robust import robust_deviation
 
-# Terms that may change from view to view, or be taken out of each.
+# Terms that may change from view to view, or be projected out of each view.
 KEPT = (*POSE, Term.GAIN, Term.OFFSET)
-# Offsets of views scatter where they do by this number of standard deviations of what noise brings about.
+# Offsets of views scatter where their power exceeds noise by this number of standard deviations.
 SCATTERS = 4.0
 
-# A cell whose mean stands out by more standard deviations says nothing by it: what it shares over the views, against a
-# sample's variance, is taken to be this large.
+# A cell whose mean differs by more than ODD standard deviations has no information in its mean: the variance that the
+# cell shares over the views is set to ALONE, in variances of a sample.
 ODD, ALONE = 6.0, 1e6
 
 # A part of a column: a term's derivative, in all views alike or times a shape (views,).
@@ -36,29 +36,29 @@ Part = tuple[Term, FloatArray | None]
 
 @dataclass(frozen=True, eq=False)
 class Column:
-    """One unknown: the sum of its parts."""
+    """An unknown of the fit: a sum of parts."""
 
     parts: tuple[Part, ...]
 
     @classmethod
     def of(cls, term: Term) -> "Column":
-        """A term, in all views alike."""
+        """Make a column of a term that is the same in all views."""
         return cls(((term, None),))
 
     @property
     def term(self) -> Term | None:
-        """The term that it is, in all views alike; None for a change of the pose from view to view."""
+        """The column's term, if it is the same in all views; None for a change of the pose from view to view."""
         (term, shape), *_ = self.parts
         return term if shape is None else None
 
     @property
-    def parameter(self) -> Parameter | None:
-        """The parameter of the plain fit that it is; None for all others."""
-        return Parameter(self.term) if self.term is not None and self.term <= Term.T_Y else None
+    def parameter(self) -> FitParameter | None:
+        """The column's parameter in the plain fit; None where the plain fit does not have it."""
+        return FitParameter(self.term) if self.term is not None and self.term <= Term.T_Y else None
 
 
 class ViewGrams:
-    """Every view's inner products of the derivatives by all terms, with each other and with the residual.
+    """Inner products, view by view, of the derivatives by all terms with each other and with the residual.
 
     Attributes
     ----------
@@ -71,14 +71,14 @@ class ViewGrams:
     objective_at_model : float
         `objective` of the model's residual.
     structured : float
-        As much of `power` as neighbouring cells share.
+        The part of `power` that neighbouring cells share.
     """
 
     def __init__(self, model: ScanModel) -> None:
         data, residual = model.data, model.residual
         noise = sample_noise(data, residual, model.prediction)
         self.weights = noise.weights
-        # The logarithm of noisy counts is too large, in the mean by half its variance.
+        # The logarithm of noisy counts is too large, in the mean by half the variance of the logarithm.
         self.log_bias = 0.5 * noise.variance if model.from_counts else None
         self.samples = float(data.samples)
         self._count = self.weights.sum(axis=0)
@@ -88,7 +88,7 @@ class ViewGrams:
         self.power = self.objective_at_model = squares - float(self.stripes @ products)
         (views, cells), terms = residual.shape, len(Term)
         self.grams, self.scores = np.zeros((views, terms, terms)), np.zeros((views, terms))
-        # The weighted derivatives of `KEPT` (kept, views, cells), and how much of them was taken out of each term's.
+        # The weighted derivatives of `KEPT` (kept, views, cells), and how much of these was taken out of each term's.
         self._weighted, self._taken = np.empty((len(KEPT), views, cells)), np.zeros((terms, len(KEPT), views))
         sums, neighbours = np.zeros((-(-views // BLOCK), terms, cells)), np.empty((views, 2))
         inner_products(
@@ -100,7 +100,7 @@ class ViewGrams:
             model.exposed,
             model.blurred,
             model.taps,
-            (*model.halos, model.lagging, model.beside) if model.from_counts else (np.empty((0, cells)),) * 4,
+            (*model.halos, model.lagging, model.added) if model.from_counts else (np.empty((0, cells)),) * 4,
             self.weights,
             residual,
             self.stripes,
@@ -116,12 +116,12 @@ class ViewGrams:
         return residual if self.log_bias is None else residual - self.log_bias
 
     def _squares(self, residual: FloatArray) -> tuple[float, FloatArray]:
-        """The weighted sum of squares of a residual, and each cell's weighted sum (cells,)."""
+        """Compute the weighted sum of squares of a residual, and each cell's weighted sum (cells,)."""
         weighted = self.weights * residual
         return float(np.einsum("km,km->", weighted, residual)), weighted.sum(axis=0)
 
     def _stripes(self, squares: float, products: FloatArray) -> None:
-        """The stripes (cells,) as far as noise explains no more, and how much of a cell's sum they share."""
+        """Estimate the stripes (cells,) beyond noise, and the stripes' share of each cell's sum."""
         seen = self._count > 0.0
         count = np.where(seen, self._count, 1.0)
         mean = products / count
@@ -137,27 +137,27 @@ class ViewGrams:
         self.stripes = self._share * count * mean
 
     def gain_evidence(self) -> tuple[float, float]:
-        """What a gain and an offset of each view would explain of the residual, and how many of them views show."""
+        """Compute the power that a gain and offset of each view would explain, and the number of views that show it."""
         own = [Term.GAIN, Term.OFFSET]
         grams, scores = self.grams[:, own][:, :, own], self.scores[:, own]
         inverse = np.linalg.pinv(grams, rcond=1e-9, hermitian=True)
         return float(np.einsum("ki,kij,kj->", scores, inverse, scores)), float((grams[:, 0, 0] > 0.0).sum())
 
     def offset_variance(self) -> tuple[float, float]:
-        """By which the views' offsets scatter beyond noise, as where each has its own air level; a sample's variance.
+        """Estimate the variance of the views' offsets beyond noise, as from air levels, and a sample's variance.
 
-        By the method of moments (Robinson 1991); 0 where noise explains what is seen.
+        The estimate is by the method of moments (Robinson 1991); 0 where noise explains the offsets.
         """
         variance = self.power / max(self.samples, 1.0)
         own, scores = self.grams[:, Term.OFFSET, Term.OFFSET], self.scores[:, Term.OFFSET]
-        beyond = float((scores**2 - own * variance).sum())
+        excess = float((scores**2 - own * variance).sum())
         chance = SCATTERS * variance * math.sqrt(2.0 * float((own**2).sum()))
-        return (beyond / float((own**2).sum()) if beyond > chance else 0.0), variance
+        return (excess / float((own**2).sum()) if excess > chance else 0.0), variance
 
     def project_out(self, terms: Sequence[Term], precision: float) -> None:
-        """Take an unknown of each view out: terms that are free in each view (precision 0), or scatter about 0.
+        """Project out unknowns of each view: terms that are free in each view (precision 0), or scatter about 0.
 
-        `precision` is the variance of a sample against that of the unknowns.
+        `precision` is the variance of a sample divided by the variance of the unknowns.
         """
         own = list(terms)
         within = self.grams[:, own][:, :, own] + precision * np.eye(len(own))
@@ -170,12 +170,12 @@ class ViewGrams:
         self.grams = self.grams - share @ self.grams[:, own]
 
     def objective(self, residual: FloatArray) -> float:
-        """What generalised least squares minimises, views' random effects apart, of another residual."""
+        """Compute the objective of generalised least squares for another residual, without views' random effects."""
         squares, products = self._squares(self._unbiased(residual))
         return squares - float((self._share * products) @ products)
 
     def of_columns(self, columns: Sequence[Column]) -> tuple[FloatArray, FloatArray]:
-        """Every view's inner products of these columns (views, n, n), and with the residual (views, n)."""
+        """Compute each view's inner products of these columns (views, n, n), and with the residual (views, n)."""
         views, n, parts = len(self.scores), len(columns), max(len(column.parts) for column in columns)
         terms, shapes = np.zeros((n, parts), np.int64), np.zeros((n, parts, views))
         for number, column in enumerate(columns):
@@ -186,7 +186,7 @@ class ViewGrams:
         return grams, scores
 
     def system(self, columns: Sequence[Column]) -> "System":
-        """The normal equations of these columns."""
+        """Compute the normal equations of these columns."""
         grams, scores = self.of_columns(columns)
         sums, of_kept = np.zeros((len(columns), self._count.size)), np.zeros((len(columns), len(KEPT), len(scores)))
         for number, column in enumerate(columns):
@@ -212,13 +212,13 @@ class System:
     Attributes
     ----------
     grams : (views, n, n); scores : (views, n)
-        Of each view.
+        Inner products of each view.
     score : (n,); normal : (n, n)
-        Their sums, less what stripes make of them.
+        Sums over the views, less the part of the stripes.
     power : float
-        Of the residual.
+        Power of the residual.
     structured : float
-        As much of it as neighbouring cells share.
+        The part of `power` that neighbouring cells share.
     """
 
     columns: tuple[Column, ...]
@@ -231,7 +231,7 @@ class System:
     samples: float
 
     def without(self, places: Sequence[int], sizes: FloatArray) -> "System":
-        """To first order, as if the columns in these places were not in the model with these sizes."""
+        """Return, to first order, the system of a model without the columns in these places, which have these sizes."""
         own = list(places)
         by = self.normal[:, own] @ sizes
         power = self.power + float(sizes @ (2.0 * self.score[own] + by[own]))
@@ -239,9 +239,9 @@ class System:
 
     @cached_property
     def scale(self) -> FloatArray:
-        """What makes the diagonal one."""
+        """Scale that makes the diagonal of `normal` one, (n,)."""
         return unit_scale(self.normal)
 
     def inverse(self, used: Sequence[int]) -> FloatArray:
-        """Of the normal matrix of some columns; what they do not determine has no variance."""
+        """Invert the normal matrix of some columns; undetermined directions have no variance."""
         return scaled_inverse(self.normal[np.ix_(used, used)])

@@ -1,7 +1,7 @@
 """The published calibration: differential evolution on the correlation of FBP images (arXiv 2206.14444).
 
 J(theta) = -max(<X_ref, FBP_theta>, <mirror X_ref, FBP_theta>), best/1/bin, crossover 0.7, mutation dithered in
-[0.5, 1]. It is here to be compared with; it gives no error bars.
+[0.5, 1]. The method serves comparisons, and gives no error bars.
 """
 
 import math
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 import sawmill_vocabulary as vocabulary
 from sawmill_tomography.calibration.alternatives import Alternatives, HypothesisReport
-from sawmill_tomography.calibration.calibration import Calibration, Timing, choose_theta
+from sawmill_tomography.calibration.calibration import CalibrationOutcome, StageSeconds, choose_theta
 from sawmill_tomography.calibration.errors import CalibrationError
 from sawmill_tomography.calibration.fit import FittedModel
 from sawmill_tomography.calibration.judgement import Degree, Judgement, Remark, combined
@@ -25,7 +25,7 @@ from sawmill_tomography.calibration.refusals import NOT_FOUND
 from sawmill_tomography.calibration.scale import scale_uncertainty
 from sawmill_tomography.calibration.search import SearchCallback, SearchReport
 from sawmill_tomography.calibration.source_distance import SourceDistance
-from sawmill_tomography.calibration.task import CalibrationTask, Hypothesis
+from sawmill_tomography.calibration.task import CalibrationTask, PoseHypothesis
 from sawmill_tomography.geometry.geometry import (
     FanBeamGeometry,
     FloatArray,
@@ -58,7 +58,7 @@ Pair = tuple[AnyFloats, AnyFloats]
 
 
 @dataclass(frozen=True)
-class PaperOptions:
+class PaperSettings:
     """Switches of the published search.
 
     Attributes
@@ -82,7 +82,7 @@ class PaperOptions:
 
 
 def remove_background(sinogram: FloatArray) -> FloatArray:
-    """The sinogram less its air level, the median of its lowest tenth of range: a constant background biases J."""
+    """Subtract the air level, the median of the lowest tenth of the range: a constant background biases J."""
     low, high = np.percentile(sinogram, [1.0, 99.0])
     air = sinogram[sinogram <= low + 0.1 * (high - low)]
     return sinogram - float(np.median(air))
@@ -91,7 +91,7 @@ def remove_background(sinogram: FloatArray) -> FloatArray:
 class PaperObjective:
     """J(theta) for one sense of rotation; lower is better."""
 
-    def __init__(self, task: CalibrationTask, rotation: Rotation, options: PaperOptions) -> None:
+    def __init__(self, task: CalibrationTask, rotation: Rotation, options: PaperSettings) -> None:
         self._task, self._options = task, options
         self._angles = rotation.apply(task.angles_rad)
         self._data = remove_background(task.sinogram)
@@ -103,7 +103,7 @@ class PaperObjective:
 
     @property
     def scale(self) -> float:
-        """-J of a perfect answer."""
+        """Value of -J for a perfect answer."""
         if self._options.correlation == "normalised":
             return 1.0
         if self._options.objective == "projection":
@@ -111,14 +111,14 @@ class PaperObjective:
         return float(max((reference**2).sum() for reference in self._references.values()))
 
     def __call__(self, vector: FloatArray) -> float:
-        """J at (alpha0, r_D, h_S, h_D, alpha_D); 0, no correlation, where no such scanner can be."""
+        """Evaluate J at (alpha0, r_D, h_S, h_D, alpha_D); 0, no correlation, where no such scanner can be."""
         return -max(self.correlations(Theta.from_vector(vector)).values())
 
     def correlations(self, theta: Theta) -> dict[Handedness, float]:
-        """The correlation with the phantom as drawn and from behind."""
+        """Compute the correlation with the phantom as drawn and from behind."""
         try:
             pairs = self._image_pairs(theta) if self._options.objective == "image" else self._sinogram_pairs(theta)
-        except GeometryError:  # the search box of theta holds scanners whose source stands inside the field
+        except GeometryError:  # the search box of theta holds scanners whose source is inside the field
             return dict.fromkeys(self._phantoms, 0.0)
         return {h: self._correlation(a, b) for h, (a, b) in pairs.items()}
 
@@ -148,20 +148,20 @@ class PaperObjective:
 def calibrate_as_published(
     task: CalibrationTask,
     *,
-    options: PaperOptions | None = None,
+    options: PaperSettings | None = None,
     seed: int = 7,
     progress: SearchCallback | None = None,
     earlier: Evaluations | None = None,
     on_computed: Callable[[RecallingObjective], None] | None = None,
-) -> Calibration:
-    """The published search, seeded. The rotation is taken as given unless the task says otherwise.
+) -> CalibrationOutcome:
+    """Calibrate by the published search, with a seed; the view angles count as given unless the task has a rotation.
 
     Parameters
     ----------
     earlier : Evaluations, optional
-        Of the same search, which was ended: it goes on from there to the same answer, bit for bit.
+        Evaluations of the same search before it was stopped: the search continues to the same answer, bit for bit.
     on_computed : callable, optional
-        Called after each evaluation of the objective with what has them all.
+        Called after each evaluation of the objective, with the object that has all evaluations.
 
     Raises
     ------
@@ -169,23 +169,23 @@ def calibrate_as_published(
         If no scanner can be at theta's best value.
     """
     started = time.perf_counter()
-    chosen = options or PaperOptions()
+    chosen = options or PaperSettings()
     rotation = task.rotation or Rotation.AS_GIVEN
     objective = PaperObjective(task, rotation, chosen)
-    asked = RecallingObjective(objective, earlier, on_computed)
+    recalling = RecallingObjective(objective, earlier, on_computed)
     bounds = bounds_array(task.bounds or ThetaBounds())
 
     history: list[tuple[int, float]] = []
 
     def report(intermediate_result: object) -> None:
         best = getattr(intermediate_result, "fun", math.nan)
-        SearchReport.note(history, asked.count, float(best))
-        if progress is not None and not asked.recalls:
+        SearchReport.note(history, recalling.count, float(best))
+        if progress is not None and not recalling.recalls:
             progress(getattr(intermediate_result, "nit", 0), chosen.max_generations, best)
 
     tight = chosen.stop == "tight"
     outcome = scipy.optimize.differential_evolution(
-        asked,
+        recalling,
         scipy.optimize.Bounds(bounds[:, 0], bounds[:, 1]),
         strategy="best1bin",
         recombination=0.7,
@@ -196,13 +196,13 @@ def calibrate_as_published(
         tol=0.0 if tight else SCIPY_DEFAULT_TOL,
         atol=TIGHT * objective.scale if tight else 0.0,
     )
-    SearchReport.note(history, asked.count, float(outcome.fun))  # the polish comes after the last generation
+    SearchReport.note(history, recalling.count, float(outcome.fun))  # the polish comes after the last generation
     search = SearchReport(
         "differential-evolution on FBP correlation"
         if chosen.objective == "image"
         else "differential-evolution on sinogram correlation",
         seed,
-        asked.count,
+        recalling.count,
         int(outcome.nit),
         float(outcome.fun),
         bool(outcome.success),
@@ -219,8 +219,8 @@ def _answer(
     objective: PaperObjective,
     search: SearchReport,
     started: float,
-) -> Calibration:
-    found = time.perf_counter()
+) -> CalibrationOutcome:
+    searched = time.perf_counter()
     correlations = objective.correlations(theta)
     handedness = max(correlations, key=lambda h: correlations[h])
     data = task.full_data(rotation)
@@ -239,9 +239,9 @@ def _answer(
         (HypothesisReport(h, rotation, float((data.sinogram - m).std()) / spread) for h, (_, _, m) in fitted.items()),
         key=lambda report: report.handedness is not handedness,
     )
-    return Calibration(
+    return CalibrationOutcome(
         task=task,
-        hypothesis=Hypothesis(handedness, rotation),
+        hypothesis=PoseHypothesis(handedness, rotation),
         theta=reported,
         theta_twin=twin,
         fit=FittedModel(frame, (0.0, 0.0), gain, offset, rms, rms / spread),
@@ -254,7 +254,7 @@ def _answer(
         adjustments=(),
         judgement=_judgement(hypotheses[0].relative_residual, rotation_given=task.rotation is not None),
         search=search,
-        timing=Timing(ended - started, found - started, 0.0, 0.0),
+        timing=StageSeconds(ended - started, searched - started, 0.0, 0.0),
     )
 
 
@@ -278,7 +278,7 @@ def _judgement(unexplained: float, *, rotation_given: bool) -> Judgement:
 def _explain(
     task: CalibrationTask, handedness: Handedness, rotation: Rotation, theta: Theta
 ) -> tuple[float, float, FloatArray]:
-    """Gain, offset and the model sinogram that explain most of the data at theta."""
+    """Compute the gain, offset and model sinogram that explain most of the data at theta."""
     data = task.full_data(rotation)
     frame = theta.source_frame(task.scanner.source_to_cor_mm)
     shadow = analytic.project(

@@ -1,4 +1,4 @@
-"""Which rows of a stack show the phantom, those between two jumps that it explains best, and which another body."""
+"""Rows of a stack that show the phantom, and rows that show another body; a jump separates two bodies."""
 
 from itertools import pairwise
 
@@ -7,17 +7,17 @@ from numpy.typing import NDArray
 
 from sawmill_tomography.geometry.geometry import FloatArray
 
-# A step from row to row is a jump when it is this many times the usual one, and this share of the shadow itself.
+# A step from row to row is a jump when it is this many times the usual step, and this share of the shadow itself.
 JUMP, JUMP_SHARE = 4.0, 0.1
-# Rows that are compared are averaged over cells and taken at this number of views: jumps are coarse.
+# For the comparison, rows are averaged over cells and taken at this number of views: jumps are coarse.
 VIEWS, CELLS = 60, 64
-# A row with less than this share of the phantom's shadow shows air; one that correlates better than this with the
-# phantom's shows the phantom.
+# A row with less than the share LEAST_SHADOW of the phantom's shadow shows air; a row whose correlation with a row of
+# the phantom is above SAME_BODY shows the phantom.
 LEAST_SHADOW, SAME_BODY = 0.25, 0.99
 
 
 def segments(stack: NDArray[np.floating]) -> list[slice]:
-    """Runs of rows without a jump between them, longest first.
+    """Find runs of rows without a jump between two rows, longest first.
 
     Parameters
     ----------
@@ -37,14 +37,14 @@ def segments(stack: NDArray[np.floating]) -> list[slice]:
 
 
 def shows_another_body(sinogram: FloatArray, phantom: FloatArray) -> bool:
-    """Whether a row shows neither air nor the phantom, and has no value that is not finite."""
+    """Return whether a row shows neither air nor the phantom; False for a row with values that are not finite."""
     if not np.isfinite(sinogram).all() or sinogram.std() < LEAST_SHADOW * phantom.std():
         return False
     return float(np.corrcoef(sinogram.ravel(), phantom.ravel())[0, 1]) < SAME_BODY
 
 
 def _coarse(stack: NDArray[np.floating]) -> FloatArray:
-    """(rows, samples): views at regular intervals, cells averaged."""
+    """Take views at regular intervals and average cells: (rows, samples)."""
     views, rows, cells = stack.shape
     binned = max(1, cells // CELLS)
     some = np.asarray(stack[:: max(1, views // VIEWS), :, : cells // binned * binned], np.float64)

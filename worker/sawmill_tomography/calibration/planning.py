@@ -1,4 +1,4 @@
-"""How well a phantom will calibrate a scanner, before it is made: the Cramér-Rao bound of the fit to its sinogram."""
+"""The expected precision of a phantom before the phantom is made: the Cramér-Rao bound of the fit to the sinogram."""
 
 import math
 from dataclasses import dataclass
@@ -17,12 +17,12 @@ from sawmill_tomography.projection import analytic
 from sawmill_tomography.projection.analytic import PARAMETERS, DetectorCells
 
 NAMES = ("psi", "R", "SDD", "u_c", "tau", "position x", "position y")
-# Of the information, its diagonal scaled to one: a direction with less is rounding.
+# Eigenvalues of the information, with the diagonal scaled to one, below this share of the largest are rounding.
 LEAST_INFORMATION = 1e-11
 
 
 @dataclass(frozen=True)
-class Plan:
+class CramerRaoPlan:
     """The precision to expect of a calibration with one scan of a phantom.
 
     Attributes
@@ -30,17 +30,17 @@ class Plan:
     noise : float
         Standard deviation of the noise, in the unit of the phantom's line integrals (mm times density).
     covariance : (5, 5) float64
-        Of (psi, R, SDD, u_c, tau), the phantom's position, gain and background being unknown too.
+        Covariance of (psi, R, SDD, u_c, tau), with the phantom's position, gain and background unknown too.
     frame_deviation : (6,) float64
         Standard deviations of (psi, R, SDD, u_c, tau, M).
     theta_deviation : (5,) float64 or None
         Standard deviations of theta; None where the source shift is not resolved.
     radius_mm : float
-        Of the disc in which ray errors are counted.
+        Radius of the disc in which ray errors are counted.
     predicted_ray_error : PredictedRayError
-        From noise alone.
+        Predicted ray error from noise alone.
     scale : ScaleUncertainty
-        Of the image's millimetres, from the phantom's size tolerance and the covariance.
+        Uncertainty of the image's millimetres, from the phantom's size tolerance and the covariance.
     views_cut_off : int
         Views whose shadow reaches an end of the detector.
     """
@@ -55,8 +55,10 @@ class Plan:
     views_cut_off: int
 
 
-def plan(geometry: FanBeamGeometry, phantom: Phantom, *, noise: float, log_radius_mm: float | None = None) -> Plan:
-    """The precision that this phantom gives, standing on the rotation centre, at these views.
+def plan(
+    geometry: FanBeamGeometry, phantom: Phantom, *, noise: float, log_radius_mm: float | None = None
+) -> CramerRaoPlan:
+    """Compute the precision to expect of this phantom, placed on the rotation centre, at these views.
 
     Parameters
     ----------
@@ -65,14 +67,15 @@ def plan(geometry: FanBeamGeometry, phantom: Phantom, *, noise: float, log_radiu
     noise : float
         Standard deviation of the noise against the RMS of the phantom's sinogram: 0.02 is 2 %.
     log_radius_mm : float or None
-        Of the disc in which ray errors are counted; None takes the phantom's.
+        Radius of the disc in which ray errors are counted; None takes the phantom's.
 
     Raises
     ------
     PhantomError
         If the scan leaves a parameter undetermined: the phantom is too symmetric, or casts no shadow.
     GeometryError
-        If the phantom reaches the source, the log's radius holds it, or the noise is not positive.
+        If the phantom reaches the source, the disc of the log's radius contains the source, or the noise is not
+        positive.
     """
     if not (math.isfinite(noise) and noise > 0.0):
         raise GeometryError(f"noise must be a positive fraction of the sinogram's RMS, as 0.02, not {noise}")
@@ -88,7 +91,7 @@ def plan(geometry: FanBeamGeometry, phantom: Phantom, *, noise: float, log_radiu
     covariance = sigma * sigma * _inverse(phantom, grams)[:5, :5]
     radius_mm = counted_radius_mm(log_radius_mm, phantom)
     of_theta = theta_covariance(scanner, frame, geometry.theta, covariance)
-    return Plan(
+    return CramerRaoPlan(
         noise=sigma,
         covariance=covariance,
         frame_deviation=frame_deviation(frame, covariance),
@@ -101,7 +104,7 @@ def plan(geometry: FanBeamGeometry, phantom: Phantom, *, noise: float, log_radiu
 
 
 def _inverse(phantom: Phantom, grams: FloatArray) -> FloatArray:
-    """The inverse information of unit noise, (7, 7), gain and background projected out."""
+    """Compute the inverse information of unit noise, (7, 7), with gain and background projected out."""
     information, _ = reduce(grams, list(range(PARAMETERS)))
     size = np.diag(grams.sum(axis=0))[:PARAMETERS]
     # Radians and millimetres differ by 1e4: the diagonal is scaled to one before inverting.

@@ -1,8 +1,8 @@
-"""A search that was ended in the middle, begun again: its objective recalls what it has computed before.
+"""A search that was stopped and starts again: the objective recalls the values that it has computed before.
 
-A seeded search asks the same questions in the same order as long as it gets the same answers. So its evaluations are
-all of its state: from them alone, the population of a differential evolution, its energies, its generator and its place
-in the generation come out again, bit for bit, and so do the steps of a polish after it.
+A seeded search evaluates the same vectors in the same order as long as the objective returns the same values. So the
+evaluations are the whole state of the search: they alone restore, bit for bit, the population, the energies, the random
+generator and the position in the generation of a differential evolution, and the steps of the polish that follows.
 """
 
 from collections.abc import Callable
@@ -18,7 +18,7 @@ Function = Callable[[FloatArray], float]
 
 @dataclass(frozen=True, eq=False)
 class Evaluations:
-    """What an objective was asked and answered, in order.
+    """Vectors at which an objective was evaluated, and the values, in order.
 
     Attributes
     ----------
@@ -41,14 +41,14 @@ class Evaluations:
 
 
 class RecallingObjective:
-    """Answers as an objective does; the first answers come from an earlier search, as long as it asked the same.
+    """An objective that returns values of an earlier search, as long as that search evaluated the same vectors.
 
     Parameters
     ----------
     objective : callable
-        Vector (parameters,) to a value; equal vectors have equal values.
+        Function from a vector (parameters,) to a value; equal vectors have equal values.
     earlier : Evaluations, optional
-        Of a search that was ended.
+        Evaluations of a search that was stopped.
     on_computed : callable, optional
         Called after each value that was computed, and not recalled.
     """
@@ -67,13 +67,13 @@ class RecallingObjective:
 
     @property
     def recalls(self) -> bool:
-        """Whether the next answer may be an earlier one."""
+        """True if the next value may come from the earlier search."""
         return self.count < len(self._values)
 
     def __call__(self, vector: FloatArray) -> float:
-        """The value at a vector (parameters,)."""
+        """Evaluate the objective at a vector (parameters,), or recall the value."""
         if self.recalls and not np.array_equal(self._vectors[self.count], vector):
-            # Another search than the earlier one: from here on nothing of that holds.
+            # This search differs from the earlier one: all remaining values of the earlier search are dropped.
             del self._vectors[self.count :], self._values[self.count :]
         self.count += 1
         if self.count <= len(self._values):
@@ -86,5 +86,5 @@ class RecallingObjective:
         return value
 
     def evaluations(self) -> Evaluations:
-        """All so far, the recalled ones included."""
+        """Return all evaluations so far, recalled values included."""
         return Evaluations(np.array(self._vectors), np.array(self._values))

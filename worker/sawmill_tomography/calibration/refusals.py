@@ -1,4 +1,4 @@
-"""Why a scan has no calibration, each with its cure."""
+"""Refusals of scans that cannot be calibrated, each with the reason and the cure."""
 
 import numpy as np
 
@@ -7,14 +7,14 @@ from sawmill_tomography.calibration.fit import Fit
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner
 from sawmill_tomography.phantoms.phantom import Phantom, PhantomError
 
-# A fit that leaves more than this of the sinogram unexplained has not found the phantom: the right phantom seen
+# A fit that leaves more than this share of the sinogram unexplained has not found the phantom: the right phantom seen
 # from the wrong side leaves 0.11 to 0.3, an empty scan 1.
 NOT_FOUND = 0.25
-# A source that far away or near, against source_to_cor_mm, is no scanner's: the fit ran off, or a unit is wrong.
+# A source distance outside these multiples of source_to_cor_mm is impossible: the fit diverged, or a unit is wrong.
 FARTHEST, NEAREST = 2.0, 0.5
-# A sinogram whose values differ by less is none in any unit, and its squares would leave the range of numbers.
+# A smaller range of values is no sinogram in any unit, and the squares would leave the range of numbers.
 LEAST_RANGE = 1e-30
-# The seven unknowns and gain and background cannot come from fewer.
+# Fewer views cannot give the seven unknowns, gain and background.
 FEWEST_VIEWS = 3
 
 
@@ -62,7 +62,7 @@ def refuse_unusable(scanner: Scanner, sinogram: FloatArray, angles_rad: FloatArr
 
 
 def refuse_unfound(scanner: Scanner, phantom: Phantom, best: Fit | None, unexplained: float) -> None:
-    """Refuse a scan that the best fit, which leaves this share of it, does not explain as this phantom."""
+    """Refuse a scan that is not of this phantom: the best fit leaves the share `unexplained` of the sinogram."""
     width = scanner.num_detector_pixels * scanner.detector_pitch_mm
     if unexplained > NOT_FOUND and 2.0 * phantom.radius_mm > width:
         raise CalibrationError(
@@ -80,9 +80,9 @@ def refuse_unfound(scanner: Scanner, phantom: Phantom, best: Fit | None, unexpla
 
 
 def refuse_other_scanner(scanner: Scanner, source_distance_mm: float) -> None:
-    """Refuse a source distance of the free fit, every effect fitted, that is no scanner's with this r_S.
+    """Refuse a source distance of the free fit, all effects fitted, that is impossible for a scanner with this r_S.
 
-    Without its effects a fit may be as far off: hardening in a nearly round phantom makes R three times as long.
+    A fit without effects may have such an error: hardening in a nearly round phantom makes R three times as long.
     """
     if not NEAREST < source_distance_mm / scanner.source_to_cor_mm < FARTHEST:
         raise CalibrationError(

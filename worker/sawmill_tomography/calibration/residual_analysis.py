@@ -1,4 +1,4 @@
-"""What a scan was found to be beyond the plain model: the effects fitted, and what the residual holds beside noise."""
+"""The analysis of a scan beyond the plain model: effects, and structure in the residual."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from sawmill_tomography.calibration.faults import angle_jitter, view_gain
-from sawmill_tomography.calibration.faults.adjustments import ALIKE
+from sawmill_tomography.calibration.faults.effects import ALIKE
 from sawmill_tomography.calibration.faults.structure import Structure, find_structure
-from sawmill_tomography.calibration.fit_parameters import FRAME, Parameter
+from sawmill_tomography.calibration.fit_parameters import FRAME, FitParameter
 from sawmill_tomography.calibration.joint_fit import JointFit
 from sawmill_tomography.calibration.normal_equations import Column
-from sawmill_tomography.calibration.scatter import Scatter
+from sawmill_tomography.calibration.residual_statistics import ResidualStatistics
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner
 from sawmill_tomography.geometry.ray_error import ray_error_of_bias
 from sawmill_vocabulary import Adjustment
@@ -25,13 +25,13 @@ class FoundEffect:
     Attributes
     ----------
     adjustment : Adjustment
-        What switches its fit off.
+        The option that switches the effect's fit off.
     sentence : str
-        What was found.
+        Description of the effect and its size.
     remedy : str
-        What to do about it; empty where nothing need be done.
+        Advice to the user; empty where nothing need be done.
     ray_error_mm : float
-        RMS ray error that it causes where it is not fitted.
+        RMS ray error that the effect causes where it is not fitted.
     fitted : bool
     """
 
@@ -44,14 +44,14 @@ class FoundEffect:
 
 @dataclass(frozen=True)
 class ResidualAnalysis:
-    """What was found in the scan.
+    """Effects found in the scan, and structure in the residual.
 
     Attributes
     ----------
     effects : tuple of FoundEffect
-        In the order in which they were found.
+        Effects in the order in which they were found.
     structure : Structure or None
-        What the residual still holds; None where it is white noise.
+        Structure that is left in the residual; None where the residual is white noise.
     """
 
     effects: tuple[FoundEffect, ...] = ()
@@ -59,14 +59,16 @@ class ResidualAnalysis:
 
     @property
     def phantom_moved(self) -> bool:
-        """Whether the phantom slipped or crept during the scan."""
+        """True if the phantom slipped or crept during the scan."""
         return any(effect.adjustment in {Adjustment.SLIP, Adjustment.CREEP} for effect in self.effects)
 
 
-def analyse_residual(joint: JointFit, scatter: Scatter, scanner: Scanner, radius_mm: float) -> ResidualAnalysis:
-    """The effects fitted, and the structure in what they leave."""
+def analyse_residual(
+    joint: JointFit, statistics: ResidualStatistics, scanner: Scanner, radius_mm: float
+) -> ResidualAnalysis:
+    """Describe the effects in the scan, and the structure that the joint fit leaves."""
     effects = (*_fitted(joint, scanner, radius_mm), *_not_fitted(joint, scanner, radius_mm))
-    if not scatter.structured:
+    if not statistics.structured:
         return ResidualAnalysis(effects)
     model = joint.model
     used = 1.0 if model.data.weights is None else model.data.weights > 0.0
@@ -108,8 +110,8 @@ def _not_fitted(joint: JointFit, scanner: Scanner, radius_mm: float) -> Iterator
 
 
 def _off_mm(joint: JointFit, columns: Sequence[Column], off: FloatArray, scanner: Scanner, radius_mm: float) -> float:
-    """The RMS ray error of columns that are off by as much."""
-    bias = np.zeros(len(Parameter))
+    """Compute the RMS ray error of these errors of the columns."""
+    bias = np.zeros(len(FitParameter))
     for column, moved in zip(columns, off, strict=True):
         if column.parameter is not None:
             bias[column.parameter] = moved

@@ -1,4 +1,4 @@
-"""A drawing whose convex corners are rounded, as wear and saws leave them."""
+"""A drawing with rounded convex corners, as wear and saws make them."""
 
 import math
 from dataclasses import replace
@@ -12,10 +12,10 @@ from sawmill_tomography.phantoms.phantom import Phantom, Polygon
 ARC_POINTS = 7
 
 
-# A joint fit asks for the same at every step.
+# A joint fit needs the same drawing at every step.
 @lru_cache(maxsize=4)
 def with_rounded_corners(phantom: Phantom, radius_mm: float) -> Phantom:
-    """With pieces of negative density in every convex corner of its wood, so that arcs of this radius remain."""
+    """Add pieces of negative density to every convex corner of the wood, so that arcs of this radius remain."""
     if radius_mm == 0.0:
         return phantom
     pieces = [
@@ -28,7 +28,7 @@ def with_rounded_corners(phantom: Phantom, radius_mm: float) -> Phantom:
 
 
 def _pieces(corners: FloatArray, radius: float) -> list[FloatArray]:
-    """What the arcs cut off: polygons from a corner along one edge, back along the arc."""
+    """Compute the pieces that the arcs cut off: polygons from a corner along one edge, and back along the arc."""
     x, y = corners[:, 0], corners[:, 1]
     sense = math.copysign(1.0, float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y)))
     pieces = []

@@ -1,4 +1,4 @@
-"""How noisy samples are, and what the logarithm of noisy counts is off by."""
+"""The noise of samples: variances and weights."""
 
 from dataclasses import dataclass
 
@@ -8,9 +8,11 @@ from sawmill_tomography.calibration.sinogram_data import SinogramData
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.statistics.robust import DEVIATION_OF_MEDIAN
 
-# Levels of the model in each of which noise is alike, and the number of samples that are enough to measure it.
+# Number of levels of the model, in each of which noise is alike, and number of samples enough to measure a level's
+# noise.
 LEVELS, ENOUGH = 8, 50
-# Noise is measured on about this number of samples. A level's is at least this share of the mean: air may have none.
+# Noise is measured on about MEASURED samples. A variance counts as at least the share LEAST_NOISE of the mean: air may
+# be free of noise.
 MEASURED, LEAST_NOISE = 20_000, 0.05
 
 
@@ -21,9 +23,9 @@ class SampleNoise:
     Attributes
     ----------
     variance : (views, cells) float64
-        0 everywhere of an exact scan.
+        Variance of the noise; 0 everywhere for an exact scan.
     weights : (views, cells) float64
-        One over the variance times the weights that samples have; 1 in the mean where not 0.
+        The data's weights divided by the variance; 1 in the mean of all weights above 0.
     """
 
     variance: FloatArray
@@ -31,26 +33,26 @@ class SampleNoise:
 
 
 def sample_noise(data: SinogramData, residual: FloatArray, model: FloatArray) -> SampleNoise:
-    """Noise goes by what is measured, as that of photons does.
+    """Estimate the noise, which depends on the line integral as photon noise does.
 
-    From cell to cell noise is not shared, and what a model lacks is: the noise is that of neighbours' differences.
+    Neighbouring cells do not share noise, but share the model's errors: noise is measured on differences of neighbours.
     """
     low, high = float(model.min()), float(model.max())
     per_level = LEVELS * (1.0 - 1e-9) / max(high - low, np.finfo(np.float64).tiny)
     views = slice(None, None, max(1, residual.size // MEASURED))
     steps, values = np.abs(np.diff(residual[views], axis=1)), model[views, 1:]
     at = ((values - low) * per_level).astype(np.uint8)
-    known, variance = [], []
+    level_means, variance = [], []
     for one in range(LEVELS):
         here = (at == one) & (steps > 0.0)
         if np.count_nonzero(here) >= ENOUGH:
-            known.append(float(values[here].mean()))
+            level_means.append(float(values[here].mean()))
             variance.append(0.5 * (DEVIATION_OF_MEDIAN * float(np.median(steps[here]))) ** 2)
-    if not known:  # of an exact scan nothing is noise
+    if not level_means:  # an exact scan has no noise
         weights = np.ones_like(residual) if data.weights is None else data.weights
         return SampleNoise(np.zeros_like(residual), weights)
-    # Of photons the logarithm of the variance is a straight line of the line integral.
-    of_sample = np.interp(model, known, np.log(variance))
+    # For photons the logarithm of the variance is a straight line of the line integral.
+    of_sample = np.interp(model, level_means, np.log(variance))
     np.exp(of_sample, out=of_sample)
     weights = np.maximum(of_sample, LEAST_NOISE * float(of_sample.mean()))
     np.divide(1.0, weights, out=weights)

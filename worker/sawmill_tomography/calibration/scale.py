@@ -1,4 +1,4 @@
-"""How well the image's millimetres are known: a common scale, of which the phantom's size is the ruler."""
+"""The uncertainty of the image's millimetres: a common scale, for which the phantom's size is the ruler."""
 
 import math
 from dataclasses import dataclass
@@ -8,12 +8,12 @@ from sawmill_tomography.geometry.geometry import FloatArray, Scanner, SourceFram
 from sawmill_tomography.geometry.ray_error import scale_deviation, scale_ray_error
 from sawmill_tomography.phantoms.phantom import Phantom
 
-# Of a normal distribution: 95 % lie within this number of standard deviations of its mean.
+# 95 % of a normal distribution lie within this number of standard deviations of the mean.
 TWO_SIDED_95 = 1.96
 
 
 class ScaleSource(Enum):
-    """What makes the scale uncertain."""
+    """A cause of the scale's uncertainty."""
 
     SIZE = "the phantom's size tolerance"
     NOISE = "the error of R/SDD"
@@ -22,16 +22,16 @@ class ScaleSource(Enum):
 
 @dataclass(frozen=True)
 class ScaleUncertainty:
-    """Of the common scale, as shares of it, and of what follows from the phantom's size tolerance alone, in mm.
+    """Uncertainty of the common scale, in shares of the scale; effects of the size tolerance alone are in mm.
 
     Attributes
     ----------
     source_distance_mm, ray_error_mm : float
-        What R, and the rays (RMS), inherit from the size tolerance.
+        Uncertainties of R and of the rays (RMS) that follow from the size tolerance.
     size, statistical : float
         Standard uncertainties: the size tolerance; the error of R/SDD by the covariance.
     aspect_half : float
-        Half the difference between the phantom's directions, of which none is known to be the true one.
+        Half the difference between the phantom's directions, where the true direction is not known.
     """
 
     source_distance_mm: float
@@ -42,13 +42,13 @@ class ScaleUncertainty:
 
     @property
     def percent_95(self) -> float:
-        """The scale is right to this with 95 %: standard uncertainties in quadrature, the aspect's share added."""
+        """Uncertainty of the scale, 95 %: standard uncertainties in quadrature, plus the share of the aspect."""
         standard = math.hypot(self.size, self.statistical)
         return 100.0 * (TWO_SIDED_95 * standard + self.aspect_half)
 
     @property
     def largest(self) -> ScaleSource:
-        """What contributes most."""
+        """The cause that contributes most."""
         shares = {
             ScaleSource.SIZE: TWO_SIDED_95 * self.size,
             ScaleSource.NOISE: TWO_SIDED_95 * self.statistical,
@@ -66,14 +66,14 @@ def scale_uncertainty(
     *,
     aspect_half: float = 0.0,
 ) -> ScaleUncertainty:
-    """For rays inside a disc of this radius around the COR (docs/geometry.md#the-scale).
+    """Compute the uncertainty for rays inside a disc of this radius around the COR (docs/geometry.md#the-scale).
 
     Parameters
     ----------
     covariance : (5, 5) float64 or None
-        Of (psi, R, SDD, u_c, tau); None where there are no error bars, which then count as zero.
+        Covariance of (psi, R, SDD, u_c, tau); None where there are no error bars, which then count as zero.
     aspect_half : float
-        As of `ScaleUncertainty`.
+        The value of `ScaleUncertainty.aspect_half`.
     """
     size = phantom.size_tolerance
     return ScaleUncertainty(

@@ -1,8 +1,8 @@
-"""The one forward model: what the detector measures of a phantom, with every effect that may be fitted.
+"""The forward model: what the detector measures of a phantom, with all effects that may be fitted.
 
-The plain model is gain times the drawing's line integrals, and an offset. What a scan may be beyond it is a `Term`: its
-size is 0 where nothing was found. Effects of the beam and the detector act on intensities where the line integrals were
-made from counts, and on the line integrals themselves elsewhere.
+The plain model is gain times the drawing's line integrals, plus an offset. Each further effect is a `Term`, with size 0
+where the scan does not show the effect. Effects of the beam and the detector act on intensities where the line
+integrals were made from counts, and on the line integrals themselves elsewhere.
 """
 
 import math
@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 import scipy
 
-from sawmill_tomography.calibration.fit_parameters import FRAME, Parameter
+from sawmill_tomography.calibration.fit_parameters import FRAME, FitParameter
 from sawmill_tomography.calibration.rounded_corners import with_rounded_corners
 from sawmill_tomography.calibration.sinogram_data import SinogramData
 from sawmill_tomography.geometry.geometry import TAU, FloatArray, SourceFrame
@@ -24,21 +24,21 @@ from sawmill_tomography.sinograms.scattered_radiation import halo
 
 
 class Term(IntEnum):
-    """An unknown of the forward model: its place among the derivatives. The first seven are those of `Parameter`."""
+    """An unknown of the forward model, numbered as the derivatives are; the first seven are those in `FitParameter`."""
 
-    PSI = Parameter.PSI
-    R = Parameter.R
-    SDD = Parameter.SDD
-    U_C = Parameter.U_C
-    TILT = Parameter.TILT
-    T_X = Parameter.T_X
-    T_Y = Parameter.T_Y
+    PSI = FitParameter.PSI
+    R = FitParameter.R
+    SDD = FitParameter.SDD
+    U_C = FitParameter.U_C
+    TILT = FitParameter.TILT
+    T_X = FitParameter.T_X
+    T_Y = FitParameter.T_Y
     GAIN = 7
     OFFSET = 8
-    # Of the line integral p: p^2 and p^3.
+    # Factors of p^2 and p^3, where p is the line integral.
     HARDENING = 9
     HARDENING_CUBIC = 10
-    # Of the density, per mm.
+    # Slopes of the density, per mm.
     GRADIENT_X = 11
     GRADIENT_Y = 12
     ASPECT = 13
@@ -49,16 +49,16 @@ class Term(IntEnum):
     BLUR = 16
     # The square of the share of a step over which a view is exposed.
     EXPOSURE = 17
-    # Across the detector, from end to end: odd, and even.
+    # Changes across the detector, from end to end: odd, and even.
     SLOPE = 18
     CURVATURE = 19
-    # Shares of the intensity: from around, from the whole view, from the view before. Without counts they are nothing.
+    # Shares of the intensity: from around, from the whole view, from the view before. They act only on counts.
     SCATTER = 20
     SCATTER_WIDE = 21
     LAG = 22
 
 
-# The largest sizes of those that cannot be negative: 15 mm, 8 cells, a whole step.
+# The largest sizes of the terms that cannot be negative: 15 mm, 8 cells, a whole step.
 LARGEST = {Term.CORNERS: 225.0, Term.BLUR: 64.0, Term.EXPOSURE: 1.0}
 POSE = (Term.PSI, Term.T_X, Term.T_Y)
 # The step in the squared radius of corners, mm^2, over which their effect is differentiated.
@@ -67,21 +67,21 @@ CORNER_STEP = 9.0
 
 @dataclass(frozen=True, eq=False)
 class ScanModel:
-    """The model at one point.
+    """The forward model at one point.
 
     Attributes
     ----------
     drawing : Phantom
-        As this hypothesis of handedness sees it.
+        The drawing as this hypothesis of handedness sees it.
     x : (7,) float64
-        In the order of `Parameter`.
+        Unknowns of the plain model, in the order of `FitParameter`.
     gain, offset : (views, 1) float64
     sizes : mapping of Term to float
-        Of the terms behind OFFSET; absent ones are 0.
+        Sizes of the terms after OFFSET; absent terms are 0.
     pose : (views, 3) float64
-        What is added to (psi, t_x, t_y) in each view, in radians and mm.
+        Changes of (psi, t_x, t_y) in each view, in radians and mm.
     view_gain : bool
-        Whether each view has a gain and an offset of its own.
+        True if gain and offset differ from view to view.
     """
 
     drawing: Phantom
@@ -95,7 +95,7 @@ class ScanModel:
     view_gain: bool = False
 
     def size(self, term: Term) -> float:
-        """Of an effect, 0 where it is not in the model."""
+        """Return the size of an effect; 0 where the model does not have the effect."""
         return self.sizes.get(term, 0.0)
 
     @property
@@ -105,28 +105,32 @@ class ScanModel:
 
     @cached_property
     def phantom(self) -> Phantom:
-        """As deformed as the model has it."""
+        """The drawing with the model's rounded corners and deformation."""
         rounded = with_rounded_corners(self.drawing, math.sqrt(self.size(Term.CORNERS)))
         return rounded.deformed(self.size(Term.ASPECT), self.size(Term.SHEAR))
 
     @cached_property
     def clears(self) -> bool:
-        """Whether such a geometry exists."""
+        """True if the geometry exists and the phantom stays clear of the source."""
         x = self.x
-        if not np.isfinite(x).all() or abs(x[Parameter.TILT]) > 1.4 or not 0.0 < x[Parameter.R] < x[Parameter.SDD]:
+        if (
+            not np.isfinite(x).all()
+            or abs(x[FitParameter.TILT]) > 1.4
+            or not 0.0 < x[FitParameter.R] < x[FitParameter.SDD]
+        ):
             return False
         reach = self.phantom.radius_mm + float(np.hypot(*(self.pose[:, 1:] + x[5:]).T).max())
         return analytic.clears(reach, self.frame)
 
     @cached_property
     def exposure_angle_rad(self) -> float:
-        """Half the distance of the two points that stand for a view exposed over a whole step."""
+        """Half the angle between the two points that represent a view exposed over a whole step, rad."""
         turned = np.sort(np.mod(self.data.angles_rad, TAU))
         return float(np.median(np.diff(turned))) / math.sqrt(12.0)
 
     @property
     def kernel_arguments(self) -> tuple[object, ...]:
-        """What the kernels of the analytic projection take first."""
+        """The first arguments of the analytic projection's kernels."""
         return analytic.kernel_arguments(
             self.phantom,
             self.data.cells,
@@ -137,7 +141,7 @@ class ScanModel:
         )
 
     def project(self, *, turned: float = 0.0) -> FloatArray:
-        """Line integrals of the drawing alone, in mm."""
+        """Compute the line integrals of the phantom alone, in mm."""
         return analytic.project(
             self.phantom,
             self.data.cells,
@@ -149,7 +153,7 @@ class ScanModel:
 
     @cached_property
     def deformations(self) -> FloatArray:
-        """`analytic.project_with_deformations`, (12, views, cells)."""
+        """The result of `analytic.project_with_deformations`, (12, views, cells)."""
         return analytic.project_with_deformations(
             self.phantom,
             self.data.cells,
@@ -160,7 +164,7 @@ class ScanModel:
         )
 
     def _line_integrals(self, lengths: FloatArray) -> FloatArray:
-        """After gain and offset: of wood whose density slopes, and beams that harden."""
+        """Apply hardening, the density's slope, gain and offset to the lengths (views, cells)."""
         shape = lengths
         square, cubic = self.size(Term.HARDENING), self.size(Term.HARDENING_CUBIC)
         if square or cubic:
@@ -174,17 +178,17 @@ class ScanModel:
 
     @cached_property
     def lengths(self) -> FloatArray:
-        """`project` of the phantom in the poses of the views, (views, cells)."""
+        """Line integrals of the phantom in the poses of the views, (views, cells), mm."""
         return self.project()
 
     @cached_property
     def sharp(self) -> FloatArray:
-        """(views, cells), before exposure, blur, scatter, lag and the flat field act."""
+        """Line integrals (views, cells) before exposure, blur, scatter, lag and the flat field act."""
         return self._line_integrals(self.lengths)
 
     @cached_property
     def exposure(self) -> FloatArray:
-        """What the exposure over a whole step adds."""
+        """Change of the line integrals by an exposure over a whole step, (views, cells)."""
         start, end = (self._line_integrals(self.project(turned=way * self.exposure_angle_rad)) for way in (-1.0, 1.0))
         if self.from_counts:
             np.exp(np.negative(start, out=start), out=start)
@@ -198,13 +202,13 @@ class ScanModel:
 
     @cached_property
     def exposed(self) -> FloatArray:
-        """After the exposure's turn."""
+        """Line integrals after rotation during exposure, (views, cells)."""
         share = self.size(Term.EXPOSURE)
         return self.sharp + share * self.exposure if share else self.sharp
 
     @cached_property
     def taps(self) -> FloatArray:
-        """The blur of neighbouring cells, both sides; none where there is no blur."""
+        """Weights of the blur over neighbouring cells on both sides, (2 n + 1,); empty where there is no blur."""
         square = self.size(Term.BLUR)
         if not square:
             return np.empty(0)
@@ -214,7 +218,7 @@ class ScanModel:
 
     @cached_property
     def blurred(self) -> FloatArray:
-        """After the blur."""
+        """Line integrals after the blur, (views, cells)."""
         return self._blur(self.exposed) if self.taps.size else self.exposed
 
     def _blur(self, integrals: FloatArray) -> FloatArray:
@@ -224,20 +228,20 @@ class ScanModel:
 
     @cached_property
     def halos(self) -> tuple[FloatArray, FloatArray]:
-        """What scatters into each cell from around it, and from the whole view, against the cell's own intensity."""
+        """Scatter into each cell from around the cell, and from the whole view, against the cell's own intensity."""
         intensity = np.exp(-self.blurred)
         return halo(intensity) / intensity, intensity.mean(axis=1, keepdims=True) / intensity
 
     @cached_property
     def lagging(self) -> FloatArray:
-        """The intensity of the view before, less the view's own, against it."""
+        """Intensity of the view before less the view's own, as a share of the view's own, (views, cells)."""
         before = np.concatenate([self.blurred[:1], self.blurred[:-1]])
         late: FloatArray = np.expm1(self.blurred - before)
         return late
 
     @cached_property
-    def beside(self) -> FloatArray:
-        """The intensity that scatter and lag add, against the cell's own; at least none but 5 %."""
+    def added(self) -> FloatArray:
+        """Intensity that scatter and lag add, as a share of the cell's own, (views, cells); at least 5 % remain."""
         around, wide = (self.size(Term.SCATTER), self.size(Term.SCATTER_WIDE))
         total = np.zeros_like(self.blurred)
         if around or wide:
@@ -248,38 +252,38 @@ class ScanModel:
 
     @cached_property
     def across(self) -> FloatArray:
-        """The detector from -1/2 to 1/2, (cells,)."""
+        """Positions on the detector from -1/2 to 1/2, (cells,)."""
         return (np.arange(self.data.cells.count) + 0.5) / self.data.cells.count - 0.5
 
     @property
-    def _acts_beside(self) -> bool:
+    def _adds_intensity(self) -> bool:
         return any(self.size(term) for term in (Term.SCATTER, Term.SCATTER_WIDE, Term.LAG))
 
     @cached_property
     def prediction(self) -> FloatArray:
-        """The model sinogram (views, cells) in the data's unit."""
+        """Model sinogram (views, cells) in the data's unit."""
         model = self.blurred
-        if self._acts_beside:
-            model = model - np.log1p(self.beside)
+        if self._adds_intensity:
+            model = model - np.log1p(self.added)
         if self.size(Term.SLOPE) or self.size(Term.CURVATURE):
             model = model + self.size(Term.SLOPE) * self.across + self.size(Term.CURVATURE) * self.across**2
         return model
 
     @cached_property
     def residual(self) -> FloatArray:
-        """What it leaves of the sinogram."""
+        """Residual: the sinogram less the prediction, (views, cells)."""
         return self.data.sinogram - self.prediction
 
     @property
     def corner_edges(self) -> FloatArray:
-        """Edges (edges, 5) of what corners lose; their line integrals are the derivative by the squared radius."""
+        """Edges (edges, 5) of pieces that corners lose; line integrals are the derivative by the squared radius."""
         square = self.size(Term.CORNERS)
         with_more = with_rounded_corners(self.drawing, math.sqrt(square + CORNER_STEP))
         without = with_rounded_corners(self.drawing, math.sqrt(square))
-        known = len(self.drawing.shapes)
+        drawn = len(self.drawing.shapes)
         pieces = (
-            *with_more.shapes[known:],
-            *(replace(shape, density=-shape.density) for shape in without.shapes[known:]),
+            *with_more.shapes[drawn:],
+            *(replace(shape, density=-shape.density) for shape in without.shapes[drawn:]),
         )
         if not pieces:
             return np.empty((0, 5))
@@ -287,8 +291,8 @@ class ScanModel:
         return cut_off.edges * [1.0, 1.0, 1.0, 1.0, 1.0 / CORNER_STEP]
 
     def with_view_gains(self, weights: FloatArray) -> "ScanModel":
-        """With each view's gain and offset by weighted linear regression of what is measured."""
-        # What the model has beside gain and offset stays as it is.
+        """Return the model with each view's gain and offset from weighted linear regression of the sinogram."""
+        # All parts of the model other than gain and offset stay the same.
         shape = (self.sharp - self.offset) / self.gain
         target = self.residual + self.sharp
         total = np.maximum(weights.sum(axis=1, keepdims=True), 1e-300)
@@ -301,7 +305,7 @@ class ScanModel:
         return replace(self, gain=gain, offset=level - gain * centre, view_gain=True)
 
     def moved(self, scalars: Mapping[Term, float], pose: FloatArray) -> "ScanModel":
-        """With these changes of x, gain, offset and sizes, and of the pose of each view."""
+        """Return the model with these changes of x, gain, offset and sizes, and of the pose of each view."""
         x, sizes = self.x.copy(), dict(self.sizes)
         gain, offset = self.gain, self.offset
         for term, change in scalars.items():

@@ -1,4 +1,4 @@
-"""The multi-start search: initial guesses, each fitted to a coarse sinogram, until one explains the scan."""
+"""The multi-start search: initial guesses are fitted to a coarse sinogram until one fit explains the scan."""
 
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -9,35 +9,36 @@ import numpy as np
 from sawmill_tomography.calibration.alternatives import CONTENDER
 from sawmill_tomography.calibration.ambiguous_poses import ambiguous_poses
 from sawmill_tomography.calibration.errors import CalibrationError
-from sawmill_tomography.calibration.fit import Fit, OnStep, refine, unheard
+from sawmill_tomography.calibration.fit import Fit, OnStep, ignore_progress, refine
 from sawmill_tomography.calibration.initial_guesses import random_guesses, shadow_extent, shadow_guesses
 from sawmill_tomography.calibration.misfit import Candidate, CoarseMisfit, coarse_data, search_box
 from sawmill_tomography.calibration.sinogram_data import SinogramData
-from sawmill_tomography.calibration.task import CalibrationTask, Hypothesis
+from sawmill_tomography.calibration.task import CalibrationTask, PoseHypothesis
 from sawmill_tomography.geometry.geometry import FloatArray, GeometryError, SourceFrame
 
-# A coarse fit that leaves less than this unexplained ends the search. Otherwise random guesses are added, in rounds of
-# these sizes.
+# A coarse fit that leaves less than the share EXPLAINED of the sinogram ends the search. Otherwise random guesses are
+# added, in rounds of these sizes.
 EXPLAINED = 0.05
 RANDOM_GUESSES = (64, 256)
-# Guesses of each hypothesis that are fitted, and the iterations of each fit: the fit to all the data does the rest.
+# Number of guesses of each hypothesis that are fitted, and iterations of each fit: the fit to all the data does the
+# rest.
 GUESSES_FITTED = 2
 COARSE_ITERATIONS = 20
 
-# Receives the round of the search, the number of rounds at most, and the least relative residual so far.
+# Receives the round of the search, the largest number of rounds, and the least relative residual so far.
 SearchCallback = Callable[[int, int, float], None]
 
 
 @dataclass(frozen=True)
 class SearchReport:
-    """How the basin was found.
+    """Report on the search.
 
     Attributes
     ----------
     best_value : float
-        The objective's: the relative residual here, minus the correlation in the published search.
+        Best value of the objective: the relative residual here, minus the correlation in the published search.
     history : tuple of (int, float)
-        The evaluations made and the best value so far, each time that it became better.
+        Number of evaluations and best value so far, each time that the value improved.
     """
 
     method: str
@@ -51,23 +52,23 @@ class SearchReport:
 
     @staticmethod
     def note(history: list[tuple[int, float]], evaluations: int, value: float) -> None:
-        """Add a value to a history in the making, if it is better than all before it."""
+        """Add a value to a growing history, if the value is better than all earlier values."""
         if not history or value < history[-1][1]:
             history.append((evaluations, value))
 
 
 @dataclass(frozen=True)
 class SearchResult:
-    """Coarse fits of each hypothesis, best first: where least squares on all the data begins."""
+    """Coarse fits of each hypothesis, best first: the starting points of least squares on all the data."""
 
-    fits: Mapping[Hypothesis, Sequence[Fit]]
+    fits: Mapping[PoseHypothesis, Sequence[Fit]]
     report: SearchReport
 
 
 def search(
-    task: CalibrationTask, seed: int, on_round: SearchCallback | None = None, on_step: OnStep = unheard
+    task: CalibrationTask, seed: int, on_round: SearchCallback | None = None, on_step: OnStep = ignore_progress
 ) -> SearchResult:
-    """Coarse fits of each hypothesis; guesses are added until one of them explains the scan.
+    """Make coarse fits of each hypothesis, adding guesses until a fit explains the scan.
 
     Raises
     ------
@@ -77,7 +78,7 @@ def search(
     rng = np.random.default_rng(seed)
     misfit = _coarse_misfit(task)
     box = _search_box(task)
-    fits: dict[Hypothesis, Fit] = {}
+    fits: dict[PoseHypothesis, Fit] = {}
     history: list[tuple[int, float]] = []
     best, generation = math.inf, 0
     for generation, count in enumerate((0, *RANDOM_GUESSES)):
@@ -125,14 +126,14 @@ def _from_the_shadow(
 
 
 def _improve(
-    fits: dict[Hypothesis, Fit],
+    fits: dict[PoseHypothesis, Fit],
     misfit: CoarseMisfit,
     guesses: FloatArray,
     history: list[tuple[int, float]],
     on_step: OnStep,
 ) -> None:
-    """Fit the best guesses of each hypothesis coarsely, and keep each fit that beats the one before it."""
-    scored: dict[Hypothesis, list[Candidate]] = {}
+    """Fit the best guesses of each hypothesis coarsely, and keep each fit that is better than the last."""
+    scored: dict[PoseHypothesis, list[Candidate]] = {}
     for guess in guesses:
         on_step()
         for hypothesis, candidate in misfit(guess).items():
@@ -144,7 +145,7 @@ def _improve(
         for candidate in sorted(candidates, key=lambda c: c.misfit)[:GUESSES_FITTED]
     ]
     for hypothesis, candidate in sorted(chosen, key=lambda pair: pair[1].misfit):
-        # Once the scan is explained, one guess shows what another hypothesis makes of it.
+        # After a fit explains the scan, one guess of each other hypothesis is enough.
         if hypothesis in fits and _least(fits.values()) < EXPLAINED:
             continue
         fit = _coarse_fit(misfit, hypothesis, candidate.frame, (0.0, 0.0), fits.values(), on_step)
@@ -160,14 +161,14 @@ def _least(fits: Collection[Fit]) -> float:
 
 def _coarse_fit(
     misfit: CoarseMisfit,
-    hypothesis: Hypothesis,
+    hypothesis: PoseHypothesis,
     start: SourceFrame,
     position_mm: tuple[float, float],
-    others: Collection[Fit],
+    fits: Collection[Fit],
     on_step: OnStep,
 ) -> Fit | None:
-    """Fit a guess to the coarse sinogram, as long as it may contend with a fit among others that explains the scan."""
-    least = _least(others)
+    """Fit a guess to the coarse sinogram, as long as the guess may compete with the best of these fits."""
+    least = _least(fits)
     return refine(
         misfit.phantoms[hypothesis.handedness],
         SinogramData(misfit.sinogram, hypothesis.rotation.apply(misfit.angles_rad), misfit.cells),
@@ -180,16 +181,16 @@ def _coarse_fit(
 
 
 def _with_ambiguous_poses(
-    found: dict[Hypothesis, Fit], misfit: CoarseMisfit, on_step: OnStep
-) -> dict[Hypothesis, list[Fit]]:
-    """Beside the fits found, those from poses in which the best fit's body looks almost the same."""
-    fits = {hypothesis: [fit] for hypothesis, fit in found.items()}
+    coarse: dict[PoseHypothesis, Fit], misfit: CoarseMisfit, on_step: OnStep
+) -> dict[PoseHypothesis, list[Fit]]:
+    """Add fits that start from poses in which the best fit's body looks almost the same."""
+    fits = {hypothesis: [fit] for hypothesis, fit in coarse.items()}
     if not fits:
         return fits
-    best = min(found, key=lambda hypothesis: found[hypothesis].relative_residual)
-    fit = found[best]
+    best = min(coarse, key=lambda hypothesis: coarse[hypothesis].relative_residual)
+    fit = coarse[best]
     for handedness, frame, position in ambiguous_poses(misfit, best, fit.frame, fit.position_mm):
-        hypothesis = Hypothesis(handedness, best.rotation)
+        hypothesis = PoseHypothesis(handedness, best.rotation)
         other = _coarse_fit(misfit, hypothesis, frame, position, [fit], on_step)
         if other is not None:
             rivals = fits.setdefault(hypothesis, [])

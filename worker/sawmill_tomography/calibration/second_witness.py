@@ -1,29 +1,30 @@
-"""The log beside the phantom as a second witness for u_c and tau (docs/geometry.md#a-second-witness).
+"""The log next to the phantom as a second witness for u_c and tau (docs/geometry.md#a-second-witness).
 
 The phantom's rows and, by opposite rays or pairs of views, the log's rows give u_c and tau independently. Answers that
-agree are combined by their covariances; where they do not, what moved during the scan decides whose are taken.
+agree are combined by their covariances. Where the answers disagree, the body that moved during the scan decides which
+answer is used.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from sawmill_tomography.calibration.fit_parameters import Parameter
+from sawmill_tomography.calibration.fit_parameters import FitParameter
 from sawmill_tomography.drift.change import LogMovement
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner, SourceFrame, to_vector
 from sawmill_tomography.geometry.ray_error import predicted_ray_error
 from sawmill_vocabulary import Agreement, MovedBody, Rotation, WitnessTaken
 
-# Chi-squared, 2 degrees of freedom: of two that agree, 95 % are below the first and 99.9 % below the second. Between
-# them the answers are combined and their errors widened by what they differ by (Birge 1932).
+# Chi-squared, 2 degrees of freedom: 95 % of agreeing pairs are below AGREE and 99.9 % below DISAGREE. Between the two
+# limits the answers are combined, and the errors enlarged by the difference (Birge 1932).
 AGREE, DISAGREE = 5.991, 13.816
-# What both see.
-BOTH = [Parameter.U_C, Parameter.TILT]
+# The parameters that both bodies show.
+BOTH = [FitParameter.U_C, FitParameter.TILT]
 
 
 @dataclass(frozen=True, eq=False)
 class LogAnswer:
-    """What the log gives at the phantom's SDD.
+    """The log's measurement of u_c and tau at the phantom's SDD.
 
     Attributes
     ----------
@@ -31,11 +32,11 @@ class LogAnswer:
         u_c (mm) and tau (rad).
     covariance : (2, 2) float64
     sdd_sensitivity : (2,) float64
-        Change of the two per mm of SDD.
+        Change of u_c and tau per mm of SDD.
     rotation : Rotation
-        The sense in which the log turned; the calibrated one where the log does not tell.
+        The sense in which the log turned; the calibrated sense where the log does not show the sense.
     movement : LogMovement or None
-        None where the scan does not show whether the log moved: of few views.
+        None where the scan has too few views to show whether the log moved.
     """
 
     seen: FloatArray
@@ -46,29 +47,29 @@ class LogAnswer:
 
 
 @dataclass(frozen=True, eq=False)
-class SecondWitness:
-    """Both answers, and what follows.
+class LogWitness:
+    """The answers of the log and the phantom, and the geometry that follows.
 
     Attributes
     ----------
     log : LogAnswer
     other_sense : bool
-        The log turned the other way than the phantom is explained by: then it is not heard.
+        The log turned in the other sense than the phantom's fit: the log is then not used.
     phantom_seen, phantom_covariance : (2,), (2, 2) float64
         u_c and tau of the phantom's rows alone.
     difference, difference_covariance : (2,), (2, 2) float64
-        The log's less the phantom's.
+        u_c and tau of the log less u_c and tau of the phantom.
     chi_squared : float
-        Of the difference, with 2 degrees of freedom.
+        Chi-squared of the difference, with 2 degrees of freedom.
     ray_change_mm : float
-        RMS distance that the difference makes to the rays in the log's disc.
+        RMS distance by which the difference moves the rays in the log's disc.
     agreement : Agreement
     moved : MovedBody or None
-        Which body moved during the scan, where one did and the scan tells which. A log that moved is not heard.
+        The body that moved during the scan, where the scan shows it. A log that moved is not used.
     taken : WitnessTaken
-        Whose u_c and tau are reported.
+        The body or bodies whose u_c and tau are reported.
     vector, covariance : (5,), (5, 5) float64
-        The geometry (psi, R, SDD, u_c, tau) that follows from both.
+        The geometry (psi, R, SDD, u_c, tau) that follows from both answers.
     """
 
     log: LogAnswer
@@ -87,12 +88,12 @@ class SecondWitness:
 
     @property
     def reported(self) -> FloatArray:
-        """The u_c and tau that follow, (2,)."""
+        """Reported u_c and tau, (2,)."""
         return self.vector[BOTH]
 
     @property
     def reported_covariance(self) -> FloatArray:
-        """Of them, (2, 2)."""
+        """Covariance of the reported u_c and tau, (2, 2)."""
         return self.covariance[np.ix_(BOTH, BOTH)]
 
 
@@ -105,31 +106,31 @@ def compare_witnesses(
     *,
     phantom_moved: bool,
     radius_mm: float,
-) -> SecondWitness:
-    """Compare the log's answer with the phantom's, and take from each what it knows.
+) -> LogWitness:
+    """Compare the log's answer with the phantom's, and combine or select the two.
 
     Parameters
     ----------
     frame, covariance : SourceFrame, (5, 5) float64
-        Of the phantom's rows alone.
+        Geometry and covariance from the phantom's rows alone.
     phantom_moved : bool
-        Whether the phantom's fit found that it moved during the scan.
+        True if the phantom's fit found that the phantom moved during the scan.
     radius_mm : float
-        Of the disc in which rays are compared.
+        Radius of the disc in which rays are compared.
     """
     vector = to_vector(frame)
     sees = np.zeros((2, len(vector)))
     sees[[0, 1], BOTH] = 1.0
     difference = log.seen - vector[BOTH]
     # At another SDD the log gives another u_c and tau.
-    sees[:, Parameter.SDD] = -log.sdd_sensitivity
+    sees[:, FitParameter.SDD] = -log.sdd_sensitivity
     spread = sees @ covariance @ sees.T + log.covariance
     chi_squared = float(difference @ np.linalg.solve(spread, difference))
     agreement = _agreement(chi_squared)
     moved = _moved(log.movement, agreement, phantom_moved=phantom_moved)
     other_sense = log.rotation is not rotation
     undecided = moved is None and agreement is Agreement.DISAGREE
-    taken = _taken(moved, heard=not (other_sense or undecided))
+    taken = _taken(moved, usable=not (other_sense or undecided))
     prior = _Prior(vector, covariance, sees)
     match taken:
         case "phantom":
@@ -141,7 +142,7 @@ def compare_witnesses(
     bias = np.zeros((len(vector), 1))
     bias[BOTH, 0] = difference
     change = predicted_ray_error(scanner, frame, bias @ bias.T, radius_mm=radius_mm)
-    return SecondWitness(
+    return LogWitness(
         log,
         other_sense,
         vector[BOTH],
@@ -164,7 +165,7 @@ def _agreement(chi_squared: float) -> Agreement:
 
 
 def _moved(log: LogMovement | None, agreement: Agreement, *, phantom_moved: bool) -> MovedBody | None:
-    """A log whose opposite rays agree with each other stood still: where the answers differ, the phantom moved."""
+    """Return the body that moved: a log whose opposite rays agree did not, so the phantom did if the answers differ."""
     if log is None:
         return MovedBody.PHANTOM if phantom_moved and agreement is Agreement.DISAGREE else None
     if log.beyond_chance:
@@ -172,15 +173,15 @@ def _moved(log: LogMovement | None, agreement: Agreement, *, phantom_moved: bool
     return MovedBody.PHANTOM if agreement is Agreement.DISAGREE else None
 
 
-def _taken(moved: MovedBody | None, *, heard: bool) -> WitnessTaken:
-    if not heard or moved in {MovedBody.LOG, MovedBody.BOTH}:
+def _taken(moved: MovedBody | None, *, usable: bool) -> WitnessTaken:
+    if not usable or moved in {MovedBody.LOG, MovedBody.BOTH}:
         return "phantom"
     return "both" if moved is None else "log"
 
 
 @dataclass(frozen=True, eq=False)
 class _Prior:
-    """The phantom's answer and its covariance, and how the log's answer depends on it, (2, 5)."""
+    """The phantom's answer and covariance, and the derivative of the log's answer by the phantom's, (2, 5)."""
 
     vector: FloatArray
     covariance: FloatArray
@@ -189,15 +190,16 @@ class _Prior:
     def combined(
         self, difference: FloatArray, log_covariance: FloatArray, widened: float
     ) -> tuple[FloatArray, FloatArray]:
-        """The linear least squares of both (Kalman 1960), all variances widened by a factor."""
+        """Combine both answers by linear least squares (Kalman 1960), all variances enlarged by `widened`."""
         cross = self.covariance @ self.sees.T
         gain = cross @ np.linalg.inv(self.sees @ cross + log_covariance)
         return self.vector + gain @ difference, widened * (self.covariance - gain @ cross.T)
 
     def replaced(self, difference: FloatArray, log_covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The log's u_c and tau, and the rest as the phantom's rows give it with these two known.
+        """Use the log's u_c and tau, and the phantom's rows for the rest of the geometry with these two known.
 
-        The phantom's error bars are too small by what its u_c and tau were off by, so the rest is widened by it.
+        The error of the phantom's u_c and tau shows that its error bars are too small by a factor: the covariance of
+        the rest is enlarged by the square of this factor.
         """
         cross = self.covariance @ self.sees.T
         own = self.sees @ cross
@@ -208,12 +210,12 @@ class _Prior:
 
 
 def _with_theta(scanner: Scanner, vector: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Hold R at r_S where it came to be less, for which no theta exists, as `source_distance.with_theta` does."""
-    deficit = scanner.source_to_cor_mm - vector[Parameter.R]
-    variance = covariance[Parameter.R, Parameter.R]
+    """Hold R at r_S where R became less, since no theta exists there, as `source_distance.with_theta` does."""
+    deficit = scanner.source_to_cor_mm - vector[FitParameter.R]
+    variance = covariance[FitParameter.R, FitParameter.R]
     if deficit <= 0.0 or variance == 0.0:
         return vector, covariance
-    step = covariance[:, Parameter.R] * (deficit / variance)
+    step = covariance[:, FitParameter.R] * (deficit / variance)
     moved = vector + step
-    moved[Parameter.R] = scanner.source_to_cor_mm
+    moved[FitParameter.R] = scanner.source_to_cor_mm
     return moved, covariance + np.outer(step, step)

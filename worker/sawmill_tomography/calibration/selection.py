@@ -1,4 +1,4 @@
-"""Which effects a scan shows: each judged by its own pattern, whatever else is in the residual."""
+"""The selection of effects that a scan shows: each effect is judged by its own pattern, whatever the residual is."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,19 +11,19 @@ from sawmill_tomography.calibration.normal_equations import System
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.statistics.chi_square import exceeded_chi_square
 
-# Probability with which chance alone shows an effect: below the first it is fitted, below the second its bias is in
-# the covariance (benchmarks/mill.py).
+# Probability that chance alone shows an effect: below FITTED the effect is fitted, below BEYOND_CHANCE its bias is
+# added to the covariance (benchmarks/mill.py).
 FITTED, BEYOND_CHANCE = 1e-5, 0.01
-# Blocks of neighbouring views whose scores are compared: what a model lacks goes on from view to view.
+# Numbers of blocks of neighbouring views whose scores are compared: errors of a model continue from view to view.
 BLOCKS = (64, 32, 16, 8)
-# Eigenvalues of a normal matrix of unit diagonal below this are directions that the scan does not tell from others.
+# Eigenvalues of a normal matrix of unit diagonal below this are directions that the scan cannot distinguish.
 SINGULAR = 1e-7
-# What a drawing, or the wood, may be wrong in independently: of that part of the residual that is no noise every effect
-# explains one such share by chance (tests/test_measured.py).
+# Number of independent errors that a drawing, or the wood, may have: every effect explains one such share of the
+# structured residual by chance (tests/test_measured.py).
 STRUCTURES = 100.0
-# Of it so much remains at least: what a step explains is only known to first order.
+# At least this share of the structured residual remains: what a step explains is only known to first order.
 UNTRUSTED = 0.1
-# Of a view that alone determines an effect as much as is left by rounding.
+# Added to the diagonal for a view that alone determines an effect, against division by rounding errors.
 RIDGE = 1e-6
 
 
@@ -32,21 +32,21 @@ chance_limit = cache(exceeded_chi_square)
 
 @dataclass(frozen=True, eq=False)
 class EffectTest:
-    """An effect beside those fitted.
+    """The test of an effect against a fit without this effect.
 
     Attributes
     ----------
     significance : float
-        Its chi-square, by whatever is largest: the noise, how its score scatters from block to block of the views, or
-        its share of a residual that is no noise.
+        Chi-square of the effect, against the largest of three variances: noise, the scatter of the effect's score from
+        block to block of the views, and the effect's share of the structured residual.
     power : float
-        What it explains of the residual's, weighted.
+        Weighted power of the residual that the effect explains.
     degrees : int
-        Number of its unknowns that the scan tells from those fitted.
+        Number of the effect's unknowns that the scan distinguishes from the fitted ones.
     sizes : (columns,) float64
-        Of its columns, if it were fitted.
+        Sizes of the effect's columns, if the effect were fitted.
     bias : (base,) float64
-        Of the fitted columns, if it is there and not fitted.
+        Bias of the fitted columns, if the effect is real and not fitted.
     """
 
     significance: float
@@ -56,54 +56,54 @@ class EffectTest:
     bias: FloatArray
 
     def is_fitted(self, trials: float = 1.0) -> bool:
-        """Whether it is far beyond chance, of this number of places where it may be."""
+        """Return whether the effect is far beyond chance, given this number of places where the effect may be."""
         return self.degrees > 0 and self.significance > chance_limit(FITTED / trials, self.degrees)
 
     def is_beyond_chance(self, trials: float = 1.0) -> bool:
-        """Whether chance alone would hardly show as much."""
+        """Return whether chance alone would hardly show an effect of this size."""
         return self.degrees > 0 and self.significance > chance_limit(BEYOND_CHANCE / trials, self.degrees)
 
 
-class Beside:
-    """The columns `base` of a fit, beside which others are judged."""
+class EffectTester:
+    """Tests of further columns against a fit of the columns `base`."""
 
     def __init__(self, system: System, base: Sequence[int]) -> None:
         self._system, self._base = system, list(base)
         cross, inverse = system.normal[self._base], system.inverse(self._base)
         self._best = inverse @ system.score[self._base]
         self._explained = float(system.score[self._base] @ self._best)
-        # Of every column what the base's take over of it, and what is left of the normal equations.
-        self._carried = inverse @ cross
-        self._normal, self._score = system.normal - cross.T @ self._carried, system.score - cross.T @ self._best
+        # Coefficients of every column's projection on the base's columns, and the normal equations that remain.
+        self._sensitivity = inverse @ cross
+        self._normal, self._score = system.normal - cross.T @ self._sensitivity, system.score - cross.T @ self._best
 
     @cached_property
     def _of_base(self) -> FloatArray:
-        """Each view's inner products of the base's columns with all, (views, base, columns)."""
+        """Inner products of the base's columns with all columns, (views, base, columns)."""
         return np.take(self._system.grams, self._base, axis=1)
 
     @cached_property
     def _scores(self) -> FloatArray:
-        """Each view's, (views, columns), at the base's best change."""
+        """Scores (views, columns) of each view at the base's best change."""
         scores: FloatArray = self._system.scores - self._best @ self._of_base
         return scores
 
     def tested(self, tried: Sequence[int]) -> EffectTest:
-        """Judge these columns, which stand one after another."""
+        """Test these columns, which must have consecutive indices."""
         system, base, own = self._system, self._base, slice(tried[0], tried[-1] + 1)
         scale = system.scale[own]
         values, vectors = np.linalg.eigh(self._normal[own, own] * np.outer(scale, scale))
         kept = values > SINGULAR
-        # Unknowns (columns, degrees) of which each has unit information, independent of the others.
+        # Independent unknowns (columns, degrees) with unit information each.
         white = np.ascontiguousarray(scale[:, None] * vectors[:, kept] / np.sqrt(values[kept]))
         score = white.T @ self._score[own]
         sizes, power, degrees = white @ score, float(score @ score), len(score)
-        carried = self._carried[:, own] @ white
-        bias = -carried @ score
+        sensitivity = self._sensitivity[:, own] @ white
+        bias = -sensitivity @ score
         explained = self._explained + power
         variance = max(system.power - explained, 0.0) / max(system.samples - len(base) - len(tried), 1.0)
         if variance <= 0.0 or degrees == 0:
             return EffectTest(np.inf if power > 0.0 and degrees > 0 else 0.0, power, degrees, sizes, bias)
-        # It scatters by noise at least: where that explains it, no other scatter need be known.
+        # The score scatters at least by noise: where noise explains the effect, no other scatter is computed.
         if power < variance * chance_limit(BEYOND_CHANCE, degrees):
             return EffectTest(power / variance, power, degrees, sizes, bias)
         scores, information = np.empty((len(system.scores), degrees)), np.empty((len(system.scores), degrees, degrees))
@@ -114,7 +114,7 @@ class Beside:
             np.array(base),
             own.start,
             white,
-            carried,
+            sensitivity,
             score,
             scores,
             information,
@@ -125,19 +125,19 @@ class Beside:
 
 
 def _scatter(scores: FloatArray, information: FloatArray, variance: float) -> float:
-    """How much more the scores of unknowns of unit information scatter than noise does, at least 1.
+    """Compute the variance of the scores of unknowns of unit information against noise, at least 1.
 
-    From view to view they are those that would be seen without the view (the jackknife; MacKinnon and White 1985), or
-    one view in which an edge lies along the rays would explain itself.
+    The score of a single view is taken at the change that the remaining views give (the jackknife; MacKinnon and White
+    1985). Otherwise one view in which an edge lies along the rays would explain itself.
 
-    What the change takes from the stripes is in no view's scores. It is their mean, since their sum is 0 at the best
-    change of generalised least squares, and no scatter.
+    The part that the change takes from the stripes is in no view's scores. This part is the mean of the scores, since
+    the scores sum to 0 at the best change of generalised least squares, and is not scatter.
 
     Parameters
     ----------
     scores : (views, unknowns)
     information : (views, unknowns, unknowns)
-        Of each view; the sum over the views is 1.
+        Information of each view; the sum over the views is the unit matrix.
     """
     degrees: int = scores.shape[1]
     power = float(largest_power(scores - scores.mean(axis=0), information, 1.0 + RIDGE, BLOCKS))

@@ -1,10 +1,10 @@
-"""What the model is compared with: a sinogram, its angles and weights."""
+"""The data that the model is compared with: a sinogram with angles and weights."""
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sawmill_tomography.calibration.fit_parameters import FRAME, Parameter
+from sawmill_tomography.calibration.fit_parameters import FRAME, FitParameter
 from sawmill_tomography.geometry.geometry import FloatArray, SourceFrame
 from sawmill_tomography.phantoms.phantom import Phantom
 from sawmill_tomography.projection import analytic
@@ -13,20 +13,20 @@ from sawmill_tomography.projection.analytic import DetectorCells
 
 @dataclass(frozen=True)
 class SinogramData:
-    """What the model is compared with.
+    """A sinogram with angles and weights, for comparison with the model.
 
     Attributes
     ----------
     sinogram : (views, cells) float64
         Line integrals.
     angles_rad : (views,) float64
-        As one sense of rotation reads them.
+        View angles in one sense of rotation.
     cells : DetectorCells
-        Where the cells lie.
+        Positions of the cells.
     rays_per_cell : int or None
         Rays per cell in the model; None averages over the cell.
     weights : (views, cells) float64 or None
-        Of each sample; None weighs all alike.
+        Weight of each sample; None weighs all samples alike.
     """
 
     sinogram: FloatArray
@@ -37,11 +37,11 @@ class SinogramData:
 
     @property
     def samples(self) -> float:
-        """Number of samples, by weight."""
+        """Number of samples: the sum of the weights."""
         return self.sinogram.size if self.weights is None else float(self.weights.sum())
 
     def every(self, step: int) -> "SinogramData":
-        """Every `step`-th view."""
+        """Select every `step`-th view."""
         if step == 1:
             return self
         weights = None if self.weights is None else np.ascontiguousarray(self.weights[::step])
@@ -49,14 +49,14 @@ class SinogramData:
         return replace(self, sinogram=sinogram, angles_rad=self.angles_rad[::step], weights=weights)
 
     def gram(self, phantom: Phantom, x: FloatArray) -> FloatArray:
-        """`analytic.gram` at a vector x (7,) in the order of `Parameter`."""
+        """Compute `analytic.gram` at a vector x (7,) in the order of `FitParameter`."""
         return analytic.gram(
             phantom,
             self.cells,
             SourceFrame.from_vector(x[FRAME]),
             self.angles_rad,
             self.sinogram,
-            position_mm=(x[Parameter.T_X], x[Parameter.T_Y]),
+            position_mm=(x[FitParameter.T_X], x[FitParameter.T_Y]),
             rays_per_cell=self.rays_per_cell,
             weights=self.weights,
         )

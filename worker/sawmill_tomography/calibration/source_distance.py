@@ -1,4 +1,4 @@
-"""The source distance R, which no theta allows to be less than the known r_S: held there where the free fit is less."""
+"""The source distance R: held at the known r_S where the free fit gives less, since theta exists only for R >= r_S."""
 
 import math
 from dataclasses import dataclass, replace
@@ -7,18 +7,18 @@ import numpy as np
 
 from sawmill_tomography.calibration.errors import CalibrationError
 from sawmill_tomography.calibration.faults.finding import AdjustedFit
-from sawmill_tomography.calibration.fit import OnStep, refine, unheard
-from sawmill_tomography.calibration.fit_parameters import Parameter
+from sawmill_tomography.calibration.fit import OnStep, ignore_progress, refine
+from sawmill_tomography.calibration.fit_parameters import FitParameter
 from sawmill_tomography.calibration.joint_fit import JointFit, fit_consistent_views, fit_jointly
 from sawmill_tomography.calibration.refusals import refuse_other_scanner
-from sawmill_tomography.calibration.scatter import Scatter, parameter_scatter
+from sawmill_tomography.calibration.residual_statistics import ResidualStatistics, residual_statistics
 from sawmill_tomography.calibration.task import CalibrationTask
 from sawmill_tomography.geometry.geometry import SourceFrame
 
 
 @dataclass(frozen=True)
 class SourceDistance:
-    """How R was found.
+    """The source distance of the free fit, and whether R was held.
 
     Attributes
     ----------
@@ -27,7 +27,8 @@ class SourceDistance:
     held : bool
         R was held at r_S, because the free fit gave less.
     deficit_deviations : float
-        By how many standard deviations, the stated size's included, the free R is less than r_S; 0 where it is not.
+        Deficit of the free R against r_S, in standard deviations that include the phantom's size tolerance; 0 where
+        the free R is at least r_S.
     """
 
     unconstrained_mm: float
@@ -36,28 +37,28 @@ class SourceDistance:
 
 
 def with_theta(
-    task: CalibrationTask, prepared: AdjustedFit, on_step: OnStep = unheard
-) -> tuple[AdjustedFit, JointFit, Scatter, SourceDistance]:
-    """The free fit, or the one with R = r_S where the free one has no theta (docs/conventions.md#theta).
+    task: CalibrationTask, prepared: AdjustedFit, on_step: OnStep = ignore_progress
+) -> tuple[AdjustedFit, JointFit, ResidualStatistics, SourceDistance]:
+    """Fit freely, or with R = r_S where the free fit has no theta (docs/conventions.md#theta).
 
-    The covariance of a fit that was held is the free one's, and what holding it moved: R of the scanner may be larger
-    than r_S, or r_S itself be off, and R and SDD are then off together. The scan knows their ratio far better than
-    either, so R's row stays in.
+    The covariance of a held fit is the free fit's covariance plus the square of the change that holding made: the
+    scanner's R may be larger than r_S, or r_S itself be wrong, and R and SDD then have errors together. The scan
+    determines the ratio of R and SDD far better than either distance, so R's row stays in the covariance.
 
     Raises
     ------
     CalibrationError
-        If the free R is no scanner's, or no fit exists with R = r_S.
+        If the free R is impossible for this scanner, or no fit exists with R = r_S.
     """
     prepared, free = fit_consistent_views(prepared, task.without, on_step)
     r_s, frame = task.scanner.source_to_cor_mm, free.model.frame
     refuse_other_scanner(task.scanner, frame.source_distance_mm)
-    scatter = parameter_scatter(free)
+    statistics = residual_statistics(free)
     if frame.source_distance_mm >= r_s:
-        return prepared, free, scatter, SourceDistance(frame.source_distance_mm)
+        return prepared, free, statistics, SourceDistance(frame.source_distance_mm)
     ratio = r_s / frame.source_distance_mm
     start = replace(frame, source_distance_mm=r_s, source_to_detector_mm=frame.source_to_detector_mm * ratio)
-    position = (float(free.model.x[Parameter.T_X]), float(free.model.x[Parameter.T_Y]))
+    position = (float(free.model.x[FitParameter.T_X]), float(free.model.x[FitParameter.T_Y]))
     fit = refine(
         prepared.phantom, prepared.data, start, position_mm=position, fixed_source_distance=True, on_step=on_step
     )
@@ -69,16 +70,16 @@ def with_theta(
         )
     held = fit_jointly(replace(prepared, fit=fit), task.without, on_step)
     distance = SourceDistance(
-        frame.source_distance_mm, held=True, deficit_deviations=_deficit_deviations(task, frame, scatter)
+        frame.source_distance_mm, held=True, deficit_deviations=_deficit_deviations(task, frame, statistics)
     )
     moved = held.model.x - free.model.x
-    covariance = replace(scatter.covariance, values=scatter.covariance.values + np.outer(moved, moved))
-    return prepared, held, replace(parameter_scatter(held), covariance=covariance), distance
+    covariance = replace(statistics.covariance, values=statistics.covariance.values + np.outer(moved, moved))
+    return prepared, held, replace(residual_statistics(held), covariance=covariance), distance
 
 
-def _deficit_deviations(task: CalibrationTask, frame: SourceFrame, scatter: Scatter) -> float:
+def _deficit_deviations(task: CalibrationTask, frame: SourceFrame, statistics: ResidualStatistics) -> float:
     distance = frame.source_distance_mm
-    variance = float(scatter.covariance.values[Parameter.R, Parameter.R])
+    variance = float(statistics.covariance.values[FitParameter.R, FitParameter.R])
     deviation = math.hypot(math.sqrt(variance), task.phantom.size_tolerance * distance)
     deficit = task.scanner.source_to_cor_mm - distance
     return deficit / deviation if deviation > 0.0 else math.inf

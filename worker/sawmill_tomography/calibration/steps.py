@@ -1,4 +1,4 @@
-"""A step of Gauss and Newton: how far it goes, what it moves, and when it is small."""
+"""A Gauss-Newton step: the length of the step, the changed model, and when a step is small."""
 
 from collections.abc import Sequence
 
@@ -9,27 +9,27 @@ from sawmill_tomography.calibration.normal_equations import Column, System, View
 from sawmill_tomography.calibration.scan_model import POSE, ScanModel, Term
 from sawmill_tomography.geometry.geometry import FloatArray
 
-# A step has ended among the noise when it moves the geometry by less than this many of its standard deviations,
-# squared, and all that is fitted gains less than that, in variances of a sample.
+# A step is within the noise when it moves the geometry by less than MOVED standard deviations, squared, and the whole
+# fit gains less than GAINED variances of a sample.
 MOVED, GAINED = 25.0, 200.0
-# A step that moves what is seen by less, in mm at the phantom's rim, is none: of a scan almost free of noise even this
-# may be many standard deviations. Nor is one that gains less than this share of the residual.
+# A step is negligible when it moves the phantom's visible rim by less than LEAST_MOVE_MM (for a scan almost free of
+# noise this may be many standard deviations), or gains less than the share NO_GAIN of the residual.
 LEAST_MOVE_MM, NO_GAIN = 0.003, 1e-6
 SHORTEST = 1 / 8
-# A step may raise the residual by these shares, for random effects of the views are not in the sum that is compared:
-# usually, and where the views' angles scatter.
+# A step may raise the residual by these shares, because the compared sum does not contain the random effects of the
+# views: ROUNDING usually, and BY_ANGLES where the views' angles scatter.
 ROUNDING, BY_ANGLES = 1e-4, 0.1
 
 
 def is_small(model: ScanModel, system: System, used: Sequence[int], change: FloatArray, variance: float) -> bool:
-    """Whether a full step changes nothing that matters."""
+    """Return whether a full step changes nothing that matters."""
     gained = float(change @ system.score)
     among_noise = gained <= GAINED * variance and off_by(system, used, change) <= MOVED * variance
     return among_noise or gained <= NO_GAIN * system.power or _moves_mm(model, system.columns, change) <= LEAST_MOVE_MM
 
 
 def off_by(system: System, used: Sequence[int], change: FloatArray) -> float:
-    """How far a step moves the geometry, squared, in standard deviations for unit variance of a sample."""
+    """Compute how far a step moves the geometry, squared, in standard deviations for unit variance of a sample."""
     columns = system.columns
     own = [n for n, i in enumerate(used) if columns[i].parameter is not None]
     covariance = system.inverse(used)[np.ix_(own, own)]
@@ -38,7 +38,7 @@ def off_by(system: System, used: Sequence[int], change: FloatArray) -> float:
 
 
 def _moves_mm(model: ScanModel, columns: Sequence[Column], change: FloatArray) -> float:
-    """About how far a step moves what the detector sees of the phantom's rim."""
+    """Estimate how far a step moves the phantom's rim as the detector sees it, mm."""
     radius, frame = model.drawing.radius_mm, model.frame
     arms = {
         Term.PSI: radius,
@@ -61,9 +61,9 @@ def _moves_mm(model: ScanModel, columns: Sequence[Column], change: FloatArray) -
 def stepped(
     model: ScanModel, columns: Sequence[Column], change: FloatArray, grams: ViewGrams, *, may_rise: float
 ) -> tuple[ScanModel, float]:
-    """The model after as much of the step as makes the residual no larger, and this share of it; 0 where none does.
+    """Take the largest share of the step that does not raise the residual; return the model and the share.
 
-    A residual that is larger by the share `may_rise` is no larger.
+    The residual may rise by the share `may_rise`. The returned share is 0 where no share is possible.
     """
     share = 1.0
     while share >= SHORTEST:
@@ -78,7 +78,7 @@ def stepped(
 
 
 def moved(model: ScanModel, columns: Sequence[Column], change: FloatArray) -> ScanModel:
-    """The model with each column changed by so much."""
+    """Return the model with each column changed by the given amount."""
     scalars: dict[Term, float] = {}
     pose = np.zeros_like(model.pose)
     for column, size in zip(columns, change.tolist(), strict=True):

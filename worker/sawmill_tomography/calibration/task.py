@@ -1,4 +1,4 @@
-"""What is asked of a calibration: the scan of the phantom, and what is known of the scanner."""
+"""The task of a calibration: the scan of the phantom, and the known constants of the scanner."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -18,8 +18,8 @@ from sawmill_tomography.projection.analytic import DetectorCells
 from sawmill_vocabulary import Adjustment, Handedness, Rotation, TrueAxis
 
 
-class Hypothesis(NamedTuple):
-    """One of the four: from which side the phantom was seen, and in which sense the scanner turns."""
+class PoseHypothesis(NamedTuple):
+    """A hypothesis of the four: the side from which the phantom was seen, and the sense in which the scanner turns."""
 
     handedness: Handedness
     rotation: Rotation
@@ -27,18 +27,18 @@ class Hypothesis(NamedTuple):
 
 @dataclass(frozen=True)
 class CalibrationTask:
-    """What is asked.
+    """The input of a calibration.
 
     Attributes
     ----------
     sinogram : (views, detector) float
         Line integrals in any unit: gain and background are free.
     angles_rad : (views,) float64
-        Every view's own angle.
+        Angle of each view.
     bounds : ThetaBounds or None
-        Where theta is searched; None searches wherever the phantom can be seen.
+        Range in which theta is searched; None searches wherever the phantom can be seen.
     handedness, rotation
-        None tries both.
+        Known handedness and rotation; None tries both.
     rays_per_cell : int or None
         Rays per cell in the model; None averages over the cell, as a real detector does.
     log_radius_mm : float or None
@@ -48,13 +48,13 @@ class CalibrationTask:
     scale_tolerance_percent : float
         The largest uncertainty of the scale, 95 %, that passes.
     true_axis : "x" or "y", or None
-        Along which axis of its drawing the phantom's size is known to be right; None: along either as well.
+        Axis of the drawing along which the phantom's size is known to be right; None trusts both axes alike.
     from_counts : bool
-        Whether the line integrals were made from counts: then each cell averaged intensities, not paths.
+        True if the line integrals were made from counts: then each cell averaged intensities, not paths.
     without : frozenset of Adjustment
-        Which adjustments to faults of the scan are switched off.
+        Adjustments to faults of the scan that are switched off.
     metal : (views, cells) bool or None
-        Samples that see metal; None where that is not known yet.
+        Samples that see metal; None where they are not known yet.
     """
 
     scanner: Scanner
@@ -84,12 +84,12 @@ class CalibrationTask:
         object.__setattr__(self, "angles_rad", angles)
 
     def radius_mm(self, handedness: Handedness, position_mm: tuple[float, float]) -> float:
-        """Of the disc in which ray errors are measured, with the phantom as it was found."""
+        """Return the radius of the disc in which ray errors are measured, with the phantom at this position."""
         return counted_radius_mm(self.log_radius_mm, self.phantoms[handedness].moved(*position_mm))
 
     @cached_property
     def phantoms(self) -> dict[Handedness, Phantom]:
-        """The phantom as each allowed handedness sees it."""
+        """The phantom as seen by each allowed handedness."""
         seen = {Handedness.AS_DRAWN: self.phantom, Handedness.FROM_BEHIND: self.phantom.mirrored()}
         return {h: p for h, p in seen.items() if self.handedness in {None, h}}
 
@@ -100,7 +100,7 @@ class CalibrationTask:
 
     @cached_property
     def screening(self) -> Screening:
-        """Which cells, views and samples have a usable signal of the phantom."""
+        """Cells, views and samples that have a usable signal of the phantom."""
         usable = screen(
             self.sinogram,
             cells=Adjustment.FAULTY_CELLS not in self.without,
@@ -112,7 +112,7 @@ class CalibrationTask:
         return usable if hidden is None else replace(usable, hidden=hidden)
 
     def full_data(self, rotation: Rotation) -> SinogramData:
-        """All views and cells, as this sense of rotation reads them; what has no usable signal has weight 0."""
+        """Return all views and cells in this sense of rotation; samples without a usable signal have weight 0."""
         cells = DetectorCells.of(self.scanner)
         angles = rotation.apply(self.angles_rad)
         return SinogramData(self.sinogram, angles, cells, self.rays_per_cell, self.screening.weights)

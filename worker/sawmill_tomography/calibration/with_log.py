@@ -1,28 +1,28 @@
-"""A calibration once the log beside its phantom was heard: geometry, error bars and judgement follow from both."""
+"""A calibration with the log next to the phantom: geometry, error bars and judgement follow from both bodies."""
 
 from dataclasses import replace
 
 import numpy as np
 
-from sawmill_tomography.calibration.calibration import Calibration, choose_theta
+from sawmill_tomography.calibration.calibration import CalibrationOutcome, choose_theta
 from sawmill_tomography.calibration.covariance import theta_covariance
 from sawmill_tomography.calibration.error_bars import ErrorBars
 from sawmill_tomography.calibration.fit import Fit
-from sawmill_tomography.calibration.fit_parameters import Parameter
-from sawmill_tomography.calibration.judgement import Evidence, Limits, judge
+from sawmill_tomography.calibration.fit_parameters import FitParameter
+from sawmill_tomography.calibration.judgement import Evidence, JudgementLimits, judge
 from sawmill_tomography.calibration.scale import scale_uncertainty
-from sawmill_tomography.calibration.second_witness import BOTH, LogAnswer, SecondWitness, compare_witnesses
+from sawmill_tomography.calibration.second_witness import BOTH, LogAnswer, LogWitness, compare_witnesses
 from sawmill_tomography.drift.change import ConjugateFit, DetectorFit
 from sawmill_tomography.drift.detector_fit import detector_fit
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner, SourceFrame, Theta
 from sawmill_tomography.geometry.ray_error import predicted_ray_error
 from sawmill_vocabulary import Rotation
 
-POSITION = [Parameter.T_X, Parameter.T_Y]
+POSITION = [FitParameter.T_X, FitParameter.T_Y]
 
 
-def with_log(calibration: Calibration, log_sinogram: FloatArray) -> Calibration:
-    """The calibration with the log as its second witness; unchanged where it has no error bars.
+def with_log(calibration: CalibrationOutcome, log_sinogram: FloatArray) -> CalibrationOutcome:
+    """Add the log as a second witness to a calibration; without error bars the calibration is returned unchanged.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ def with_log(calibration: Calibration, log_sinogram: FloatArray) -> Calibration:
     Raises
     ------
     DriftError
-        The log shows nothing: too few views, a log too round, or one that reaches an end of the detector.
+        If the log shows nothing: too few views, a log too round, or a log that reaches an end of the detector.
     """
     evidence, task = calibration.evidence, calibration.task
     if evidence is None:
@@ -54,31 +54,31 @@ def with_log(calibration: Calibration, log_sinogram: FloatArray) -> Calibration:
 def _ask_log(
     scanner: Scanner, sinogram: FloatArray, angles_rad: FloatArray, frame: SourceFrame, rotation: Rotation
 ) -> LogAnswer:
-    """What a log's sinogram (views, detector) gives near the phantom's answer, by opposite rays or pairs of views.
+    """Fit u_c and tau to a log's sinogram (views, detector) near the phantom's answer, by opposite rays or view pairs.
 
     Raises
     ------
     DriftError
-        The views are too few, or this log does not show the two.
+        If the views are too few, or this log does not show u_c and tau.
     """
     fit = detector_fit(scanner, sinogram, angles_rad, frame, rotation)
     sensitivity, covariance = _at_known_distance(fit)
     seen = np.array([fit.cor_column_mm, fit.tilt_rad])
     seen += sensitivity * (frame.source_to_detector_mm - fit.source_to_detector_mm)
     turned = fit.rotation if fit.rotation_decided else rotation
-    # Pairs of views refuse a log that moves far, and do not tell where it jumped a little.
+    # Pairs of views refuse a log that moves far, and do not show where a log jumped a little.
     return LogAnswer(seen, covariance, sensitivity, turned, fit.movement if isinstance(fit, ConjugateFit) else None)
 
 
 def _at_known_distance(fit: DetectorFit) -> tuple[FloatArray, FloatArray]:
-    """Change of (u_c, tau) per mm of SDD, (2,), and their covariance (2, 2) where SDD is known."""
+    """Compute the change of (u_c, tau) per mm of SDD, (2,), and the covariance (2, 2) of both at a known SDD."""
     if fit.distance_held:
         return fit.distance_sensitivity, fit.covariance[:2, :2]
     sensitivity = fit.covariance[:2, 2] / fit.covariance[2, 2]
     return sensitivity, fit.covariance[:2, :2] - np.outer(sensitivity, fit.covariance[2, :2])
 
 
-def _following(calibration: Calibration, evidence: Evidence, witness: SecondWitness) -> Calibration:
+def _following(calibration: CalibrationOutcome, evidence: Evidence, witness: LogWitness) -> CalibrationOutcome:
     task, fit = calibration.task, _moved(evidence.fit, witness)
     theta, twin = choose_theta(task.scanner, fit.frame, task.bounds)
     bars = _error_bars(calibration, evidence.error_bars, fit.frame, theta, witness)
@@ -91,8 +91,8 @@ def _following(calibration: Calibration, evidence: Evidence, witness: SecondWitn
         calibration.radius_mm,
         aspect_half=evidence.scale.aspect_half,
     )
-    heard = replace(evidence, fit=fit, error_bars=bars, scale=scale, theta_in_bounds=in_bounds, witness=witness)
-    judgement = judge(heard, Limits.of(task))
+    with_witness = replace(evidence, fit=fit, error_bars=bars, scale=scale, theta_in_bounds=in_bounds, witness=witness)
+    judgement = judge(with_witness, JudgementLimits.of(task))
     return replace(
         calibration,
         theta=theta,
@@ -101,12 +101,12 @@ def _following(calibration: Calibration, evidence: Evidence, witness: SecondWitn
         error_bars=bars,
         scale=scale,
         judgement=judgement,
-        evidence=heard,
+        evidence=with_witness,
     )
 
 
-def _moved(fit: Fit, witness: SecondWitness) -> Fit:
-    """The fit with the geometry of both, and the phantom where its rows put it with that u_c and tau."""
+def _moved(fit: Fit, witness: LogWitness) -> Fit:
+    """Return the fit with the geometry of both bodies, and the phantom's position that fits this u_c and tau."""
     frame = SourceFrame.from_vector(witness.vector)
     values = fit.covariance.values
     own = values[np.ix_(BOTH, BOTH)]
@@ -116,7 +116,7 @@ def _moved(fit: Fit, witness: SecondWitness) -> Fit:
 
 
 def _error_bars(
-    calibration: Calibration, alone: ErrorBars, frame: SourceFrame, theta: Theta, witness: SecondWitness
+    calibration: CalibrationOutcome, alone: ErrorBars, frame: SourceFrame, theta: Theta, witness: LogWitness
 ) -> ErrorBars:
     scanner, values = calibration.scanner, witness.covariance
     of_theta = theta_covariance(scanner, frame, theta, values)

@@ -11,14 +11,14 @@ from typing import Literal
 
 import numpy as np
 
-from sawmill_tomography.calibration.fit_parameters import Parameter
+from sawmill_tomography.calibration.fit_parameters import FitParameter
 from sawmill_tomography.drift.chart.looks import Look
 from sawmill_tomography.geometry.geometry import FloatArray, GeometryError, Scanner, SourceFrame
 from sawmill_tomography.geometry.ray_error import predicted_ray_error, ray_error, scale_deviation
 from sawmill_vocabulary import Rotation
 
 # What a log's rays see of the geometry, in the order of their vectors.
-SEEN = [Parameter.U_C, Parameter.TILT, Parameter.SDD]
+SEEN = [FitParameter.U_C, FitParameter.TILT, FitParameter.SDD]
 # A change beyond this many standard deviations is significant.
 SIGNIFICANT = 3.0
 # A jump that is shorter is no finding (mm). An exact scan shows 0.001: tests/tomography/test_log_movement.py.

@@ -14,7 +14,7 @@ from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.phantoms import PhantomDrawing
 from sawmill_tomography.calibration.alternatives import Alternatives
 from sawmill_tomography.calibration.calibrate import calibrate
-from sawmill_tomography.calibration.calibration import Calibration
+from sawmill_tomography.calibration.calibration import CalibrationOutcome
 from sawmill_tomography.calibration.error_bars import ErrorBars
 from sawmill_tomography.calibration.errors import CalibrationError
 from sawmill_tomography.calibration.phantom_rows import segments
@@ -86,7 +86,7 @@ def run_calibration(
     *,
     stack: NDArray[np.float32] | None = None,
     keeper: Keeper = NOTHING_KEPT,
-) -> tuple[CalibrationInput, Calibration]:
+) -> tuple[CalibrationInput, CalibrationOutcome]:
     """Calibrate by the method asked for; errors of `sawmill_tomography` pass through.
 
     Parameters
@@ -147,7 +147,7 @@ def _in_phantom_rows(
     stack: NDArray[np.float32],
     options: contracts.CalibrationOptions,
     on_progress: ProgressCallback,
-) -> tuple[CalibrationInput, Calibration] | None:
+) -> tuple[CalibrationInput, CalibrationOutcome] | None:
     """The input narrowed to those rows of the stack that show the phantom, and the default calibration with them.
 
     None where nothing changes from row to row, or no run of rows explains itself by the phantom: all rows stay.
@@ -156,7 +156,7 @@ def _in_phantom_rows(
     runs = segments(stack)[:MOST_RUNS]
     if len(runs) <= 1:
         return None
-    found: list[tuple[CalibrationInput, Calibration]] = []
+    found: list[tuple[CalibrationInput, CalibrationOutcome]] = []
     for number, run in enumerate(runs, start=1):
         rows = (given.rows[0] + run.start, given.rows[0] + run.stop)
         narrowed = _of_rows(given, stack, rows)
@@ -175,9 +175,9 @@ def _in_phantom_rows(
 
 def _as_published(
     given: CalibrationInput, options: contracts.CalibrationOptions, on_round: SearchCallback, keeper: Keeper
-) -> Calibration:
+) -> CalibrationOutcome:
     # Imported here because it brings the reconstruction along, for which the default need not wait.
-    from sawmill_tomography.calibration.paper import PaperOptions, calibrate_as_published  # noqa: PLC0415
+    from sawmill_tomography.calibration.paper import PaperSettings, calibrate_as_published  # noqa: PLC0415
 
     def keep(search: RecallingObjective) -> None:
         if keeper.is_due:
@@ -186,7 +186,7 @@ def _as_published(
     earlier = keeper.kept("search")
     return calibrate_as_published(
         _task(given, options),
-        options=PaperOptions(**options.paper.model_dump()),
+        options=PaperSettings(**options.paper.model_dump()),
         seed=options.seed,
         progress=on_round,
         earlier=None if earlier is None else Evaluations(**earlier),
@@ -252,7 +252,7 @@ def _task(given: CalibrationInput, chosen: contracts.CalibrationOptions) -> Cali
 
 
 def calibration_result(
-    calibration: Calibration,
+    calibration: CalibrationOutcome,
     given: CalibrationInput,
     comparison: contracts.Comparison | None = None,
     witness: contracts.SecondWitness | None = None,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from sawmill_contracts.calibration_arrays import CalibrationArrays, LogImages
 from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_formats.output.calibration_file import NamedArray, write_calibration
-from sawmill_tomography.calibration.calibration import Calibration
+from sawmill_tomography.calibration.calibration import CalibrationOutcome
 from sawmill_tomography.geometry.geometry import FanBeamGeometry, GeometryError
 from sawmill_tomography.geometry.image_grid import ImageGrid
 from sawmill_tomography.phantoms.phantom import Phantom
@@ -31,7 +31,9 @@ PAGES = frozenset({".html", ".htm"})
 MOST_VIEWS, WEIGHT, ITERATIONS = 60, 200.0, 60
 
 
-def calibration_arrays(calibration: Calibration, given: CalibrationInput, log: LogImages | None) -> CalibrationArrays:
+def calibration_arrays(
+    calibration: CalibrationOutcome, given: CalibrationInput, log: LogImages | None
+) -> CalibrationArrays:
     """The arrays behind a calibration's pictures, as docs/formats.md lists them."""
     seen = calibration.seen
     reach = max(float(np.abs(outline).max()) for outline in seen.outlines())
@@ -53,7 +55,7 @@ def calibration_arrays(calibration: Calibration, given: CalibrationInput, log: L
 
 
 def report_arrays(
-    calibration: Calibration, given: CalibrationInput, stack: NDArray[np.float32], rows: tuple[int, int]
+    calibration: CalibrationOutcome, given: CalibrationInput, stack: NDArray[np.float32], rows: tuple[int, int]
 ) -> CalibrationArrays:
     """The arrays behind the report of a stack in memory, with the log that its other rows may show.
 
@@ -105,7 +107,7 @@ def write_report(path: Path, result: CalibrationResult, arrays: CalibrationArray
 
 
 def _phantom_image(
-    calibration: Calibration, given: CalibrationInput, field_mm: float
+    calibration: CalibrationOutcome, given: CalibrationInput, field_mm: float
 ) -> tuple[NDArray[np.float32], ReconstructionMethod]:
     """The phantom in units of its drawing's density: FBP, or total variation where the views do not go all round."""
     fan = FanBeamGeometry(calibration.scanner, calibration.theta, calibration.rotation.apply(given.angles_rad))

@@ -13,7 +13,7 @@ import scipy
 
 from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_contracts.repeatability import PairDifference, RepeatabilityResult
-from sawmill_tomography.calibration.fit_parameters import Parameter
+from sawmill_tomography.calibration.fit_parameters import FitParameter
 from sawmill_tomography.geometry.ray_error import exceeded_ray_error, predicted_ray_error, ray_error, scale_deviation
 from sawmill_worker.use_cases.failures import refused
 
@@ -76,8 +76,8 @@ def _difference(
         scale_difference_deviation_percent=100.0 * scale,
         scale_allowed_percent=100.0 * allowed_scale,
         cor_column_difference_mm=other.source_frame.cor_column_mm - one.source_frame.cor_column_mm,
-        cor_column_deviation_mm=math.sqrt(covariance[Parameter.U_C, Parameter.U_C]),
+        cor_column_deviation_mm=math.sqrt(covariance[FitParameter.U_C, FitParameter.U_C]),
         tilt_difference_deg=math.degrees(other.source_frame.tilt_rad - one.source_frame.tilt_rad),
-        tilt_deviation_deg=math.degrees(math.sqrt(covariance[Parameter.TILT, Parameter.TILT])),
+        tilt_deviation_deg=math.degrees(math.sqrt(covariance[FitParameter.TILT, FitParameter.TILT])),
         within_error_bars=rays.rms_mm <= allowed and abs(rays.scale_change) <= allowed_scale,
     )

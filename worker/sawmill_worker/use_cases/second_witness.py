@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from sawmill_contracts import calibrations as contracts
 from sawmill_platform.contracts.base import parse_rows
-from sawmill_tomography.calibration.calibration import Calibration
+from sawmill_tomography.calibration.calibration import CalibrationOutcome
 from sawmill_tomography.calibration.phantom_rows import shows_another_body
-from sawmill_tomography.calibration.second_witness import SecondWitness
+from sawmill_tomography.calibration.second_witness import LogWitness
 from sawmill_tomography.drift.change import DriftError
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_vocabulary import FEWEST_PAIRED_VIEWS
@@ -33,13 +33,13 @@ class LogRows:
 
 
 def hear_log(
-    calibration: Calibration,
+    calibration: CalibrationOutcome,
     given: CalibrationInput,
     *,
     asked: str | None,
     rows: tuple[int, int],
     read: Callable[[int], NDArray[np.float32]],
-) -> tuple[CalibrationInput, Calibration]:
+) -> tuple[CalibrationInput, CalibrationOutcome]:
     """The calibration with the log beside the phantom as its second witness, where the scan shows one.
 
     Parameters
@@ -87,7 +87,7 @@ def log_rows(
     return LogRows(tuple(shown), np.mean(list(shown.values()), axis=0)) if shown else None
 
 
-def witness_of(calibration: Calibration, given: CalibrationInput) -> contracts.SecondWitness | None:
+def witness_of(calibration: CalibrationOutcome, given: CalibrationInput) -> contracts.SecondWitness | None:
     """Both answers as they cross a boundary."""
     witness = None if calibration.evidence is None else calibration.evidence.witness
     if witness is None:
@@ -115,7 +115,7 @@ def witness_of(calibration: Calibration, given: CalibrationInput) -> contracts.S
     )
 
 
-def _reason(witness: SecondWitness) -> str:
+def _reason(witness: LogWitness) -> str:
     beyond = f"chi-squared {witness.chi_squared:.1f} of 2 degrees of freedom"
     if witness.other_sense:
         return "the log turned the other way than the phantom is explained by: its answer was not used"

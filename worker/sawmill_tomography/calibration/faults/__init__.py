@@ -1,1 +1,1 @@
-"""Faults of a scan: one finding a file, each with what it looks for, its evidence, and what it does."""
+"""Faults and effects in a scan: the evidence for each, the adjustment, and the sentence that reports it."""

@@ -9,20 +9,21 @@ from sawmill_tomography.calibration.scan_model import Term
 from sawmill_tomography.geometry.geometry import FloatArray
 
 REMEDY = "look at the encoder and the drive"
-# The scatter is none of noise when it is larger by this number of standard deviations, with this number of views; none
-# of the model when neighbouring views share less than this share of it, and what is seen of u_c beside it scatters by
-# less than this share of it; most views have it, and it explains most of what is no noise.
+# Noise does not explain the scatter when it is larger by DEVIATIONS standard deviations, with FEWEST_VIEWS or more. An
+# error of the model does not explain the scatter when neighbouring views share less than the share SHARED of it, u_c
+# scatters independently by less than the share COLUMN, the median view has more than the share IN_MOST, and the scatter
+# explains more than the share EXPLAINED of the structured residual.
 MEDIAN_OF_CHI_SQUARED, IN_MOST, EXPLAINED = 0.455, 0.3, 0.4
-DEVIATIONS, FEWEST_VIEWS, SHARED, BESIDE = 8.0, 20, 0.3, 0.1
+DEVIATIONS, FEWEST_VIEWS, SHARED, COLUMN = 8.0, 20, 0.3, 0.1
 
 
 def sentence(deviation_rad: float) -> str:
-    """What is reported of it."""
+    """Return the sentence that reports the scatter."""
     return f"the angles scatter from view to view, by {math.degrees(deviation_rad):.2g} degrees"
 
 
 def angle_scatter(system: System, change: FloatArray, variance: float) -> float:
-    """The variance of the views' angles, rad^2; 0 where noise, or a model that is wrong, explains what is seen."""
+    """Estimate the variance of the views' angles, rad^2; 0 where noise or a wrong model explains the scores."""
     psi, u_c = (next(i for i, c in enumerate(system.columns) if c.term is term) for term in (Term.PSI, Term.U_C))
     grams, scores = system.grams, system.scores - system.grams @ change
     own = grams[:, psi, psi]
@@ -31,23 +32,23 @@ def angle_scatter(system: System, change: FloatArray, variance: float) -> float:
         return 0.0
     own, cross, score = own[seen], grams[seen, psi, u_c], scores[seen, psi]
     unit = score / np.sqrt(own * variance)
-    beyond = float((unit**2 - 1.0).sum())
+    excess = float((unit**2 - 1.0).sum())
     neighbours = float((unit[1:] * unit[:-1]).sum())
-    left = scores[seen, u_c] - cross / own * score
+    remaining = scores[seen, u_c] - cross / own * score
     along = grams[seen, u_c, u_c]
-    # Where turning and shifting the view have the same effect, only rounding remains.
+    # Only rounding remains where turning and shifting the view have the same effect.
     apart = np.maximum(along - cross**2 / own, np.finfo(np.float64).eps * along.max())
-    beside = float((left**2 / (apart * variance) - 1.0).sum())
-    # One in which an edge lies along the rays may hold most of it, where a model is finer than the scan.
+    column_excess = float((remaining**2 / (apart * variance) - 1.0).sum())
+    # Where a model is finer than the scan, one view with an edge along the rays may have most of the scatter.
     usual = float(np.median(unit**2)) / MEDIAN_OF_CHI_SQUARED - 1.0
     chance = DEVIATIONS * math.sqrt(2.0 * unit.size)
     structured = system.structured - float(change @ system.score)
     if (
-        beyond < chance
-        or beyond * variance < EXPLAINED * structured
-        or usual * unit.size < IN_MOST * beyond
-        or abs(neighbours) > SHARED * beyond
-        or beside > max(BESIDE * beyond, 0.5 * chance)
+        excess < chance
+        or excess * variance < EXPLAINED * structured
+        or usual * unit.size < IN_MOST * excess
+        or abs(neighbours) > SHARED * excess
+        or column_excess > max(COLUMN * excess, 0.5 * chance)
     ):
         return 0.0
     return float((score**2 - own * variance).sum() / (own**2).sum())

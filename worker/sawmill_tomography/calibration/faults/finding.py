@@ -1,10 +1,10 @@
-"""A plain fit, and what is done about faults of the scan before every effect is fitted with the geometry."""
+"""A plain fit, and adjustments to faults of the scan before the effects are fitted with the geometry."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-from sawmill_tomography.calibration.fit import Fit, OnStep, refine, unheard
+from sawmill_tomography.calibration.fit import Fit, OnStep, ignore_progress, refine
 from sawmill_tomography.calibration.sinogram_data import SinogramData
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.phantoms.phantom import Phantom
@@ -14,16 +14,16 @@ from sawmill_vocabulary import Adjustment
 
 @dataclass(frozen=True)
 class AdjustedFit:
-    """A plain fit, the data that it was made with, and one sentence for each adjustment made.
+    """A plain fit, the fitted data, and one sentence for each adjustment made.
 
     Attributes
     ----------
     phantom : Phantom
-        As the scan shows it.
+        The phantom as the scan shows it.
     from_counts : bool
-        Whether the line integrals were made from counts.
+        True if the line integrals were made from counts.
     averaging : (views, cells) float64 or None
-        What was added to the sinogram because cells average intensities.
+        Correction added to the sinogram because cells average intensities.
     on_step : callable
         Called at each step of further fits.
     """
@@ -34,20 +34,20 @@ class AdjustedFit:
     from_counts: bool = False
     adjustments: tuple[str, ...] = ()
     averaging: FloatArray | None = None
-    on_step: OnStep = unheard
+    on_step: OnStep = ignore_progress
 
     def after(self, data: SinogramData, fit: Fit, sentence: str) -> "AdjustedFit":
-        """With other data, fit and one more sentence."""
+        """Return a copy with new data, a new fit and one more sentence."""
         return replace(self, data=data, fit=fit, adjustments=(*self.adjustments, sentence))
 
     def refitted(self, data: SinogramData, start: Fit) -> Fit | None:
-        """Least squares with other data, from a fit; None where it does not converge."""
+        """Fit new data by least squares, starting from a fit; None where the fit does not converge."""
         fit = refine(self.phantom, data, start.frame, position_mm=start.position_mm, on_step=self.on_step)
         return fit if fit is not None and fit.converged else None
 
     @cached_property
     def model(self) -> FloatArray:
-        """The model sinogram (views, cells)."""
+        """Model sinogram (views, cells)."""
         lengths = analytic.project(
             self.phantom,
             self.data.cells,
@@ -60,15 +60,15 @@ class AdjustedFit:
 
 
 @dataclass(frozen=True)
-class Finding:
+class EffectFinding:
     """A fault of the scan or of the plain model.
 
     Attributes
     ----------
     adjustment : Adjustment
-        What switches it off.
+        The option that switches the adjustment off.
     adjust : callable
-        Looks for it, and returns the adjusted fit; the same object where the evidence is not there.
+        Function that searches for the fault and returns the adjusted fit; the same object where there is no evidence.
     """
 
     adjustment: Adjustment

@@ -1,10 +1,10 @@
-"""A cell of counts averages intensities over its rays, where the model averages paths."""
+"""Intensity averaging: a cell of counts averages intensities over its rays, where the model averages paths."""
 
 from dataclasses import replace
 
 import numpy as np
 
-from sawmill_tomography.calibration.faults.finding import AdjustedFit, Finding
+from sawmill_tomography.calibration.faults.finding import AdjustedFit, EffectFinding
 from sawmill_tomography.calibration.sinogram_data import SinogramData
 from sawmill_tomography.geometry.geometry import FloatArray, SourceFrame
 from sawmill_tomography.phantoms.phantom import Phantom
@@ -17,29 +17,29 @@ FINE_RAYS = 8
 ROUNDS = 2
 
 
-def _adjust(now: AdjustedFit) -> AdjustedFit:
-    """Add the difference to the sinogram, from the fit itself, and repeat the fit.
+def _adjust(plain: AdjustedFit) -> AdjustedFit:
+    """Add the difference, computed from the fit itself, to the sinogram and repeat the fit.
 
-    Without it, edges along the rays would pull the geometry.
+    Without this correction, edges along the rays would bias the geometry.
     """
-    if not now.from_counts or now.data.rays_per_cell == 1:  # a cell of one ray averages nothing
-        return now
-    data, fit, added = now.data, now.fit, np.zeros(())
+    if not plain.from_counts or plain.data.rays_per_cell == 1:  # a cell of one ray averages nothing
+        return plain
+    data, fit, added = plain.data, plain.fit, np.zeros(())
     for _ in range(ROUNDS):
-        added = averaging(now.phantom, now.data, fit.frame, position_mm=fit.position_mm, gain=fit.gain)
-        data = replace(now.data, sinogram=now.data.sinogram + added)
-        again = now.refitted(data, fit)
+        added = averaging(plain.phantom, plain.data, fit.frame, position_mm=fit.position_mm, gain=fit.gain)
+        data = replace(plain.data, sinogram=plain.data.sinogram + added)
+        again = plain.refitted(data, fit)
         if again is None:
-            return now
+            return plain
         fit = again
-    after = now.after(data, fit, "each cell's averaging of intensities was allowed for")
+    after = plain.after(data, fit, "each cell's averaging of intensities was allowed for")
     return replace(after, averaging=added)
 
 
 def averaging(
     phantom: Phantom, data: SinogramData, frame: SourceFrame, *, position_mm: Position, gain: FloatArray | float
 ) -> FloatArray:
-    """mean(p) + ln(mean(exp(-p))) over each cell's rays, (views, cells), of p in the data's unit."""
+    """Compute mean(p) + ln(mean(exp(-p))) over each cell's rays, (views, cells), for p in the data's unit."""
     cells = data.cells
     fine = DetectorCells(cells.first_border_mm, cells.width_mm / FINE_RAYS, cells.count * FINE_RAYS)
     rays = analytic.project(phantom, fine, frame, data.angles_rad, position_mm=position_mm, rays_per_cell=1)
@@ -49,4 +49,4 @@ def averaging(
     return difference
 
 
-INTENSITY_AVERAGING = Finding(Adjustment.INTENSITY_AVERAGING, _adjust)
+INTENSITY_AVERAGING = EffectFinding(Adjustment.INTENSITY_AVERAGING, _adjust)

@@ -1,7 +1,7 @@
-"""Metal in the phantom, as screws, nails and brackets: its rays are starved, and no model of wood explains them.
+"""Metal in the phantom, as screws, nails and brackets: rays through metal are starved, and no model of wood fits.
 
-What a fitted model leaves is projected back. Metal is where the rays of all views are weaker than wood makes them, by
-many times what wood of that size takes. Every sample that sees it is then left out.
+The residual of a fitted model is back-projected. There is metal where the rays of all views are weaker than behind
+wood, by many times what wood of that size absorbs. Every sample that sees metal is then left out.
 """
 
 import math
@@ -11,7 +11,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from sawmill_tomography.calibration.fit import Fit, OnStep, refine, unheard
+from sawmill_tomography.calibration.fit import Fit, OnStep, ignore_progress, refine
 from sawmill_tomography.calibration.sinogram_data import SinogramData
 from sawmill_tomography.geometry.geometry import FloatArray, rotate
 from sawmill_tomography.phantoms.phantom import Phantom
@@ -21,42 +21,43 @@ from sawmill_vocabulary import Handedness
 
 Samples = NDArray[np.bool_]
 
-# Fewer views show no body by its shadows.
+# Fewer views do not show a body by its shadows.
 FEWEST_VIEWS = 8
-# All of the phantom is looked at in these steps, in about this number of views, smoothed over what a step sees.
+# The whole phantom is searched in steps of COARSE_MM, in about COARSE_VIEWS views, smoothed over SMOOTHED_MM.
 COARSE_MM, COARSE_VIEWS, SMOOTHED_MM = 4.0, 40, 5.0
-# No sample counts for more than this share of the phantom's depth: another piece of metal may lie on the ray.
+# A sample counts for at most this share of the phantom's depth: another piece of metal may lie on the ray.
 CLIPPED = 0.25
-# Places that stand out from the others by this number of robust standard deviations, and no more than this number of
-# them, are looked at in millimetres, so far around each.
+# Places that exceed the median by STANDS_OUT robust standard deviations, at most MOST_PLACES, are searched again in
+# steps of 1 mm, up to AROUND_MM from each place.
 STANDS_OUT, MOST_PLACES, AROUND_MM = 6.0, 24, 14
-# A median over the views that is this number of its standard deviations is no chance.
+# A median over the views is beyond chance when it exceeds this number of standard deviations of the median.
 CHANCE = 6.0
-# Metal takes as much as this length of wood, and is denser by more than this multiple of the wood, in an image of this
-# resolution: steel is 15 to 40 times as dense, a knot up to 2 (benchmarks/metal.py).
+# Metal absorbs as much as LEAST_WOOD_MM of wood, and is denser than wood by more than the factor DENSER, in an image of
+# resolution FINEST_MM: steel is 15 to 40 times as dense, a knot up to 2 (benchmarks/metal.py).
 LEAST_WOOD_MM, DENSER, FINEST_MM = 8.0, 2.5, 3.0
-# What belongs to a piece of metal, as a share of its highest density.
+# A point belongs to a piece of metal when its density is above this share of the piece's highest density.
 BODY = 0.3
-# Cells left out beside its shadow: these, and more as long as what the model leaves there is this number of its
-# standard deviations.
-BESIDE, MOST_BESIDE, LEFT_BESIDE = 1, 8, 3.0
-# Of the disc that is searched, whose points are counted in millimetres: a phantom that was placed further out than any
-# saw takes a log is not where the fit has it (tests/calibration_api/test_absurd_values.py).
+# Cells left out next to the metal's shadow: MARGIN on each side, and up to MOST_MARGIN more while the mean residual in
+# the next cells is above MARGIN_DEVIATIONS standard deviations of the mean.
+MARGIN, MOST_MARGIN, MARGIN_DEVIATIONS = 1, 8, 3.0
+# Largest radius of the searched disc, whose points are 1 mm apart. No saw takes so large a log, so the position of a
+# phantom farther out is wrong (tests/calibration_api/test_absurd_values.py).
 LARGEST_RADIUS_MM = 2000.0
-# What covers more of the samples is no metal in a phantom.
+# A body that covers a larger share of the samples is not metal in a phantom.
 MOST_SAMPLES = 0.25
-# The first fit was still pulled by the metal; the search ends when fewer samples than this share of them change.
+# The search is repeated, since the metal biases the first fit; it ends when fewer than the share SETTLED of the samples
+# change.
 ROUNDS, SETTLED = 3, 0.02
 
 
 @dataclass(frozen=True, eq=False)
-class Metal:
+class PhantomMetal:
     """Metal in a phantom.
 
     Attributes
     ----------
     samples : (views, cells) bool
-        Those that see it.
+        Samples that see metal.
     places_mm : tuple of (float, float)
         The middle of each piece in the image frame, x and y.
     """
@@ -65,7 +66,7 @@ class Metal:
     places_mm: tuple[tuple[float, float], ...]
 
     def sentence(self, handedness: Handedness, position_mm: tuple[float, float]) -> str:
-        """What was found and done, places as in the drawing of a phantom that is seen so, at this position."""
+        """Return the sentence that reports the metal, with places in the drawing of a phantom in this pose."""
         side = 1.0 if handedness is Handedness.AS_DRAWN else -1.0
         drawn = ((x - position_mm[0], side * (y - position_mm[1])) for x, y in self.places_mm)
         places = ", ".join(f"({x:.0f}, {y:.0f})" for x, y in drawn)
@@ -75,25 +76,27 @@ class Metal:
         )
 
 
-def find_metal(phantom: Phantom, data: SinogramData, fit: Fit, on_step: OnStep = unheard) -> Metal | None:
-    """Metal in a phantom, from a fit to a scan with it.
+def find_metal(
+    phantom: Phantom, data: SinogramData, fit: Fit, on_step: OnStep = ignore_progress
+) -> PhantomMetal | None:
+    """Find metal in a phantom, from a fit to a scan that may show metal; None where there is none.
 
     Parameters
     ----------
     phantom : Phantom
-        As it is seen.
+        The phantom as the scan shows it.
     data : SinogramData
-        With the samples that see metal, so that they are compared with the model of the fit.
+        Data that include the samples that see metal, for comparison with the model of the fit.
     fit : Fit
-        To samples of which some or none see metal.
+        Fit to samples of which some or none see metal.
     """
-    found: Metal | None = None
+    result: PhantomMetal | None = None
     for _ in range(ROUNDS):
         metal = _Search(phantom, data, fit).metal()
         if metal is None:
             break
-        settled = found is not None and (found.samples ^ metal.samples).sum() < SETTLED * metal.samples.sum()
-        found = metal
+        settled = result is not None and (result.samples ^ metal.samples).sum() < SETTLED * metal.samples.sum()
+        result = metal
         if settled:
             break
         weights = np.where(metal.samples, 0.0, 1.0 if data.weights is None else data.weights)
@@ -102,20 +105,20 @@ def find_metal(phantom: Phantom, data: SinogramData, fit: Fit, on_step: OnStep =
         if again is None:
             break
         fit = again
-    return found
+    return result
 
 
 class _Search:
-    """The residual of a fit, and the object's points that it is projected back to."""
+    """A search for metal by back-projection of a fit's residual."""
 
     def __init__(self, phantom: Phantom, data: SinogramData, fit: Fit) -> None:
         self._phantom, self._data, self._fit = phantom, data, fit
-        # Of wood, per mm.
+        # Attenuation of wood, per mm.
         self._wood = fit.gain * max(shape.density for shape in phantom.shapes)
         self._radius_mm = math.ceil(phantom.radius_mm + math.hypot(*fit.position_mm))
 
-    def metal(self) -> Metal | None:
-        """The metal that this fit's residual shows."""
+    def metal(self) -> PhantomMetal | None:
+        """Find the metal that this fit's residual shows; None where there is none."""
         if len(self._data.sinogram) < FEWEST_VIEWS or self._radius_mm > LARGEST_RADIUS_MM:
             return None
         suspects = self._suspects()
@@ -135,10 +138,10 @@ class _Search:
             return None
         pieces, count = scipy.ndimage.label(scipy.ndimage.maximum_filter(body, 3))
         middles = (np.argwhere(body & (pieces == one)).mean(axis=0) - self._radius_mm for one in range(1, count + 1))
-        return Metal(samples, tuple((float(x), float(y)) for x, y in middles))
+        return PhantomMetal(samples, tuple((float(x), float(y)) for x, y in middles))
 
     def _residual(self, views: slice) -> NDArray[np.float32]:
-        """What the model leaves, without what cells have in common in all views; 0 where nothing may be used."""
+        """Compute the residual without each cell's median over the views; 0 where samples have no weight."""
         data, fit = self._data, self._fit
         shadow = analytic.project(
             self._phantom,
@@ -155,7 +158,7 @@ class _Search:
         return residual
 
     def _suspects(self) -> NDArray[np.intp]:
-        """Points (points, 2) mm of the image frame where the views' residuals add up."""
+        """Find points (points, 2) mm of the image frame where the views' residuals add up."""
         views = slice(None, None, max(1, len(self._data.sinogram) // COARSE_VIEWS))
         frame, cells = self._fit.frame, self._data.cells
         residual = self._residual(views)
@@ -166,7 +169,7 @@ class _Search:
         axis = np.arange(-steps, steps + 1) * COARSE_MM
         x, y = np.meshgrid(axis, axis, indexing="ij")
         inside = np.hypot(x, y) <= self._radius_mm
-        # A ray beside the detector counts as zero.
+        # A ray that misses the detector counts as zero.
         seen = np.pad(np.clip(smooth, -clipped, clipped), ((0, 0), (1, 1)))
         columns = self._columns(np.stack([x[inside], y[inside]], -1), views)
         at = np.clip(columns + 1.0, 0.0, cells.count + 1.0).astype(np.intp)
@@ -186,7 +189,7 @@ class _Search:
     def _piece(
         self, residual: NDArray[np.float32], filtered: FloatArray, suspect: NDArray[np.intp]
     ) -> NDArray[np.intp]:
-        """The points (points, 2) mm of the metal around a suspect; none where it is none."""
+        """Find the points (points, 2) mm of the metal around a suspect; none where the suspect is not metal."""
         reach = np.arange(-AROUND_MM, AROUND_MM + 1)
         points = np.stack(np.meshgrid(*(suspect[:, None] + reach), indexing="ij"), -1).reshape(-1, 2)
         points = points[np.hypot(*points.T) <= self._radius_mm]
@@ -206,9 +209,9 @@ class _Search:
         return piece
 
     def _filtered(self, residual: NDArray[np.float32]) -> FloatArray:
-        """The residual (views, cells) through the ramp of parallel rays, 1/mm: its mean over the views is a density.
+        """Filter the residual (views, cells) with the ramp of parallel rays, 1/mm: the views' mean is a density.
 
-        Kak and Slaney ch. 3, equation 61, with a Hann window, at the scale of the centre of rotation.
+        The filter is Kak and Slaney ch. 3, equation 61, with a Hann window, at the scale of the centre of rotation.
         """
         step_mm = self._data.cells.width_mm / self._fit.frame.magnification
         size = scipy.fft.next_fast_len(2 * residual.shape[1], real=True)
@@ -220,7 +223,7 @@ class _Search:
         return filtered
 
     def _columns(self, points_mm: NDArray[np.number], views: slice = slice(None)) -> FloatArray:
-        """Where on the detector, in cells from its border, each view sees these points: (views, points)."""
+        """Compute where each view sees these points, (views, points), in cells from the detector's border."""
         frame, cells = self._fit.frame, self._data.cells
         turns = self._data.angles_rad[views] + frame.psi_rad
         x, y = rotate(-turns[:, None], *points_mm.T)
@@ -230,32 +233,32 @@ class _Search:
         return columns
 
     def _cells(self, points_mm: NDArray[np.intp]) -> NDArray[np.intp]:
-        """The cell in which each view sees each point (views, points); the last one beside the detector."""
+        """Find the cell in which each view sees each point (views, points); off the detector the nearest cell."""
         cells = np.floor(self._columns(points_mm)).astype(np.intp)
         on_detector: NDArray[np.intp] = np.clip(cells, 0, self._data.cells.count - 1)
         return on_detector
 
     def _samples(self, residual: NDArray[np.float32], points_mm: NDArray[np.intp]) -> Samples:
-        """The samples that see a body of these points, a millimetre each, and those beside it that it blurs into."""
+        """Find the samples that see a body of these points, 1 mm wide each, and neighbours that the body blurs into."""
         views, cells = residual.shape
-        half = 0.7 * self._fit.frame.magnification / self._data.cells.width_mm + BESIDE
+        half = 0.7 * self._fit.frame.magnification / self._data.cells.width_mm + MARGIN
         columns = self._columns(points_mm)
         change = np.zeros((views, cells + 1), np.int32)
         view = np.broadcast_to(np.arange(views)[:, None], columns.shape)
         np.add.at(change, (view, np.clip(np.floor(columns - half), 0, cells).astype(np.intp)), 1)
         np.add.at(change, (view, np.clip(np.ceil(columns + half), 0, cells).astype(np.intp)), -1)
         samples: Samples = change[:, :-1].cumsum(axis=1) > 0
-        for _ in range(MOST_BESIDE):
+        for _ in range(MOST_MARGIN):
             wider = scipy.ndimage.maximum_filter1d(samples, 3, axis=1)
-            beside = residual[wider & ~samples]
-            if beside.size == 0 or beside.mean() < LEFT_BESIDE * beside.std() / math.sqrt(beside.size):
+            edge = residual[wider & ~samples]
+            if edge.size == 0 or edge.mean() < MARGIN_DEVIATIONS * edge.std() / math.sqrt(edge.size):
                 break
             samples = wider
         return samples
 
 
 def _running_mean(values: NDArray[np.float32], width: int) -> NDArray[np.float32]:
-    """Average `width` cells around each, mirrored at the ends: `scipy.ndimage`'s, which each start would wait for."""
+    """Average `width` cells around each, mirrored at the ends; `scipy.ndimage` for this would delay each start."""
     before = width // 2
     padded = np.pad(values, ((0, 0), (before + 1, width - 1 - before)), mode="symmetric")
     sums = padded.cumsum(axis=1, dtype=np.float64)

@@ -1,66 +1,66 @@
-"""Samples that the model cannot explain: dead and hot cells, corrupt views. They lose weight."""
+"""Outliers: samples of dead and hot cells and of corrupt views, which the model cannot explain, lose weight."""
 
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sawmill_tomography.calibration.faults.finding import AdjustedFit, Finding
+from sawmill_tomography.calibration.faults.finding import AdjustedFit, EffectFinding
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.statistics.robust import robust_deviation
 from sawmill_vocabulary import Adjustment
 
-# In robust standard deviations: beyond it a sample loses weight.
+# A residual of more robust standard deviations makes a sample lose weight.
 OUTLIER = 4.0
-# The shadow proper, as a share of its depth.
+# The least depth of the shadow proper, as a share of the largest.
 SHADOW = 0.02
-# Outliers are reweighted when they hold this share of the residual's power.
+# Outliers are reweighted when they have this share of the residual's power.
 OUTLIER_POWER = 0.25
-# They are a fault of the scan, and no model error, when most of their power (FAULT_SHARE) lies in cells, or in views,
-# of which more than the share WHOLE is outlying (tests/tomography/calibration/test_adjust.py).
+# Outliers are a fault of the scan, and not a model error, when most of their power (FAULT_SHARE) lies in cells, or in
+# views, with more than the share WHOLE of outlying samples (tests/tomography/calibration/test_adjust.py).
 WHOLE, FAULT_SHARE = 0.2, 0.7
-# The first fit was still pulled by the outliers.
+# The fit is repeated, since outliers bias the first fit.
 ROUNDS = 2
 
 
-def _adjust(now: AdjustedFit) -> AdjustedFit:
-    current, share = now, 0.0
-    used = np.ones_like(now.data.sinogram) if now.data.weights is None else now.data.weights
+def _adjust(plain: AdjustedFit) -> AdjustedFit:
+    current, share = plain, 0.0
+    used = np.ones_like(plain.data.sinogram) if plain.data.weights is None else plain.data.weights
     for _ in range(ROUNDS):
         residual = current.data.sinogram - current.model
         deviation = _deviation(current, residual, used)
         if deviation == 0.0:
-            return now
+            return plain
         size, power = np.abs(residual) / deviation, used * residual**2
         outlying = size > OUTLIER
         if power[outlying].sum() < OUTLIER_POWER * power.sum() or not _is_a_fault(power * outlying, outlying):
             break
         weighted = replace(current.data, weights=used * np.where(outlying, (OUTLIER / size) ** 2, 1.0))
-        again = now.refitted(weighted, current.fit)
+        again = plain.refitted(weighted, current.fit)
         if again is None:
             break
-        current, share = replace(now, data=weighted, fit=again), float(outlying[used > 0.0].mean())
+        current, share = replace(plain, data=weighted, fit=again), float(outlying[used > 0.0].mean())
     if share == 0.0:
-        return now
-    return now.after(current.data, current.fit, f"{share:.2%} of the samples are outliers and lost weight")
+        return plain
+    return plain.after(current.data, current.fit, f"{share:.2%} of the samples are outliers and lost weight")
 
 
-def _deviation(now: AdjustedFit, residual: FloatArray, used: FloatArray) -> float:
-    """The residual's robust standard deviation in the shadow, at least what the phantom's size tolerance leaves.
+def _deviation(adjusted: AdjustedFit, residual: FloatArray, used: FloatArray) -> float:
+    """Compute the residual's robust standard deviation in the shadow, at least what the size tolerance leaves.
 
-    Air does not count: it may be free of noise, and is the most of a sinogram.
+    Air does not count: air may be free of noise, and covers most of a sinogram.
     """
-    depth = float(np.ptp(now.model))
-    shadowed = residual[(now.model > now.fit.offset + SHADOW * depth) & (used > 0.0)]
+    depth = float(np.ptp(adjusted.model))
+    shadowed = residual[(adjusted.model > adjusted.fit.offset + SHADOW * depth) & (used > 0.0)]
     deviation = robust_deviation(shadowed - np.median(shadowed)) if shadowed.size else 0.0
-    return max(deviation, now.phantom.size_tolerance * depth)
+    return max(deviation, adjusted.phantom.size_tolerance * depth)
 
 
 def _is_a_fault(power: FloatArray, outlying: NDArray[np.bool_]) -> bool:
-    """Whether outliers are whole cells or whole views, as faults are; elsewhere the model is wrong."""
+    """Return whether outliers are whole cells or whole views, as with faults; otherwise the model is wrong."""
     cells = power[:, outlying.mean(axis=0) > WHOLE].sum()
     views = power[outlying.mean(axis=1) > WHOLE].sum()
     return bool(max(cells, views) > FAULT_SHARE * power.sum())
 
 
-OUTLIERS = Finding(Adjustment.OUTLIERS, _adjust)
+OUTLIERS = EffectFinding(Adjustment.OUTLIERS, _adjust)

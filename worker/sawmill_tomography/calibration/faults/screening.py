@@ -1,6 +1,7 @@
 """Cells, views and samples without a usable signal, found before anything is fitted.
 
-They get no weight; for the search, cells and samples are bridged from their neighbours and views left out.
+Such cells, views and samples get weight 0; for the search, cells and samples are bridged from their neighbours, and
+views are left out.
 """
 
 from dataclasses import dataclass
@@ -13,20 +14,22 @@ from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.sinograms.bridging import bridge, bridged_samples
 from sawmill_tomography.sinograms.faulty_cells import faulty_cells
 
-# A view with this share of its samples outside the range of the others is corrupt.
+# A view is corrupt when this share of the view's samples is outside the range of the median view.
 VIEW_SHARE = 0.01
 
 
 @dataclass(frozen=True)
 class Screening:
-    """What may be used.
+    """The usable parts of a sinogram.
 
     Attributes
     ----------
     cells : (cells,) bool
+        Usable cells.
     views : (views,) bool
+        Usable views.
     hidden : (views, cells) bool or None
-        Samples that see something else than the phantom; None where none does.
+        Samples that see something else than the phantom; None where there are none.
     """
 
     cells: NDArray[np.bool_]
@@ -35,7 +38,7 @@ class Screening:
 
     @cached_property
     def weights(self) -> FloatArray | None:
-        """(views, cells) float64, 0 where nothing may be used; None where everything may."""
+        """Weights (views, cells) float64, 0 for samples that are not usable; None where all samples are usable."""
         if self.cells.all() and self.views.all() and self.hidden is None:
             return None
         weights = np.outer(self.views, self.cells).astype(np.float64)
@@ -45,7 +48,7 @@ class Screening:
 
     @property
     def adjustments(self) -> tuple[str, ...]:
-        """One sentence for each thing left out."""
+        """Sentences on cells and views that were left out."""
         sentences = []
         if not self.cells.all():
             sentences.append(f"{int((~self.cells).sum())} detector cells without a usable signal were left out")
@@ -54,7 +57,7 @@ class Screening:
         return tuple(sentences)
 
     def bridged(self, sinogram: FloatArray) -> FloatArray:
-        """The sinogram with the cells and samples left out interpolated along the detector."""
+        """Interpolate cells and samples that are not usable along the detector."""
         if self.cells.all() and self.hidden is None:
             return sinogram
         filled = sinogram.copy()
@@ -63,7 +66,7 @@ class Screening:
 
 
 def screen(sinogram: FloatArray, *, cells: bool = True, views: bool = True) -> Screening:
-    """Look at a sinogram (views, detector) before it is used: at its cells, its views, or both."""
+    """Check the cells, the views, or both, of a sinogram (views, detector) before the sinogram is used."""
     usable_views = ~_corrupt_views(sinogram) if views else np.ones(len(sinogram), bool)
     if usable_views.sum() < 3:
         usable_views[:] = True
@@ -74,7 +77,7 @@ def screen(sinogram: FloatArray, *, cells: bool = True, views: bool = True) -> S
 
 
 def _corrupt_views(sinogram: FloatArray) -> NDArray[np.bool_]:
-    # Hot cells stand in every view: the highest hundredth is theirs.
+    # Hot cells occur in every view: the highest hundredth of the samples is left out for them.
     low, high = np.median(np.quantile(sinogram, [0.02, 0.99], axis=1), axis=1).tolist()
     span = high - low
     outside = ((sinogram < low - 0.3 * span) | (sinogram > high + span)).mean(axis=1)
@@ -84,6 +87,6 @@ def _corrupt_views(sinogram: FloatArray) -> NDArray[np.bool_]:
 
 
 def _faulty_cells(sinogram: FloatArray) -> NDArray[np.bool_]:
-    # A phantom has no structure of single cells, and loses little with a sound cell beside a hot one.
+    # A phantom has no structure of single cells, and loses little with a sound cell next to a hot cell.
     median = np.median(np.ascontiguousarray(sinogram.T), axis=1)
     return faulty_cells(sinogram, median, recheck=False, most_faulty=1.0)

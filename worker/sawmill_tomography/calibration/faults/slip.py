@@ -6,20 +6,20 @@ from collections.abc import Sequence
 import numpy as np
 
 from sawmill_tomography.calibration.elimination import scaled_inverse
-from sawmill_tomography.calibration.faults.effect import Effect
+from sawmill_tomography.calibration.faults.effects import Effect
 from sawmill_tomography.calibration.normal_equations import Column
 from sawmill_tomography.calibration.scan_model import POSE, ScanModel
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_vocabulary import Adjustment
 
-# A slip is known by this number of views, and this share of them, before and after it.
+# A slip needs at least FEWEST_VIEWS views, and the share SHARE_OF_VIEWS of all views, before and after.
 FEWEST_VIEWS, SHARE_OF_VIEWS = 3, 1 / 24
-# One that moves the phantom by less than this share of what it turns its rim by is one of the angles.
+# A slip is a jump of the angles when the phantom's shift is less than this share of the turn at the phantom's rim.
 TURN_ALONE = 0.1
 
 
 def slip_at(view: int) -> Effect:
-    """From this view on."""
+    """Return the effect of a slip from this view on."""
 
     def columns(model: ScanModel) -> tuple[Column, ...]:
         after = (np.arange(len(model.data.angles_rad)) >= view).astype(np.float64)
@@ -41,14 +41,14 @@ def slip_at(view: int) -> Effect:
 
 
 def likeliest_slip(columns: Sequence[Column], grams: FloatArray, scores: FloatArray) -> int | None:
-    """The view at which a slip explains most beside the columns of a fit; None of too few views.
+    """Find the view at which a slip explains most in addition to the columns of a fit; None for too few views.
 
     Parameters
     ----------
     columns : sequence of Column
-        Those of `POSE`, in all views alike, among them.
+        Columns of the fit, which include the terms of `POSE` that are the same in all views.
     grams : (views, columns, columns); scores : (views, columns)
-        Of each view. Stripes are left out of account: what is subtracted for them belongs to no view.
+        Inner products of each view. Stripes are ignored: what is subtracted for stripes belongs to no single view.
     """
     views = len(scores)
     fewest = max(FEWEST_VIEWS, round(SHARE_OF_VIEWS * views))

@@ -1,4 +1,4 @@
-"""How far the residual is from white noise, and how much the parameters scatter for it."""
+"""The residual compared with white noise, and the covariance of the parameters that follows."""
 
 import math
 from dataclasses import dataclass
@@ -7,41 +7,41 @@ import numpy as np
 
 from sawmill_tomography.calibration.covariance import Covariance
 from sawmill_tomography.calibration.errors import CalibrationError
-from sawmill_tomography.calibration.fit_parameters import RAYS, Parameter
+from sawmill_tomography.calibration.fit_parameters import RAYS, FitParameter
 from sawmill_tomography.calibration.joint_fit import JointFit
 from sawmill_tomography.geometry.geometry import FloatArray
 
-# White noise scatters the estimate of the inflation itself; within this number of its standard deviations it is 1.
+# The estimated inflation scatters for white noise too: within this number of standard deviations it counts as 1.
 WHITE = 3.0
-# What is wrong with a model turns with the phantom: it shows in the slowest harmonics of the views' scores, of
-# which two are enough to measure it and few enough to lie close to the mean itself.
+# An error of the model turns with the phantom, so it shows in the slowest harmonics of the views' scores. Two harmonics
+# are enough for a measurement, and few enough to be close to the mean itself.
 HARMONICS = 2
 # Student's t at 97.5 % for the two or four degrees of freedom of one or two harmonics, against the normal 1.96.
 STUDENT = (4.303 / 1.96, 2.776 / 1.96)
-# An eigenvalue of the scaled normal equations below this is zero within rounding: the scan does not determine it.
+# An eigenvalue of the scaled normal equations below this is zero within rounding: the scan does not determine its
+# direction.
 SINGULAR = 1e-11
-# Of what the residual holds beside noise each parameter takes one of this number of shares by chance
-# (benchmarks/mill.py).
+# By chance each parameter takes one of this number of shares of the structure in the residual (benchmarks/mill.py).
 SHARES = 400.0
 # An undetermined combination of parameters moves the rays when this much of it is R, SDD, u_c and tau.
 RAYS_SHARE = 1e-3
-RAY_PARAMETERS = list(Parameter)[RAYS]
+RAY_PARAMETERS = list(FitParameter)[RAYS]
 
 
 @dataclass(frozen=True)
-class Scatter:
-    """How much the parameters scatter.
+class ResidualStatistics:
+    """Statistics of the residual, and the covariance that the residual warrants.
 
     Attributes
     ----------
     covariance : Covariance
-        Of the seven unknowns, inflated by what the residual holds beside white noise.
+        Covariance of the seven unknowns, inflated by what the residual has beyond white noise.
     inflation : float
-        Factor by which correlation within the views inflates it; 1 for white noise.
+        Factor by which correlation within the views inflates the covariance; 1 for white noise.
     deviation_ratio : float
-        The standard deviations against those for white noise of the residual's RMS (RMS over the parameters).
+        Ratio of the standard deviations to the ones for white noise of the residual's RMS (RMS over the parameters).
     structured : bool
-        Whether the residual is more than white noise.
+        True if the residual is more than white noise.
     """
 
     covariance: Covariance
@@ -52,27 +52,30 @@ class Scatter:
 
 @dataclass(frozen=True)
 class _Scores:
-    """Each view's derivative times residual (views, unknowns), by angle, where the unknowns have the Gram matrix 1.
+    """Scores of the views (views, unknowns), sorted by angle, for unknowns whose Gram matrix is 1.
 
-    What stripes take from the information is no view's, so it is not taken from this Gram matrix. `free` are the
-    parameters, in the order of the first rows of `unscale` (all unknowns, unknowns).
+    A score is derivative times residual. The information that stripes take belongs to no single view, so it is not
+    subtracted from this Gram matrix. `free` are the parameters, in the order of the first rows of `unscale`
+    (all unknowns, unknowns).
     """
 
     white: FloatArray
     unscale: FloatArray
-    free: list[Parameter]
+    free: list[FitParameter]
 
 
-def parameter_scatter(joint: JointFit) -> Scatter:
-    """The covariance that the residual warrants.
+def residual_statistics(joint: JointFit) -> ResidualStatistics:
+    """Compute the residual's statistics, and the covariance that the residual warrants.
 
-    Four things inflate it. What the residual holds beside noise: each parameter takes one share of it by chance.
-    Residuals that are correlated within a view: the views' scores are compared with what independent cells would give,
-    the mean eigenvalue of the cluster-robust covariance against the classical one (Liang and Zeger 1986). Residuals
-    that go on from view to view, as those of a wrong drawing or of a knot do: the power of the scores' slowest
-    harmonics over the turn is added as the covariance of their mean (a long-run variance; Newey and West 1987 with the
-    periodogram's lowest ordinates for a kernel). And effects that are beyond chance but not fitted, or that may be
-    there instead of a fitted one: each one's bias.
+    Four things inflate the covariance:
+
+    - Structure in the residual: each parameter takes one share by chance.
+    - Residuals that are correlated within a view: the views' scores are compared with the scores of independent cells,
+      by the mean eigenvalue of the cluster-robust covariance against the classical one (Liang and Zeger 1986).
+    - Residuals that continue from view to view, as with a wrong drawing or a knot: the power of the scores' slowest
+      harmonics over the turn is added as the covariance of the scores' mean (a long-run variance; Newey and West 1987
+      with the periodogram's lowest ordinates as the kernel).
+    - Effects that are beyond chance but not fitted, or that may be real instead of a fitted effect: the bias of each.
 
     Raises
     ------
@@ -103,12 +106,12 @@ def parameter_scatter(joint: JointFit) -> Scatter:
             of_free = of_free + np.real(back.conj().T @ back) / number
     for bias in joint.biases:
         of_free = of_free + np.outer(bias[:count], bias[:count])
-    values = np.zeros((len(Parameter), len(Parameter)))
+    values = np.zeros((len(FitParameter), len(FitParameter)))
     values[np.ix_(scores.free, scores.free)] = of_free
-    held = frozenset(Parameter) - frozenset(scores.free)
+    held = frozenset(FitParameter) - frozenset(scores.free)
     unknown = frozenset(p for p in scores.free if not values[p, p] > 0.0)
     ratio = np.diag(of_free) / np.where(np.diag(plain) > 0.0, np.diag(plain), 1.0)
-    return Scatter(Covariance(values, held, unknown), inflation, math.sqrt(float(ratio.mean())), structured)
+    return ResidualStatistics(Covariance(values, held, unknown), inflation, math.sqrt(float(ratio.mean())), structured)
 
 
 def _refuse_undetermined(joint: JointFit) -> None:
@@ -127,7 +130,7 @@ def _refuse_undetermined(joint: JointFit) -> None:
         )
 
 
-def _free(joint: JointFit) -> list[Parameter]:
+def _free(joint: JointFit) -> list[FitParameter]:
     return [column.parameter for column in joint.system.columns if column.parameter is not None]
 
 
