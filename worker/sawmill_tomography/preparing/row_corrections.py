@@ -1,4 +1,4 @@
-"""What is done to a stack of line integrals before it is used: faulty cells, air, rings; row by row of the detector."""
+"""Corrections of a stack of line integrals before use: faulty cells, air, rings; row by row of the detector."""
 
 import math
 from dataclasses import dataclass, field
@@ -17,22 +17,22 @@ from sawmill_vocabulary import AirCorrection
 Sinogram = NDArray[np.float32]
 Stack = NDArray[np.float32]
 
-# Cells of a row seen by fewer views are neither judged nor evened out; a single view shows where the air is.
+# Cells of a row with fewer views are neither judged nor evened out; a single view shows where the air is.
 FEWEST_VIEWS = 3
-# Stripes are visible beyond this share of the row's range, and beyond what noise leaves in a median over the views,
+# Stripes are visible beyond this share of the row's range, and beyond the noise of a median over the views,
 # whose standard deviation is sqrt(pi / 2) of the mean's (tests/tomography/preparing/test_row_corrections.py).
 VISIBLE_STRIPES, NOISE_OF_MEDIAN = 0.003, 1.25
 
 
 @dataclass(frozen=True)
 class Corrections:
-    """Which corrections are made.
+    """Corrections to make.
 
     Attributes
     ----------
     air : AirCorrection, but not `auto`
     largest_air_level : float
-        A level beyond it, as a line integral, is not air but something in the beam; such a row is not corrected.
+        A higher level, as a line integral, is not air but something in the beam; such a row is not corrected.
     bridge_faulty_cells, remove_rings : bool
     """
 
@@ -43,13 +43,13 @@ class Corrections:
 
     @property
     def none(self) -> bool:
-        """Whether there is nothing to correct."""
+        """True if there is nothing to correct."""
         return self.air is AirCorrection.OFF and not self.bridge_faulty_cells and not self.remove_rings
 
 
 @dataclass(frozen=True, eq=False)
 class CorrectedRows:
-    """What was corrected.
+    """Result of the corrections.
 
     Attributes
     ----------
@@ -68,7 +68,7 @@ class CorrectedRows:
 
 @dataclass
 class _Findings:
-    """Of the rows so far."""
+    """Results of the rows so far."""
 
     faulty: NDArray[np.bool_]
     air_cells: NDArray[np.bool_]
@@ -80,7 +80,7 @@ class _Findings:
 class RowCorrector:
     """Corrects a stack (views, rows, cells) of line integrals, some rows at a time.
 
-    Each row is corrected by itself, so that it does not matter which rows come together.
+    Each row is corrected independently, so rows may come in any portions.
     """
 
     def __init__(self, corrections: Corrections, rows: int, cells: int) -> None:
@@ -96,7 +96,7 @@ class RowCorrector:
                 stack[present, row] = _corrected(sinogram, self._corrections, self._found, first_row + row)
 
     def result(self) -> CorrectedRows:
-        """What was corrected in the rows so far."""
+        """Return the result of the corrections of the rows so far."""
         return CorrectedRows(self._found.faulty, self._found.air_cells, _remarks(self._found, self._corrections))
 
 

@@ -1,4 +1,4 @@
-"""The upper tail of the chi-square distribution, without `scipy.special`, which each start would wait for."""
+"""The upper tail of the chi-square distribution, without `scipy.special`, whose import would delay each start."""
 
 import math
 

@@ -1,8 +1,8 @@
-"""What a history says for a step and for a trend that began at each candidate time.
+"""Fits of a step and of a trend to a history, for each candidate time at which the change may have started.
 
 With x the mean until the candidate time, a step adds a constant (2,) afterwards and a trend a constant (2,) times the
-days since. Both are generalised least squares fits with x unknown, so the error that all later looks share with the
-baseline is in their covariances (Siegmund and Venkatraman 1995, Annals of Statistics 23, 255, for steps;
+days since. Both are generalised least squares fits with x unknown, so the error that all later drift checks share with
+the baseline is in their covariances (Siegmund and Venkatraman 1995, Annals of Statistics 23, 255, for steps;
 Xu, Wang and Reynolds 2013, Quality and Reliability Engineering International 29, 545, for trends).
 """
 
@@ -16,24 +16,24 @@ from sawmill_tomography.drift.chart.scatter import Scatter
 from sawmill_tomography.drift.chart.segments import Segment, moved
 from sawmill_tomography.geometry.geometry import FloatArray
 
-# A trend has lasted for as many groups; what is shorter is a step, also one in the midst of a group.
+# A trend lasts for at least this number of groups; a shorter change is a step, also one within a group.
 FEWEST_OF_A_TREND = 8
 
 
 @dataclass(frozen=True, eq=False)
 class Alternatives:
-    """One model of change with each candidate time, oldest first.
+    """Fits of one model of change, one for each candidate time, oldest first.
 
     Attributes
     ----------
     began_days : (candidates, ...) float64
-        The candidates: ends of all segments but the newest.
+        The candidate times: ends of all segments but the newest.
     change : (candidates, ..., 2) float64
         The step, or the change a day.
     covariance : (candidates, ..., 2, 2) float64
-        Of the change, what may stay of it in a quiet scanner included.
+        Covariance of the change, including the changes of a quiet scanner.
     likelihood : (candidates, ...) float64
-        Twice the logarithm of the likelihood ratio against no change, by the looks' errors alone.
+        Twice the logarithm of the likelihood ratio against no change, by the drift checks' errors alone.
     evidence : (candidates, ...) float64
         Chi-squared of the change by its covariance (`Scatter.chi_squared`): the chart's statistic.
     """
@@ -48,7 +48,7 @@ class Alternatives:
     def of(
         cls, began: FloatArray, change: FloatArray, own: FloatArray, scatter: Scatter, quiet: FloatArray
     ) -> "Alternatives":
-        """With the change's own covariance as looks give it, and that which changes of a quiet scanner have."""
+        """Return the fits, given a change's covariance by the checks' own errors and by a quiet scanner's changes."""
         own = scaled(own, scatter.ratio)
         covariance = own + quiet
         distance = squared_length(change, inverse(covariance))
@@ -58,16 +58,16 @@ class Alternatives:
 def steps_and_trends(
     segments: Sequence[Segment], scatter: Scatter, quiet: FloatArray
 ) -> tuple[Alternatives, Alternatives]:
-    """Both models.
+    """Fit a step and a trend for each candidate time.
 
     Parameters
     ----------
-    segments : of (...)
-        Oldest first, two or more; none but the first is before the first candidate.
-    scatter : Scatter of (...)
-        What enlarges the covariances that looks give.
+    segments : sequence of Segment
+        Oldest first, two or more; only the first is before the first candidate time.
+    scatter : Scatter
+        Factor by which the drift checks' covariances are enlarged.
     quiet : (2, 2) float64
-        Covariance of changes from one time to another that are none of the geometry's.
+        Covariance of changes from one time to another that are not changes of the geometry.
     """
     now = segments[-1].last_days
     precision, weighted = moved(

@@ -12,12 +12,12 @@ from sawmill_tomography.drift.chart.scatter import Scatter
 from sawmill_tomography.drift.chart.segments import Segment
 from sawmill_tomography.geometry.geometry import FloatArray
 
-# Of the layout below: a chart of another one is begun anew from the looks.
+# Version of the layout below: a chart of another layout is built again from the drift checks.
 LAYOUT = 2
 
 
 def chart_to_state(chart: DriftChart) -> dict[str, Any]:
-    """What `chart_from_state` reads: some kilobytes, growing with the logarithm of the number of looks."""
+    """Convert a chart for `chart_from_state`: some kilobytes, growing with the logarithm of the number of checks."""
     baseline, history = chart.baseline, chart.history
     return {
         "layout": LAYOUT,
@@ -44,12 +44,12 @@ def chart_to_state(chart: DriftChart) -> dict[str, Any]:
 
 
 def chart_from_state(state: Mapping[str, Any]) -> DriftChart:
-    """The chart that gave that state.
+    """Return the chart from its state.
 
     Raises
     ------
     ValueError
-        If it is of another layout, or no state of a chart.
+        If the state has another layout, or is no state of a chart.
     """
     try:
         if state["layout"] != LAYOUT:
