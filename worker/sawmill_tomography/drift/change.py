@@ -80,7 +80,7 @@ class LogMovement:
 
 @dataclass(frozen=True)
 class Disturbance:
-    """One harmonic that disturbs the turn.
+    """A harmonic that disturbs the turn.
 
     Attributes
     ----------

@@ -43,7 +43,7 @@ class LogModel:
 
     @classmethod
     def random(cls, seed: int, *, radius_mm: float = 130.0, length_mm: float = 400.0) -> "LogModel":
-        """Make a log with a whorl of knots every 120 mm and one metal fragment at the middle of its length."""
+        """Make a log with a whorl of knots every 120 mm and one metal fragment halfway along."""
         rng = np.random.default_rng(seed)
         pith = rng.uniform(-0.06, 0.06, 2) * radius_mm
         knots: list[_Knot] = []

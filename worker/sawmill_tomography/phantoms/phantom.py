@@ -14,7 +14,7 @@ from sawmill_vocabulary import STANDARD_SIZE_TOLERANCE, Disc, Polygon, Shape
 __all__ = ["Disc", "Phantom", "PhantomError", "Polygon", "Shape"]
 
 
-# A polygon of this number of corners is a disc to 0.05 % of its radius.
+# A polygon of this number of corners is a disc to 0.05 % of the radius.
 CORNERS_PER_DISC = 96
 # An outline is a circle if its distance from the centre changes by less than this share of the phantom's radius: more
 # than the error of a traced picture, and far less than a hole off the centre.

@@ -81,7 +81,7 @@ def trace(
 def _bright_part(
     picture: NDArray[np.floating], level: float, low: float
 ) -> tuple[NDArray[np.intp], NDArray[np.floating]]:
-    """Cut out the bright part of a picture, with a dark pixel around it, and return the index of its first pixel too.
+    """Cut out the bright part of a picture, with a dark pixel around it, and return the first pixel's index too.
 
     There are no outlines anywhere else, and `find_contours` makes a copy in double precision.
     """

@@ -1,7 +1,7 @@
-"""Kernel: the transmission of polygons and discs in fan-beam views, each with a pose of its own.
+"""Kernel: the transmission of polygons and discs in fan-beam views, each with its own pose.
 
 Coordinates are the hall's: the source at (0, -R), the detector's cells along (cos tau, sin tau), the body turned
-by minus the view angle. An edge is crossed by the rays whose detector coordinate lies between the shadows of its ends,
+by minus the view angle. An edge is crossed by the rays whose detector coordinate lies between its ends' shadows,
 so the work grows with the crossings and not with the number of edges. Each ray keeps its crossings; between them the
 density is constant. Grain (discs that make wood denser) and metal (discs that displace it) are added.
 """
@@ -23,7 +23,7 @@ def _path(t, level, rise):
 
 @njit(inline="always")
 def _place(x, y, pose):
-    """Return a point of the body relative to the source; pose (4,) holds cosine and sine of its turn and its origin."""
+    """Return a point of the body relative to the source; pose (4,) holds the turn's cosine and sine, and the origin."""
     return pose[0] * x - pose[1] * y + pose[2], pose[1] * x + pose[0] * y + pose[3]
 
 

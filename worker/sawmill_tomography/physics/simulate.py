@@ -70,7 +70,7 @@ def simulate_physics(
     seed : int
         Seed of all random numbers. Rows of one stack share the wood, the motion and the tube.
     row : int
-        Number of the row, which has cells and photons of its own.
+        Number of the row, which has its own cells and photons.
 
     Raises
     ------

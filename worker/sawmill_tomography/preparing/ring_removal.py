@@ -12,7 +12,7 @@ from sawmill_tomography.statistics.robust import robust_deviation
 
 Sinogram = NDArray[np.float32]
 
-# Width of the median, in cells. The publication's 21 is for finer detectors: its harm to a log is three times that of 9
+# Width of the median, in cells. The publication's 21 is for finer detectors: it harms a log three times as much as 9
 # (benchmarks/preparing.py).
 WINDOW = 9
 

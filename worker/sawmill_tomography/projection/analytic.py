@@ -133,8 +133,8 @@ def project_with_deformations(
 def blur_taps(width_cells: float) -> FloatArray:
     """Return the discrete Gaussian of this standard deviation, middle first: exp(-t) I_j(t), t its square.
 
-    Unlike a sampled Gaussian it has the given variance, however narrow, and its cosine transform is
-    exp(t (cos w - 1)) (Lindeberg 1990).
+    Unlike a sampled Gaussian it has the given variance, however narrow, and its cosine transform is exp(t (cos w - 1))
+    (Lindeberg 1990).
     """
     taps = np.asarray(scipy.special.ive(np.arange(math.ceil(4.5 * width_cells) + 2), width_cells**2), np.float64)
     normalised: FloatArray = taps / (2.0 * taps.sum() - taps[0])

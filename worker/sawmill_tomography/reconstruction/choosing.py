@@ -89,7 +89,7 @@ class _Candidate:
 
 
 def noise_share(sinogram: ArrayLike) -> float:
-    """Estimate the noise of a sinogram (views, detector) as a share of its root mean square."""
+    """Estimate the noise of a sinogram (views, detector) as a share of the root mean square."""
     data = np.ascontiguousarray(sinogram, np.float32)
     return estimated_noise(data) / max(float(np.sqrt(np.mean(np.square(data, dtype=np.float64)))), 1e-30)
 

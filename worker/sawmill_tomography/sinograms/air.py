@@ -1,7 +1,7 @@
 """The air next to the object: where it is in a sinogram, and its level in each view.
 
-Beyond the object every line integral is zero. A measured value there is the drift of the source since
-the flat fields were taken, or a constant that was added.
+Beyond the object every line integral is zero. A measured value there is the drift of the source since the flat fields
+were taken, or a constant that was added.
 """
 
 import math

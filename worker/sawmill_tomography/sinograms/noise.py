@@ -41,8 +41,7 @@ def photon_noise(sinogram: ArrayLike, air_counts: ArrayLike) -> FloatArray:
     """Return the standard deviation of each line integral p measured with N0 counts in air: sqrt(exp(p) / N0).
 
     It follows from var N = N0 exp(-p) and p = -ln(N / N0). p is averaged over SMOOTHED neighbouring cells first: a ray
-    must
-    not count more because its own noise made it brighter, which would bias the image.
+    must not count more because its own noise made it brighter, which would bias the image.
 
     Parameters
     ----------

@@ -139,7 +139,7 @@ def _begun(looks: tuple[Look, ...]) -> DriftChart:
 
 
 def _group(looks: tuple[Look, ...]) -> Group:
-    """Pool a group at the time of its last drift check, so that a jump within it lies between two groups' times."""
+    """Pool a group at the last drift check's time, so that a jump within it lies between two groups' times."""
     group = pooled(looks)
     return np.asarray(looks[-1].days), group.change, group.covariance
 

@@ -17,8 +17,8 @@ HUBER = 2.5
 # A drift check farther away than this is an outlier and left out: 3 of 10 000 normal checks.
 OUTLYING = 4.0
 STEPS_WITH_ALL, STEPS_WITHOUT_OUTLIERS = 8, 4
-# Drift checks that define zero: their pooled error equals that of fifty later ones, so the difference is at most 1.41
-# times as uncertain as fifty checks; they take 36 minutes of a day of 2 000 logs.
+# Drift checks that define zero: their pooled error equals the error of fifty later ones, so the difference is at most
+# 1.41 times as uncertain as fifty checks; they take 36 minutes of a day of 2 000 logs.
 BASELINE_LOOKS = 50
 # Three drift checks can outvote one outlier.
 FEWEST_BASELINE_LOOKS = 3

@@ -22,7 +22,7 @@ REACH = (0.05, 0.2, 0.2)
 WORST_DISTANCE = 0.02
 # A u_c less certain than this share of a cell says nothing about drift.
 WORST_CELLS = 0.5
-# A tau less certain than this (rad) says nothing either: in so flat a basin the errors are not those of a linear fit.
+# A tau less certain than this (rad) says nothing either: in so flat a basin the fit is not linear.
 WORST_TILT = 0.03
 
 

@@ -18,7 +18,7 @@ from sawmill_tomography.drift.opposite_rays.opposite_rays import Solution
 from sawmill_tomography.drift.opposite_rays.paired_rays import PairedRays, fan_angles
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner
 
-# A disturbance is found when the logarithm of its Bayes factor, against none, is above this: 3000 to 1
+# A disturbance is found if its log Bayes factor, against no disturbance, is above this: 3000 to 1
 # (benchmarks/drift.py).
 FOUND = 8.0
 # Standard deviation of a disturbance's expected amplitude, and of a sound scanner's: the latter enters the covariance
@@ -174,7 +174,7 @@ def _estimate(
 def _weights(each: Disturbance, gamma: FloatArray, chi: FloatArray) -> FloatArray:
     """Return the weights of a disturbance's cosine and sine in its derivative, (2, pairs, chi).
 
-    The sign is that of an unknown of the geometry: correcting the disturbance subtracts this from the differences.
+    The sign convention is an unknown's of the geometry: correcting the disturbance subtracts this from the differences.
     """
     here, there = np.exp(1j * each.order * gamma), np.exp(1j * each.order * (math.pi - gamma))
     of_pairs = there - here if each.part == "encoder" else -here - there

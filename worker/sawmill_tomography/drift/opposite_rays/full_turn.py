@@ -40,7 +40,7 @@ class Turn:
     left_out : (views, cells) bool
         Samples without data, filled likewise, at equidistant views of which the first is at `first_rad`.
     sense : int
-        -1 where the angles are read in the sense opposite to that of `left_out`.
+        -1 where the angles are read in the opposite sense to `left_out`.
     """
 
     spectrum: ComplexArray

@@ -157,7 +157,7 @@ def stiffen(images, scales, strengths, flat, softness):
     """Lower softness (slices, n, n) in place by the stiffness of the differences along the axis (`axial`).
 
     softness is sqrt(flat / stiffness) with flat (slices,), the result of `scaling`; strength / scale / root of each
-    difference is added to the stiffness of both of its pixels.
+    difference is added to the stiffness of both pixels.
     """
     slices, n, _ = images.shape
     one = np.float32(1.0)

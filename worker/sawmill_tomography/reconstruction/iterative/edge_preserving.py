@@ -26,7 +26,7 @@ from sawmill_tomography.reconstruction.iterative.support_region import SupportRe
 from sawmill_tomography.reconstruction.object_extent import check_shown
 from sawmill_tomography.sinograms.noise import data_misfit, noise_of_each_ray, remarks_on, rms_noise
 
-# Ratio of the size of the pixels that show a slice's typical attenuation to the size of its own pixels.
+# Size of the pixels that show a slice's typical attenuation, in own pixels.
 LARGE_PIXEL = 4
 
 

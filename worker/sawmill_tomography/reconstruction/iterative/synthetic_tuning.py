@@ -49,7 +49,7 @@ class SyntheticTuning:
     reference : (n, n) float32
         Another method's image of the scanned log: the truth of the synthetic scan.
     lines : (2, views, detector) float32
-        Line integrals of the real scan and of the synthetic one, which has noise of its own.
+        Line integrals of the real scan and of the synthetic one, which has its own noise.
     """
 
     projector: Projector
