@@ -33,5 +33,5 @@ def _is_cached(kernel: Any) -> bool:  # noqa: ANN401
 
 def _versions(kernel: Any) -> dict[Any, Any]:  # noqa: ANN401
     """Return the cached versions by signature and processor; none where the file has changed since."""
-    found: dict[Any, Any] = kernel._cache._cache_file._load_index()  # noqa: SLF001
-    return found
+    versions: dict[Any, Any] = kernel._cache._cache_file._load_index()  # noqa: SLF001
+    return versions

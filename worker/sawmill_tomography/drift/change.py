@@ -256,12 +256,12 @@ def drift_change(
         covariance[2, :] = covariance[:, 2] = 0.0
     counted, spread = _counted(change, covariance)
     u_c, tau, sdd = (float(value) for value in seen_vector(calibrated) + counted)
-    now = replace(calibrated, cor_column_mm=u_c, tilt_rad=tau, source_to_detector_mm=sdd)
+    moved_frame = replace(calibrated, cor_column_mm=u_c, tilt_rad=tau, source_to_detector_mm=sdd)
     frame_covariance = np.zeros((5, 5))
     frame_covariance[np.ix_(SEEN, SEEN)] = spread
-    rays, scale = _moved_rays(scanner, calibrated, now, radius_mm)
-    uncertainty = predicted_ray_error(scanner, now, frame_covariance, radius_mm=radius_mm).rms_mm
-    of_scale = scale_deviation(scanner, now, frame_covariance, radius_mm=radius_mm)
+    rays, scale = _moved_rays(scanner, calibrated, moved_frame, radius_mm)
+    uncertainty = predicted_ray_error(scanner, moved_frame, frame_covariance, radius_mm=radius_mm).rms_mm
+    of_scale = scale_deviation(scanner, moved_frame, frame_covariance, radius_mm=radius_mm)
     return DriftChange(change, covariance, rays, uncertainty, scale, of_scale)
 
 
@@ -272,10 +272,10 @@ def zero_offset_mm(scanner: Scanner, calibrated: SourceFrame, zero: Look, *, rad
     return _moved_rays(scanner, calibrated, moved, radius_mm)[0]
 
 
-def _moved_rays(scanner: Scanner, calibrated: SourceFrame, now: SourceFrame, radius_mm: float) -> tuple[float, float]:
+def _moved_rays(scanner: Scanner, calibrated: SourceFrame, moved: SourceFrame, radius_mm: float) -> tuple[float, float]:
     """Return the RMS distance of the rays in mm, and the common scale that is removed, as a share."""
     try:
-        error = ray_error(scanner, calibrated, now, radius_mm=radius_mm)
+        error = ray_error(scanner, calibrated, moved, radius_mm=radius_mm)
     except GeometryError:  # the calibrated rays no longer meet the log
         return radius_mm, 0.0
     return error.rms_mm, error.scale_change
@@ -299,9 +299,9 @@ def disturbed_turn(fit: DetectorFit) -> str | None:
         "bearing": "the log swings across the beam by {:.2g} mm {}",
     }
     look = {"encoder": "the encoder's coupling: it is eccentric", "bearing": "the turntable's bearing: it wobbles"}
-    found = [sentences[each.part].format(size, times[each.order]) for each, size in fit.disturbances.items()]
+    disturbances = [sentences[each.part].format(size, times[each.order]) for each, size in fit.disturbances.items()]
     where = " and at ".join(look[part] for part in dict.fromkeys(each.part for each in fit.disturbances))
-    return f"{' and '.join(found)}: look at {where} (this is no drift, and was fitted)"
+    return f"{' and '.join(disturbances)}: look at {where} (this is no drift, and was fitted)"
 
 
 def likely_cause(calibrated: SourceFrame, moved: DriftChange) -> str:

@@ -71,12 +71,12 @@ def flat_structure(
     of_air[np.diag_indices_from(of_air)] += cell_variance / group
     # Level and patterns absorb a part of the structure, in the air and behind the log.
     fit = np.linalg.pinv(grouped.T)
-    left = crossed - behind.T @ (fit @ of_air)
-    taken = (0.5 * (crossed + left) @ fit.T) @ behind
-    rest, shared = np.eye(means.size) - grouped.T @ fit, left - (left @ grouped.T) @ fit
+    uncorrected = crossed - behind.T @ (fit @ of_air)
+    taken = (0.5 * (crossed + uncorrected) @ fit.T) @ behind
+    rest, shared = np.eye(means.size) - grouped.T @ fit, uncorrected - (uncorrected @ grouped.T) @ fit
     seen = rest @ of_air @ rest + noise**2 / group * np.eye(means.size)
-    known = np.linalg.solve(seen, shared.T).T
-    return FlatStructure(known @ means, of_log - taken - taken.T - known @ shared.T)
+    weights = np.linalg.solve(seen, shared.T).T
+    return FlatStructure(weights @ means, of_log - taken - taken.T - weights @ shared.T)
 
 
 def _smooth_covariance(
@@ -92,7 +92,7 @@ def _smooth_covariance(
     if means.size < FEWEST_GROUPS or not means.any():
         return np.zeros(2 * detector)
     free = np.linalg.qr(shapes.T, mode="complete")[0][:, len(shapes) :]
-    left, number = free.T @ means, free.shape[1]
+    residual, number = free.T @ means, free.shape[1]
     lengths = np.geomspace(SHORTEST * group, max(LONGEST * detector, SHORTEST * group), LENGTHS)
     bumps = np.exp(-0.5 * (0.5 * np.arange(2 * detector) / lengths[:, None]) ** 2)
     apart = np.abs(middles[:, None] - middles)
@@ -101,7 +101,7 @@ def _smooth_covariance(
     for at, bump in enumerate(bumps):
         spread, directions = np.linalg.eigh(free.T @ bump[apart] @ free)
         factors = 1.0 + np.outer(ratios, np.maximum(spread, 0.0))
-        squares = np.sum((directions.T @ left) ** 2 / factors, axis=1)
+        squares = np.sum((directions.T @ residual) ** 2 / factors, axis=1)
         noises[at] = squares / (number - 2)
         likelihoods[at] = -0.5 * np.log(factors).sum(axis=1) - 0.5 * number * np.log(squares)
     weights = np.exp(likelihoods - likelihoods.max())

@@ -111,23 +111,27 @@ def levelled_rays(sinogram: FloatArray, deviations: FloatArray | None = None) ->
     DriftError
         If the log reaches an end of the detector, or there is no log.
     """
-    known = np.zeros_like(sinogram) if deviations is None else deviations
-    all_known = bool(known.all())
-    scale = np.median(known, axis=1, keepdims=True) / np.median(known) if all_known else 1.0
+    known_deviations = np.zeros_like(sinogram) if deviations is None else deviations
+    all_known = bool(known_deviations.all())
+    scale = np.median(known_deviations, axis=1, keepdims=True) / np.median(known_deviations) if all_known else 1.0
     air = fitted_air(sinogram, scale)
     if air is None:
         raise _no_air(sinogram)
     levelled = sinogram - air.levels[:, None] - air.of_all_views
     in_air, cell_variance = _scatter(levelled[:, air.cells])
     if all_known:
-        in_air = float(np.sqrt(np.mean(known[:, air.cells] ** 2)))
+        in_air = float(np.sqrt(np.mean(known_deviations[:, air.cells] ** 2)))
     noise = max(in_air, LEAST_NOISE * float(sinogram.max()))
     log = ~air.cells
     structure = flat_structure(
         levelled.mean(axis=0), air.cells, air.patterns, cell_variance, noise / math.sqrt(len(levelled))
     )
     rays = levelled[:, log] - structure.expected
-    variance = known[:, log] ** 2 if all_known else np.maximum(_variance(rays, noise), known[:, log] ** 2)
+    variance = (
+        known_deviations[:, log] ** 2
+        if all_known
+        else np.maximum(_variance(rays, noise), known_deviations[:, log] ** 2)
+    )
     return LevelledRays(rays, variance, log, air.patterns[:, log], noise**2 * air.covariance, structure.covariance)
 
 

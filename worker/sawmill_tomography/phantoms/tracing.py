@@ -92,8 +92,8 @@ def _bright_part(
         columns |= bright.any(axis=0)
     ends = np.array([np.flatnonzero(along)[[0, -1]] for along in (rows, columns)])
     part = picture[slice(max(ends[0, 0] - 1, 0), ends[0, 1] + 2), slice(max(ends[1, 0] - 1, 0), ends[1, 1] + 2)]
-    beyond = [(int(ends[axis, 0] == 0), int(ends[axis, 1] == picture.shape[axis] - 1)) for axis in (0, 1)]
-    return ends[:, 0] - 1, np.pad(part, beyond, constant_values=low) if np.any(beyond) else part
+    padding = [(int(ends[axis, 0] == 0), int(ends[axis, 1] == picture.shape[axis] - 1)) for axis in (0, 1)]
+    return ends[:, 0] - 1, np.pad(part, padding, constant_values=low) if np.any(padding) else part
 
 
 def _check_edges(picture: NDArray[np.floating], level: float) -> None:

@@ -147,8 +147,8 @@ def _matched(features: list[_Features], first: int, second: int) -> _Pair | None
     one, other = features[first], features[second]
     matched, ended = _by_matches(one, other), _by_ends(one, other)
     agrees = matched is None or ended is None or abs(matched[0] - ended[0]) <= MOST_APART
-    found = (matched or ended) if agrees else ended
-    return None if found is None else _Pair(first, second, *found)
+    estimate = (matched or ended) if agrees else ended
+    return None if estimate is None else _Pair(first, second, *estimate)
 
 
 def _by_ends(one: _Features, other: _Features) -> tuple[float, float] | None:

@@ -171,9 +171,9 @@ def _check_distinct(values: FloatArray, present: Rows, reference: _Profile) -> N
     score, _ = _scores(values, present, reference)
     best = score.argmax(axis=1)
     peak = (score[:, 1:-1] >= score[:, :-2]) & (score[:, 1:-1] >= score[:, 2:])
-    others = np.where(peak, score[:, 1:-1], 0.0)
-    np.put_along_axis(others, np.clip(best - 1, 0, others.shape[1] - 1)[:, None], 0.0, axis=1)
-    lead = score.max(axis=1) - others.max(axis=1)
+    other_scores = np.where(peak, score[:, 1:-1], 0.0)
+    np.put_along_axis(other_scores, np.clip(best - 1, 0, other_scores.shape[1] - 1)[:, None], 0.0, axis=1)
+    lead = score.max(axis=1) - other_scores.max(axis=1)
     if lead.min() < DISTINCT:
         raise RowsError(
             f"the place of view {int(lead.argmin())} along the log is not clear: its row sums fit elsewhere about as "

@@ -241,9 +241,9 @@ def choose_sigma_and_beta(
     )
     penalty = STEP_PENALTY * np.abs(np.log(BETA_STEPS))
     errors = np.array([pair.error for pair in pairs]) + VALIDATION_WEIGHT * np.log(validation.in_views) + penalty
-    found, _ = parabola_minimum(betas, errors)
-    factor = math.exp(np.interp(math.log(found), np.log(betas), np.log(factors)))
-    return SigmaAndBeta(NoiseMultiple(factor), found, support.embedded(pairs[np.argmin(errors)].images[:1])[0])
+    best_beta, _ = parabola_minimum(betas, errors)
+    factor = math.exp(np.interp(math.log(best_beta), np.log(betas), np.log(factors)))
+    return SigmaAndBeta(NoiseMultiple(factor), best_beta, support.embedded(pairs[np.argmin(errors)].images[:1])[0])
 
 
 class _BestSigma(NamedTuple):
@@ -263,8 +263,8 @@ def _best_sigma(
     on_iteration: OnIteration,
 ) -> _BestSigma:
     weights = _weights(factors, noises, tuning.lines[:1])
-    found = tuning.errors(weights, _prior(np.full(factors.size, beta)), start, on_iteration)
-    return _BestSigma(*parabola_minimum(factors, found.errors), found.images[np.argmin(found.errors)])
+    tuned = tuning.errors(weights, _prior(np.full(factors.size, beta)), start, on_iteration)
+    return _BestSigma(*parabola_minimum(factors, tuned.errors), tuned.images[np.argmin(tuned.errors)])
 
 
 def _best_sigmas(

@@ -159,8 +159,8 @@ def recommend(
         reason = f"the views leave a gap that filtered back-projection cannot bridge: {_words(best, geometry)}"
         return Recommendation(best.method, best.step, None, reason)
     reason = f"the lowest expected error within {_milliseconds(price)} a slice with {100.0 * share:.2g} % noise: "
-    others = "" if best is direct else f"; {_words(direct, geometry)}"
-    return Recommendation(best.method, best.step, best.error, reason + _words(best, geometry) + others)
+    alternative = "" if best is direct else f"; {_words(direct, geometry)}"
+    return Recommendation(best.method, best.step, best.error, reason + _words(best, geometry) + alternative)
 
 
 def views_of_step(angles_rad: FloatArray, step: int) -> np.ndarray[tuple[int], np.dtype[np.intp]]:

@@ -58,7 +58,7 @@ class Estimate:
             parameters={name: of[which] if of.size == slices else of for name, of in self.parameters.items()},
             misfit=None if self.misfit is None else self.misfit[which],
             objective=None if self.objective is None else self.objective[which],
-            curves=tuple(curve for curve, wanted in zip(self.curves, which, strict=False) if wanted),
+            curves=tuple(curve for curve, selected in zip(self.curves, which, strict=False) if selected),
         )
 
     @classmethod

@@ -96,8 +96,10 @@ class MetalSearch:
         few = lines[:, :: self.step]
         # A single slice is computed faster than as a block.
         images = fbp(self.coarse, few).image if len(few) > 1 else fbp(self.coarse, few[0]).image[None]
-        found: NDArray[np.bool_] = images.max(axis=(1, 2)) > TIMES_WOOD * np.array([_wood(image) for image in images])
-        return found
+        suspected: NDArray[np.bool_] = images.max(axis=(1, 2)) > TIMES_WOOD * np.array(
+            [_wood(image) for image in images]
+        )
+        return suspected
 
     def find(self, sinogram: Image) -> Metal | None:
         """Find the metal of a slice (views, detector); None if there is no metal.
@@ -127,8 +129,8 @@ class MetalSearch:
         keep = np.zeros(count + 1, bool)
         keep[pieces[image > least]] = True
         keep[0] = False
-        found: NDArray[np.bool_] = keep[pieces]
-        return found
+        strongest: NDArray[np.bool_] = keep[pieces]
+        return strongest
 
     def _excess(self, metal: NDArray[np.bool_], samples: Image) -> Image:
         """Estimate the metal's attenuation above the wood's by least squares of the samples above interpolated ones.
@@ -148,9 +150,9 @@ def _wood(image: Image) -> float:
 
 def _overlaps(source: ImageGrid, target: ImageGrid, axis: int) -> FloatArray:
     """Return shares of the source's pixels in each of the target's along an axis, (target size, source size)."""
-    ends, wanted = (
+    source_ends, target_ends = (
         grid.low_mm[axis] + np.arange(grid.size + 1, dtype=np.float64) * grid.pixel_mm for grid in (source, target)
     )
-    common = np.minimum(ends[1:], wanted[1:, None]) - np.maximum(ends[:-1], wanted[:-1, None])
+    common = np.minimum(source_ends[1:], target_ends[1:, None]) - np.maximum(source_ends[:-1], target_ends[:-1, None])
     shares: FloatArray = np.maximum(common, 0.0) / target.pixel_mm
     return shares

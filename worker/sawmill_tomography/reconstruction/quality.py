@@ -46,8 +46,10 @@ def edge_error_mm(image: ArrayLike, truth: ArrayLike, pixel_mm: float, *, contra
     clear = np.abs(_displacements(reference, points, normals, low, high)) <= CLEAR_PIXELS
     if not clear.any():
         return 0.0
-    found = _displacements(np.asarray(image, np.float64), points[clear], normals[clear], low[clear], high[clear])
-    return float(pixel_mm * np.sqrt(np.mean(found**2)))
+    displacements = _displacements(
+        np.asarray(image, np.float64), points[clear], normals[clear], low[clear], high[clear]
+    )
+    return float(pixel_mm * np.sqrt(np.mean(displacements**2)))
 
 
 def _displacements(

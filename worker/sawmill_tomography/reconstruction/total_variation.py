@@ -150,7 +150,7 @@ class TotalVariation(CoupledMethod):
     ) -> Self:
         """Return the method with the coupling chosen by `choose_coupling`."""
         assert self.weight is not None  # noqa: S101 - chosen before
-        found = choose_coupling(
+        choice = choose_coupling(
             projector,
             lines,
             self.weight,
@@ -160,7 +160,7 @@ class TotalVariation(CoupledMethod):
             non_negative=self.non_negative,
             on_progress=on_progress,
         )
-        return replace(self, coupling=f"{found.coupling:g}", weight=found.weight)
+        return replace(self, coupling=f"{choice.coupling:g}", weight=choice.weight)
 
     @property
     def is_open(self) -> bool:

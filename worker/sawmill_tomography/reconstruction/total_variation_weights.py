@@ -157,7 +157,7 @@ def choose_coupling(
     def error(coupling: float) -> float:
         prior = smoothed_prior(typical, np.full(len(lines), weights[coupling]))
         objective = Objective(problem.support.projector, problem.lines, training, prior)
-        found = descend_by_levels(
+        minimum = descend_by_levels(
             objective,
             non_negative=non_negative,
             iterations=COUPLING_ITERATIONS,
@@ -166,7 +166,7 @@ def choose_coupling(
             coupling=coupling * neighbours,
             on_progress=phases.of(f"{coupling:g}"),
         )
-        missed = (problem.support.projector.forward(found.images[judged]) - problem.lines[judged]) / noises[judged]
+        missed = (problem.support.projector.forward(minimum.images[judged]) - problem.lines[judged]) / noises[judged]
         return float(np.log(power_along_detector(missed[:, views], 1.0)).sum())
 
     errors = {coupling: error(coupling) for coupling in weights}

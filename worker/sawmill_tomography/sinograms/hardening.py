@@ -39,8 +39,8 @@ def fit_hardening(lengths_mm: FloatArray, integrals: FloatArray, *, from_counts:
 
     def residual(x: FloatArray) -> FloatArray:
         bent = np.log1p(x[2] * length) / x[2]
-        left: FloatArray = weight * (mean - x[0] - x[1] * bent)
-        return left
+        weighted: FloatArray = weight * (mean - x[0] - x[1] * bent)
+        return weighted
 
     # Unknowns: background, attenuation per mm, and spread times attenuation per mm.
     start = np.array([mean[0], (mean[-1] - mean[0]) / longest_mm, 0.3 / longest_mm])
@@ -57,8 +57,8 @@ def straightened(hardening: BeamHardening, measured: NDArray[np.float32]) -> NDA
     """Compute line integrals of the unhardened beam, (exp(v m) - 1) / v, from measured ones above the air's level."""
     spread = hardening.spread
     limit = np.log(STEEPEST) / spread
-    beyond = STEEPEST * np.maximum(measured - limit, 0.0)
-    return np.asarray(np.expm1(spread * np.minimum(measured, limit)) / spread + beyond, np.float32)
+    above_limit = STEEPEST * np.maximum(measured - limit, 0.0)
+    return np.asarray(np.expm1(spread * np.minimum(measured, limit)) / spread + above_limit, np.float32)
 
 
 def measured_and_slope(hardening: BeamHardening, straight: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -107,16 +107,16 @@ def noise_of_each_ray(noise: ArrayLike | None, lines: Image) -> FloatArray:
     """
     if noise is None:
         return np.array([estimated_noise(line) for line in lines]).reshape(-1, 1, 1)
-    given = np.asarray(noise, np.float64)
-    if not ((given > 0.0).all() and np.isfinite(given).any()):
+    noises = np.asarray(noise, np.float64)
+    if not ((noises > 0.0).all() and np.isfinite(noises).any()):
         raise GeometryError("the noise must be a positive standard deviation, one number or one for each ray")
     try:
-        np.broadcast_shapes(given.shape, lines.shape)
+        np.broadcast_shapes(noises.shape, lines.shape)
     except ValueError:
         raise GeometryError(
-            f"the noise has shape {given.shape}; it must be one number or (views, detector) = {lines.shape[1:]}"
+            f"the noise has shape {noises.shape}; it must be one number or (views, detector) = {lines.shape[1:]}"
         ) from None
-    return given.reshape((1,) * (3 - given.ndim) + given.shape)
+    return noises.reshape((1,) * (3 - noises.ndim) + noises.shape)
 
 
 def data_misfit(projector: Projector, images: Image, lines: Image, noise: FloatArray) -> FloatArray:

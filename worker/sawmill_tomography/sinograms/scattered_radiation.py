@@ -80,7 +80,7 @@ def fit_scatter_and_hardening(
     counted = np.isfinite(measured) if weights is None else weights[some] > 0.0
     longest_mm = float(lengths_mm.max())
 
-    def left(x: FloatArray) -> FloatArray:
+    def misfit(x: FloatArray) -> FloatArray:
         background, attenuation, bend, around, wide = x
         primary = background + attenuation * np.log1p(bend * lengths) / bend
         difference: FloatArray = (with_scatter(ScatteredRadiation(around, wide, HALO), primary) - measured)[counted]
@@ -92,10 +92,10 @@ def fit_scatter_and_hardening(
     start = np.array([0.0, steep, 0.3 / longest_mm, 0.02, 0.02])
     bounds = ([-1.0, 0.0, least, 0.0, 0.0], [1.0, np.inf, 100.0 / longest_mm, MOST, MOST])
     scale = np.array([0.01, steep, 0.3 / longest_mm, 0.05, 0.05])
-    found = scipy.optimize.least_squares(left, start, x_scale=scale, bounds=bounds)
-    if 2.0 * found.cost > MOST_LEFT * np.sum(residual[some][counted] ** 2):
+    fit = scipy.optimize.least_squares(misfit, start, x_scale=scale, bounds=bounds)
+    if 2.0 * fit.cost > MOST_LEFT * np.sum(residual[some][counted] ** 2):
         return None
-    _, attenuation, bend, around, wide = found.x.tolist()
+    _, attenuation, bend, around, wide = fit.x.tolist()
     hardening = scatter = None
     if bend > 2.0 * least:
         longest = attenuation * float(np.log1p(bend * longest_mm)) / bend

@@ -115,17 +115,17 @@ class DriftChart:
             return Finding(DriftKind.LEARNING)
         history, now_days = self.history, float(self.history.segments[-1].last_days)
         scatter = float(np.sqrt(0.5 * np.trace(history.scatter.ratio)))
-        found = replace(likelier(*history.alternatives(QUIET), now_days), scatter=scatter)
-        if found.kind is not DriftKind.JUMP or found.began_days is None or found.between_days is None:
-            return found
-        since, until = found.between_days
-        jump = jump_at(found.began_days, history.segments, self.newest, history.scatter, QUIET)
-        found = replace(found, change=jump.change, covariance=jump.covariance)
+        result = replace(likelier(*history.alternatives(QUIET), now_days), scatter=scatter)
+        if result.kind is not DriftKind.JUMP or result.began_days is None or result.between_days is None:
+            return result
+        since, until = result.between_days
+        jump = jump_at(result.began_days, history.segments, self.newest, history.scatter, QUIET)
+        result = replace(result, change=jump.change, covariance=jump.covariance)
         if not jump.looks_before:
-            return found
+            return result
         # The jump is within the newest group.
         last_before, last = self.newest[jump.looks_before - 1].days, self.newest[-1].days
-        return replace(found, began_days=last_before, between_days=(since, max(until, last)))
+        return replace(result, began_days=last_before, between_days=(since, max(until, last)))
 
 
 def _begun(looks: tuple[Look, ...]) -> DriftChart:

@@ -180,6 +180,6 @@ class Baseline:
             If there are fewer than `FEWEST_BASELINE_LOOKS`.
         """
         if len(looks) < FEWEST_BASELINE_LOOKS:
-            given = "1 look makes" if len(looks) == 1 else f"{len(looks)} looks make"
-            raise ValueError(f"{given} no baseline: {FEWEST_BASELINE_LOOKS} or more are needed")
+            number = "1 look makes" if len(looks) == 1 else f"{len(looks)} looks make"
+            raise ValueError(f"{number} no baseline: {FEWEST_BASELINE_LOOKS} or more are needed")
         return cls(pooled(looks), max(look.days for look in looks))

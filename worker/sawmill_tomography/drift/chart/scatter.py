@@ -45,7 +45,7 @@ class Scatter:
     def followed_by(self, mean: FloatArray, covariance: FloatArray) -> "Scatter":
         """Return the scatter with the difference from the latest to the next check or group."""
         white = whitened(mean - self.mean, covariance + self.covariance)
-        distance = squared_length(white, inverse(self._found))
+        distance = squared_length(white, inverse(self._estimate))
         bounded = white * np.sqrt(LARGEST / np.maximum(distance, LARGEST))[..., None]
         squares = self.squares + bounded[..., :, None] * bounded[..., None, :]
         return Scatter(self.differences + 1, squares, mean, covariance)
@@ -56,7 +56,7 @@ class Scatter:
 
         A direction with less scatter than the covariances imply keeps them as they are.
         """
-        more, directions = np.linalg.eigh(self._found)
+        more, directions = np.linalg.eigh(self._estimate)
         ratio: FloatArray = np.einsum("...ik,...k,...jk->...ij", directions, np.maximum(more, 1.0), directions)
         return ratio
 
@@ -72,6 +72,6 @@ class Scatter:
         return alike
 
     @property
-    def _found(self) -> FloatArray:
-        found: FloatArray = (BELIEVED * np.eye(2) + self.squares) / (BELIEVED + self.differences)
-        return found
+    def _estimate(self) -> FloatArray:
+        estimate: FloatArray = (BELIEVED * np.eye(2) + self.squares) / (BELIEVED + self.differences)
+        return estimate

@@ -93,10 +93,10 @@ def conjugate_fit(
     fit = steady = _fit_without_odd_views(scan, start, rotation)
     harmonics = Harmonics.none()
     for _ in range(ROUNDS):
-        found = strongest(fit.estimates, start.source_distance_mm)
-        if found is None:
+        disturbance = strongest(fit.estimates, start.source_distance_mm)
+        if disturbance is None:
             break
-        harmonics = harmonics.plus(found)
+        harmonics = harmonics.plus(disturbance)
         fit = _fit_without_odd_views(scan.undisturbed(harmonics, start, fit.rotation), start, fit.rotation)
     # A jump of the log contains every harmonic, and no harmonics explain it.
     movement = fit.movement(angles_rad, start)

@@ -56,10 +56,10 @@ class Harmonics:
         """Return harmonics without a disturbance."""
         return cls(np.zeros((len(DISTURBANCES), 2)))
 
-    def plus(self, found: "Estimate") -> "Harmonics":
+    def plus(self, estimate: "Estimate") -> "Harmonics":
         """Return the harmonics with one more estimate added."""
         values = self.values.copy()
-        values[DISTURBANCES.index(found.disturbance)] += found.value
+        values[DISTURBANCES.index(estimate.disturbance)] += estimate.value
         return Harmonics(values)
 
     def at(self, part: str, phi: FloatArray) -> FloatArray:

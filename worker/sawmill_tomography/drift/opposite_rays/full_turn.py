@@ -119,9 +119,9 @@ def even_views(sinogram: FloatArray, angles_rad: FloatArray, usable: NDArray[np.
     """
     wrapped = np.mod(angles_rad, TAU)
     first = float(wrapped.min())
-    wanted = first + np.arange(angles_rad.size) * TAU / angles_rad.size
+    even_angles = first + np.arange(angles_rad.size) * TAU / angles_rad.size
     order = np.flatnonzero(usable)[np.argsort(wrapped[usable], kind="stable")]
-    if usable.all() and np.abs(wrapped[order] - wanted).max() < SAME_ANGLE * TAU / angles_rad.size:
+    if usable.all() and np.abs(wrapped[order] - even_angles).max() < SAME_ANGLE * TAU / angles_rad.size:
         return sinogram[order], first
     # The widest gap is at the seam, so that the seam separates no views at one angle.
     order = np.roll(order, -1 - int(np.argmax(np.diff(wrapped[order], append=wrapped[order[0]] + TAU))))
@@ -130,7 +130,7 @@ def even_views(sinogram: FloatArray, angles_rad: FloatArray, usable: NDArray[np.
     members = np.diff(places, append=order.size)
     knots = np.add.reduceat(unwrapped, places) / members
     values = np.add.reduceat(sinogram[order], places) / members[:, None]
-    return periodic_spline(knots, values, wanted), first
+    return periodic_spline(knots, values, even_angles), first
 
 
 def periodic_spline(knots_rad: FloatArray, values: FloatArray, angles_rad: FloatArray) -> FloatArray:

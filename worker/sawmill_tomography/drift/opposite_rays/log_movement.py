@@ -85,8 +85,10 @@ class _Jumps:
         active = (self._first < view) & (view <= self._last)
         explained = np.linalg.solve(self._gram, cross.T).T
         instrument = self._jump_instrument * active - np.einsum("ja,apc->jpc", explained, self._known_instrument)
-        left = self._jump * active - np.einsum("ja,apc->jpc", explained, self._known)
-        residual = self._difference - np.einsum("j,jpc->pc", shift, left - left.mean(axis=-1, keepdims=True))
+        unexplained = self._jump * active - np.einsum("ja,apc->jpc", explained, self._known)
+        residual = self._difference - np.einsum(
+            "j,jpc->pc", shift, unexplained - unexplained.mean(axis=-1, keepdims=True)
+        )
         scores = np.einsum("jpc,pc->cj", instrument, residual)
         bread = np.linalg.inv(matrix)
         covariance: FloatArray = bread @ (scores.T @ scores) @ bread.T

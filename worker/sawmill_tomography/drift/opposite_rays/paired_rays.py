@@ -68,12 +68,12 @@ class PairedRays:
 
     def with_unknowns(self, derivatives: Derivatives, chosen: list[int], slopes: FloatArray) -> "PairedRays":
         """Append unknowns whose slopes are the chosen derivatives, each times (chosen, pairs, chi)."""
-        known, more = self.weights.shape[1], len(chosen)
-        joined = np.empty((len(derivatives), known + more, *self.used.shape))
-        for both, own, others in zip(joined, self.derivatives, derivatives, strict=True):
-            both[:known] = own
-            for row, one, slope in zip(both[known:], chosen, slopes, strict=True):
-                np.multiply(others[one], slope, out=row)
+        count, more = self.weights.shape[1], len(chosen)
+        joined = np.empty((len(derivatives), count + more, *self.used.shape))
+        for both, own, further in zip(joined, self.derivatives, derivatives, strict=True):
+            both[:count] = own
+            for row, one, slope in zip(both[count:], chosen, slopes, strict=True):
+                np.multiply(further[one], slope, out=row)
         weights = np.pad(self.weights, ((0, more), (0, more), (0, 0)))
         weights[-more:, -more:] = np.eye(more)[:, :, None]
         return replace(self, derivatives=Derivatives(*joined), weights=weights)

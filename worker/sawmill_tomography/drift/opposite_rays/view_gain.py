@@ -54,18 +54,18 @@ def view_gain(sinogram: FloatArray, fan_rad: FloatArray, *, reversed_turn: bool)
     views = len(sinogram)
     shift = (math.pi - 2.0 * gamma) * (-1.0 if reversed_turn else 1.0)
     phase = np.exp(1j * np.outer(shift, np.arange(views // 2 + 1)))
-    found = ViewGain(np.ones(views), np.zeros(views))
+    estimate = ViewGain(np.ones(views), np.zeros(views))
     for done in range(ROUNDS):
-        corrected = rays - found.offset
-        corrected /= found.gain
+        corrected = rays - estimate.offset
+        corrected /= estimate.gain
         opposite = scipy.fft.irfft(scipy.fft.rfft(corrected)[::-1] * phase, views)
         gain, offset = _line(opposite, corrected)
         if done == 0 and _evidence(opposite, corrected, gain, offset) < EVIDENCE:
             return None
         gain = 1.0 + 0.5 * (gain - gain.mean())
         offset = 0.5 * (offset - offset.mean())
-        found = ViewGain(found.gain * gain, found.offset + found.gain * offset)
-    return found
+        estimate = ViewGain(estimate.gain * gain, estimate.offset + estimate.gain * offset)
+    return estimate
 
 
 def _means(fan_rad: FloatArray) -> tuple[FloatArray, "scipy.sparse.csr_array"]:

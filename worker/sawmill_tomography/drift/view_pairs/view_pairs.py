@@ -118,8 +118,8 @@ def view_pair_fit(
         compared = compared[np.linspace(0, usable - 1, MOST_VIEWS).round().astype(int)]
         adjustments = (*adjustments, f"{MOST_VIEWS} of {usable} views were compared, spread evenly over them")
     angles_rad = angles_rad[compared]
-    known = None if deviations is None else _checked(deviations, sinogram)[compared]
-    rays = levelled_rays(screening.bridged(sinogram)[compared], known)
+    known_deviations = None if deviations is None else _checked(deviations, sinogram)[compared]
+    rays = levelled_rays(screening.bridged(sinogram)[compared], known_deviations)
     vector = seen_vector(start)
     sums = {sense: PairSums.of(scanner, rays, sense.apply(angles_rad), vector) for sense in Rotation}
     fits = {sense: _fit(each, vector, vector) for sense, each in sums.items()}
@@ -238,7 +238,7 @@ def _fit(
 
 
 def _scaled(
-    left: FloatArray, slopes: FloatArray, gains: FloatArray, patterns: FloatArray
+    residual: FloatArray, slopes: FloatArray, gains: FloatArray, patterns: FloatArray
 ) -> tuple[FloatArray, float, float]:
     """Return the covariance (2, 2) scaled to the residual of the whitened differences, chi-squared, and `unrest`.
 
@@ -250,15 +250,15 @@ def _scaled(
     space, size, _ = np.linalg.svd(np.hstack([slopes / np.linalg.norm(slopes, axis=0), gains]), full_matrices=False)
     explained = space[:, size > RANK * size[0]]
     of_gains = explained.shape[1] - slopes.shape[1]
-    free = len(left) - explained.shape[1] - int(np.sum(np.linalg.norm(patterns, axis=0) > SHOWN))
+    free = len(residual) - explained.shape[1] - int(np.sum(np.linalg.norm(patterns, axis=0) > SHOWN))
     if free < FEWEST_FREE:
         raise DriftError(
             "sparse-views",
             f"the views' pairs leave {max(free, 0)} comparisons that no gain of a view explains, and {FEWEST_FREE} are "
             "needed to tell how sure they are: take more views",
         )
-    chi_squared = float(left @ left)
-    noise = chi_squared - float(np.sum((explained.T @ left) ** 2))
+    chi_squared = float(residual @ residual)
+    noise = chi_squared - float(np.sum((explained.T @ residual) ** 2))
     through = covariance @ slopes.T @ gains
     by_gains = through @ through.T
     widths = [

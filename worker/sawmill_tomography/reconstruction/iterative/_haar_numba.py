@@ -29,12 +29,12 @@ def join(images, mean, straight, diagonal, out):
     quarter, half = np.float32(0.25), np.float32(0.5)
     for task in prange(slices * m):
         s, i = np.int64(task) // m, np.int64(task) % m
-        one, other, now = images[s, 2 * i], images[s, 2 * i + 1], mean[s, i]
+        one, other, new_mean = images[s, 2 * i], images[s, 2 * i + 1], mean[s, i]
         new_one, new_other = out[s, 2 * i], out[s, 2 * i + 1]
         edge, corner = quarter * np.float32(straight[s]), quarter * np.float32(diagonal[s])
         for j in range(m):
             a, b, c, d = one[2 * j], one[2 * j + 1], other[2 * j], other[2 * j + 1]
-            level = half * now[j]
+            level = half * new_mean[j]
             x, y, xy = edge * (a + b - c - d), edge * (a - b + c - d), corner * (a - b - c + d)
             new_one[2 * j], new_one[2 * j + 1] = level + x + y + xy, level + x - y - xy
             new_other[2 * j], new_other[2 * j + 1] = level - x + y - xy, level - x - y + xy

@@ -72,8 +72,8 @@ class TwoGrids(NamedTuple):
         centre = (field.low_mm[0] - before * h + 0.5 * side, field.low_mm[1] - before * h + 0.5 * side)
         whole, inside = ImageGrid(size // factor, side, centre).around(radius_mm + ROOM * factor * h)
         part = slice(before, before + field.size)
-        found = cls(ImageGrid(size, side, centre), (part, part), whole, inside)
-        return found if found.pixels <= WORTH_WHILE * one.size**2 else None
+        grids = cls(ImageGrid(size, side, centre), (part, part), whole, inside)
+        return grids if grids.pixels <= WORTH_WHILE * one.size**2 else None
 
 
 def fitted_size(field: ImageGrid, radius_mm: float) -> int:

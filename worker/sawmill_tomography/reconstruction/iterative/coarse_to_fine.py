@@ -93,7 +93,7 @@ def descend_by_levels(
         scale, first = FROM_MEAN, levels[0].objective if levels else objective
         start = mean_along_rays(first.projector, first.lines)
     for name, level in zip(names, levels, strict=True):
-        found = _descend(
+        minimum = _descend(
             level.objective,
             coupling,
             _on_grid_of(level.objective, start),
@@ -104,7 +104,7 @@ def descend_by_levels(
             window=WINDOW,
             on_iteration=phases.descent(name, level.iterations),
         )
-        start, scale = found.images, FROM_LEVEL
+        start, scale = minimum.images, FROM_LEVEL
     start = _on_grid_of(objective, start)
     return _descend(
         objective,

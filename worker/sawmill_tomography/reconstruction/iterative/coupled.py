@@ -77,7 +77,7 @@ def descend_coupled(
 
     The curvature belongs to the slices without coupling.
     """
-    found = minimise(
+    minimum = minimise(
         objective,
         start[None],
         lower=0.0 if non_negative else -np.inf,
@@ -90,8 +90,8 @@ def descend_coupled(
     )
     slices = len(start)
     return Minimum(
-        images=found.images[0],
-        values=np.repeat(found.values, slices),
-        iterations=np.repeat(found.iterations, slices),
-        converged=np.repeat(found.converged, slices),
+        images=minimum.images[0],
+        values=np.repeat(minimum.values, slices),
+        iterations=np.repeat(minimum.iterations, slices),
+        converged=np.repeat(minimum.converged, slices),
     )

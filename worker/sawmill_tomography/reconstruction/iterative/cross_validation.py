@@ -100,7 +100,7 @@ def cross_validate(
         Called with the finished share of the work.
     """
     projector, count = objective.projector, objective.prior.scale.size
-    found, in_views, in_rays, rays = [], np.zeros(count), np.zeros(count), 0
+    images_of_folds, in_views, in_rays, rays = [], np.zeros(count), np.zeros(count), 0
     for index, (fold, start) in enumerate(zip(_folds(projector), starts, strict=True)):
         images = descend(
             fold.training(objective),
@@ -114,9 +114,11 @@ def cross_validate(
         in_views += power_along_detector(residual[:, fold.views], exponent)
         in_rays += np.square(residual[:, fold.rays]).sum(axis=1)
         rays += int(fold.rays.sum())
-        found.append(images)
+        images_of_folds.append(images)
     views = projector.geometry.angles_rad.size
-    return ValidationErrors(in_views / views if len(starts) > 1 else np.ones(count), in_rays / rays, np.stack(found))
+    return ValidationErrors(
+        in_views / views if len(starts) > 1 else np.ones(count), in_rays / rays, np.stack(images_of_folds)
+    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -91,15 +91,15 @@ class _History:
 
     def scale(self, preconditioner: Preconditioner | None, which: Indices) -> None:
         """Scale the preconditioner to the size that the last change of gradient shows, s . y / y . H y."""
-        known = which[self.used[which] > 0]
-        if known.size == 0:
+        with_steps = which[self.used[which] > 0]
+        if with_steps.size == 0:
             return
-        newest = self.newest[known]
-        change = self.changes[known, newest] * self.scaling[known]
+        newest = self.newest[with_steps]
+        change = self.changes[with_steps, newest] * self.scaling[with_steps]
         smoothed = change
         if preconditioner is not None:
-            smoothed = preconditioner.smoothed(change.reshape(-1, *self.shape), known).reshape(change.shape)
-        self.scales[known] = self.products[known, newest, newest] / np.vecdot(change, smoothed)
+            smoothed = preconditioner.smoothed(change.reshape(-1, *self.shape), with_steps).reshape(change.shape)
+        self.scales[with_steps] = self.products[with_steps, newest, newest] / np.vecdot(change, smoothed)
 
 
 def minimise(

@@ -185,7 +185,7 @@ def reconstruct_with_prior(
     near = choice.image[None] if choice is not None and has_near_image else None
     on_descent = phases.of("descent")
     if method.convex:
-        found = descend_by_levels(
+        minimum = descend_by_levels(
             Objective(problem.support.projector, lines, weights, settings.prior),
             near,
             non_negative=non_negative,
@@ -195,7 +195,7 @@ def reconstruct_with_prior(
             coupling=settings.coupling,
             on_progress=on_descent,
         )
-        found = replace(found, images=problem.support.embedded(found.images))
+        minimum = replace(minimum, images=problem.support.embedded(minimum.images))
     else:
         start = problem.first_images if near is None else near
         if continued:
@@ -206,7 +206,7 @@ def reconstruct_with_prior(
                 tolerance=tolerance,
                 on_iteration=phases.descent("continuation", CONTINUATION_ITERATIONS),
             )
-        found = descend_from_support(
+        minimum = descend_from_support(
             Objective(problem.projector, lines, weights, settings.prior),
             problem.support,
             start,
@@ -217,18 +217,18 @@ def reconstruct_with_prior(
             preconditioned=not method.as_published,
             on_progress=on_descent,
         )
-    misfit = data_misfit(problem.projector, found.images, lines, noises)
-    shape = found.images.shape if problem.is_block else found.images.shape[1:]
+    misfit = data_misfit(problem.projector, minimum.images, lines, noises)
+    shape = minimum.images.shape if problem.is_block else minimum.images.shape[1:]
     return Estimate(
-        image=found.images.reshape(shape),
-        iterations=found.iterations,
-        converged=found.converged,
+        image=minimum.images.reshape(shape),
+        iterations=minimum.iterations,
+        converged=minimum.converged,
         parameters=settings.parameters,
         noise=rms_noise(noises),
         misfit=misfit,
-        objective=found.values,
-        remarks=(() if method.as_published else found.remarks)
-        + remarks_on(problem.projector, found.images, misfit, lines, noises),
+        objective=minimum.values,
+        remarks=(() if method.as_published else minimum.remarks)
+        + remarks_on(problem.projector, minimum.images, misfit, lines, noises),
     )
 
 

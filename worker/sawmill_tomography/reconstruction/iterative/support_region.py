@@ -139,7 +139,7 @@ def descend_from_support(
             on_iteration=phases.descent("support", usual),
         )
         start, spent = near.images, near.iterations
-    found = descend(
+    minimum = descend(
         objective,
         support.embedded(start),
         non_negative=non_negative,
@@ -148,4 +148,4 @@ def descend_from_support(
         preconditioner=preconditioner,
         on_iteration=phases.descent("full_grid", FULL_GRID_ITERATIONS if support.is_small else usual),
     )
-    return replace(found, iterations=spent + found.iterations)
+    return replace(minimum, iterations=spent + minimum.iterations)

@@ -81,7 +81,7 @@ class SyntheticTuning:
         """
         if start is None:
             start = np.stack([self.reference, self.reference])
-        found = descend(
+        minimum = descend(
             self._objective(weights, prior),
             np.tile(start, (len(weights), 1, 1)),
             non_negative=self.non_negative,
@@ -89,7 +89,7 @@ class SyntheticTuning:
             tolerance=TOLERANCE,
             on_iteration=on_iteration,
         )
-        images = found.images.reshape(len(weights), *start.shape)
+        images = minimum.images.reshape(len(weights), *start.shape)
         distances = np.square(images - self.reference, dtype=np.float64).sum(axis=(2, 3))
         return TuningErrors(np.log(distances).sum(axis=1), images)
 
