@@ -22,7 +22,7 @@ CIRCLE_CORNERS = 360
 
 
 @dataclass(frozen=True, eq=False)
-class Body:
+class WornBody:
     """The body that the rays cross.
 
     Attributes
@@ -43,7 +43,7 @@ class Body:
     slope_per_mm: FloatArray
 
 
-def stand(phantom: Phantom, effects: WoodEffects, rng: np.random.Generator) -> Body:
+def stand(phantom: Phantom, effects: WoodEffects, rng: np.random.Generator) -> WornBody:
     """Make the body of a drawing; the positions of rings, knots and screws are random."""
     rounded = [_rounded(shape, effects.corner_radius_mm) for shape in phantom.shapes]
     sawn = [_sawn(shape, effects.roughness_mm, rng) for shape in rounded]
@@ -56,7 +56,7 @@ def stand(phantom: Phantom, effects: WoodEffects, rng: np.random.Generator) -> B
         (*point_inside(wood, rng), 0.5 * effects.screw_diameter_mm, effects.steel_per_mm) for _ in range(effects.screws)
     ]
     slope = effects.density_slope_percent / 1e4 * direction(effects.density_slope_towards_deg)
-    return Body(wood, _rows(rings + knots), _rows(screws), slope)
+    return WornBody(wood, _rows(rings + knots), _rows(screws), slope)
 
 
 def point_inside(wood: Phantom, rng: np.random.Generator) -> tuple[float, float]:

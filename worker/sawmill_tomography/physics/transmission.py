@@ -8,7 +8,7 @@ import scipy
 from sawmill_tomography.geometry.geometry import TAU, FloatArray, GeometryError, Scanner, SourceFrame
 from sawmill_tomography.phantoms.phantom import Polygon, counter_clockwise
 from sawmill_tomography.physics._chords_numba import CROSSINGS, transmit
-from sawmill_tomography.physics.body import Body
+from sawmill_tomography.physics.body import WornBody
 from sawmill_tomography.physics.motion import Motion
 from sawmill_vocabulary.physics import Physics
 
@@ -22,7 +22,7 @@ PLASTIC_NUMBER = 1.324717957244746
 
 
 def transmission(
-    body: Body, scanner: Scanner, frame: SourceFrame, motion: Motion, effects: Physics, step_rad: float
+    body: WornBody, scanner: Scanner, frame: SourceFrame, motion: Motion, effects: Physics, step_rad: float
 ) -> FloatArray:
     """Compute the mean transmission of each cell, (views, cells) float64.
 
