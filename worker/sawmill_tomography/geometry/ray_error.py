@@ -165,7 +165,7 @@ def ray_error_of_bias(scanner: Scanner, frame: SourceFrame, bias: FloatArray, *,
 
 
 @dataclass(frozen=True)
-class PredictedRayError:
+class RayErrorPrediction:
     """Ray error inside the disc, predicted from a covariance.
 
     Attributes
@@ -188,7 +188,7 @@ class PredictedRayError:
 
 def predicted_ray_error(
     scanner: Scanner, frame: SourceFrame, covariance: FloatArray, *, radius_mm: float = 150.0
-) -> PredictedRayError:
+) -> RayErrorPrediction:
     """Predict the ray error from a covariance of (psi, R, SDD, u_c, tau), to first order.
 
     The mean square of the ray error is a quadratic form in the parameters' errors, with the mean outer product of each
@@ -201,7 +201,7 @@ def predicted_ray_error(
     # A sum of weighted chi-squares has no closed quantile: seeded draws give it to 1 %.
     squares = np.random.default_rng(0).standard_normal((DRAWS, weights.size)) ** 2 @ weights
     low, upper, high = np.sqrt(np.quantile(squares, [0.025, 0.95, 0.975])).tolist()
-    return PredictedRayError(
+    return RayErrorPrediction(
         float(np.sqrt(max(variance.mean(), 0.0))),
         float(np.sqrt(max(variance.max(), 0.0))),
         upper,
