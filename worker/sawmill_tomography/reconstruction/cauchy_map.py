@@ -16,7 +16,7 @@ from sawmill_tomography.reconstruction.iterative.cross_validation import cross_v
 from sawmill_tomography.reconstruction.iterative.descent import Floats, Images, OnIteration
 from sawmill_tomography.reconstruction.iterative.edge_preserving import (
     EdgePreservingMethod,
-    Problem,
+    PriorProblem,
     Settings,
     reconstruct_with_prior,
 )
@@ -140,7 +140,7 @@ def cauchy_map(
         sigma, beta, corner = published.sigma, published.beta, published.corner
         iterations, non_negative = published.iterations, published.non_negative
 
-    def settings(problem: Problem, choice: SigmaAndBeta | None) -> Settings:
+    def settings(problem: PriorProblem, choice: SigmaAndBeta | None) -> Settings:
         if choice is not None:
             return _settings(problem, choice.sigma, choice.beta, corner)
         return _settings(problem, sigma, beta, corner)
@@ -152,7 +152,7 @@ def cauchy_map(
         usual_iterations=USUAL_ITERATIONS,
         as_published=preset is not None,
     )
-    problem = Problem.of(projector, sinogram, noise, non_negative=non_negative)
+    problem = PriorProblem.of(projector, sinogram, noise, non_negative=non_negative)
     return reconstruct_with_prior(
         method,
         problem,
@@ -195,7 +195,7 @@ def choose_sigma_and_beta(
 
     Parameters are documented in `cauchy_map`; a given beta is kept.
     """
-    problem = Problem.of(projector, sinogram, noise, non_negative=non_negative)
+    problem = PriorProblem.of(projector, sinogram, noise, non_negative=non_negative)
     noises, support, line = problem.noises, problem.support, problem.lines[0]
     usual_beta = float(_betas(beta, problem)[0])
     open_beta = beta is None
@@ -296,7 +296,7 @@ def _prior(betas: Floats, corner: float | None = None) -> CauchyPrior:
 
 
 def _settings(
-    problem: Problem, sigma: ArrayLike | NoiseMultiple | None, beta: float | None, corner: float | None
+    problem: PriorProblem, sigma: ArrayLike | NoiseMultiple | None, beta: float | None, corner: float | None
 ) -> Settings:
     if isinstance(sigma, NoiseMultiple):
         sigmas = sigma.factor * problem.noises
@@ -309,7 +309,7 @@ def _settings(
     return Settings(sigmas, _prior(betas, corner), parameters)
 
 
-def _betas(beta: float | None, problem: Problem) -> Floats:
+def _betas(beta: float | None, problem: PriorProblem) -> Floats:
     """Return the scale for each slice: the given one, or a share of its typical attenuation."""
     if beta is not None:
         if not (np.isfinite(beta) and beta > 0.0):

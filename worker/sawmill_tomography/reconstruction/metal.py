@@ -39,7 +39,7 @@ MARGIN = 2
 
 
 @dataclass(frozen=True, eq=False)
-class Metal:
+class LogMetal:
     """The metal of one slice.
 
     Attributes
@@ -101,7 +101,7 @@ class MetalSearch:
         )
         return suspected
 
-    def find(self, sinogram: Image) -> Metal | None:
+    def find(self, sinogram: Image) -> LogMetal | None:
         """Find the metal of a slice (views, detector); None if there is no metal.
 
         The strongest pieces come first: the image without them shows weaker pieces.
@@ -118,7 +118,7 @@ class MetalSearch:
             filled = np.asarray(bridged_samples(sinogram, trace), np.float32)
         if not metal.any():
             return None
-        return Metal(trace, filled, self.fine.grid, self._excess(metal, sinogram - filled))
+        return LogMetal(trace, filled, self.fine.grid, self._excess(metal, sinogram - filled))
 
     def _pieces(self, image: Image) -> NDArray[np.bool_]:
         near = scipy.ndimage.maximum_filter(image, 2 * round(PEAK_REACH_MM / self.fine.grid.pixel_mm) + 1)

@@ -14,7 +14,7 @@ from sawmill_tomography.reconstruction.estimate import Estimate
 from sawmill_tomography.reconstruction.iterative.coarse_to_fine import MULTIPLE
 from sawmill_tomography.reconstruction.iterative.edge_preserving import (
     EdgePreservingMethod,
-    Problem,
+    PriorProblem,
     Settings,
     reconstruct_with_prior,
 )
@@ -81,7 +81,7 @@ def total_variation(
     if weight is not None and not (np.isfinite(weight) and weight > 0.0):
         raise GeometryError(f"weight must be a positive number in 1 / attenuation, not {weight}")
 
-    problem = Problem.of(projector, sinogram, noise, non_negative=non_negative, multiple=MULTIPLE)
+    problem = PriorProblem.of(projector, sinogram, noise, non_negative=non_negative, multiple=MULTIPLE)
     couplings, slices = np.asarray(coupling, np.float64), len(problem.lines)
     if couplings.shape not in {(), (slices - 1,)}:
         raise GeometryError(
@@ -92,7 +92,7 @@ def total_variation(
     between = np.broadcast_to(couplings, slices - 1)
     strongest = float(between.max(initial=0.0))
 
-    def settings(problem: Problem, choice: WeightChoice | None) -> Settings:
+    def settings(problem: PriorProblem, choice: WeightChoice | None) -> Settings:
         typical = problem.typical_attenuation
         weights = np.full(typical.shape, weight if choice is None else weight_factor(strongest) * choice.weight)
         parameters = {"weight": weights, "coupling": np.array([strongest])}

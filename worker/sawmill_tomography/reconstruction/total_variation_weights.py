@@ -14,7 +14,7 @@ from sawmill_tomography.reconstruction.iterative.cross_validation import (
     power_along_detector,
 )
 from sawmill_tomography.reconstruction.iterative.descent import Floats
-from sawmill_tomography.reconstruction.iterative.edge_preserving import Problem
+from sawmill_tomography.reconstruction.iterative.edge_preserving import PriorProblem
 from sawmill_tomography.reconstruction.iterative.penalised import Objective
 from sawmill_tomography.reconstruction.iterative.priors import TotalVariationPrior
 from sawmill_tomography.reconstruction.iterative.progress import OnProgress, Phases
@@ -77,7 +77,7 @@ def choose_weight(
 
     Parameters are documented in `total_variation`, here for one sinogram.
     """
-    problem = Problem.of(projector, sinogram, noise, non_negative=non_negative)
+    problem = PriorProblem.of(projector, sinogram, noise, non_negative=non_negative)
     lines, noises, support = problem.lines, problem.noises, problem.support
     typical = problem.typical_attenuation
     candidates = WEIGHTS / typical
@@ -146,7 +146,7 @@ def choose_coupling(
         return CouplingChoice(0.0, weight)
     number_of_neighbours = np.append(neighbours, 0.0) + np.append(0.0, neighbours)
     judged = number_of_neighbours == number_of_neighbours.max()
-    problem = Problem.of(projector, lines, noise, non_negative=non_negative, multiple=MULTIPLE)
+    problem = PriorProblem.of(projector, lines, noise, non_negative=non_negative, multiple=MULTIPLE)
     noises = np.broadcast_to(problem.noises, problem.lines.shape)
     views = np.arange(lines.shape[1]) % VALIDATION_VIEWS == VALIDATION_VIEWS // 2
     training = np.where(views[:, None], 0.0, 1.0 / noises**2).astype(np.float32)

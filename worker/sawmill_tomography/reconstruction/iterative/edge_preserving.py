@@ -31,7 +31,7 @@ LARGE_PIXEL = 4
 
 
 @dataclass(frozen=True, eq=False)
-class Problem:
+class PriorProblem:
     """The data of one slice or of a block, and the pixels that explain them.
 
     Attributes
@@ -60,7 +60,7 @@ class Problem:
         *,
         non_negative: bool,
         multiple: int = 1,
-    ) -> "Problem":
+    ) -> "PriorProblem":
         """Make the problem of sinograms (views, detector) or (slices, views, detector); noise defaults to the air's.
 
         The support region's size is a multiple of `multiple`.
@@ -144,7 +144,7 @@ class EdgePreservingMethod(Generic[ChoiceT]):
     """
 
     choose: Callable[..., ChoiceT] | None
-    settings: Callable[[Problem, ChoiceT | None], Settings]
+    settings: Callable[[PriorProblem, ChoiceT | None], Settings]
     choosing_cost: float
     usual_iterations: int
     convex: bool = False
@@ -153,7 +153,7 @@ class EdgePreservingMethod(Generic[ChoiceT]):
 
 def reconstruct_with_prior(
     method: EdgePreservingMethod[ChoiceT],
-    problem: Problem,
+    problem: PriorProblem,
     *,
     iterations: int,
     tolerance: float,
@@ -232,7 +232,7 @@ def reconstruct_with_prior(
     )
 
 
-def _from_middle_slice(choose: Callable[..., ChoiceT], problem: Problem, on_progress: OnProgress) -> ChoiceT:
+def _from_middle_slice(choose: Callable[..., ChoiceT], problem: PriorProblem, on_progress: OnProgress) -> ChoiceT:
     middle = len(problem.lines) // 2
     noise = np.broadcast_to(problem.noises, problem.lines.shape)[middle]
     return choose(problem.support.projector, problem.lines[middle], noise=noise, on_progress=on_progress)
