@@ -136,7 +136,7 @@ def _depth(first: FloatArray, present: Rows, shifts: FloatArray, angles_rad: Flo
     return np.where(present, along_sine[place] * cosine[:, None] - along_cosine[place] * sine[:, None], 0.0)
 
 
-def _share_of(depth: FloatArray, fit: "_Fit", present: Rows, shifts: FloatArray, reference: "_Profile") -> float:
+def _share_of(depth: FloatArray, fit: "_ProfileFit", present: Rows, shifts: FloatArray, reference: "_Profile") -> float:
     """Return the coefficient of `depth` in a fit's residual, after the fit's own terms are projected out of both."""
     free = _fit(depth, present, shifts, reference).residual
     return float((fit.residual * free).sum() / max((free**2).sum(), np.finfo(np.float64).tiny))
@@ -157,7 +157,7 @@ class _Profile:
 
 
 @dataclass(frozen=True, eq=False)
-class _Fit:
+class _ProfileFit:
     """Fit of each view to the reference: its step, gain, offset and slope, and the residual."""
 
     step: FloatArray
@@ -224,7 +224,7 @@ def _slopes(values: FloatArray, present: Rows) -> tuple[FloatArray, Rows]:
     return np.where(there, values[:, 2:] - values[:, :-2], 0.0), there
 
 
-def _fit(values: FloatArray, present: Rows, shifts: FloatArray, reference: _Profile) -> _Fit:
+def _fit(values: FloatArray, present: Rows, shifts: FloatArray, reference: _Profile) -> _ProfileFit:
     """Fit each view by the reference, its derivative, a constant and a slope (least squares); outliers lose weight."""
     views, rows = values.shape
     at = np.arange(rows) + shifts[:, None] - reference.origin
@@ -263,7 +263,9 @@ def _fit(values: FloatArray, present: Rows, shifts: FloatArray, reference: _Prof
     with np.errstate(divide="ignore", invalid="ignore"):
         step, deviation = coefficients[:, 1] / gain, np.sqrt(variance) / np.abs(gain)
     bad = ~(gain > 0.0)
-    return _Fit(np.where(bad, 0.0, step), np.where(bad, np.inf, deviation), np.where(bad, 1.0, gain), trend, residual)
+    return _ProfileFit(
+        np.where(bad, 0.0, step), np.where(bad, np.inf, deviation), np.where(bad, 1.0, gain), trend, residual
+    )
 
 
 def _long_run_variance(influence: FloatArray) -> FloatArray:
@@ -274,7 +276,7 @@ def _long_run_variance(influence: FloatArray) -> FloatArray:
     return np.maximum(variance, 0.0)
 
 
-def _common(values: FloatArray, present: Rows, fit: _Fit, shifts: FloatArray) -> _Profile:
+def _common(values: FloatArray, present: Rows, fit: _ProfileFit, shifts: FloatArray) -> _Profile:
     """Return the median profile of all views, each brought to the common level; present where half the views are."""
     rows = values.shape[1]
     along = fit.trend[:, :1] + fit.trend[:, 1:] * _along(rows)
