@@ -6,7 +6,7 @@ from itertools import product
 import numpy as np
 
 from sawmill_tomography.drift.change import DriftError, seen_vector
-from sawmill_tomography.drift.opposite_rays.full_turn import Turn
+from sawmill_tomography.drift.opposite_rays.full_turn import FullTurn
 from sawmill_tomography.drift.opposite_rays.opposite_rays import ALL_THREE, WITHOUT_DISTANCE, Pairs, Solution
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner, SourceFrame
 
@@ -26,14 +26,14 @@ WORST_CELLS = 0.5
 WORST_TILT = 0.03
 
 
-def coarse_minimum(scanner: Scanner, turn: Turn, start: SourceFrame) -> Solution:
+def coarse_minimum(scanner: Scanner, turn: FullTurn, start: SourceFrame) -> Solution:
     """Find the coarse fit, with SDD held: SDD needs the fine structure of the log."""
     few = turn.of_fewer_views(math.ceil(COARSE_SHARE * turn.views))
     pairs = Pairs(scanner, few, seen_vector(start), (COARSE[0] * few.views / turn.views, COARSE[1]))
     return pairs.solve(seen_vector(start), *reach(scanner, start), free=WITHOUT_DISTANCE, corrected=False)
 
 
-def fine_minimum(scanner: Scanner, turn: Turn, start: SourceFrame, basin: FloatArray) -> Solution:
+def fine_minimum(scanner: Scanner, turn: FullTurn, start: SourceFrame, basin: FloatArray) -> Solution:
     """Refine the coarse fit: as fine, and with as many unknowns, as the scan allows."""
     worst = (WORST_CELLS * scanner.detector_pitch_mm, WORST_TILT, WORST_DISTANCE * start.source_to_detector_mm)
     for free, blur in product((ALL_THREE, WITHOUT_DISTANCE), FINE):

@@ -18,14 +18,14 @@ from sawmill_tomography.drift.log_screening import screen_log
 from sawmill_tomography.drift.opposite_rays.conjugate_minimum import coarse_minimum, fine_minimum, refuse_unseen
 from sawmill_tomography.drift.opposite_rays.disturbances import (
     ROUNDS,
-    Estimate,
+    DisturbanceEstimate,
     Harmonics,
     estimates_of,
     strongest,
     undetected_covariance,
     undisturbed,
 )
-from sawmill_tomography.drift.opposite_rays.full_turn import Turn, check_full_turn, even_views, nearest_view
+from sawmill_tomography.drift.opposite_rays.full_turn import FullTurn, check_full_turn, even_views, nearest_view
 from sawmill_tomography.drift.opposite_rays.log_movement import log_movement
 from sawmill_tomography.drift.opposite_rays.opposite_rays import WITHOUT_DISTANCE, Solution
 from sawmill_tomography.drift.opposite_rays.paired_rays import fan_angles
@@ -157,9 +157,9 @@ class _Scan:
     left_out: NDArray[np.bool_]
     done: tuple[str, ...]
 
-    def turn(self, even: FloatArray, first_rad: float) -> Turn:
+    def turn(self, even: FloatArray, first_rad: float) -> FullTurn:
         """Return the full turn of the scan's views at equidistant angles, with the first view's angle."""
-        return Turn.of(
+        return FullTurn.of(
             even, first_rad, self.angles_rad, usable=self.usable, bridged=self.bridged, left_out=self.left_out
         )
 
@@ -172,7 +172,7 @@ class _Scan:
 
 
 @dataclass(frozen=True, eq=False)
-class _Fit:
+class _OppositeRaysFit:
     """The fit in the better sense of rotation, the ratio of the two residuals, and the corrected scan."""
 
     best: Solution
@@ -181,7 +181,7 @@ class _Fit:
     scan: _Scan
 
     @cached_property
-    def estimates(self) -> list[Estimate]:
+    def estimates(self) -> list[DisturbanceEstimate]:
         """Disturbances of the turn, estimated from the differences of opposite rays."""
         return estimates_of(self.best)
 
@@ -190,7 +190,7 @@ class _Fit:
         return log_movement(self.best, self.rotation.apply(angles_rad), start.source_distance_mm)
 
 
-def _fit_without_odd_views(scan: _Scan, start: SourceFrame, rotation: Rotation) -> _Fit:
+def _fit_without_odd_views(scan: _Scan, start: SourceFrame, rotation: Rotation) -> _OppositeRaysFit:
     """Fit as `_fit`, using only the views that agree with the rest of the scan."""
     fit = _fit(scan, start, rotation)
     while (odd := _odd_views(scan, fit.best, fit.rotation)).any():
@@ -199,7 +199,7 @@ def _fit_without_odd_views(scan: _Scan, start: SourceFrame, rotation: Rotation) 
     return fit
 
 
-def _fit(scan: _Scan, start: SourceFrame, rotation: Rotation) -> _Fit:
+def _fit(scan: _Scan, start: SourceFrame, rotation: Rotation) -> _OppositeRaysFit:
     """Fit the geometry to the usable views."""
     even, first = even_views(scan.sinogram, scan.angles_rad, scan.usable)
     turn = scan.turn(even, first)
@@ -217,7 +217,7 @@ def _fit(scan: _Scan, start: SourceFrame, rotation: Rotation) -> _Fit:
         if gain is None or not best.settled or best.is_near(vector):
             break
         vector = best.vector
-    return _Fit(best, rotation, ratio, replace(scan, done=done))
+    return _OppositeRaysFit(best, rotation, ratio, replace(scan, done=done))
 
 
 def _odd_views(scan: _Scan, best: Solution, rotation: Rotation) -> NDArray[np.bool_]:

@@ -56,7 +56,7 @@ class Harmonics:
         """Return harmonics without a disturbance."""
         return cls(np.zeros((len(DISTURBANCES), 2)))
 
-    def plus(self, estimate: "Estimate") -> "Harmonics":
+    def plus(self, estimate: "DisturbanceEstimate") -> "Harmonics":
         """Return the harmonics with one more estimate added."""
         values = self.values.copy()
         values[DISTURBANCES.index(estimate.disturbance)] += estimate.value
@@ -82,7 +82,7 @@ class Harmonics:
 
 
 @dataclass(frozen=True, eq=False)
-class Estimate:
+class DisturbanceEstimate:
     """A disturbance fitted with the geometry.
 
     Attributes
@@ -128,7 +128,7 @@ def _prior(disturbance: Disturbance, amplitudes: Mapping[str, float], source_dis
     return np.eye(2) * 0.5 * angle**2
 
 
-def strongest(estimates: Sequence[Estimate], source_distance_mm: float) -> Estimate | None:
+def strongest(estimates: Sequence[DisturbanceEstimate], source_distance_mm: float) -> DisturbanceEstimate | None:
     """Return the disturbance that explains the differences of opposite rays best; None if none is beyond chance."""
     estimates = [each for each in estimates if each.times_sound(source_distance_mm) > TIMES_SOUND]
     if not estimates:
@@ -137,7 +137,9 @@ def strongest(estimates: Sequence[Estimate], source_distance_mm: float) -> Estim
     return best if best.evidence(source_distance_mm) > FOUND else None
 
 
-def undetected_covariance(solution: Solution, estimates: Sequence[Estimate], source_distance_mm: float) -> FloatArray:
+def undetected_covariance(
+    solution: Solution, estimates: Sequence[DisturbanceEstimate], source_distance_mm: float
+) -> FloatArray:
     """Return the covariance that undetected disturbances may add to the error of (u_c, tau, SDD), (3, 3)."""
     covariance = np.zeros((3, 3))
     for each in estimates:
@@ -145,7 +147,7 @@ def undetected_covariance(solution: Solution, estimates: Sequence[Estimate], sou
     return covariance
 
 
-def estimates_of(solution: Solution) -> list[Estimate]:
+def estimates_of(solution: Solution) -> list[DisturbanceEstimate]:
     """Fit each disturbance alone together with the geometry; leave out disturbances that the pairs do not show."""
     slopes = np.concatenate([_weights(each, solution.pairs.gamma, solution.pairs.chi) for each in DISTURBANCES])
     # An error of the encoder moves rays by chi, one of the bearing by gamma.
@@ -163,12 +165,12 @@ def estimates_of(solution: Solution) -> list[Estimate]:
 
 def _estimate(
     each: Disturbance, rays: PairedRays, geometry: list[int], unknowns: list[int], covariance: FloatArray
-) -> Estimate:
+) -> DisturbanceEstimate:
     gram = rays.gram(corrected=True)[unknowns][:, unknowns]
     step = -np.linalg.solve(gram, rays.scores.sum(axis=0)[unknowns])
     inside = len(geometry)
     sensitivity = np.asarray(-np.linalg.solve(gram[:inside, :inside], gram[:inside, inside:]), np.float64)
-    return Estimate(each, step[inside:], covariance[inside:, inside:], sensitivity)
+    return DisturbanceEstimate(each, step[inside:], covariance[inside:, inside:], sensitivity)
 
 
 def _weights(each: Disturbance, gamma: FloatArray, chi: FloatArray) -> FloatArray:

@@ -23,7 +23,7 @@ SAME_ANGLE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class Turn:
+class FullTurn:
     """A full turn in the Fourier domain of equidistant views.
 
     Attributes
@@ -62,7 +62,7 @@ class Turn:
         usable: NDArray[np.bool_],
         bridged: NDArray[np.bool_],
         left_out: NDArray[np.bool_],
-    ) -> "Turn":
+    ) -> "FullTurn":
         """Return the turn of `even_views`; views, cells and samples (views, cells) left out keep the scan order."""
         views = len(even)
         phases = np.exp(-1j * first_rad * np.arange(views // 2 + 1))
@@ -78,13 +78,13 @@ class Turn:
             first_rad,
         )
 
-    def read(self, rotation: Rotation) -> "Turn":
+    def read(self, rotation: Rotation) -> "FullTurn":
         """Return the turn in a sense of rotation: phi -> -phi is the conjugate of every harmonic."""
         if rotation is Rotation.AS_GIVEN:
             return self
         return replace(self, spectrum=self.spectrum.conj(), filled_rad=-self.filled_rad, sense=-self.sense)
 
-    def of_fewer_views(self, views: int) -> "Turn":
+    def of_fewer_views(self, views: int) -> "FullTurn":
         """Return the turn with the harmonics that this number of equidistant views has."""
         if views >= self.views:
             return self

@@ -12,7 +12,7 @@ import scipy
 from numpy.typing import NDArray
 
 from sawmill_tomography.drift.change import DriftError
-from sawmill_tomography.drift.opposite_rays.full_turn import ComplexArray, Turn
+from sawmill_tomography.drift.opposite_rays.full_turn import ComplexArray, FullTurn
 from sawmill_tomography.drift.opposite_rays.paired_rays import Derivatives, PairedRays, fan_angles, is_definite
 from sawmill_tomography.geometry.geometry import TAU, FloatArray, Scanner
 
@@ -44,7 +44,7 @@ class Pairs:
     out: a part common to all views (errors of the flat field, rings, a background) cannot look like drift.
     """
 
-    def __init__(self, scanner: Scanner, turn: Turn, start: FloatArray, blur: tuple[float, float]) -> None:
+    def __init__(self, scanner: Scanner, turn: FullTurn, start: FloatArray, blur: tuple[float, float]) -> None:
         self._scanner, self._turn = scanner, turn
         self._orders = np.arange(turn.views // 2 + 1)
         self._blur = np.exp(-0.5 * (blur[0] * self._orders * TAU / turn.views) ** 2)

@@ -21,8 +21,8 @@ from sawmill_tomography.drift.change import (
 )
 from sawmill_tomography.drift.levelled_rays import levelled_rays
 from sawmill_tomography.drift.opposite_rays.conjugate_minimum import reach
-from sawmill_tomography.drift.opposite_rays.disturbances import Estimate, estimates_of, undetected_covariance
-from sawmill_tomography.drift.opposite_rays.full_turn import Turn, even_views, widest_gap_rad
+from sawmill_tomography.drift.opposite_rays.disturbances import DisturbanceEstimate, estimates_of, undetected_covariance
+from sawmill_tomography.drift.opposite_rays.full_turn import FullTurn, even_views, widest_gap_rad
 from sawmill_tomography.drift.opposite_rays.log_movement import log_movement
 from sawmill_tomography.drift.opposite_rays.opposite_rays import WITHOUT_DISTANCE, Pairs, Solution
 from sawmill_tomography.drift.opposite_rays.paired_rays import fan_angles
@@ -153,7 +153,9 @@ def _opposite_rays(
     gain = view_gain(even, fan, reversed_turn=pairs.rotation is Rotation.REVERSED)
     if gain is not None:
         even = gain.removed(even)
-    turn = Turn.of(even, first_rad, angles, usable=every, bridged=~screening.cells, left_out=np.zeros(rays.shape, bool))
+    turn = FullTurn.of(
+        even, first_rad, angles, usable=every, bridged=~screening.cells, left_out=np.zeros(rays.shape, bool)
+    )
     solution = Pairs(scanner, turn.read(pairs.rotation), vector, BLUR).solve(
         vector, *reach(scanner, start), free=WITHOUT_DISTANCE, corrected=True
     )
@@ -190,7 +192,7 @@ def _combined(pairs: PairFit, opposite: _OppositeRays, start: SourceFrame) -> Pa
 
 
 def _encoder_bound_mm(
-    pairs: PairFit, of_pairs: FloatArray, of_opposite: FloatArray, estimates: list[Estimate]
+    pairs: PairFit, of_pairs: FloatArray, of_opposite: FloatArray, estimates: list[DisturbanceEstimate]
 ) -> float | None:
     """Return the largest change of u_c by an encoder's error of `ENCODER_DEG` once a turn, summed over estimates."""
     if pairs.encoder_bound_mm is None:

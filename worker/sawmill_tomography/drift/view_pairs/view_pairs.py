@@ -170,7 +170,7 @@ def _checked(deviations: FloatArray, sinogram: FloatArray) -> FloatArray:
     return deviations
 
 
-class _Fit(NamedTuple):
+class _PairSumsFit(NamedTuple):
     """A fit of u_c and tau in one sense of rotation, (2,), with SDD held.
 
     Attributes
@@ -201,7 +201,7 @@ class _Fit(NamedTuple):
 
 def _fit(
     sums: PairSums, calibrated: FloatArray, start: FloatArray, *, disturbed: bool = False, hardened: float = 1.0
-) -> _Fit:
+) -> _PairSumsFit:
     """Fit the pairs' differences by generalised least squares, with Gauss-Newton from the start.
 
     Near the truth `disturbed` allows for bent line integrals, `hardened` times as much as usual, and for an eccentric
@@ -232,7 +232,7 @@ def _fit(
     by_encoder = moving[0] @ white @ encoder
     largest = float(np.abs(shown.T @ remaining).max(initial=0.0))
     residual = float(np.sqrt(np.mean((left - right) ** 2) / np.mean(left**2)))
-    return _Fit(
+    return _PairSumsFit(
         vector[:2], scaled, sensitivity, chi_squared, unrest, residual, math.hypot(*by_encoder), largest, settled
     )
 
