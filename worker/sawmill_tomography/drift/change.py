@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 
 from sawmill_tomography.calibration.fit_parameters import Parameter
-from sawmill_tomography.drift.chart.looks import Look
+from sawmill_tomography.drift.chart.looks import DriftCheckPoint
 from sawmill_tomography.geometry.geometry import FloatArray, GeometryError, Scanner, SourceFrame
 from sawmill_tomography.geometry.ray_error import predicted_ray_error, ray_error, scale_deviation
 from sawmill_vocabulary import Rotation
@@ -227,7 +227,7 @@ def drift_change(
     calibrated_covariance: FloatArray | None,
     fit: DetectorFit,
     *,
-    zero: Look | None = None,
+    zero: DriftCheckPoint | None = None,
     radius_mm: float = 150.0,
 ) -> DriftChange:
     """Compare the fit to a scan of a log with a calibration, or with a baseline.
@@ -236,7 +236,7 @@ def drift_change(
     ----------
     calibrated_covariance : (5, 5) float64
         Covariance of (psi, R, SDD, u_c, tau); None where the calibration has no error bars, which then count as zero.
-    zero : Look
+    zero : DriftCheckPoint
         A baseline's change since this calibration; the change of u_c and tau is counted from the baseline.
     radius_mm : float
         Radius of the disc in which rays are compared.
@@ -265,7 +265,7 @@ def drift_change(
     return DriftChange(change, covariance, rays, uncertainty, scale, of_scale)
 
 
-def zero_offset_mm(scanner: Scanner, calibrated: SourceFrame, zero: Look, *, radius_mm: float) -> float:
+def zero_offset_mm(scanner: Scanner, calibrated: SourceFrame, zero: DriftCheckPoint, *, radius_mm: float) -> float:
     """Return the RMS distance of the rays between a baseline and the calibration, with R, psi and SDD held."""
     u_c, tau = (float(value) for value in seen_vector(calibrated)[:2] + zero.change)
     moved = replace(calibrated, cor_column_mm=u_c, tilt_rad=tau)

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from sawmill_tomography.drift.chart.matrices import inverse, sandwich, scaled, squared_length, times
-from sawmill_tomography.drift.chart.scatter import Scatter
 from sawmill_tomography.drift.chart.segments import Segment, moved
+from sawmill_tomography.drift.chart.spread import LookSpread
 from sawmill_tomography.geometry.geometry import FloatArray
 
 # A trend lasts for at least this number of groups; a shorter change is a step, also one within a group.
@@ -21,7 +21,7 @@ FEWEST_OF_A_TREND = 8
 
 
 @dataclass(frozen=True, eq=False)
-class Alternatives:
+class StepAndTrendFits:
     """Fits of one model of change, one for each candidate time, oldest first.
 
     Attributes
@@ -35,7 +35,7 @@ class Alternatives:
     likelihood : (candidates, ...) float64
         Twice the logarithm of the likelihood ratio against no change, by the drift checks' errors alone.
     evidence : (candidates, ...) float64
-        Chi-squared of the change by its covariance (`Scatter.chi_squared`): the chart's statistic.
+        Chi-squared of the change by its covariance (`LookSpread.chi_squared`): the chart's statistic.
     """
 
     began_days: FloatArray
@@ -46,8 +46,8 @@ class Alternatives:
 
     @classmethod
     def of(
-        cls, began: FloatArray, change: FloatArray, own: FloatArray, scatter: Scatter, quiet: FloatArray
-    ) -> "Alternatives":
+        cls, began: FloatArray, change: FloatArray, own: FloatArray, scatter: LookSpread, quiet: FloatArray
+    ) -> "StepAndTrendFits":
         """Return the fits, given a change's covariance by the checks' own errors and by a quiet scanner's changes."""
         own = scaled(own, scatter.ratio)
         covariance = own + quiet
@@ -56,15 +56,15 @@ class Alternatives:
 
 
 def steps_and_trends(
-    segments: Sequence[Segment], scatter: Scatter, quiet: FloatArray
-) -> tuple[Alternatives, Alternatives]:
+    segments: Sequence[Segment], scatter: LookSpread, quiet: FloatArray
+) -> tuple[StepAndTrendFits, StepAndTrendFits]:
     """Fit a step and a trend for each candidate time.
 
     Parameters
     ----------
     segments : sequence of Segment
         Oldest first, two or more; only the first is before the first candidate time.
-    scatter : Scatter
+    scatter : LookSpread
         Factor by which the drift checks' covariances are enlarged.
     quiet : (2, 2) float64
         Covariance of changes from one time to another that are not changes of the geometry.
@@ -82,7 +82,7 @@ def steps_and_trends(
 
     before_covariance, after_covariance = inverse(before), inverse(rest[..., 0, :, :])
     step = times(after_covariance, weighted_rest[..., 0, :]) - times(before_covariance, weighted_before)
-    steps = Alternatives.of(began, step, before_covariance + after_covariance, scatter, quiet)
+    steps = StepAndTrendFits.of(began, step, before_covariance + after_covariance, scatter, quiet)
 
     span = now - began
     ago = span[..., None, None]
@@ -98,4 +98,4 @@ def steps_and_trends(
     over_span = np.divide(1.0, ago**2, out=np.zeros_like(ago), where=ago > 0.0)
     groups = np.cumsum([segment.groups for segment in segments[:0:-1]])[::-1]
     slope[groups < FEWEST_OF_A_TREND] = 0.0
-    return steps, Alternatives.of(began, slope, slope_covariance, scatter, quiet * over_span)
+    return steps, StepAndTrendFits.of(began, slope, slope_covariance, scatter, quiet * over_span)

@@ -9,11 +9,11 @@ from enum import StrEnum
 
 import numpy as np
 
-from sawmill_tomography.drift.chart.alternatives import Alternatives
+from sawmill_tomography.drift.chart.alternatives import StepAndTrendFits
 from sawmill_tomography.drift.chart.history import Group, History
 from sawmill_tomography.drift.chart.jump import jump_at
-from sawmill_tomography.drift.chart.looks import BASELINE_LOOKS, Baseline, Look, pooled, stacked
-from sawmill_tomography.drift.chart.scatter import Scatter
+from sawmill_tomography.drift.chart.looks import BASELINE_LOOKS, Baseline, DriftCheckPoint, pooled, stacked
+from sawmill_tomography.drift.chart.spread import LookSpread
 from sawmill_tomography.geometry.geometry import FloatArray
 
 # Drift checks pooled in one group: 7 minutes of a day of 2 000 logs, and four outliers of ten do no harm.
@@ -37,7 +37,7 @@ class DriftKind(StrEnum):
 
 
 @dataclass(frozen=True, eq=False)
-class Finding:
+class ChartFinding:
     """Result of a chart: whether, when and by how much the geometry changed.
 
     Attributes
@@ -84,22 +84,22 @@ class DriftChart:
 
     Attributes
     ----------
-    pending : tuple of Look
+    pending : tuple of DriftCheckPoint
         Drift checks that wait for their baseline or group to be complete.
     baseline : Baseline or None
         None until the baseline is complete.
     history : History or None
         History of the groups, including the baseline's; None until the baseline is complete.
-    newest : tuple of Look
+    newest : tuple of DriftCheckPoint
         Drift checks of the newest group.
     """
 
-    pending: tuple[Look, ...] = ()
+    pending: tuple[DriftCheckPoint, ...] = ()
     baseline: Baseline | None = None
     history: History | None = None
-    newest: tuple[Look, ...] = ()
+    newest: tuple[DriftCheckPoint, ...] = ()
 
-    def with_look(self, look: Look) -> "DriftChart":
+    def with_look(self, look: DriftCheckPoint) -> "DriftChart":
         """Return the chart with one drift check more, in the order in which logs were scanned."""
         pending = (*self.pending, look)
         if self.history is None:
@@ -109,10 +109,10 @@ class DriftChart:
         history = self.history.followed_by(*_group(pending))
         return replace(self, pending=(), history=history, newest=pending)
 
-    def finding(self) -> Finding:
+    def finding(self) -> ChartFinding:
         """Return the result of the complete groups."""
         if self.history is None:
-            return Finding(DriftKind.LEARNING)
+            return ChartFinding(DriftKind.LEARNING)
         history, now_days = self.history, float(self.history.segments[-1].last_days)
         scatter = float(np.sqrt(0.5 * np.trace(history.scatter.ratio)))
         result = replace(likelier(*history.alternatives(QUIET), now_days), scatter=scatter)
@@ -128,23 +128,23 @@ class DriftChart:
         return replace(result, began_days=last_before, between_days=(since, max(until, last)))
 
 
-def _begun(looks: tuple[Look, ...]) -> DriftChart:
+def _begun(looks: tuple[DriftCheckPoint, ...]) -> DriftChart:
     """Return the chart of the baseline's drift checks; zero is their mean before a jump, if there is a jump."""
     groups = [looks[first : first + GROUP_LOOKS] for first in range(0, len(looks), GROUP_LOOKS)]
-    history = History.starting_with(map(_group, groups), Scatter.of_looks(*stacked(looks)))
+    history = History.starting_with(map(_group, groups), LookSpread.of_looks(*stacked(looks)))
     chart = DriftChart(history=history, newest=groups[-1])
     began_days = chart.finding().began_days
     zero = looks if began_days is None else [look for look in looks if look.days <= began_days]
     return replace(chart, baseline=Baseline.of(zero))
 
 
-def _group(looks: tuple[Look, ...]) -> Group:
+def _group(looks: tuple[DriftCheckPoint, ...]) -> Group:
     """Pool a group at the last drift check's time, so that a jump within it lies between two groups' times."""
     group = pooled(looks)
     return np.asarray(looks[-1].days), group.change, group.covariance
 
 
-def likelier(steps: Alternatives, trends: Alternatives, now_days: float) -> Finding:
+def likelier(steps: StepAndTrendFits, trends: StepAndTrendFits, now_days: float) -> ChartFinding:
     """Return the finding from one scanner's fits of steps and trends.
 
     The largest evidence decides whether there was a change. The likelihood decides its kind and time, among candidates
@@ -152,7 +152,7 @@ def likelier(steps: Alternatives, trends: Alternatives, now_days: float) -> Find
     """
     evidence = float(max(steps.evidence.max(), trends.evidence.max()))
     if evidence <= LIMIT:
-        return Finding(DriftKind.QUIET, evidence)
+        return ChartFinding(DriftKind.QUIET, evidence)
     models = (steps, trends)
     likelihoods = [np.where(each.evidence >= 0.5 * evidence, each.likelihood, 0.0) for each in models]
     best = [float(each.max()) for each in likelihoods]
@@ -164,7 +164,7 @@ def likelier(steps: Alternatives, trends: Alternatives, now_days: float) -> Find
     # A change between two candidates is fitted at the nearer one; before the first candidate there is the calibration.
     times = [0.0, *model.began_days.tolist(), now_days]
     between = times[plausible[0]], times[plausible[-1] + 2]
-    return Finding(
+    return ChartFinding(
         (DriftKind.JUMP, DriftKind.TREND)[of_kind],
         evidence,
         began_days=float(model.began_days[at]),

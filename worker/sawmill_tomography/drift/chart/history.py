@@ -4,10 +4,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import reduce
 
-from sawmill_tomography.drift.chart.alternatives import Alternatives, steps_and_trends
+from sawmill_tomography.drift.chart.alternatives import StepAndTrendFits, steps_and_trends
 from sawmill_tomography.drift.chart.matrices import inverse
-from sawmill_tomography.drift.chart.scatter import Scatter
 from sawmill_tomography.drift.chart.segments import Segment, extended
+from sawmill_tomography.drift.chart.spread import LookSpread
 from sawmill_tomography.geometry.geometry import FloatArray
 
 # One pooled group: its last time (...) in days, mean (..., 2) and covariance (..., 2, 2).
@@ -25,10 +25,10 @@ class History:
     """
 
     segments: tuple[Segment, ...]
-    scatter: Scatter
+    scatter: LookSpread
 
     @classmethod
-    def starting_with(cls, groups: Iterable[Group], scatter: Scatter) -> "History":
+    def starting_with(cls, groups: Iterable[Group], scatter: LookSpread) -> "History":
         """Return the history of a baseline's groups, oldest first, with the scatter of the baseline's drift checks."""
         return cls(reduce(extended, (_segment(*group) for group in groups), ()), scatter)
 
@@ -37,7 +37,7 @@ class History:
         newest = _segment(days, mean, covariance)
         return History(extended(self.segments, newest), self.scatter.followed_by(mean, covariance))
 
-    def alternatives(self, quiet: FloatArray) -> tuple[Alternatives, Alternatives]:
+    def alternatives(self, quiet: FloatArray) -> tuple[StepAndTrendFits, StepAndTrendFits]:
         """Fit steps and trends to the segments (`steps_and_trends`)."""
         return steps_and_trends(self.segments, self.scatter, quiet)
 

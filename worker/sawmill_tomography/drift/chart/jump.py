@@ -10,10 +10,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sawmill_tomography.drift.chart.looks import FEWEST_BASELINE_LOOKS, OUTLYING, Look, pooled_means, stacked
+from sawmill_tomography.drift.chart.looks import FEWEST_BASELINE_LOOKS, OUTLYING, DriftCheckPoint, pooled_means, stacked
 from sawmill_tomography.drift.chart.matrices import inverse, scaled, squared_length, times
-from sawmill_tomography.drift.chart.scatter import Scatter
 from sawmill_tomography.drift.chart.segments import Segment
+from sawmill_tomography.drift.chart.spread import LookSpread
 from sawmill_tomography.geometry.geometry import FloatArray
 
 
@@ -26,7 +26,11 @@ class Jump(NamedTuple):
 
 
 def jump_at(
-    began_days: float, segments: Sequence[Segment], newest: Sequence[Look], scatter: Scatter, quiet: FloatArray
+    began_days: float,
+    segments: Sequence[Segment],
+    newest: Sequence[DriftCheckPoint],
+    scatter: LookSpread,
+    quiet: FloatArray,
 ) -> Jump:
     """Measure the jump of one scanner at the end of a segment or soon after.
 
@@ -36,7 +40,7 @@ def jump_at(
         Last time of the segment.
     segments : sequence of Segment
         Segments without leading axes, oldest first, at least one later than `began_days`.
-    newest : sequence of Look
+    newest : sequence of DriftCheckPoint
         Drift checks from which the newest group was pooled.
     scatter, quiet
         Parameters of `steps_and_trends`.
@@ -51,7 +55,7 @@ def jump_at(
 
 
 def _within(
-    looks: Sequence[Look], mean: FloatArray, covariance: FloatArray, scatter: Scatter, quiet: FloatArray
+    looks: Sequence[DriftCheckPoint], mean: FloatArray, covariance: FloatArray, scatter: LookSpread, quiet: FloatArray
 ) -> Jump:
     """Average the jumps before each drift check, weighted by likelihood; outliers count as if at `OUTLYING`."""
     change, own = stacked(looks)

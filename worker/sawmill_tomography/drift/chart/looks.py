@@ -25,7 +25,7 @@ FEWEST_BASELINE_LOOKS = 3
 
 
 @dataclass(frozen=True, eq=False)
-class Look:
+class DriftCheckPoint:
     """A drift check: a scan's change since the calibration.
 
     Attributes
@@ -71,7 +71,7 @@ class Look:
 
 
 @dataclass(frozen=True, eq=False)
-class PooledLook(Look):
+class PooledDriftCheckPoint(DriftCheckPoint):
     """Several drift checks pooled into one.
 
     Attributes
@@ -126,12 +126,12 @@ def _outlying(distance: FloatArray) -> NDArray[np.bool_]:
     return far
 
 
-def stacked(looks: Sequence[Look]) -> tuple[FloatArray, FloatArray]:
+def stacked(looks: Sequence[DriftCheckPoint]) -> tuple[FloatArray, FloatArray]:
     """Stack the drift checks' changes (looks, 2) and covariances (looks, 2, 2)."""
     return np.stack([look.change for look in looks]), np.stack([look.covariance for look in looks])
 
 
-def pooled(looks: Sequence[Look]) -> PooledLook:
+def pooled(looks: Sequence[DriftCheckPoint]) -> PooledDriftCheckPoint:
     """Estimate one change from drift checks whose covariances may differ, without outliers.
 
     Raises
@@ -142,7 +142,7 @@ def pooled(looks: Sequence[Look]) -> PooledLook:
     if not looks:
         raise ValueError("0 looks cannot be pooled: give at least one")
     means = pooled_means(*stacked(looks))
-    return PooledLook(
+    return PooledDriftCheckPoint(
         float(np.mean([look.days for look in looks])),
         means.mean,
         inverse(means.precision),
@@ -161,17 +161,17 @@ class Baseline:
 
     Attributes
     ----------
-    estimate : PooledLook
+    estimate : PooledDriftCheckPoint
         The estimate with which later drift checks are compared; its error is in every difference.
     until_days : float
         Time of the baseline's last drift check, in days since the calibration.
     """
 
-    estimate: PooledLook
+    estimate: PooledDriftCheckPoint
     until_days: float
 
     @classmethod
-    def of(cls, looks: Sequence[Look]) -> "Baseline":
+    def of(cls, looks: Sequence[DriftCheckPoint]) -> "Baseline":
         """Return the baseline of some drift checks, usually the first `BASELINE_LOOKS`.
 
         Raises

@@ -16,7 +16,7 @@ SHARED = 1.5
 
 
 @dataclass(frozen=True, eq=False)
-class Scatter:
+class LookSpread:
     """Scatter from differences of neighbours (a baseline's checks, then groups): a jump or trend affects few of them.
 
     Attributes
@@ -35,20 +35,20 @@ class Scatter:
     covariance: FloatArray
 
     @classmethod
-    def of_looks(cls, change: FloatArray, covariance: FloatArray) -> "Scatter":
+    def of_looks(cls, change: FloatArray, covariance: FloatArray) -> "LookSpread":
         """Return the scatter of a baseline's drift checks: (..., looks, 2) and (..., looks, 2, 2)."""
         scatter = cls(0, np.zeros_like(covariance[..., 0, :, :]), change[..., 0, :], covariance[..., 0, :, :])
         for look in range(1, change.shape[-2]):
             scatter = scatter.followed_by(change[..., look, :], covariance[..., look, :, :])
         return scatter
 
-    def followed_by(self, mean: FloatArray, covariance: FloatArray) -> "Scatter":
+    def followed_by(self, mean: FloatArray, covariance: FloatArray) -> "LookSpread":
         """Return the scatter with the difference from the latest to the next check or group."""
         white = whitened(mean - self.mean, covariance + self.covariance)
         distance = squared_length(white, inverse(self._estimate))
         bounded = white * np.sqrt(LARGEST / np.maximum(distance, LARGEST))[..., None]
         squares = self.squares + bounded[..., :, None] * bounded[..., None, :]
-        return Scatter(self.differences + 1, squares, mean, covariance)
+        return LookSpread(self.differences + 1, squares, mean, covariance)
 
     @property
     def ratio(self) -> FloatArray:
