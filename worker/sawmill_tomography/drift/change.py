@@ -113,12 +113,10 @@ class DetectorFit:
     relative_residual : float
         RMS of the differences divided by the RMS of the compared signal: for opposite rays its part that changes with
         the view, after the blur; for pairs of views their sums.
-        view, after the blur; of pairs of views their sums.
     distance_sensitivity : (2,) float64
         Change of (u_c, tau) per mm of the SDD at which they were fitted; zeros where SDD was fitted too.
     adjustments : tuple of str
         Changes made to the scan before the fit.
-        What was done to the scan before it was used.
     disturbances : mapping of Disturbance to float
         Disturbances of the turn beyond chance, fitted with the geometry: each one's amplitude in its unit.
     encoder_bound_mm : float or None

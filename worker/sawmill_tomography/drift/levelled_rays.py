@@ -157,8 +157,8 @@ def _variance(rays: FloatArray, air_noise: float) -> FloatArray:
     """Estimate each ray's variance: the air's times exp(k p), k between 0 (uniform noise) and 1 (photon noise).
 
     The second differences give k. The log's structure counts as noise in them, so k is an upper bound; errors fitted
-    with this variance are as wide as their residuals. A ray noisier than the largest ray gets a weight near zero, not
-    below.
+    with this variance are as wide as their residuals. The variance is capped where the noise would exceed the largest
+    ray.
     """
     seen = noise_of_differences(np.diff(rays, 2, axis=1), 2)
     mean = max(float(np.median(rays)), 1e-6)

@@ -32,7 +32,7 @@ def bridge_masked(rays: FloatArray, masked: NDArray[np.bool_]) -> FloatArray:
     -------
     (views, cells) float64
         Standard deviations, 0 where nothing was masked. The errors within a bridge are correlated, and only sums over
-        a bridge are needed: they are as large as for independent errors with these deviations.
+        a bridge are needed: the errors of these sums are as large as for independent errors with these deviations.
     """
     measured, deviations = rays.copy(), np.zeros(rays.shape)
     for view, gaps in enumerate(masked):

@@ -79,8 +79,8 @@ def usable_rows(present: Rows, angles_rad: FloatArray) -> tuple[int, int] | None
 def filled(stack: NDArray[np.float32], angles_rad: FloatArray) -> NDArray[np.float32]:
     """Interpolate missing rows of a stack (views, rows, detector) between the two views nearest in angle.
 
-    For methods that need views at equal steps: weights of the views next to a gap by its width instead are like the
-    nearest view, and leave up to 2.5 times the error (benchmarks/lost_rows.py).
+    For methods that need views at equal steps: weighting the views next to a gap by its width instead is the same as
+    the nearest view, and leaves up to 2.5 times the error (benchmarks/lost_rows.py).
     """
     there = present_rows(stack)
     if there.all():

@@ -34,7 +34,7 @@ def halo(values: FloatArray, width_cells: int = HALO) -> FloatArray:
 
 
 def scattered(scatter: ScatteredRadiation, lost: FloatArray) -> FloatArray:
-    """Compute the scatter that reaches the cells (..., cells) from the intensity lost in them, relative to air."""
+    """Compute the scatter that reaches the cells (..., cells) from the intensity lost in them, both relative to air."""
     added: FloatArray = scatter.around * halo(lost, scatter.width_cells)
     added += scatter.wide * lost.mean(axis=-1, keepdims=True)
     return added

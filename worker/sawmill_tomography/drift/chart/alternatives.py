@@ -62,9 +62,9 @@ def steps_and_trends(
 
     Parameters
     ----------
-    segments : sequence of Segment
+    segments : sequence of Segment (...)
         Oldest first, two or more; only the first is before the first candidate time.
-    scatter : LookSpread
+    scatter : LookSpread (...)
         Factor by which the drift checks' covariances are enlarged.
     quiet : (2, 2) float64
         Covariance of changes from one time to another that are not changes of the geometry.

@@ -38,8 +38,8 @@ def jump_at(
     ----------
     began_days : float
         Last time of the segment.
-    segments : sequence of Segment
-        Segments without leading axes, oldest first, at least one later than `began_days`.
+    segments : sequence of Segment ()
+        Oldest first, at least one later than `began_days`.
     newest : sequence of DriftCheckPoint
         Drift checks from which the newest group was pooled.
     scatter, quiet

@@ -12,7 +12,7 @@ import numpy as np
 from sawmill_tomography.drift.chart.matrices import times
 from sawmill_tomography.geometry.geometry import FloatArray
 
-# Segments of each size, in groups: 1, 2, 4 and so on. A change point is at most 1/16 of the age away from a segment's
+# Segments of each size, in groups: 1, 2, 4 and so on. A change point is at most 1/16 of its age away from a segment's
 # end. A step fitted at this distance leaves a smaller residual than a trend, which leaves 1/9 of what it explains.
 OF_EACH_SIZE = 8
 
