@@ -51,7 +51,7 @@ NOT_SEEN = (
 
 
 class DriftError(ValueError):
-    """A scan that shows no drift; the message says why.
+    """A scan that shows no drift; the message gives the reason.
 
     Attributes
     ----------

@@ -25,7 +25,7 @@ LARGEST_DENSITY = 1e6
 
 
 class PhantomError(ValueError):
-    """A phantom that cannot be used; the message says why."""
+    """A phantom that cannot be used; the message gives the reason."""
 
 
 MovePoint = Callable[[tuple[float, float]], tuple[float, float]]

@@ -30,7 +30,7 @@ SATURATION = "saturation: "
 
 
 class CountsError(ValueError):
-    """Counts that cannot become line integrals; the message says why."""
+    """Counts that cannot become line integrals; the message gives the reason."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -34,7 +34,7 @@ JUMP = 4.0
 
 
 class RowsError(ValueError):
-    """Views that cannot be aligned; the message says why."""
+    """Views that cannot be aligned; the message gives the reason."""
 
 
 @dataclass(frozen=True, eq=False)
