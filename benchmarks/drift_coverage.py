@@ -23,7 +23,7 @@ from rich.progress import track
 from scanners import SCANNER
 
 from sawmill_tomography.drift.change import SIGNIFICANT, DetectorFit, DriftError
-from sawmill_tomography.drift.chart.looks import FEWEST_BASELINE_LOOKS, Baseline, Look
+from sawmill_tomography.drift.chart.looks import FEWEST_BASELINE_LOOKS, Baseline, DriftCheckPoint
 from sawmill_tomography.drift.detector_fit import detector_fit
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_vocabulary import Rotation
@@ -84,7 +84,7 @@ class Study:
         """Count one scanner's looks."""
         moved = Drift(float(rng.normal(0.0, 1.0)), float(rng.normal(0.0, 0.003))) if rng.uniform() < 0.5 else None
         start = mill.calibrated(rng)
-        looks: list[Look] = []
+        looks: list[DriftCheckPoint] = []
         for log in range(BASELINE + 1):
             drift = moved if log == BASELINE else None
             shown: Nails = nails or ("masked" if mill.rows >= MASKED_FROM and rng.uniform() < MASKED_SHARE else "none")
@@ -104,7 +104,7 @@ class Study:
             for name in classes:
                 self.absolute[name].add(error, _absolute(fit), quiet=drift is None)
             if log < BASELINE:
-                looks.append(Look(0.0, error, fit.covariance[:2, :2]))
+                looks.append(DriftCheckPoint(0.0, error, fit.covariance[:2, :2]))
             elif len(looks) >= FEWEST_BASELINE_LOOKS:
                 # The error of the calibrated SDD is in all looks alike.
                 zero = Baseline.of(looks).estimate

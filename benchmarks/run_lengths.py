@@ -22,12 +22,12 @@ from numpy.typing import NDArray
 from rich.progress import track
 from scipy.special import gammaincinv
 
-from sawmill_tomography.drift.chart.chart import GROUP_LOOKS, LIMIT, QUIET, DriftChart, DriftKind, Finding
+from sawmill_tomography.drift.chart.chart import GROUP_LOOKS, LIMIT, QUIET, ChartFinding, DriftChart, DriftKind
 from sawmill_tomography.drift.chart.history import Group, History
-from sawmill_tomography.drift.chart.looks import BASELINE_LOOKS, Look, pooled_means
+from sawmill_tomography.drift.chart.looks import BASELINE_LOOKS, DriftCheckPoint, pooled_means
 from sawmill_tomography.drift.chart.matrices import inverse, scaled
-from sawmill_tomography.drift.chart.scatter import Scatter
 from sawmill_tomography.drift.chart.segments import Segment
+from sawmill_tomography.drift.chart.spread import LookSpread
 from sawmill_tomography.geometry.geometry import FloatArray
 
 LOOKS_A_DAY, DAYS_A_YEAR = 2000, 365.0
@@ -145,7 +145,7 @@ class Simulated:
     days: FloatArray
     looks: tuple[FloatArray, FloatArray]
 
-    def finding(self, scanner: int) -> Finding:
+    def finding(self, scanner: int) -> ChartFinding:
         """What the chart of one of them finds."""
         segments = (
             Segment(
@@ -158,8 +158,10 @@ class Simulated:
             for each in self.history.segments
         )
         all_ = self.history.scatter
-        scatter = Scatter(all_.differences, all_.squares[scanner], all_.mean[scanner], all_.covariance[scanner])
-        newest = (Look(*look) for look in zip(self.days, *(values[scanner] for values in self.looks), strict=True))
+        scatter = LookSpread(all_.differences, all_.squares[scanner], all_.mean[scanner], all_.covariance[scanner])
+        newest = (
+            DriftCheckPoint(*look) for look in zip(self.days, *(values[scanner] for values in self.looks), strict=True)
+        )
         return DriftChart(history=History(tuple(segments), scatter), newest=tuple(newest)).finding()
 
 
@@ -184,7 +186,7 @@ def simulated(
         done = 0
         if history is None:
             done = BASELINE_LOOKS // GROUP_LOOKS
-            scatter = Scatter.of_looks(drawn[:, :BASELINE_LOOKS], covariances[:, :BASELINE_LOOKS])
+            scatter = LookSpread.of_looks(drawn[:, :BASELINE_LOOKS], covariances[:, :BASELINE_LOOKS])
             history = History.starting_with(pooled[:done], scatter)
             yield Simulated(BASELINE_LOOKS, history, by_ten[done - 1], (by_group[:, done - 1], their_own[:, done - 1]))
         for k in range(done, apart[1]):
@@ -230,7 +232,7 @@ class Found:
 
     scanner: int
     looks: int
-    finding: Finding
+    finding: ChartFinding
 
 
 def found(errors: Errors, change: Change, rng: np.random.Generator) -> tuple[list[Found], int]:

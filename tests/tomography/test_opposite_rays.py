@@ -5,7 +5,7 @@ import pytest
 
 from sawmill_tomography.drift.change import seen_vector
 from sawmill_tomography.drift.opposite_rays.disturbances import DISTURBANCES, estimates_of
-from sawmill_tomography.drift.opposite_rays.full_turn import Turn
+from sawmill_tomography.drift.opposite_rays.full_turn import FullTurn
 from sawmill_tomography.drift.opposite_rays.opposite_rays import ALL_THREE, Pairs, Solution
 from sawmill_tomography.geometry.geometry import Scanner, Theta
 from sawmill_tomography.phantoms.phantom import Disc, Phantom
@@ -26,7 +26,7 @@ def pairs(full_turn):
     rays += 0.01 * np.random.default_rng(5).standard_normal(rays.shape)
     usable, bridged, left_out = np.arange(VIEWS) != 7, np.zeros(rays.shape[1], bool), np.zeros(rays.shape, bool)
     left_out[3, 40:44] = True
-    turn = Turn.of(rays, 0.0, angles, usable=usable, bridged=bridged, left_out=left_out)
+    turn = FullTurn.of(rays, 0.0, angles, usable=usable, bridged=bridged, left_out=left_out)
     return Pairs(MILL, turn, VECTOR, (1.0, 1.5))
 
 

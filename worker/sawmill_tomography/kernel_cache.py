@@ -1,4 +1,4 @@
-"""Numba's cache of compiled kernels: what is in it, and how a process goes on that may only read it."""
+"""Numba's cache of compiled kernels: its content, and how a process continues that may only read the cache."""
 
 from types import ModuleType
 from typing import Any
@@ -9,12 +9,12 @@ from numba.core.dispatcher import Dispatcher
 
 
 def holds_all(*modules: ModuleType) -> bool:
-    """Whether the cache has a version of every kernel of these modules that is meant to be cached."""
+    """Return whether the cache has a version of every cached kernel of these modules."""
     return all(_versions(kernel) for module in modules for kernel in vars(module).values() if _is_cached(kernel))
 
 
 def only_read() -> None:
-    """From now on a kernel that is compiled is not kept, where this process may not write, instead of an error."""
+    """Make Numba keep no compiled kernel, instead of failing, where this process may not write the cache."""
     cached: Any = FunctionCache
     keep = cached.save_overload
 
@@ -32,6 +32,6 @@ def _is_cached(kernel: Any) -> bool:  # noqa: ANN401
 
 
 def _versions(kernel: Any) -> dict[Any, Any]:  # noqa: ANN401
-    """By signature and processor; none where the file was changed since."""
-    found: dict[Any, Any] = kernel._cache._cache_file._load_index()  # noqa: SLF001
-    return found
+    """Return the cached versions by signature and processor; none where the file has changed since."""
+    versions: dict[Any, Any] = kernel._cache._cache_file._load_index()  # noqa: SLF001
+    return versions

@@ -1,6 +1,6 @@
 """Load or compile the kernels, so that no job and no command waits for it.
 
-`python -m sawmill_tomography.warm_up PART` compiles one part in a process of its own: Numba compiles one kernel
+`python -m sawmill_tomography.warm_up PART` compiles one part in a process by itself: Numba compiles one kernel
 at a time in a process, so several parts are compiled at once by several processes (`sawmill compile`).
 """
 
@@ -27,7 +27,7 @@ THETA = Theta(0.3, 700.0, 200.0, 20.0, 0.1)
 
 
 def _scan(views: int) -> tuple[FanBeamGeometry, FloatArray]:
-    """A geometry and the sinogram (views, cells) of the L in it."""
+    """Return a geometry and the sinogram (views, cells) of the L in it."""
     geometry = FanBeamGeometry(SCANNER, THETA, np.linspace(0.0, TAU, views + 1)[:-1])
     return geometry, analytic.project(L_SHAPE, DetectorCells.of(SCANNER), geometry.frame, geometry.angles_rad)
 
@@ -35,7 +35,7 @@ def _scan(views: int) -> tuple[FanBeamGeometry, FloatArray]:
 def _calibration() -> None:
     geometry, sinogram = _scan(64)
     calibrate(CalibrationTask(SCANNER, L_SHAPE, sinogram, geometry.angles_rad))
-    # Of wood that is not as it was drawn.
+    # For wood that is not as it was drawn.
     analytic.project_with_deformations(L_SHAPE, DetectorCells.of(SCANNER), geometry.frame, geometry.angles_rad)
 
 
@@ -45,7 +45,7 @@ def _slices() -> None:
     projector = Projector(geometry, ImageGrid(16, 400.0))
     fbp(projector, sinogram)
     fbp(projector, np.repeat(sinogram[None], cost.FEW_LANES + 1, axis=0))
-    # A view less, and none is a quarter turn from another.
+    # One view fewer, and no view is a quarter turn from another.
     fbp(Projector(geometry.with_angles(geometry.angles_rad[1:]), projector.grid), sinogram[1:])
 
 
@@ -70,7 +70,7 @@ def _iterative_methods() -> None:
     for method in (tikhonov, cauchy_map, total_variation):
         method(projector, noisy)
     total_variation(projector, np.stack([noisy, noisy]), weight=1.0, coupling=0.5, iterations=2)
-    # A view less, and none is a quarter turn from another: kernels of one lane.
+    # One view fewer, and no view is a quarter turn from another: kernels of one lane.
     tikhonov(Projector(geometry.with_angles(geometry.angles_rad[1:]), projector.grid), noisy[1:])
 
 
@@ -85,13 +85,13 @@ PARTS: Mapping[str, Callable[[], None]] = MappingProxyType(
 
 
 def warm_up() -> None:
-    """What every job needs, once on a small scan: a fraction of a second cached, some ten seconds compiled."""
+    """Load or compile every job's kernels on a small scan: a fraction of a second cached, ten seconds compiled."""
     _calibration()
     _slices()
 
 
 def load_iterative_methods() -> None:
-    """Compile the kernels of the methods that fit, where no cache has them: they are loaded when they are called."""
+    """Compile the kernels of the fitted methods if no cache has them: a cached kernel is loaded at its first call."""
     # Imported here, as these are not needed by a calibration.
     from sawmill_tomography.projection import _projector_numba  # noqa: PLC0415
     from sawmill_tomography.reconstruction.iterative import _descent_numba, _haar_numba, _prior_numba  # noqa: PLC0415

@@ -11,7 +11,7 @@ from sawmill_tomography.calibration.residual_analysis import FoundEffect, Residu
 from sawmill_tomography.calibration.scale import ScaleUncertainty
 from sawmill_tomography.calibration.source_distance import SourceDistance
 from sawmill_tomography.geometry.geometry import SourceFrame
-from sawmill_tomography.geometry.ray_error import PredictedRayError
+from sawmill_tomography.geometry.ray_error import RayErrorPrediction
 from sawmill_vocabulary import Adjustment, Handedness, Rotation
 
 GOOD_FIT = {
@@ -34,7 +34,7 @@ def second(residual):
 
 def predicted(upper_95_mm, rms_mm=None):
     rms_mm = 0.6 * upper_95_mm if rms_mm is None else rms_mm
-    return PredictedRayError(rms_mm, 2.0 * rms_mm, upper_95_mm, (0.5 * rms_mm, 1.1 * upper_95_mm))
+    return RayErrorPrediction(rms_mm, 2.0 * rms_mm, upper_95_mm, (0.5 * rms_mm, 1.1 * upper_95_mm))
 
 
 ERROR_BARS = {

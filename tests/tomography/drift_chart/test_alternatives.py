@@ -7,8 +7,8 @@ import pytest
 
 from sawmill_tomography.drift.chart.alternatives import FEWEST_OF_A_TREND, steps_and_trends
 from sawmill_tomography.drift.chart.history import History
-from sawmill_tomography.drift.chart.scatter import BELIEVED, Scatter
 from sawmill_tomography.drift.chart.segments import OF_EACH_SIZE
+from sawmill_tomography.drift.chart.spread import BELIEVED, LookSpread
 
 NOTHING = np.zeros((2, 2))
 NOISE = np.random.default_rng(4)
@@ -16,7 +16,7 @@ NOISE = np.random.default_rng(4)
 
 def scattering(*ratio):
     """As an endless history has shown."""
-    return Scatter(10**12, 1e12 * np.diag(ratio), np.zeros(2), np.eye(2))
+    return LookSpread(10**12, 1e12 * np.diag(ratio), np.zeros(2), np.eye(2))
 
 
 NO_SCATTER = scattering(1.0, 1.0)
@@ -29,7 +29,7 @@ def covariances(number):
 
 
 def history_of(days, means, covariance):
-    scatter = Scatter.of_looks(means[:1], covariance[:1])
+    scatter = LookSpread.of_looks(means[:1], covariance[:1])
     history = History.starting_with([(np.asarray(days[0]), means[0], covariance[0])], scatter)
     for each in zip(days[1:], means[1:], covariance[1:], strict=True):
         history = history.followed_by(np.asarray(each[0]), *each[1:])
@@ -121,12 +121,12 @@ def test_scatter_is_found_by_direction_and_moved_by_neither_jump_nor_trend():
     root = np.linalg.cholesky(spread)
     errors = NOISE.standard_normal((size, 2)) * [0.8, 3.0] @ root.T
     covariance = np.tile(spread, (size, 1, 1))
-    ratio = Scatter.of_looks(errors, covariance).ratio
+    ratio = LookSpread.of_looks(errors, covariance).ratio
     np.testing.assert_allclose(ratio, np.diag([1.0, 9.0]), atol=1.2)
     jumping = errors + 100.0 * (np.arange(size) > 400)[:, None]
     sliding = errors + 0.02 * np.arange(size)[:, None]
     for moved in (jumping, sliding):
-        np.testing.assert_allclose(Scatter.of_looks(moved, covariance).ratio, ratio, atol=0.2)
+        np.testing.assert_allclose(LookSpread.of_looks(moved, covariance).ratio, ratio, atol=0.2)
 
 
 def test_evidence_by_a_scatter_that_few_looks_have_shown_is_as_rare_as_it_says():
@@ -137,6 +137,6 @@ def test_evidence_by_a_scatter_that_few_looks_have_shown_is_as_rare_as_it_says()
     precision = np.linalg.inv(np.swapaxes(estimated, -1, -2) @ estimated / freedom)
     apart = rng.standard_normal((size, 2))
     distance = np.einsum("ki,kij,kj->k", apart, precision, apart)
-    evidence = Scatter(shown - BELIEVED, np.eye(2), np.zeros(2), np.eye(2)).chi_squared(distance)
+    evidence = LookSpread(shown - BELIEVED, np.eye(2), np.zeros(2), np.eye(2)).chi_squared(distance)
     for limit in (4.0, 8.0, 12.0):
         assert np.mean(evidence > limit) == pytest.approx(math.exp(-0.5 * limit), rel=0.25)

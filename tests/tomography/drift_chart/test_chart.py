@@ -8,8 +8,8 @@ import pytest
 
 from sawmill_tomography.drift.chart.chart import GROUP_LOOKS, LIMIT, QUIET, DriftChart, DriftKind
 from sawmill_tomography.drift.chart.history import History
-from sawmill_tomography.drift.chart.looks import BASELINE_LOOKS, Look
-from sawmill_tomography.drift.chart.scatter import Scatter
+from sawmill_tomography.drift.chart.looks import BASELINE_LOOKS, DriftCheckPoint
+from sawmill_tomography.drift.chart.spread import LookSpread
 from sawmill_tomography.drift.chart.state import chart_from_state, chart_to_state
 
 ALONG, TILT = 0.005, math.radians(0.09)
@@ -31,7 +31,7 @@ def looks(seed, number, moved=nowhere, *, outliers=0.01, larger=1.0):
         error = larger * np.linalg.cholesky(covariance) @ rng.standard_normal(2)
         if rng.random() < outliers:
             error *= 15.0
-        yield Look(k / A_DAY, [0.3 + moved(k / A_DAY) + error[0], 0.01 + error[1]], covariance)
+        yield DriftCheckPoint(k / A_DAY, [0.3 + moved(k / A_DAY) + error[0], 0.01 + error[1]], covariance)
 
 
 def charted(given, chart=None):
@@ -125,7 +125,7 @@ def test_quiet_scanners_stay_quiet_and_evidence_comes_near_the_limit():
     scanners = 150
     root, group = np.linalg.cholesky(LOOK), np.tile(LOOK / 10.0, (scanners, 1, 1))
     zero = rng.standard_normal((scanners, 2)) @ root.T / math.sqrt(50.0)
-    scatter = Scatter.of_looks(zero[:, None], 10.0 * group[:, None])
+    scatter = LookSpread.of_looks(zero[:, None], 10.0 * group[:, None])
     history = History.starting_with([(np.zeros(scanners), zero, group / 5.0)], scatter)
     largest = np.zeros(scanners)
     for k in range(1, 201):

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from sawmill_tomography.drift.chart.looks import BASELINE_LOOKS, Baseline, Look, pooled
+from sawmill_tomography.drift.chart.looks import BASELINE_LOOKS, Baseline, DriftCheckPoint, pooled
 
 # Of one look, 20 views of 100 rows: 0.04 mm and 0.09 degrees with both free, 0.005 mm along what it sees.
 ALONG, TILT = 0.005, math.radians(0.09)
@@ -14,12 +14,12 @@ LOOK = np.array([[(25.0 * TILT) ** 2 + ALONG**2, -25.0 * TILT**2], [-25.0 * TILT
 
 def looks(errors, covariance=LOOK, truth=(0.0, 0.0)):
     root = np.linalg.cholesky(covariance)
-    return [Look(k / 2000.0, np.add(truth, root @ error), covariance) for k, error in enumerate(errors)]
+    return [DriftCheckPoint(k / 2000.0, np.add(truth, root @ error), covariance) for k, error in enumerate(errors)]
 
 
 def test_two_looks_weigh_by_their_own_covariances():
-    first = Look(1.0, [1.0, 0.0], np.diag([1.0, 4.0]))
-    second = Look(3.0, [2.0, 5.0], np.diag([4.0, 1.0]))
+    first = DriftCheckPoint(1.0, [1.0, 0.0], np.diag([1.0, 4.0]))
+    second = DriftCheckPoint(3.0, [2.0, 5.0], np.diag([4.0, 1.0]))
     both = pooled([first, second])
     np.testing.assert_allclose(both.change, [(1.0 + 2.0 / 4.0) / 1.25, 5.0 / 1.25])
     np.testing.assert_allclose(both.covariance, np.eye(2) / 1.25)
@@ -31,7 +31,9 @@ def test_logs_that_differ_tell_the_tilt_that_neither_sees():
 
     def seeing(sign, value):
         direction = np.array([1.0, sign * 10.0])
-        return Look(0.0, [value, 0.0], np.linalg.inv(np.outer(direction, direction) * 1e4 + np.eye(2) * 1e-6))
+        return DriftCheckPoint(
+            0.0, [value, 0.0], np.linalg.inv(np.outer(direction, direction) * 1e4 + np.eye(2) * 1e-6)
+        )
 
     both = pooled([seeing(+1.0, 0.02), seeing(-1.0, -0.01)])
     np.testing.assert_allclose(both.change, [0.005, 0.0015], rtol=1e-6)
@@ -69,11 +71,11 @@ def test_a_baseline_cancels_what_stays_and_adds_its_own_error():
 
 def test_wrong_input_gets_a_sentence():
     with pytest.raises(ValueError, match=r"symmetric and positive definite, not \[\[1.0, 2.0\]"):
-        Look(0.0, [0.0, 0.0], [[1.0, 2.0], [2.0, 1.0]])
+        DriftCheckPoint(0.0, [0.0, 0.0], [[1.0, 2.0], [2.0, 1.0]])
     with pytest.raises(ValueError, match="finite values, not nan"):
-        Look(math.nan, [0.0, 0.0], LOOK)
+        DriftCheckPoint(math.nan, [0.0, 0.0], LOOK)
     with pytest.raises(ValueError, match=r"shape \(2,\).*not \(3,\)"):
-        Look(0.0, [0.0, 0.0, 0.0], LOOK)
+        DriftCheckPoint(0.0, [0.0, 0.0, 0.0], LOOK)
     with pytest.raises(ValueError, match="2 looks make no baseline: 3"):
         Baseline.of(looks(np.zeros((2, 2))))
     with pytest.raises(ValueError, match="0 looks"):

@@ -13,7 +13,7 @@ from scipy.ndimage import gaussian_filter1d
 from sawmill_tomography.geometry.geometry import TAU, FloatArray, GeometryError, Scanner, rotate
 from sawmill_tomography.phantoms.built_in import L_SHAPE, RECTANGLE_WITH_HOLE
 from sawmill_tomography.phantoms.phantom import Disc, Phantom, PhantomError
-from sawmill_tomography.physics.body import Body, stand
+from sawmill_tomography.physics.body import WornBody, stand
 from sawmill_tomography.physics.detector import FIELDS
 from sawmill_tomography.physics.simulate import MillScan, simulate_physics
 from sawmill_tomography.physics.transmission import RAYS, ray_samples
@@ -53,7 +53,7 @@ def test_nothing_wrong_is_the_mean_of_the_exact_intensities(scan, phantom):
     np.testing.assert_allclose(made.signal, expected, rtol=0.0, atol=1e-11)  # rounding; two ways to the same chords
 
 
-def _walked(body: Body, made: MillScan, view: int, cell: int) -> float:
+def _walked(body: WornBody, made: MillScan, view: int, cell: int) -> float:
     """The signal of a cell from densities summed along its rays, 40 000 points each."""
     frame = made.frame
     c, s = np.cos(frame.tilt_rad), np.sin(frame.tilt_rad)

@@ -7,7 +7,7 @@ import numpy as np
 from sawmill_tomography.calibration.covariance import Covariance, frame_deviation, theta_covariance
 from sawmill_tomography.calibration.residual_statistics import ResidualStatistics
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner, SourceFrame, Theta
-from sawmill_tomography.geometry.ray_error import PredictedRayError, predicted_ray_error
+from sawmill_tomography.geometry.ray_error import RayErrorPrediction, predicted_ray_error
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,7 +20,7 @@ class ErrorBars:
         Covariance of the geometry's five unknowns.
     theta_covariance : (5, 5) float64 or None
         Covariance of theta; None where the source shift is not resolved.
-    predicted_ray_error : PredictedRayError
+    predicted_ray_error : RayErrorPrediction
         Predicted ray error inside the log's disc.
     inflation : float
         Factor by which the residual's correlation within views inflated the covariance; 1 for white noise.
@@ -32,7 +32,7 @@ class ErrorBars:
 
     covariance: Covariance
     theta_covariance: FloatArray | None
-    predicted_ray_error: PredictedRayError
+    predicted_ray_error: RayErrorPrediction
     inflation: float
     deviation_ratio: float
     source_shift_resolved: bool

@@ -11,7 +11,7 @@ from sawmill_tomography.calibration.refusals import refuse_round
 from sawmill_tomography.calibration.scale import ScaleUncertainty, scale_uncertainty
 from sawmill_tomography.geometry.geometry import FanBeamGeometry, FloatArray, GeometryError
 from sawmill_tomography.geometry.log_radius import counted_radius_mm, refuse_log_beyond_source
-from sawmill_tomography.geometry.ray_error import PredictedRayError, predicted_ray_error
+from sawmill_tomography.geometry.ray_error import RayErrorPrediction, predicted_ray_error
 from sawmill_tomography.phantoms.phantom import Phantom, PhantomError
 from sawmill_tomography.projection import analytic
 from sawmill_tomography.projection.analytic import PARAMETERS, DetectorCells
@@ -37,7 +37,7 @@ class CramerRaoPlan:
         Standard deviations of theta; None where the source shift is not resolved.
     radius_mm : float
         Radius of the disc in which ray errors are counted.
-    predicted_ray_error : PredictedRayError
+    predicted_ray_error : RayErrorPrediction
         Predicted ray error from noise alone.
     scale : ScaleUncertainty
         Uncertainty of the image's millimetres, from the phantom's size tolerance and the covariance.
@@ -50,7 +50,7 @@ class CramerRaoPlan:
     frame_deviation: FloatArray
     theta_deviation: FloatArray | None
     radius_mm: float
-    predicted_ray_error: PredictedRayError
+    predicted_ray_error: RayErrorPrediction
     scale: ScaleUncertainty
     views_cut_off: int
 

@@ -1,6 +1,6 @@
-"""What moved since a calibration, how surely, and what that looks like: from a scan of any log, without a phantom.
+"""The change of the geometry since a calibration, its certainty and its cause: from a scan of any log, no phantom.
 
-The fits themselves stand in `conjugate_rays` (dense scans) and `view_pairs` (any). R and psi cannot be seen
+The fits are in `conjugate_rays` (dense scans) and `view_pairs` (any scan). R and psi cannot be seen
 (docs/geometry.md#drift).
 """
 
@@ -12,19 +12,19 @@ from typing import Literal
 import numpy as np
 
 from sawmill_tomography.calibration.fit_parameters import FitParameter
-from sawmill_tomography.drift.chart.looks import Look
+from sawmill_tomography.drift.chart.looks import DriftCheckPoint
 from sawmill_tomography.geometry.geometry import FloatArray, GeometryError, Scanner, SourceFrame
 from sawmill_tomography.geometry.ray_error import predicted_ray_error, ray_error, scale_deviation
 from sawmill_vocabulary import Rotation
 
-# What a log's rays see of the geometry, in the order of their vectors.
+# The numbers of the geometry that a log's rays show, in the order of their vectors.
 SEEN = [FitParameter.U_C, FitParameter.TILT, FitParameter.SDD]
 # A change beyond this many standard deviations is significant.
 SIGNIFICANT = 3.0
-# A jump that is shorter is no finding (mm). An exact scan shows 0.001: tests/tomography/test_log_movement.py.
+# A shorter jump is not reported (mm). An exact scan shows 0.001: tests/tomography/test_log_movement.py.
 SHORTEST_JUMP_MM = 0.01
 # Chi-squared, 2 degrees of freedom, that the best of several hundred views, each tried as the one after which the log
-# stands elsewhere, reaches by chance in less than one of a thousand scans: tests/tomography/test_log_movement.py.
+# lies elsewhere, reaches by chance in less than one of a thousand scans: tests/tomography/test_log_movement.py.
 CHANCE_OF_A_JUMP = 30.0
 # Chi-squared, 2 degrees of freedom, that a motion may leave unexplained with the same confidence.
 UNEXPLAINED = 11.83
@@ -51,7 +51,7 @@ NOT_SEEN = (
 
 
 class DriftError(ValueError):
-    """A scan that shows no drift; the message says why.
+    """A scan that shows no drift; the message gives the reason.
 
     Attributes
     ----------
@@ -66,7 +66,7 @@ class DriftError(ValueError):
 
 @dataclass(frozen=True)
 class LogMovement:
-    """A jump of the log: the first view after it, its length, and its chi-squared of 2 degrees of freedom."""
+    """A jump of the log: the first view after the jump, its length, and its chi-squared of 2 degrees of freedom."""
 
     view: int
     by_mm: float
@@ -74,20 +74,20 @@ class LogMovement:
 
     @property
     def beyond_chance(self) -> bool:
-        """Whether a log that stood still would hardly look like this."""
+        """True if a log that did not move would hardly give this chi-squared."""
         return self.chi_squared > CHANCE_OF_A_JUMP and self.by_mm > SHORTEST_JUMP_MM
 
 
 @dataclass(frozen=True)
 class Disturbance:
-    """One harmonic of the turn.
+    """A harmonic that disturbs the turn.
 
     Attributes
     ----------
     part : "encoder" or "bearing"
-        The angles are ahead and behind; or the log swings across the beam.
+        "encoder": the angles run ahead and behind. "bearing": the log swings across the beam.
     order : int
-        How often in a turn.
+        Periods per turn.
     """
 
     part: Literal["encoder", "bearing"]
@@ -96,32 +96,32 @@ class Disturbance:
 
 @dataclass(frozen=True, eq=False)
 class DetectorFit:
-    """What a log's rays say of the detector: opposite rays of a dense scan, or pairs of views of any.
+    """The detector's geometry as a log's rays show it: opposite rays of a dense scan, or pairs of views of any scan.
 
     Attributes
     ----------
     covariance : (3, 3) float64
-        Of (u_c, tau, SDD).
+        Covariance of (u_c, tau, SDD).
     distance_held : bool
         The scan does not show SDD, which stayed at the calibrated one; its row of the covariance is zero.
     rotation : Rotation
-        The sense of rotation in which they agree better.
+        The sense of rotation in which the rays agree better.
     rotation_ratio : float
-        Residual of the other sense against this one's.
+        Residual of the other sense divided by this sense's residual.
     rotation_decided : bool
-        Whether the scan tells which way it turned; a round, centred log does not.
+        True if the scan shows in which sense it turned; a round, centred log does not.
     relative_residual : float
-        RMS of the differences against the RMS of what they differ in: of opposite rays the part that changes with the
-        view, after the blur; of pairs of views their sums.
+        RMS of the differences divided by the RMS of the compared signal: for opposite rays its part that changes with
+        the view, after the blur; for pairs of views their sums.
     distance_sensitivity : (2,) float64
-        Change of (u_c, tau) per mm of the SDD at which they were fitted; zeros where it was fitted too.
+        Change of (u_c, tau) per mm of the SDD at which they were fitted; zeros where SDD was fitted too.
     adjustments : tuple of str
-        What was done to the scan before it was used.
+        Changes made to the scan before the fit.
     disturbances : mapping of Disturbance to float
-        What disturbs the turn beyond chance, fitted with the geometry, and its amplitude in its unit.
+        Disturbances of the turn beyond chance, fitted with the geometry: each one's amplitude in its unit.
     encoder_bound_mm : float or None
-        The most that an encoder that is wrong by 0.1 degrees once a turn moves u_c of this log, which the covariance
-        allows for; None where it is fitted as a disturbance.
+        Largest change of this log's u_c by an encoder that is wrong by 0.1 degrees once a turn; the covariance allows
+        for this change. None where the encoder's error is fitted as a disturbance.
     """
 
     cor_column_mm: float
@@ -147,12 +147,12 @@ class DetectorFit:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ConjugateFit(DetectorFit):
-    """The same from opposite rays, and whether the log moved.
+    """A fit to opposite rays, and whether the log moved.
 
     Attributes
     ----------
     movement : LogMovement
-        The jump of the log that explains most of what is left, beyond chance or not.
+        The jump of the log that explains most of the residual, beyond chance or not.
     """
 
     movement: LogMovement
@@ -160,21 +160,21 @@ class ConjugateFit(DetectorFit):
 
 @dataclass(frozen=True, eq=False)
 class DriftChange:
-    """Measured less calibrated, or less a baseline.
+    """Measured geometry less the calibrated one or less a baseline.
 
     Attributes
     ----------
     change : (3,) float64
-        Of (u_c, tau, SDD).
+        Change of (u_c, tau, SDD).
     covariance : (3, 3) float64
-        Of the change: this scan's, and the calibration's or the baseline's.
+        Covariance of the change: this scan's, and the calibration's or the baseline's.
     ray_change_mm : float
-        RMS distance of the rays inside the log's disc with R and psi held, a common scale taken out; SDD held too where
-        it has not changed significantly, because this scan sees it worse than the calibration does.
+        RMS distance of the rays inside the log's disc with R and psi held, a common scale removed; SDD is held too
+        where it has not changed significantly, because this scan shows SDD less well than the calibration does.
     ray_change_uncertainty_mm : float
-        RMS ray distance that the covariance alone brings about.
+        RMS ray distance that the covariance alone causes.
     scale_change, scale_deviation : float
-        That common scale as a share, and its standard deviation: what a changed SDD makes of the image's size.
+        The common scale as a share, and its standard deviation: the effect of a changed SDD on the image's size.
     """
 
     change: FloatArray
@@ -192,26 +192,27 @@ class DriftChange:
 
     @property
     def significance(self) -> FloatArray:
-        """Each change in units of its standard deviation, (3,); 0 for what was held."""
+        """Changes in units of their standard deviations, (3,); 0 for a value that was held."""
         deviation = self.deviation
         share: FloatArray = np.divide(self.change, deviation, out=np.zeros(3), where=deviation > 0.0)
         return share
 
     @property
     def moved(self) -> bool:
-        """Whether any change is significant."""
+        """True if any change is significant."""
         return bool(np.any(np.abs(self.significance) > SIGNIFICANT))
 
 
 def seen_vector(value: "SourceFrame | DetectorFit") -> FloatArray:
-    """What a log's rays see, (3,): u_c, tau, SDD, in the order of `SEEN`."""
+    """Return the numbers that a log's rays show, (3,): u_c, tau, SDD, in the order of `SEEN`."""
     return np.array([value.cor_column_mm, value.tilt_rad, value.source_to_detector_mm])
 
 
 def better_sense(residual: Mapping[Rotation, float], calibrated: Rotation, decisive: float) -> tuple[Rotation, float]:
-    """The sense of rotation in which a scan agrees better, and how many times the other one's residual is larger.
+    """Return the sense of rotation in which a scan agrees better, and the other sense's residual divided by its own.
 
-    The calibrated one is kept, with a ratio below 1 perhaps, where the other's residual is not that many times smaller.
+    The calibrated sense is kept, perhaps with a ratio below 1, unless the other sense's residual is smaller by the
+    factor `decisive`.
     """
     other = next(sense for sense in Rotation if sense is not calibrated)
     ratio = residual[other] / residual[calibrated]
@@ -224,28 +225,28 @@ def drift_change(
     calibrated_covariance: FloatArray | None,
     fit: DetectorFit,
     *,
-    zero: Look | None = None,
+    zero: DriftCheckPoint | None = None,
     radius_mm: float = 150.0,
 ) -> DriftChange:
-    """Compare what a scan of a log says with a calibration, or with a baseline.
+    """Compare the fit to a scan of a log with a calibration, or with a baseline.
 
     Parameters
     ----------
     calibrated_covariance : (5, 5) float64
-        Of (psi, R, SDD, u_c, tau); None where the calibration has no error bars, which then count as zero.
-    zero : Look
-        What a baseline makes of the change since this calibration; that of u_c and tau is counted from it.
+        Covariance of (psi, R, SDD, u_c, tau); None where the calibration has no error bars, which then count as zero.
+    zero : DriftCheckPoint
+        A baseline's change since this calibration; the change of u_c and tau is counted from the baseline.
     radius_mm : float
-        Of the disc in which rays are compared.
+        Radius of the disc in which rays are compared.
     """
     change, covariance = seen_vector(fit) - seen_vector(calibrated), fit.covariance.copy()
     if zero is not None:
-        # An error of the SDD that is held is in the baseline's looks too, and goes out of the difference.
+        # An error of the held SDD is in the baseline's drift checks too, and cancels in the difference.
         change[:2] -= zero.change
         covariance[:2, :2] += zero.covariance
         covariance[2, 2] += 0.0 if calibrated_covariance is None else calibrated_covariance[SEEN[2], SEEN[2]]
     elif calibrated_covariance is not None:
-        # Where SDD is held, the calibration's error of it moves what is measured of the others.
+        # Where SDD is held, the calibration's error of SDD changes the measured u_c and tau.
         difference = np.eye(3)
         difference[:2, 2] = -fit.distance_sensitivity
         covariance += difference @ calibrated_covariance[np.ix_(SEEN, SEEN)] @ difference.T
@@ -253,33 +254,33 @@ def drift_change(
         covariance[2, :] = covariance[:, 2] = 0.0
     counted, spread = _counted(change, covariance)
     u_c, tau, sdd = (float(value) for value in seen_vector(calibrated) + counted)
-    now = replace(calibrated, cor_column_mm=u_c, tilt_rad=tau, source_to_detector_mm=sdd)
+    moved_frame = replace(calibrated, cor_column_mm=u_c, tilt_rad=tau, source_to_detector_mm=sdd)
     frame_covariance = np.zeros((5, 5))
     frame_covariance[np.ix_(SEEN, SEEN)] = spread
-    rays, scale = _moved_rays(scanner, calibrated, now, radius_mm)
-    uncertainty = predicted_ray_error(scanner, now, frame_covariance, radius_mm=radius_mm).rms_mm
-    of_scale = scale_deviation(scanner, now, frame_covariance, radius_mm=radius_mm)
+    rays, scale = _moved_rays(scanner, calibrated, moved_frame, radius_mm)
+    uncertainty = predicted_ray_error(scanner, moved_frame, frame_covariance, radius_mm=radius_mm).rms_mm
+    of_scale = scale_deviation(scanner, moved_frame, frame_covariance, radius_mm=radius_mm)
     return DriftChange(change, covariance, rays, uncertainty, scale, of_scale)
 
 
-def zero_offset_mm(scanner: Scanner, calibrated: SourceFrame, zero: Look, *, radius_mm: float) -> float:
-    """RMS distance of the rays between a baseline and the calibration, with what a log does not show held."""
+def zero_offset_mm(scanner: Scanner, calibrated: SourceFrame, zero: DriftCheckPoint, *, radius_mm: float) -> float:
+    """Return the RMS distance of the rays between a baseline and the calibration, with R, psi and SDD held."""
     u_c, tau = (float(value) for value in seen_vector(calibrated)[:2] + zero.change)
     moved = replace(calibrated, cor_column_mm=u_c, tilt_rad=tau)
     return _moved_rays(scanner, calibrated, moved, radius_mm)[0]
 
 
-def _moved_rays(scanner: Scanner, calibrated: SourceFrame, now: SourceFrame, radius_mm: float) -> tuple[float, float]:
-    """RMS distance of the rays in mm, and the common scale that is taken out, as a share."""
+def _moved_rays(scanner: Scanner, calibrated: SourceFrame, moved: SourceFrame, radius_mm: float) -> tuple[float, float]:
+    """Return the RMS distance of the rays in mm, and the common scale that is removed, as a share."""
     try:
-        error = ray_error(scanner, calibrated, now, radius_mm=radius_mm)
+        error = ray_error(scanner, calibrated, moved, radius_mm=radius_mm)
     except GeometryError:  # the calibrated rays no longer meet the log
         return radius_mm, 0.0
     return error.rms_mm, error.scale_change
 
 
 def _counted(change: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The change and its covariance, conditional on an unchanged SDD unless that has changed significantly."""
+    """Return the change and its covariance, conditional on an unchanged SDD unless SDD has changed significantly."""
     if covariance[2, 2] == 0.0 or abs(change[2]) > SIGNIFICANT * math.sqrt(covariance[2, 2]):
         return change, covariance
     distance_sensitivity = covariance[:, 2] / covariance[2, 2]
@@ -287,7 +288,7 @@ def _counted(change: FloatArray, covariance: FloatArray) -> tuple[FloatArray, Fl
 
 
 def disturbed_turn(fit: DetectorFit) -> str | None:
-    """What disturbs the turn itself and where to look, in one sentence; None where nothing does beyond chance."""
+    """Return what disturbs the turn and what to check, in one sentence; None where no disturbance is beyond chance."""
     if not fit.disturbances:
         return None
     times = {1: "once a turn", 2: "twice a turn"}
@@ -296,13 +297,13 @@ def disturbed_turn(fit: DetectorFit) -> str | None:
         "bearing": "the log swings across the beam by {:.2g} mm {}",
     }
     look = {"encoder": "the encoder's coupling: it is eccentric", "bearing": "the turntable's bearing: it wobbles"}
-    found = [sentences[each.part].format(size, times[each.order]) for each, size in fit.disturbances.items()]
+    disturbances = [sentences[each.part].format(size, times[each.order]) for each, size in fit.disturbances.items()]
     where = " and at ".join(look[part] for part in dict.fromkeys(each.part for each in fit.disturbances))
-    return f"{' and '.join(found)}: look at {where} (this is no drift, and was fitted)"
+    return f"{' and '.join(disturbances)}: look at {where} (this is no drift, and was fitted)"
 
 
 def likely_cause(calibrated: SourceFrame, moved: DriftChange) -> str:
-    """What moved and where to look, in one sentence.
+    """Return what moved and what to check, in one sentence.
 
     A turntable that moves leaves the detector's foot u_n = u_c - SDD sin tau and height H = SDD cos tau as they are, so
     tau and SDD follow u_c; a detector that slides along itself leaves tau and SDD as they are.
@@ -334,7 +335,7 @@ def likely_cause(calibrated: SourceFrame, moved: DriftChange) -> str:
 
 
 def _unexplained(moved: DriftChange, direction: FloatArray) -> float:
-    """Chi-squared that is left of the change when the best multiple of a motion is taken off."""
+    """Return the chi-squared of the change after the best multiple of a motion is subtracted."""
     seen = np.flatnonzero(moved.deviation > 0.0)
     precision = np.zeros((3, 3))
     precision[np.ix_(seen, seen)] = np.linalg.inv(moved.covariance[np.ix_(seen, seen)])

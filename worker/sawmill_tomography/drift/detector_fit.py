@@ -1,4 +1,4 @@
-"""What a scan of a log says of the detector, by opposite rays where it has them, else by pairs of views."""
+"""The detector's geometry from a scan of a log: by opposite rays where the scan has them, else by pairs of views."""
 
 from sawmill_tomography.drift.change import DetectorFit
 from sawmill_tomography.drift.opposite_rays.conjugate_rays import conjugate_fit
@@ -17,19 +17,19 @@ def detector_fit(
     *,
     deviations: FloatArray | None = None,
 ) -> DetectorFit:
-    """As `conjugate_fit` or `few_view_fit`; opposite rays are finer, and see how far the detector stands.
+    """Fit the detector's geometry by `conjugate_fit`, which is finer and sees SDD, or else by `few_view_fit`.
 
     Parameters
     ----------
     deviations : (views, detector) float64, optional
-        As of `few_view_fit`. Opposite rays need none: their errors follow from how the rays differ.
+        Parameter of `few_view_fit`. Opposite rays need none: their errors follow from the rays' differences.
 
     Raises
     ------
     DriftError
-        As theirs.
+        Error of `conjugate_fit` or `few_view_fit`.
     GeometryError
-        As of `few_view_fit`.
+        Error of `few_view_fit`.
     """
     if opposite_rays_pair(angles_rad):
         return conjugate_fit(scanner, sinogram, angles_rad, start, rotation)

@@ -1,4 +1,4 @@
-"""A log's rays less what the air beside it says of them: each view's level, and the flat field's slope and bend."""
+"""A log's rays corrected by the air next to the log: each view's level, and the flat field's slope and bend."""
 
 import math
 from typing import NamedTuple
@@ -12,25 +12,25 @@ from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.sinograms.air import find_air
 from sawmill_tomography.statistics.robust import noise_of_differences
 
-# Of a ray in air, as a share of the largest, where a scan shows less: of noise-free data.
+# Lower bound of a ray's noise in air, as a share of the largest line integral: for noise-free data.
 LEAST_NOISE = 1e-4
 
 
 class LevelledRays(NamedTuple):
-    """Line integrals through the log, their variance, where on the detector they are, and what the air's fit leaves.
+    """Line integrals through the log, their variance, their cells, and the errors of the air's fit.
 
     Attributes
     ----------
     rays, variance : (views, cells) float64
-        In the log's cells alone.
+        Values in the log's cells alone.
     cells : (detector,) bool
-        Those that are not air.
+        True where a cell is not air.
     air_patterns : (3, cells) float64
         A slope, a curvature and a cubic over the detector, in the log's cells.
     air_covariance : (views + 3, views + 3) float64
-        Of each view's level and of the amplitudes of those patterns, as the air gives them.
+        Covariance of each view's level and of the amplitudes of the patterns, from the air.
     common_covariance : (cells, cells) float64
-        Of what the flat field adds to every view besides, as the air shows it: noise of its cells, smooth structure.
+        Covariance of the flat field's further part in every view, as the air shows it: cell noise, smooth structure.
     """
 
     rays: FloatArray
@@ -42,18 +42,19 @@ class LevelledRays(NamedTuple):
 
 
 class AirFit(NamedTuple):
-    """What the air on both sides says of a scan.
+    """Levels and patterns fitted to the air on both sides of the log.
 
     Attributes
     ----------
     cells : (detector,) bool
-        Air in every view.
+        True where a cell is air in every view.
     patterns : (3, detector) float64
-        A slope, a curvature and a cubic over the detector, and their amplitudes.
+        A slope, a curvature and a cubic over the detector.
     amplitudes : (3,) float64
+        Amplitudes of the patterns.
     levels : (views,) float64
     covariance : (views + 3, views + 3) float64
-        Of levels and amplitudes, for rays whose variance is 1.
+        Covariance of levels and amplitudes, for rays whose variance is 1.
     """
 
     cells: NDArray[np.bool_]
@@ -64,19 +65,19 @@ class AirFit(NamedTuple):
 
     @property
     def of_all_views(self) -> FloatArray:
-        """What the flat field adds to the rays of every view, (detector,), apart from a level."""
+        """The flat field's part in the rays of every view, (detector,), apart from a level."""
         return self.amplitudes @ self.patterns
 
 
 def fitted_air(sinogram: FloatArray, scale: FloatArray | float = 1.0) -> AirFit | None:
-    """Least squares with a level of each view and three patterns of all; None without air at both ends, or a log.
+    """Fit a level per view and three common patterns to the air; None without air at both ends, or without a log.
 
     Parameters
     ----------
     sinogram : (views, detector) float64
         Line integrals without faulty cells and corrupt views.
     scale : (views, 1) float64
-        The noise of each view against the others': air is found by how it scatters.
+        Relative noise of each view: air is found by its scatter.
     """
     air = find_air((sinogram / scale).astype(np.float32))
     if air is None or air.cells.all() or not (air.cells[0] and air.cells[-1]):
@@ -85,7 +86,7 @@ def fitted_air(sinogram: FloatArray, scale: FloatArray | float = 1.0) -> AirFit 
     across = np.linspace(-1.0, 1.0, air.cells.size)
     patterns = np.stack([across, across**2, across**3])
     means = patterns[:, air.cells].mean(axis=1)
-    # The patterns come from what is left without the levels, which share their error.
+    # The patterns are fitted to the residual without the levels, which share their error.
     centred = patterns[:, air.cells] - means[:, None]
     of_patterns = np.linalg.inv(centred @ centred.T) / views
     amplitudes = of_patterns @ (centred @ sinogram[:, air.cells].sum(axis=0))
@@ -96,37 +97,41 @@ def fitted_air(sinogram: FloatArray, scale: FloatArray | float = 1.0) -> AirFit 
 
 
 def levelled_rays(sinogram: FloatArray, deviations: FloatArray | None = None) -> LevelledRays:
-    """The log's rays less each view's level and the patterns of all views, as the air on both sides has them.
+    """Subtract each view's level and the common patterns, fitted to the air on both sides, from the log's rays.
 
     Parameters
     ----------
     sinogram : (views, detector) float64
         Line integrals without faulty cells and corrupt views.
     deviations : (views, detector) float64, optional
-        Their standard deviations. 0 estimates that of a ray, and None all of them.
+        Standard deviations of the line integrals. Where it is 0 the standard deviation is estimated; None: everywhere.
 
     Raises
     ------
     DriftError
         If the log reaches an end of the detector, or there is no log.
     """
-    known = np.zeros_like(sinogram) if deviations is None else deviations
-    all_known = bool(known.all())
-    scale = np.median(known, axis=1, keepdims=True) / np.median(known) if all_known else 1.0
+    known_deviations = np.zeros_like(sinogram) if deviations is None else deviations
+    all_known = bool(known_deviations.all())
+    scale = np.median(known_deviations, axis=1, keepdims=True) / np.median(known_deviations) if all_known else 1.0
     air = fitted_air(sinogram, scale)
     if air is None:
         raise _no_air(sinogram)
     levelled = sinogram - air.levels[:, None] - air.of_all_views
     in_air, cell_variance = _scatter(levelled[:, air.cells])
     if all_known:
-        in_air = float(np.sqrt(np.mean(known[:, air.cells] ** 2)))
+        in_air = float(np.sqrt(np.mean(known_deviations[:, air.cells] ** 2)))
     noise = max(in_air, LEAST_NOISE * float(sinogram.max()))
     log = ~air.cells
     structure = flat_structure(
         levelled.mean(axis=0), air.cells, air.patterns, cell_variance, noise / math.sqrt(len(levelled))
     )
     rays = levelled[:, log] - structure.expected
-    variance = known[:, log] ** 2 if all_known else np.maximum(_variance(rays, noise), known[:, log] ** 2)
+    variance = (
+        known_deviations[:, log] ** 2
+        if all_known
+        else np.maximum(_variance(rays, noise), known_deviations[:, log] ** 2)
+    )
     return LevelledRays(rays, variance, log, air.patterns[:, log], noise**2 * air.covariance, structure.covariance)
 
 
@@ -141,7 +146,7 @@ def _no_air(sinogram: FloatArray) -> DriftError:
 
 
 def _scatter(air: FloatArray) -> tuple[float, float]:
-    """The noise of rays in air (views, cells), and the variance of what their cells add to every view."""
+    """Return the noise of rays in air (views, cells), and the variance of what their cells add to every view."""
     views, common = len(air), air.mean(axis=0)
     noise = noise_of_differences(np.diff(air - common, 2, axis=1), 2) * math.sqrt(views / (views - 1))
     seen = noise_of_differences(np.diff(common, 2), 2)
@@ -149,10 +154,11 @@ def _scatter(air: FloatArray) -> tuple[float, float]:
 
 
 def _variance(rays: FloatArray, air_noise: float) -> FloatArray:
-    """Of each ray: the air's times exp(k p), k from 0 (the same noise everywhere) to 1 (photons) as differences say.
+    """Estimate each ray's variance: the air's times exp(k p), k between 0 (uniform noise) and 1 (photon noise).
 
-    Structure of the log passes for noise in them, so k is a bound; what is fitted with it is as wide as its residuals.
-    A ray whose noise would be larger than the largest ray says nothing, and no less than nothing.
+    The second differences give k. The log's structure counts as noise in them, so k is an upper bound; errors fitted
+    with this variance are as wide as their residuals. The variance is capped where the noise would exceed the largest
+    ray.
     """
     seen = noise_of_differences(np.diff(rays, 2, axis=1), 2)
     mean = max(float(np.median(rays)), 1e-6)

@@ -11,16 +11,16 @@ from sawmill_tomography.geometry.geometry import FloatArray
 # Cells at either end of the detector are compared with this number of the next ones: `screen` compares a cell with its
 # neighbours on both sides, which an end does not have.
 END_CELLS, BESIDE = 4, 8
-# A cell in air departs from those by no more than this number of their standard deviations, or this share of the range
-# (air.EDGE_SHARE): the flat field may slope.
+# A faulty cell in air departs from those cells by more than this number of their standard deviations, and by more than
+# this share of the range (air.EDGE_SHARE): the flat field may slope.
 DEPARTS, SHARE = 4.0, 0.003
 
 
 def screen_log(sinogram: FloatArray) -> Screening:
-    """As `screen`, with faulty cells at the ends of the detector, which would pass for a log that reaches them."""
+    """Screen a log's scan (`screen`), including faulty cells at the detector's ends that look like a cut-off log."""
     screening = screen(sinogram)
     lines = screening.bridged(sinogram)[screening.views]
-    # As `find_air` has the range.
+    # The range as `find_air` defines it.
     least = SHARE * float(np.ptp(np.quantile(lines[:: max(1, len(lines) // 64)], [0.005, 0.995])))
     cells = screening.cells.copy()
     cells[:END_CELLS] &= _sound(lines[:, : END_CELLS + BESIDE], least)
@@ -29,7 +29,7 @@ def screen_log(sinogram: FloatArray) -> Screening:
 
 
 def _sound(end: FloatArray, least: float) -> NDArray[np.bool_]:
-    """Which of the outermost `END_CELLS` cells have the level of those beside them, of an end (views, cells)."""
+    """Return which of the outermost `END_CELLS` cells have the level of their neighbours, for an end (views, cells)."""
     beside = end[:, END_CELLS:]
     level = beside.mean(axis=1, keepdims=True)
     noise = float(np.sqrt(np.mean((beside - level) ** 2)))

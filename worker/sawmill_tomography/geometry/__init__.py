@@ -1,1 +1,1 @@
-"""Geometry: theta, the source frame, rays, the image's pixels, and how far two geometries differ."""
+"""Geometry: theta, the source frame, rays, the image's pixels, and the distance between two geometries."""

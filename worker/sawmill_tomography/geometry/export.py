@@ -1,7 +1,7 @@
-"""The geometry in the words of ODL, CIL and RTK; ASTRA's is `FanBeamGeometry.astra_vectors`.
+"""The geometry in the conventions of ODL, CIL and RTK; ASTRA's is `FanBeamGeometry.astra_vectors`.
 
-What they call the same differs in sense of rotation, in where the angle starts and in which way the detector's normal
-looks; every function here says in which frame its toolkit's image then is.
+Equal terms of these toolkits differ in sense of rotation, in the zero of the angle and in the direction of the
+detector's normal; every function here says in which frame its toolkit's image is.
 """
 
 import math
@@ -15,15 +15,15 @@ from sawmill_tomography.geometry.geometry import FanBeamGeometry, FloatArray, ro
 
 
 def odl_arguments(geometry: FanBeamGeometry) -> dict[str, Any]:
-    """What ODL 1.0's `FanBeamGeometry` is made of, lengths in mm; its image is ours, [x, y].
+    """Return the arguments of ODL 1.0's `FanBeamGeometry`, lengths in mm; its image is ours, [x, y].
 
     Returns
     -------
     dict
-        `angles_rad` rise strictly, as ODL's partitions must: ODL's view k is the scan's view `view_order[k]`.
-        `detector_min_mm`, `detector_max_mm` and `num_detector_pixels` make the detector's uniform partition. The rest
-        are arguments by their own names, but for `src_shift_mm` and `det_shift_mm`, constant values of the shift
-        functions, (along the ray, along the tangent).
+        `angles_rad` rise strictly, as ODL's partitions require: ODL's view k is the scan's view `view_order[k]`.
+        `detector_min_mm`, `detector_max_mm` and `num_detector_pixels` define the detector's uniform partition. The
+        other items are arguments by their own names, but for `src_shift_mm` and `det_shift_mm`, constant values of the
+        shift functions, (along the ray, along the tangent).
     """
     scanner, theta = geometry.scanner, geometry.theta
     half = 0.5 * scanner.num_detector_pixels * scanner.detector_pitch_mm
@@ -46,11 +46,11 @@ def odl_arguments(geometry: FanBeamGeometry) -> dict[str, Any]:
 
 
 def cil_arguments(geometry: FanBeamGeometry) -> dict[str, Any]:
-    """Arguments of CIL's `AcquisitionGeometry.create_Cone2D`, `set_angles` and `set_panel`; its image is ours.
+    """Return arguments of CIL's `AcquisitionGeometry.create_Cone2D`, `set_angles` and `set_panel`; its image is ours.
 
-    CIL turns the object counter-clockwise, so its source goes the other way than ours. It also turns every system until
-    the ray to the middle of the detector runs along +y, and its image with it; this one lies so already, and the turn
-    is in the angles.
+    CIL turns the object counter-clockwise, so its source moves in the opposite sense to ours. It also turns every
+    system until the ray to the middle of the detector runs along +y, and its image with it; these arguments already
+    have that direction, and the turn is in the angles.
     """
     scanner, theta = geometry.scanner, geometry.theta
     source = np.array([theta.source_shift_mm, -scanner.source_to_cor_mm])
@@ -85,9 +85,9 @@ class RtkGeometry:
     Attributes
     ----------
     gantry_angles_deg : (views,) float64
-        In [0, 360).
+        Angles in [0, 360).
     matrices : (views, 3, 4) float64
-        From RTK's homogeneous (x, y, z, 1) to (w u, w v, w), u and v on the detector in mm.
+        Projection of RTK's homogeneous (x, y, z, 1) to (w u, w v, w), u and v on the detector in mm.
     """
 
     source_to_isocenter_mm: float
@@ -99,10 +99,10 @@ class RtkGeometry:
 
 
 def rtk_geometry(geometry: FanBeamGeometry) -> RtkGeometry:
-    """The geometry in the words of RTK."""
+    """Return the geometry in the conventions of RTK."""
     scanner, theta = geometry.scanner, geometry.theta
     tilt = math.atan(theta.detector_tilt)
-    # Turned back by the tilt the detector lies along x and its normal, towards the source, along -y.
+    # Rotated by minus the tilt, the detector lies along x and its normal, towards the source, along -y.
     source_x, source_y = (float(part) for part in rotate(-tilt, theta.source_shift_mm, -scanner.source_to_cor_mm))
     centre_x, centre_y = (float(part) for part in rotate(-tilt, -theta.detector_shift_mm, theta.detector_to_cor_mm))
     sid, sdd = -source_y, centre_y - source_y

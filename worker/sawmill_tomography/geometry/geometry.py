@@ -1,6 +1,6 @@
 """The scanner's geometry: theta, the source frame, view angles, and the rays they make.
 
-The values are those of `sawmill_vocabulary`, and stand here for the science; this module adds the arrays.
+The value classes come from `sawmill_vocabulary` and are exported here for the science; this module adds the arrays.
 Axes, signs and formulas: docs/conventions.md#axes. image[i, j] has x along i and y along j, in mm, the centre of
 rotation (COR) is the origin, angles count counter-clockwise.
 """
@@ -44,52 +44,53 @@ __all__ = [
 
 FloatArray = NDArray[np.float64]
 
-# Of theta's lengths in mm, and of its angle and slope, beyond which no scanner is and double precision loses the rays.
+# Limit of theta's lengths in mm, and of its angle and slope: no scanner exceeds it, and double precision loses the
+# rays.
 LARGEST = 1e5
 
 
 def rotate(angle_rad: ArrayLike, x: ArrayLike, y: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """Rot(angle) (x, y), counter-clockwise; the arguments broadcast."""
+    """Return Rot(angle) (x, y), counter-clockwise; the arguments broadcast."""
     c, s = np.cos(angle_rad), np.sin(angle_rad)
     x, y = np.asarray(x, np.float64), np.asarray(y, np.float64)
     return c * x - s * y, s * x + c * y
 
 
 def to_vector(value: Theta | SourceFrame) -> FloatArray:
-    """The five numbers in the order of the fields, (5,) float64; the inverse of `from_vector`."""
+    """Return the five numbers in the order of the fields, (5,) float64; the inverse of `from_vector`."""
     return np.array([*vars(value).values()], np.float64)
 
 
 def bounds_array(bounds: ThetaBounds) -> FloatArray:
-    """(5, 2): the first angle over the full turn in rad, then the four bounds, lengths in mm."""
+    """Return bounds (5, 2): the first angle over the full turn in rad, then the four bounds, lengths in mm."""
     return np.array([(0.0, TAU), *vars(bounds).values()])
 
 
 def cell_borders_mm(scanner: Scanner) -> FloatArray:
-    """Detector coordinate u of the cells' borders, (cells + 1,) mm."""
+    """Return the detector coordinate u of the cells' borders, (cells + 1,) mm."""
     n = scanner.num_detector_pixels
     return (np.arange(n + 1, dtype=np.float64) - 0.5 * n) * scanner.detector_pitch_mm
 
 
 def cell_centres_mm(scanner: Scanner) -> FloatArray:
-    """u_m = (m + 1/2 - n_D/2) pitch of each cell m, (cells,) mm."""
+    """Return u_m = (m + 1/2 - n_D/2) pitch of each cell m, (cells,) mm."""
     n = scanner.num_detector_pixels
     return (np.arange(n, dtype=np.float64) + 0.5 - 0.5 * n) * scanner.detector_pitch_mm
 
 
 @dataclass(frozen=True)
 class FanBeamGeometry:
-    """One source, one flat line detector, explicit view angles.
+    """A fan-beam geometry: one source, one flat line detector, explicit view angles.
 
     Attributes
     ----------
     scanner : Scanner
-        The known constants.
+        Known constants of the scanner.
     theta : Theta
-        The calibrated five.
+        The five calibrated numbers.
     angles_rad : (views,) float64
-        View k stands at angles_rad[k] beyond the initial angle. Reverse them (`Rotation.apply`) for a scanner that
-        turns the other way.
+        View k is at angles_rad[k] beyond the initial angle. Reverse the angles (`Rotation.apply`) for a scanner that
+        turns in the opposite sense.
     """
 
     scanner: Scanner
@@ -103,7 +104,7 @@ class FanBeamGeometry:
             raise GeometryError("angles_rad must be one finite number of radians for each view")
         object.__setattr__(self, "angles_rad", angles)
         for name, value in vars(self.theta).items():
-            if not abs(value) <= LARGEST:  # nor is what is not a number
+            if not abs(value) <= LARGEST:  # true for nan too
                 raise GeometryError(f"{name} must lie between {-LARGEST:g} and {LARGEST:g}, not {value:.6g}")
 
     @property
@@ -117,11 +118,11 @@ class FanBeamGeometry:
         return self.angles_rad.size, self.scanner.num_detector_pixels
 
     def with_angles(self, angles_rad: FloatArray) -> "FanBeamGeometry":
-        """The same scanner at other view angles."""
+        """Return the geometry of the same scanner at other view angles."""
         return replace(self, angles_rad=angles_rad)
 
     def vectors(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Source, detector centre and detector axis of each view, each (views, 2) in mm (axis: unit length)."""
+        """Return source, detector centre and detector axis of each view, each (views, 2) in mm (axis: unit length)."""
         theta, phi = self.theta, self.angles_rad + self.theta.initial_angle_rad
         source = rotate(phi, theta.source_shift_mm, -self.scanner.source_to_cor_mm)
         centre = rotate(phi, -theta.detector_shift_mm, theta.detector_to_cor_mm)
@@ -129,7 +130,7 @@ class FanBeamGeometry:
         return np.stack(source, -1), np.stack(centre, -1), np.stack(axis, -1)
 
     def astra_vectors(self) -> FloatArray:
-        """Rows (srcX, srcY, dX, dY, uX, uY) of ASTRA's `fanflat_vec`, (views, 6), in mm.
+        """Return rows (srcX, srcY, dX, dY, uX, uY) of ASTRA's `fanflat_vec`, (views, 6), in mm.
 
         ASTRA's image has y up its rows and x along its columns, so image[i, j] with x along i is given to ASTRA
         unchanged when (x, y) is turned into (y, -x): rows run downwards in ASTRA's y.
@@ -144,7 +145,7 @@ class FanBeamGeometry:
 
 
 def view_weights(angles_rad: FloatArray) -> FloatArray:
-    """Half the circular gap to both neighbours of each view, (views,) rad, summing to 2 pi.
+    """Return half the circular gap to both neighbours of each view, (views,) rad, summing to 2 pi.
 
     Raises
     ------
@@ -167,7 +168,7 @@ def view_weights(angles_rad: FloatArray) -> FloatArray:
 
 
 def all_round(angles_rad: FloatArray) -> bool:
-    """Whether the views cover a full turn, as `view_weights` needs them to."""
+    """Return whether the views cover a full turn, as `view_weights` requires."""
     try:
         view_weights(angles_rad)
     except GeometryError:

@@ -1,4 +1,4 @@
-"""Where an image's pixels lie."""
+"""Square images over the plane of a slice: the positions of their pixels."""
 
 import math
 from dataclasses import dataclass
@@ -7,7 +7,7 @@ import numpy as np
 
 from sawmill_tomography.geometry.geometry import FloatArray, GeometryError
 
-# Below it, as many pixels as hold a log are more than can be counted.
+# In a smaller field a log needs more pixels than can be counted.
 SMALLEST_FIELD_MM = 1e-3
 
 
@@ -30,7 +30,7 @@ class ImageGrid:
     centre_mm: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
-        """Refuse grids without pixels, and grids nowhere."""
+        """Refuse grids without pixels, and grids without a finite field."""
         if self.size < 1:
             raise GeometryError(f"size must be at least one pixel, not {self.size}")
         if not (math.isfinite(self.field_mm) and self.field_mm >= SMALLEST_FIELD_MM):
@@ -47,7 +47,7 @@ class ImageGrid:
 
     @property
     def is_centred(self) -> bool:
-        """Whether the field's middle is the COR."""
+        """True if the field's middle is the COR."""
         return self.centre_mm == (0.0, 0.0)
 
     @property
@@ -68,21 +68,21 @@ class ImageGrid:
 
     @property
     def reach_mm(self) -> float:
-        """From the COR to the farthest corner of the field."""
+        """Distance from the COR to the farthest corner of the field."""
         half = 0.5 * self.field_mm
         return math.hypot(abs(self.centre_mm[0]) + half, abs(self.centre_mm[1]) + half)
 
     @property
     def nearest_mm(self) -> float:
-        """From the COR to the nearest point of the field; 0 where the field holds the COR."""
+        """Distance from the COR to the nearest point of the field; 0 where the field holds the COR."""
         half = 0.5 * self.field_mm
         return math.hypot(*(max(abs(middle) - half, 0.0) for middle in self.centre_mm))
 
     def around(self, radius_mm: float) -> tuple["ImageGrid", tuple[slice, slice]]:
-        """A grid of the same pixels that also holds the disc of a radius around the COR, and where this one lies in it.
+        """Return a grid of the same pixels that also holds a disc around the COR, and the slices of this grid in it.
 
         Methods that explain the measured rays need pixels wherever there is wood: they reconstruct the larger image and
-        cut this one out of it, `image[part]`.
+        cut this grid's part out of it, `image[part]`.
         """
         h = self.pixel_mm
         ends = [

@@ -1,16 +1,16 @@
-"""The disc in which ray errors are counted: the largest log's, or where nobody stated one, the phantom's."""
+"""The disc in which ray errors are counted: the largest log's or, where none is given, the phantom's."""
 
 from sawmill_tomography.phantoms.phantom import Phantom
 from sawmill_vocabulary import LARGEST_ASSUMED_LOG_RADIUS_MM, GeometryError, Scanner
 
 
 def refuse_log_beyond_source(stated_mm: float | None, scanner: Scanner) -> None:
-    """Refuse a stated radius of the largest log that would hold the source.
+    """Refuse a radius of the largest log that would hold the source.
 
     Raises
     ------
     GeometryError
-        The radius is as large as the distance of the source from the COR, or larger.
+        If the radius is as large as the distance of the source from the COR, or larger.
     """
     if stated_mm is not None and stated_mm >= scanner.source_to_cor_mm:
         raise GeometryError(
@@ -20,13 +20,13 @@ def refuse_log_beyond_source(stated_mm: float | None, scanner: Scanner) -> None:
 
 
 def counted_radius_mm(stated_mm: float | None, seen: Phantom) -> float:
-    """Radius of the disc around the COR in which ray errors are counted (docs/conventions.md#ray-error).
+    """Return the radius of the disc around the COR in which ray errors are counted (docs/conventions.md#ray-error).
 
     Parameters
     ----------
     stated_mm : float or None
-        Of the largest log, where somebody stated it.
+        Radius of the largest log, where it is given.
     seen : Phantom
-        As it stands in the scanner. What it never reached it says little about.
+        The phantom at its position in the scanner. Its scan says little about places that it never reached.
     """
     return min(LARGEST_ASSUMED_LOG_RADIUS_MM, seen.radius_mm) if stated_mm is None else stated_mm

@@ -1,4 +1,4 @@
-"""How far the rays of one geometry are from another's, up to a common scale (docs/conventions.md#ray-error)."""
+"""The distance between the rays of two geometries, up to a common scale (docs/conventions.md#ray-error)."""
 
 import math
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ class RayError:
     Attributes
     ----------
     scale_change : float
-        By which share the other geometry's image is larger: R larger by it, with SDD, u_c and tau unchanged.
+        Relative difference of the image sizes: R is larger by it, with SDD, u_c and tau unchanged.
     """
 
     rms_mm: float
@@ -35,14 +35,14 @@ class RayError:
 
 
 def _rays(scanner: Scanner, frame: SourceFrame) -> tuple[FloatArray, FloatArray]:
-    """Source (2,) and unit ray directions (cells, 2) of the view at which the source lies on -y."""
+    """Return source (2,) and unit ray directions (cells, 2) of the view at which the source lies on -y."""
     w = cell_centres_mm(scanner) - frame.cor_column_mm
     a = np.stack([w * np.cos(frame.tilt_rad), frame.source_to_detector_mm + w * np.sin(frame.tilt_rad)], -1)
     return np.array([0.0, -frame.source_distance_mm]), a / np.hypot(a[:, 0], a[:, 1])[:, None]
 
 
 def chord_points(scanner: Scanner, frame: SourceFrame, radius_mm: float) -> tuple[FloatArray, NDArray[np.intp]]:
-    """Nine equidistant points of the chord that each ray cuts from the disc.
+    """Return nine equidistant points of the chord that each ray cuts from the disc.
 
     Returns
     -------
@@ -69,7 +69,7 @@ def chord_points(scanner: Scanner, frame: SourceFrame, radius_mm: float) -> tupl
 def _distances(
     scanner: Scanner, frame: SourceFrame, points: FloatArray, cells: NDArray[np.intp], turn: float, shrink: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Distances (rays, 9) of the points to the frame's rays, turned and its R times shrink, and both derivatives.
+    """Return distances (rays, 9) of points to a frame's rays, turned and with R times shrink, and both derivatives.
 
     The derivatives by turn and by shrink are (2, rays, 9). Distances are linear in shrink.
     """
@@ -84,10 +84,10 @@ def _distances(
 
 
 def ray_error(scanner: Scanner, true: SourceFrame, other: SourceFrame, *, radius_mm: float = 150.0) -> RayError:
-    """RMS and maximum distance between the rays of two geometries inside a disc around the COR.
+    """Compute the RMS and maximum distance between the rays of two geometries inside a disc around the COR.
 
-    Free of theta's gauge (the twin has 0). One common rotation and one common scale are taken out: psi is not seen, and
-    R is seen only in `scale_change`.
+    It does not depend on theta's gauge (the twin has 0). One common rotation and one common scale are removed: psi has
+    no effect, and R only in `scale_change`.
     """
     points, cells = chord_points(scanner, true, radius_mm)
     turn, shrink = 0.0, 1.0
@@ -102,23 +102,24 @@ def ray_error(scanner: Scanner, true: SourceFrame, other: SourceFrame, *, radius
 
 
 def scale_gradient(scanner: Scanner, frame: SourceFrame, *, radius_mm: float = 150.0) -> FloatArray:
-    """Derivatives of `ray_error`'s scale change by (psi, R, SDD, u_c, tau), (5,), per rad and per mm.
+    """Return the derivatives of `ray_error`'s scale change by (psi, R, SDD, u_c, tau), (5,), per rad and per mm.
 
-    A bias of these five is one of gradient @ bias of the scale.
+    A bias of these five changes the scale by gradient @ bias.
     """
     return _linear(scanner, frame, radius_mm).scale
 
 
 def scale_deviation(scanner: Scanner, frame: SourceFrame, covariance: FloatArray, *, radius_mm: float = 150.0) -> float:
-    """Standard deviation of the scale, a share, that a covariance of (psi, R, SDD, u_c, tau) predicts."""
+    """Predict the scale's standard deviation, a share, from a covariance of (psi, R, SDD, u_c, tau)."""
     gradient = scale_gradient(scanner, frame, radius_mm=radius_mm)
     return math.sqrt(max(float(gradient @ covariance @ gradient), 0.0))
 
 
 def scale_ray_error(scanner: Scanner, frame: SourceFrame, scale: float, *, radius_mm: float = 150.0) -> float:
-    """RMS distance, mm, of the rays from those of a geometry with R larger by this share, one rotation taken out.
+    """Compute the RMS distance, mm, to the rays of a geometry with R larger by a share, one rotation removed.
 
-    A phantom that is larger than stated makes R larger by as much and nothing else (docs/geometry.md#the-scale).
+    A phantom that is larger than stated makes R larger by the same share and changes nothing else
+    (docs/geometry.md#the-scale).
     """
     points, cells = chord_points(scanner, frame, radius_mm)
     _, (by_turn, by_shrink) = _distances(scanner, frame, points, cells, 0.0, 1.0)
@@ -128,7 +129,7 @@ def scale_ray_error(scanner: Scanner, frame: SourceFrame, scale: float, *, radiu
 
 @dataclass(frozen=True, eq=False)
 class _Linear:
-    """Derivatives by (psi, R, SDD, u_c, tau) of the distances, rotation and scale taken out, and of the scale."""
+    """Derivatives by (psi, R, SDD, u_c, tau) of the distances, rotation and scale removed, and of the scale."""
 
     distances: FloatArray
     scale: FloatArray
@@ -144,7 +145,7 @@ def _linear(scanner: Scanner, frame: SourceFrame, radius_mm: float) -> _Linear:
 
 
 def _derivatives(scanner: Scanner, frame: SourceFrame, points: FloatArray, cells: NDArray[np.intp]) -> FloatArray:
-    """Of the points' distances by (psi, R, SDD, u_c, tau), (points, 5); psi is none of the rays'."""
+    """Return the derivatives of the points' distances by (psi, R, SDD, u_c, tau), (points, 5); psi has no effect."""
     source, direction = _rays(scanner, frame)
     e, w = direction[cells], cell_centres_mm(scanner)[cells] - frame.cor_column_mm
     c, s = math.cos(frame.tilt_rad), math.sin(frame.tilt_rad)
@@ -158,14 +159,14 @@ def _derivatives(scanner: Scanner, frame: SourceFrame, points: FloatArray, cells
 
 
 def ray_error_of_bias(scanner: Scanner, frame: SourceFrame, bias: FloatArray, *, radius_mm: float = 150.0) -> float:
-    """RMS ray error, mm, of a frame that is off by this bias of (psi, R, SDD, u_c, tau), (5,), to first order."""
+    """Compute the RMS ray error, mm, of a frame with a bias of (psi, R, SDD, u_c, tau), (5,), to first order."""
     distances = _linear(scanner, frame, radius_mm).distances @ bias
     return float(np.sqrt(np.mean(distances * distances)))
 
 
 @dataclass(frozen=True)
-class PredictedRayError:
-    """What a covariance says the rays are off by inside the disc.
+class RayErrorPrediction:
+    """Ray error inside the disc, predicted from a covariance.
 
     Attributes
     ----------
@@ -176,7 +177,7 @@ class PredictedRayError:
     upper_95_mm : float
         The RMS ray error stays below this in 95 of 100 cases.
     interval_95_mm : (low, high)
-        Between these in 95 of 100 cases.
+        The RMS ray error lies in this interval in 95 of 100 cases.
     """
 
     rms_mm: float
@@ -187,12 +188,12 @@ class PredictedRayError:
 
 def predicted_ray_error(
     scanner: Scanner, frame: SourceFrame, covariance: FloatArray, *, radius_mm: float = 150.0
-) -> PredictedRayError:
-    """The ray error that a covariance of (psi, R, SDD, u_c, tau) predicts, to first order.
+) -> RayErrorPrediction:
+    """Predict the ray error from a covariance of (psi, R, SDD, u_c, tau), to first order.
 
     The mean square of the ray error is a quadratic form in the parameters' errors, with the mean outer product of each
-    point's derivatives; the common rotation and scale are projected out of them as `ray_error` takes them out of the
-    distances. `scale_deviation` has the scale's own.
+    point's derivatives; the common rotation and scale are projected out of the derivatives as `ray_error` removes them
+    from the distances. `scale_deviation` returns the scale's own error.
     """
     derivative = _linear(scanner, frame, radius_mm).distances
     variance = np.einsum("pi,ij,pj->p", derivative, covariance, derivative)
@@ -200,7 +201,7 @@ def predicted_ray_error(
     # A sum of weighted chi-squares has no closed quantile: seeded draws give it to 1 %.
     squares = np.random.default_rng(0).standard_normal((DRAWS, weights.size)) ** 2 @ weights
     low, upper, high = np.sqrt(np.quantile(squares, [0.025, 0.95, 0.975])).tolist()
-    return PredictedRayError(
+    return RayErrorPrediction(
         float(np.sqrt(max(variance.mean(), 0.0))),
         float(np.sqrt(max(variance.max(), 0.0))),
         upper,
@@ -225,7 +226,7 @@ def exceeded_ray_error(
 
 
 def _weights(derivative: FloatArray, covariance: FloatArray) -> FloatArray:
-    """Weights of the independent chi-squares of one degree of freedom that the mean square is the sum of, (5,) mm^2."""
+    """Return the weights of independent chi-squares (one degree of freedom) that sum to the mean square, (5,) mm^2."""
     form = derivative.T @ derivative / len(derivative)
     values, vectors = np.linalg.eigh(covariance)
     root = vectors * np.sqrt(np.maximum(values, 0.0))

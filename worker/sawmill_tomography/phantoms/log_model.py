@@ -1,6 +1,6 @@
 """A synthetic log: heartwood, growth rings, knots and a metal fragment, as polygons and discs.
 
-The density of its shapes is attenuation per mm, so that projecting it gives dimensionless line integrals.
+The density of the log's shapes is attenuation per mm, so that projecting the log gives dimensionless line integrals.
 """
 
 import math
@@ -31,7 +31,7 @@ class _Knot:
 
 @dataclass(frozen=True)
 class LogModel:
-    """One log; `slice_at` gives its cross-section at a height. Equal seeds give equal logs."""
+    """A synthetic log; `slice_at` gives its cross-section at a height. Equal seeds give equal logs."""
 
     radius_mm: float
     pith_mm: tuple[float, float]
@@ -43,7 +43,7 @@ class LogModel:
 
     @classmethod
     def random(cls, seed: int, *, radius_mm: float = 130.0, length_mm: float = 400.0) -> "LogModel":
-        """A log with a whorl of knots in every 120 mm and one metal fragment in the middle of its length."""
+        """Make a log with a whorl of knots every 120 mm and one metal fragment halfway along."""
         rng = np.random.default_rng(seed)
         pith = rng.uniform(-0.06, 0.06, 2) * radius_mm
         knots: list[_Knot] = []
@@ -71,7 +71,7 @@ class LogModel:
         )
 
     def slice_at(self, height_mm: float) -> Phantom:
-        """The cross-section at a height, densities in attenuation per mm."""
+        """Return the cross-section at a height, densities in attenuation per mm."""
         shapes: list[Shape] = [Disc((0.0, 0.0), self.radius_mm, SAPWOOD_PER_MM)]
         shapes.append(Disc(self._toward_pith(0.62), 0.62 * self.radius_mm, HEARTWOOD_PER_MM - SAPWOOD_PER_MM))
         shapes += self._ring_discs()
@@ -86,7 +86,7 @@ class LogModel:
         return share * self.pith_mm[0], share * self.pith_mm[1]
 
     def _ring_discs(self) -> list[Shape]:
-        """Each ring a bright edge: a disc and, just inside it, its opposite."""
+        """Return each ring as a bright edge: a disc and, just inside it, a disc of the opposite density."""
         discs: list[Shape] = []
         for ring in range(1, self.rings + 1):
             outer = ring / (self.rings + 1.0)
@@ -97,7 +97,7 @@ class LogModel:
         return discs
 
     def _knot_polygon(self, knot: _Knot, height_mm: float) -> Polygon | None:
-        """A rising, widening branch cut by the plane of the slice; None where the plane misses it."""
+        """Return a rising, widening branch cut by the plane of the slice; None where the plane misses the branch."""
         along = np.linspace(0.0, knot.length_mm, 48)
         width = knot.radius_mm * (0.25 + 0.75 * along / knot.length_mm)
         above = height_mm - knot.height_mm - knot.rise * along
@@ -117,7 +117,7 @@ class LogModel:
 
 
 def log_slices(rows: int, *, row_pitch_mm: float, seed: int) -> list[Phantom]:
-    """Cross-sections of a synthetic log, a row's pitch apart."""
+    """Return cross-sections of a synthetic log, a row's pitch apart."""
     heights = [FIRST_LOG_SLICE_MM + row * row_pitch_mm for row in range(rows)]
     log = LogModel.random(seed, length_mm=max(SHORTEST_LOG_MM, heights[-1]))
     return [log.slice_at(height) for height in heights]

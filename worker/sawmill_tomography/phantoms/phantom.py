@@ -14,17 +14,18 @@ from sawmill_vocabulary import STANDARD_SIZE_TOLERANCE, Disc, Polygon, Shape
 __all__ = ["Disc", "Phantom", "PhantomError", "Polygon", "Shape"]
 
 
-# A polygon of that many corners is a disc to 0.05 % of its radius.
+# A polygon of this number of corners is a disc to 0.05 % of the radius.
 CORNERS_PER_DISC = 96
-# An outline is a circle whose distance from the centre changes by less than this share of the phantom's radius: by more
-# than a picture's tracing leaves, and by far less than a hole off the centre.
+# An outline is a circle if its distance from the centre changes by less than this share of the phantom's radius: more
+# than the error of a traced picture, and far less than a hole off the centre.
 ROUND = 1e-3
-# Of a shape: sums of squares of line integrals stay far from what a float holds. Drawings have closer bounds.
+# Limit of a shape's density: sums of squares of line integrals stay far from a float's limits. Drawings are bounded
+# more.
 LARGEST_DENSITY = 1e6
 
 
 class PhantomError(ValueError):
-    """A phantom that cannot be used; the message says why."""
+    """A phantom that cannot be used; the message gives the reason."""
 
 
 MovePoint = Callable[[tuple[float, float]], tuple[float, float]]
@@ -42,7 +43,7 @@ class Phantom:
     Attributes
     ----------
     size_tolerance : float
-        Relative standard uncertainty of the stated size. It is the scanner's scale: R inherits it.
+        Relative standard uncertainty of the given size. The size sets the scanner's scale: R inherits the uncertainty.
     """
 
     name: str
@@ -50,22 +51,22 @@ class Phantom:
     size_tolerance: float = STANDARD_SIZE_TOLERANCE
 
     def __post_init__(self) -> None:
-        """Refuse a phantom of nothing, and shapes without an inside."""
+        """Refuse a phantom without shapes, and shapes without an interior."""
         if not self.shapes:
             raise PhantomError(f"the phantom {self.name!r} has no shapes")
         for shape in self.shapes:
             _refuse_without_inside(shape)
 
     def mirrored(self) -> "Phantom":
-        """As seen from behind: y -> -y."""
+        """Return the phantom from behind: y -> -y."""
         return self._mapped(1.0, -1.0, 0.0, 0.0)
 
     def moved(self, x_mm: float, y_mm: float) -> "Phantom":
-        """Shifted by (x, y)."""
+        """Return the phantom shifted by (x, y)."""
         return self._mapped(1.0, 1.0, x_mm, y_mm)
 
     def scaled(self, factor: float) -> "Phantom":
-        """Every length times factor."""
+        """Return the phantom with every length times factor."""
         shapes = tuple(
             replace(shape, radius_mm=shape.radius_mm * factor) if isinstance(shape, Disc) else shape
             for shape in self.shapes
@@ -74,13 +75,13 @@ class Phantom:
         return resized._mapped(factor, factor, 0.0, 0.0)  # noqa: SLF001 - its own class
 
     def of_density(self, factor: float) -> "Phantom":
-        """Every density times factor: a drawing's wood becomes attenuation per mm."""
+        """Return the phantom with every density times factor: a drawing's wood becomes attenuation per mm."""
         return replace(self, shapes=tuple(replace(shape, density=shape.density * factor) for shape in self.shapes))
 
     def deformed(self, aspect: float, shear: float) -> "Phantom":
-        """Longer in x and shorter in y by half the aspect, and sheared by half the shear each way, about the origin.
+        """Return the phantom stretched by half the aspect (x longer, y shorter) and sheared by half the shear each way.
 
-        To first order no area changes. Discs become polygons of as large an area.
+        The origin stays. To first order no area changes. Discs become polygons of the same area.
         """
         if aspect == 0.0 and shear == 0.0:
             return self
@@ -93,7 +94,7 @@ class Phantom:
         return replace(self, shapes=tuple(_map_shape(shape, move) for shape in shapes))
 
     def rotated(self, angle_rad: float) -> "Phantom":
-        """Turned counter-clockwise about the origin."""
+        """Return the phantom turned counter-clockwise about the origin."""
 
         def turn(point: tuple[float, float]) -> tuple[float, float]:
             x, y = rotate(angle_rad, *point)
@@ -109,7 +110,7 @@ class Phantom:
 
     @cached_property
     def edges(self) -> FloatArray:
-        """Every polygon edge, counter-clockwise: (edges, 5) rows (xA, yA, xB, yB, density)."""
+        """Polygon edges, counter-clockwise: (edges, 5) rows (xA, yA, xB, yB, density)."""
         rows = []
         for shape in self.shapes:
             if isinstance(shape, Polygon):
@@ -120,7 +121,7 @@ class Phantom:
 
     @cached_property
     def discs(self) -> FloatArray:
-        """Every disc: (discs, 4) rows (x, y, radius, density)."""
+        """Discs: (discs, 4) rows (x, y, radius, density)."""
         rows = [(*shape.center_mm, shape.radius_mm, shape.density) for shape in self.shapes if isinstance(shape, Disc)]
         return np.array(rows, np.float64).reshape(-1, 4)
 
@@ -142,14 +143,14 @@ class Phantom:
 
     @cached_property
     def radius_mm(self) -> float:
-        """Of the smallest disc around the origin that holds the phantom."""
+        """Radius of the smallest disc around the origin that holds the phantom."""
         reach = [math.hypot(*shape.center_mm) + shape.radius_mm for shape in self.shapes if isinstance(shape, Disc)]
         reach += [math.hypot(*corner) for s in self.shapes if isinstance(s, Polygon) for corner in s.vertices_mm]
         return max(reach)
 
     @cached_property
     def is_round(self) -> bool:
-        """Whether it looks the same from every side: discs, and polygons as good as discs, about one centre."""
+        """True if the phantom looks the same from every side: discs, and polygons like discs, about one centre."""
         distances = [
             np.hypot(*(np.concatenate([line, 0.5 * (line[1:] + line[:-1])]) - self.centroid_mm).T)
             for line in self.outlines()
@@ -158,7 +159,7 @@ class Phantom:
         return all(float(np.ptp(distance)) <= ROUND * largest for distance in distances)
 
     def outlines(self, *, points_per_disc: int = 181) -> list[FloatArray]:
-        """Closed outlines for drawing, each (points, 2) in mm, the first point repeated at the end."""
+        """Return closed outlines for drawing, each (points, 2) in mm, the first point repeated at the end."""
         lines = []
         turn = np.linspace(0.0, TAU, points_per_disc)
         for shape in self.shapes:
@@ -170,9 +171,9 @@ class Phantom:
         return lines
 
     def rasterise(self, size: int, field_mm: float, *, subsamples: int = 4) -> NDArray[np.float32]:
-        """Mean density in each pixel of a (size, size) image [x, y] over a centred square field.
+        """Return the mean density in each pixel of a (size, size) image [x, y] over a centred square field.
 
-        `subsamples` points along each side of a pixel are tested, so an edge pixel is right to 1 / subsamples**2.
+        The test uses `subsamples` points along each side of a pixel, so an edge pixel is right to 1 / subsamples**2.
         """
         n = size * subsamples
         axis = (np.arange(n) + 0.5) * field_mm / n - 0.5 * field_mm
@@ -204,13 +205,13 @@ def _map_shape(shape: Shape, move: MovePoint) -> Shape:
 
 
 def counter_clockwise(shape: Polygon) -> FloatArray:
-    """Its corners (corners, 2), counter-clockwise however it is written."""
+    """Return the polygon's corners (corners, 2), counter-clockwise whatever their order in the shape."""
     corners = np.array(shape.vertices_mm, np.float64)
     return corners if _signed_area(corners) > 0.0 else corners[::-1]
 
 
 def cornered(shape: Shape, corners_per_disc: int = CORNERS_PER_DISC) -> Polygon:
-    """A disc as a polygon of the same area."""
+    """Return a polygon of the same area as a disc; polygons are returned as they are."""
     if isinstance(shape, Polygon):
         return shape
     step = TAU / corners_per_disc
@@ -221,7 +222,7 @@ def cornered(shape: Shape, corners_per_disc: int = CORNERS_PER_DISC) -> Polygon:
 
 
 def _inside(shape: Shape, axis: FloatArray) -> NDArray[np.bool_]:
-    """Which points (x, y) of axis x axis lie inside, even-odd for polygons."""
+    """Select the points (x, y) of axis x axis inside a shape, even-odd for polygons."""
     if isinstance(shape, Disc):
         dx, dy = axis - shape.center_mm[0], axis - shape.center_mm[1]
         return (dx * dx)[:, None] + (dy * dy)[None, :] < shape.radius_mm**2

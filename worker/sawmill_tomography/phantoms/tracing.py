@@ -1,4 +1,4 @@
-"""From a phantom's picture to its outlines in mm, sub-pixel."""
+"""Tracing of a phantom's picture: its outlines in mm, sub-pixel."""
 
 import math
 
@@ -9,13 +9,14 @@ from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.phantoms.phantom import Disc, Phantom, PhantomError, Polygon, Shape
 from sawmill_vocabulary import MOST_CORNERS, STANDARD_SIZE_TOLERANCE
 
-# In pixels: a contour this close to a circle is one; a polygon may cut corners by so much before its sides are fitted.
+# In pixels: a contour this close to a circle is a circle; a polygon may cut corners by this before its sides are
+# fitted.
 CIRCLE_RMS = 0.4
 CORNER_CUT = 1.5
 # Corners of the outline within this many pixels are left out when a side is fitted: contouring rounds them.
 NEAR_CORNER = 3.0
 LEAST_AREA = 25.0
-# No picture of less shows a polygon of 0.01 mm², the smallest that a drawing may have.
+# A narrower picture does not show a polygon of 0.01 mm², the smallest that a drawing may have.
 LEAST_WIDTH_MM = 0.1
 MOST_SHAPES = 200
 # Sides of pixels between bright and dark: one point of an outline each, and some 250 bytes while they are joined.
@@ -40,12 +41,12 @@ def trace(
     Returns
     -------
     Phantom
-        Polygons and discs; what is dark inside bright is a hole.
+        Polygons and discs; a dark region inside a bright one is a hole.
 
     Raises
     ------
     PhantomError
-        If the picture shows no outline, or far too many, or one of too many corners.
+        If the picture shows no outline, or far too many outlines, or an outline of too many corners.
     """
     from skimage.measure import find_contours  # noqa: PLC0415 - takes a second to import, for pictures only
 
@@ -70,7 +71,7 @@ def trace(
         raise PhantomError("the picture shows no outline of at least 25 pixels")
     if len(outlines) > MOST_SHAPES:
         raise PhantomError(f"the picture shows {len(outlines)} outlines, more than {MOST_SHAPES}: give a clean drawing")
-    # find_contours runs with the bright side on one hand, so the sign of the area tells wood from hole.
+    # find_contours keeps the bright side on one hand, so the sign of the area distinguishes wood from hole.
     shapes = [_shape((outline - centre) * pixel, pixel, 1.0 if _area(outline) < 0.0 else -1.0) for outline in outlines]
     if not any(shape.density > 0.0 for shape in shapes):
         raise PhantomError("the picture shows holes only: the phantom must be brighter than its surroundings")
@@ -80,9 +81,9 @@ def trace(
 def _bright_part(
     picture: NDArray[np.floating], level: float, low: float
 ) -> tuple[NDArray[np.intp], NDArray[np.floating]]:
-    """The part of a picture that is bright, with a dark pixel around it, and the place of its first pixel.
+    """Cut out the bright part of a picture, with a dark pixel around it, and return the first pixel's index too.
 
-    There are no outlines anywhere else, and what finds them takes a copy in double precision.
+    There are no outlines anywhere else, and `find_contours` makes a copy in double precision.
     """
     rows, columns = np.zeros(picture.shape[0], bool), np.zeros(picture.shape[1], bool)
     for start in range(0, len(picture), ROWS_AT_ONCE):
@@ -91,12 +92,12 @@ def _bright_part(
         columns |= bright.any(axis=0)
     ends = np.array([np.flatnonzero(along)[[0, -1]] for along in (rows, columns)])
     part = picture[slice(max(ends[0, 0] - 1, 0), ends[0, 1] + 2), slice(max(ends[1, 0] - 1, 0), ends[1, 1] + 2)]
-    beyond = [(int(ends[axis, 0] == 0), int(ends[axis, 1] == picture.shape[axis] - 1)) for axis in (0, 1)]
-    return ends[:, 0] - 1, np.pad(part, beyond, constant_values=low) if np.any(beyond) else part
+    padding = [(int(ends[axis, 0] == 0), int(ends[axis, 1] == picture.shape[axis] - 1)) for axis in (0, 1)]
+    return ends[:, 0] - 1, np.pad(part, padding, constant_values=low) if np.any(padding) else part
 
 
 def _check_edges(picture: NDArray[np.floating], level: float) -> None:
-    """Refuse a picture of more edges than outlines can be made of, before any is made."""
+    """Refuse a picture of more edges than outlines can be made of, before outlines are made."""
     edges, above = 0, np.zeros((1, picture.shape[1]), bool)
     for start in range(0, len(picture), ROWS_AT_ONCE):
         bright = np.concatenate([above, picture[start : start + ROWS_AT_ONCE] > level])
@@ -110,7 +111,7 @@ def _check_edges(picture: NDArray[np.floating], level: float) -> None:
 
 
 def _pixel_tolerance(shapes: list[Shape], pixel: float) -> float:
-    """Two opposite sides, each somewhere in its pixel, leave their distance uncertain by pixel / sqrt(6)."""
+    """Return the size's relative uncertainty: two sides, each somewhere in its pixel, leave pixel / sqrt(6)."""
     outlines = np.concatenate(Phantom("outlines", tuple(shapes)).outlines())
     extent = float(np.ptp(outlines, axis=0).mean())
     return pixel / math.sqrt(6.0) / extent
@@ -130,7 +131,7 @@ def _shape(outline: FloatArray, pixel: float, density: float) -> Shape:
 
 
 def _circle(points: FloatArray) -> tuple[tuple[float, float], float, float]:
-    """Least-squares circle (Kasa 1976): centre, radius, RMS distance."""
+    """Fit a least-squares circle (Kasa 1976): centre, radius, RMS distance."""
     system = np.column_stack([2.0 * points, np.ones(len(points))])
     solution = np.linalg.lstsq(system, (points**2).sum(axis=1), rcond=None)[0]
     cx, cy = float(solution[0]), float(solution[1])
@@ -140,14 +141,14 @@ def _circle(points: FloatArray) -> tuple[tuple[float, float], float, float]:
 
 
 def _corners(outline: FloatArray, tolerance: float) -> NDArray[np.intp]:
-    """Find the indices of the outline's corners; it starts at one, so that no side is cut in two.
+    """Find the indices of the outline's corners; the first is the farthest point, so that no side is cut in two.
 
     A side is cut at its farthest point until none is farther than the tolerance (Douglas and Peucker 1973).
 
     Raises
     ------
     PhantomError
-        There are more than MOST_CORNERS.
+        If there are more than MOST_CORNERS.
     """
     first = int(np.argmax(((outline - outline.mean(axis=0)) ** 2).sum(axis=1)))
     closed = np.concatenate([outline[first:], outline[: first + 1]])
@@ -165,13 +166,13 @@ def _corners(outline: FloatArray, tolerance: float) -> NDArray[np.intp]:
                 f"an outline of the picture has more than {MOST_CORNERS} corners, which is the most that a polygon may "
                 "have: give a clean drawing, without texture or noise"
             )
-        # The shorter one first: there, too many corners are found soon.
+        # The shorter side first: this soon finds too many corners.
         sides += sorted([(start, farthest), (farthest, stop)], key=lambda side: side[0] - side[1])
     return (np.sort(corners) + first) % len(outline)
 
 
 def _squared_distances(x: FloatArray, y: FloatArray) -> FloatArray:
-    """Squared distances of points from the line segment between the first and the last of them."""
+    """Return squared distances of points from the line segment between the first and the last point."""
     across, up = x[-1] - x[0], y[-1] - y[0]
     x, y = x - x[0], y - y[0]
     share = np.clip((x * across + y * up) / max(across**2 + up**2, np.finfo(float).tiny), 0.0, 1.0)
@@ -180,7 +181,7 @@ def _squared_distances(x: FloatArray, y: FloatArray) -> FloatArray:
 
 
 def _fit_sides(outline: FloatArray, corners: NDArray[np.intp], near: float) -> FloatArray:
-    """Corners where total-least-squares lines through the outline's sides meet."""
+    """Return the corners where total-least-squares lines through the outline's sides meet."""
     count = len(corners)
     if count < 3:
         raise PhantomError("an outline of the picture is too thin to be a body")
@@ -193,14 +194,14 @@ def _fit_sides(outline: FloatArray, corners: NDArray[np.intp], near: float) -> F
         if abs(across) > math.sin(math.radians(5.0)):
             s = ((q[0] - p[0]) * e[1] - (q[1] - p[1]) * e[0]) / across
             meeting = p + s * d
-            # Two short sides of a curve may meet far away: such a corner stays where the outline has it.
+            # Two short sides of a curve may meet far away: such a corner keeps its place in the outline.
             corner = meeting if np.hypot(*(meeting - corner)) < 2.0 * near else corner
         fitted.append(corner)
     return np.array(fitted)
 
 
 def _side(outline: FloatArray, start: int, stop: int, near: float) -> tuple[FloatArray, FloatArray]:
-    """A point and a unit direction of the line through one side."""
+    """Return a point and a unit direction of the line through one side."""
     count = len(outline)
     index = (start + np.arange((stop - start) % count + 1)) % count
     points = outline[index]

@@ -1,4 +1,4 @@
 """Scans as a mill's scanner takes them: exact chords, and every effect that `vocabulary.physics` names.
 
-Nothing here uses the forward model of the calibration, so that the two can be held against each other.
+Nothing here uses the forward model of the calibration, so that one can check the other.
 """

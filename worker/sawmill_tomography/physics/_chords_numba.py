@@ -1,9 +1,9 @@
-"""Kernel: the transmission of polygons and discs in fan-beam views that may each stand elsewhere.
+"""Kernel: the transmission of polygons and discs in fan-beam views, each with its own pose.
 
-Everything is seen from the hall: the source at (0, -R), the detector's cells along (cos tau, sin tau), the body turned
-by minus the view angle. An edge is crossed by the rays whose detector coordinate lies between the shadows of its ends,
+Coordinates are the hall's: the source at (0, -R), the detector's cells along (cos tau, sin tau), the body turned
+by minus the view angle. An edge is crossed by the rays whose detector coordinate lies between its ends' shadows,
 so the work grows with the crossings and not with the number of edges. Each ray keeps its crossings; between them the
-density is constant, and grain (discs that make wood denser) and metal (discs that displace it) are laid over them.
+density is constant. Grain (discs that make wood denser) and metal (discs that displace it) are added.
 """
 
 import math
@@ -17,19 +17,19 @@ CROSSINGS = 256
 
 @njit(inline="always")
 def _path(t, level, rise):
-    """Integral of the density level + rise t from the source to t."""
+    """Integrate the density level + rise t from the source to t."""
     return t * (level + 0.5 * rise * t)
 
 
 @njit(inline="always")
 def _place(x, y, pose):
-    """A point of the body against the source; pose (4,) holds cosine and sine of its turn and its origin."""
+    """Return a point of the body relative to the source; pose (4,) holds the turn's cosine and sine, and the origin."""
     return pose[0] * x - pose[1] * y + pose[2], pose[1] * x + pose[0] * y + pose[3]
 
 
 @njit(inline="always")
 def _disc_span(x, y, radius, dx, dy):
-    """Where a ray from the origin with unit direction (dx, dy) enters and leaves a disc; nowhere where it passes by."""
+    """Return the entry and exit of a ray from the origin along (dx, dy) in a disc; equal where the ray misses it."""
     along, aside = x * dx + y * dy, x * dy - y * dx
     square = radius * radius - aside * aside
     half = math.sqrt(square) if square > 0.0 else 0.0
@@ -38,7 +38,7 @@ def _disc_span(x, y, radius, dx, dy):
 
 @njit
 def _sort(times, steps, count):
-    """By insertion: a ray has few crossings."""
+    """Sort by insertion: a ray has few crossings."""
     for i in range(1, count):
         t, s = times[i], steps[i]
         j = i - 1
@@ -50,7 +50,7 @@ def _sort(times, steps, count):
 
 @njit
 def _overlap(times, steps, count, start, stop, level, rise):
-    """Integral of the wood along a ray between start and stop."""
+    """Integrate the wood along a ray between start and stop."""
     total, density = 0.0, 0.0
     for i in range(count - 1):
         density += steps[i]
@@ -62,7 +62,7 @@ def _overlap(times, steps, count, start, stop, level, rise):
 
 @njit
 def _aim(detector, first_mm, pitch_mm, directions):
-    """Unit directions (cells, 2) from the source; detector (4,) holds where u = 0 lies against it, and its axis."""
+    """Set unit directions (cells, 2) from the source; detector (4,): its point u = 0 from the source, and its axis."""
     for m in range(directions.shape[0]):
         u = first_mm + m * pitch_mm
         x, y = detector[0] + u * detector[2], detector[1] + u * detector[3]
@@ -72,7 +72,7 @@ def _aim(detector, first_mm, pitch_mm, directions):
 
 @njit
 def _cross_polygon(corners, density, pose, detector, first_mm, pitch_mm, directions, times, steps, counts):
-    """Note where the rays cross a polygon's edges."""
+    """Record where the rays cross a polygon's edges."""
     qx, qy, ax, ay = detector
     cells = counts.size
     xa, ya = _place(corners[-1, 0], corners[-1, 1], pose)
@@ -84,7 +84,7 @@ def _cross_polygon(corners, density, pose, detector, first_mm, pitch_mm, directi
         last = min(math.ceil((max(ua, ub) - first_mm) / pitch_mm), cells)
         ex, ey = xb - xa, yb - ya
         cross = xa * ey - ya * ex
-        # Of a counter-clockwise polygon the edges near the source run towards larger u.
+        # In a counter-clockwise polygon the edges near the source run towards larger u.
         step = density if ub > ua else -density
         for m in range(first, last):
             n = counts[m]
@@ -97,7 +97,7 @@ def _cross_polygon(corners, density, pose, detector, first_mm, pitch_mm, directi
 
 @njit
 def _cross_disc(disc, pose, directions, times, steps, counts):
-    """Note where the rays cross a disc's border."""
+    """Record where the rays cross a disc's border."""
     x, y = _place(disc[0], disc[1], pose)
     for m in range(counts.size):
         near, far = _disc_span(x, y, disc[2], directions[m, 0], directions[m, 1])
@@ -111,7 +111,7 @@ def _cross_disc(disc, pose, directions, times, steps, counts):
 
 @njit
 def _paths(times, steps, count, grain, metal, pose, slope, dx, dy):
-    """Line integrals of wood and of metal along one ray."""
+    """Integrate wood and metal along one ray."""
     gx, gy = pose[0] * slope[0] - pose[1] * slope[1], pose[1] * slope[0] + pose[0] * slope[1]
     level, rise = 1.0 - gx * pose[2] - gy * pose[3], gx * dx + gy * dy
     wood, steel = 0.0, 0.0
@@ -139,7 +139,7 @@ def transmit(
     corners, first_corners, densities, discs, grain, metal, slope,
     frame, turns, offsets, hall, samples, energies, first_mm, pitch_mm, out,
 ):  # fmt: skip
-    """Mean transmission of each cell into out (views, cells); returns the largest number of crossings of a ray.
+    """Compute the mean transmission of each cell into out (views, cells); return a ray's largest number of crossings.
 
     corners (corners, 2) of all polygons, counter-clockwise, polygon p from first_corners[p] on; discs, grain and metal
     (discs, 4) rows (x, y, radius, density or contrast or attenuation); slope (2,) of the density per mm from the body's

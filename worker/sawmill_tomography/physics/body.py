@@ -1,4 +1,4 @@
-"""The phantom as it stands in the mill: worn, wet, grown of wood, with screws in it."""
+"""The phantom's body in the mill: worn, wet, grown of wood, with screws."""
 
 import math
 from dataclasses import dataclass, replace
@@ -11,24 +11,24 @@ from sawmill_tomography.phantoms.phantom import Disc, Phantom, PhantomError, Pol
 from sawmill_tomography.physics.directions import direction
 from sawmill_vocabulary.physics import WoodEffects
 
-# Chords of a rounded corner, and millimetres between the points of a sawn side and of its correlation.
+# Number of chords of a rounded corner; mm between the points of a sawn side, and their correlation length in mm.
 ARC_CHORDS, SAW_STEP_MM, SAW_LENGTH_MM = 12, 3.0, 6.0
 LATE_WOOD = 0.375
 KNOT_RADII_MM = (5.0, 12.0)
-# Wood around a screw's or knot's middle, and the number of draws after which there is none.
+# Width of wood around a screw's or knot's middle, and the number of random points tried for it.
 MARGIN_MM, DRAWS = 10.0, 10_000
-# A circle's corners once it has become an ellipse; it keeps the circle's area.
+# Number of corners of a circle that has become an ellipse; the polygon keeps the circle's area.
 CIRCLE_CORNERS = 360
 
 
 @dataclass(frozen=True, eq=False)
-class Body:
-    """What the rays meet.
+class WornBody:
+    """The body that the rays cross.
 
     Attributes
     ----------
     wood : Phantom
-        Densities in attenuation per mm.
+        Shapes with densities in attenuation per mm.
     grain : (discs, 4) float64
         Rings and knots, rows (x, y, radius, contrast): wood inside is denser by the contrast.
     metal : (discs, 4) float64
@@ -43,8 +43,8 @@ class Body:
     slope_per_mm: FloatArray
 
 
-def stand(phantom: Phantom, effects: WoodEffects, rng: np.random.Generator) -> Body:
-    """The body of a drawing; where rings, knots and screws lie is random."""
+def stand(phantom: Phantom, effects: WoodEffects, rng: np.random.Generator) -> WornBody:
+    """Make the body of a drawing; the positions of rings, knots and screws are random."""
     rounded = [_rounded(shape, effects.corner_radius_mm) for shape in phantom.shapes]
     sawn = [_sawn(shape, effects.roughness_mm, rng) for shape in rounded]
     wood = replace(phantom, shapes=tuple(_mapped(shape, _affine(effects)) for shape in sawn))
@@ -56,16 +56,16 @@ def stand(phantom: Phantom, effects: WoodEffects, rng: np.random.Generator) -> B
         (*point_inside(wood, rng), 0.5 * effects.screw_diameter_mm, effects.steel_per_mm) for _ in range(effects.screws)
     ]
     slope = effects.density_slope_percent / 1e4 * direction(effects.density_slope_towards_deg)
-    return Body(wood, _rows(rings + knots), _rows(screws), slope)
+    return WornBody(wood, _rows(rings + knots), _rows(screws), slope)
 
 
 def point_inside(wood: Phantom, rng: np.random.Generator) -> tuple[float, float]:
-    """A random point with wood all round it.
+    """Draw a random point with wood all round it.
 
     Raises
     ------
     PhantomError
-        If no wood is wide enough.
+        If there is no wide enough part of wood.
     """
     around = MARGIN_MM * np.stack([np.cos(TAU * np.arange(8) / 8), np.sin(TAU * np.arange(8) / 8)], -1)
     for _ in range(DRAWS):
@@ -82,7 +82,7 @@ def _rows(discs: list[tuple[float, float, float, float]]) -> FloatArray:
 
 
 def _affine(effects: WoodEffects) -> FloatArray:
-    """What size, aspect, shear and a tilted plane make of the drawing, (2, 2)."""
+    """Return the map of the drawing by size, aspect, shear and a tilted plane, (2, 2)."""
     half = 0.5 * effects.aspect_percent / 100.0
     change = np.array([[1.0 + half, effects.shear_percent / 100.0], [0.0, 1.0 - half]])
     along = direction(effects.plane_tilt_towards_deg)
@@ -92,7 +92,7 @@ def _affine(effects: WoodEffects) -> FloatArray:
 
 
 def _mapped(shape: Shape, change: FloatArray) -> Shape:
-    """A disc stays one under a change of size alone."""
+    """Map a shape; a disc remains a disc under a change of size alone."""
     if isinstance(shape, Disc) and np.allclose(change, change[0, 0] * np.eye(2), rtol=0.0, atol=1e-12):
         x, y = change @ shape.center_mm
         return replace(shape, center_mm=(float(x), float(y)), radius_mm=shape.radius_mm * float(change[0, 0]))
@@ -105,7 +105,7 @@ def _polygon(shape: Polygon, corners: FloatArray) -> Polygon:
 
 
 def _rounded(shape: Shape, radius_mm: float) -> Shape:
-    """A polygon whose corners are arcs, inward ones too, none beyond 0.45 of its sides."""
+    """Round a polygon's corners by arcs, inward corners too, each within 0.45 of its sides."""
     if isinstance(shape, Disc) or radius_mm == 0.0:
         return shape
     corners = np.array(shape.vertices_mm)
@@ -116,7 +116,7 @@ def _rounded(shape: Shape, radius_mm: float) -> Shape:
 
 
 def _arc(before: FloatArray, corner: FloatArray, after: FloatArray, radius_mm: float) -> FloatArray:
-    """The points that replace a corner, (chords + 1, 2)."""
+    """Return the points that replace a corner, (chords + 1, 2)."""
     to_before, to_after = before - corner, after - corner
     a, b = to_before / np.hypot(*to_before), to_after / np.hypot(*to_after)
     half = 0.5 * math.acos(float(np.clip(a @ b, -1.0, 1.0)))
@@ -131,7 +131,7 @@ def _arc(before: FloatArray, corner: FloatArray, after: FloatArray, radius_mm: f
 
 
 def _sawn(shape: Shape, roughness_mm: float, rng: np.random.Generator) -> Shape:
-    """A polygon whose sides are rough, its corners in their places."""
+    """Roughen a polygon's sides; its corners stay in place."""
     if isinstance(shape, Disc) or roughness_mm == 0.0:
         return shape
     corners = np.array(shape.vertices_mm)
@@ -140,11 +140,11 @@ def _sawn(shape: Shape, roughness_mm: float, rng: np.random.Generator) -> Shape:
 
 
 def _side(start: FloatArray, stop: FloatArray, roughness_mm: float, rng: np.random.Generator) -> FloatArray:
-    """The points of a side from its first corner on, the last left out."""
+    """Return the points of a side from its first corner on, without the last one."""
     along = stop - start
     count = max(round(float(np.hypot(*along)) / SAW_STEP_MM), 1)
     width = SAW_LENGTH_MM / SAW_STEP_MM
-    spread = 1.0 / math.sqrt(2.0 * math.sqrt(math.pi) * width)  # what the smoothing leaves of white noise
+    spread = 1.0 / math.sqrt(2.0 * math.sqrt(math.pi) * width)  # standard deviation of smoothed white noise
     noise = scipy.ndimage.gaussian_filter1d(rng.standard_normal(count), width, mode="wrap") * roughness_mm / spread
     noise[0] = 0.0
     normal = np.array([-along[1], along[0]]) / np.hypot(*along)
@@ -152,7 +152,7 @@ def _side(start: FloatArray, stop: FloatArray, roughness_mm: float, rng: np.rand
 
 
 def _rings(wood: Phantom, effects: WoodEffects, rng: np.random.Generator) -> list[tuple[float, float, float, float]]:
-    """Late wood in rings about a pith in or beside the board: a disc and, just inside it, its opposite."""
+    """Make late wood in rings about a pith in or near the board: a disc and, just inside it, its opposite."""
     distance, towards = rng.uniform(0.0, wood.radius_mm), rng.uniform(0.0, TAU)
     x, y = float(distance * math.cos(towards)), float(distance * math.sin(towards))
     spacing = effects.ring_spacing_mm
@@ -166,7 +166,7 @@ def _density_at(wood: Phantom, x: float, y: float) -> float:
 
 
 def _holds(shape: Shape, x: float, y: float) -> bool:
-    """Whether a point lies inside, even-odd for polygons."""
+    """Return whether a point lies inside, even-odd for polygons."""
     if isinstance(shape, Disc):
         return math.hypot(x - shape.center_mm[0], y - shape.center_mm[1]) < shape.radius_mm
     corners = np.array(shape.vertices_mm)

@@ -1,4 +1,4 @@
-"""From transmissions to counts: what the hall and the detector add, photons, and the converter."""
+"""Counts from transmissions: effects of the hall and the detector, photons, and the converter."""
 
 from dataclasses import dataclass
 
@@ -9,26 +9,26 @@ from numpy.typing import NDArray
 from sawmill_tomography.geometry.geometry import FloatArray, GeometryError
 from sawmill_vocabulary.physics import DetectorEffects, Physics
 
-# Of every detector: counts without light, the noise of its electronics in photons, and flat and dark fields.
+# Constants of every detector: counts without light, electronic noise in photons, number of flat and of dark fields.
 DARK_LEVEL, DARK_NOISE_PHOTONS, FIELDS = 200.0, 5.0, 10
-# Counts without light and in air, against the largest value, of a converter of 12 bits.
+# For a converter of 12 bits: counts without light and in air, as shares of the largest value.
 DARK_OF_12_BITS, AIR_OF_12_BITS = 0.02, 0.8
-# Photons and dark level of 16 bits where a photon is a count.
+# Largest sum of photons and dark level in 16 bits where a photon is a count.
 LARGEST_COUNTS = 60_000.0
-# By how much a hot cell's gain changes at most.
+# Largest relative change of a hot cell's gain.
 HOT = 0.3
 
 Counts = NDArray[np.uint16]
 
 
 def signal(transmission: FloatArray, pitch_mm: float, effects: Physics, tube: FloatArray) -> FloatArray:
-    """What the cells receive against a flat field, (views, cells).
+    """Return the signal of the cells relative to a flat field, (views, cells).
 
     Parameters
     ----------
     transmission : (views, cells) float64
     tube : (views,) float64
-        The tube's output in each view.
+        Tube output in each view.
     """
     beam, detector = effects.beam, effects.detector
     halo = _halo(1.0 - transmission, beam.scatter_width_mm / pitch_mm) if beam.scatter_share else 0.0
@@ -47,25 +47,25 @@ def _halo(values: FloatArray, width: float) -> FloatArray:
 
 
 def _gain_change(detector: DetectorEffects, cells: int) -> FloatArray:
-    """Of the cells since the flat fields, (cells,): a line and a parabola across the detector."""
+    """Return the cells' gain change since the flat fields, (cells,): a line and a parabola across the detector."""
     place = np.linspace(-1.0, 1.0, cells)
     return np.asarray(1.0 + 0.5 * detector.slope_share * place + detector.curvature_share * (1.0 / 3.0 - place**2))
 
 
 def tube_output(views: int, effects: Physics, rng: np.random.Generator) -> FloatArray:
-    """Of each view, (views,); none is below 0."""
+    """Draw the tube output of each view, (views,), at least 0."""
     drift = effects.beam.drift_share * np.linspace(0.0, 1.0, views)
     return np.maximum(1.0 + drift + effects.beam.flicker_share * rng.standard_normal(views), 0.0)
 
 
 @dataclass(frozen=True, eq=False)
 class Converter:
-    """Photons to counts.
+    """A converter of photons to counts.
 
     Attributes
     ----------
     gain : (cells,) float64
-        Of each cell, about 1.
+        Gain of each cell, about 1.
     counts_per_photon, dark_level, largest : float
     """
 
@@ -76,7 +76,7 @@ class Converter:
 
     @classmethod
     def of(cls, detector: DetectorEffects, photons: float, cells: int, rng: np.random.Generator) -> "Converter":
-        """Of a detector whose cells receive this number of photons in air.
+        """Make the converter of a detector whose cells receive this number of photons in air.
 
         Raises
         ------
@@ -101,14 +101,14 @@ class Converter:
         return cls(gain, 1.0 if air is None else (air * largest - dark) / photons, dark, largest)
 
     def expose(self, photons: FloatArray, rng: np.random.Generator) -> FloatArray:
-        """Counts, whole numbers, of the photons expected in each cell, (views, cells)."""
+        """Draw counts, whole numbers, from the photons expected in each cell, (views, cells)."""
         electronic = DARK_NOISE_PHOTONS * rng.standard_normal(photons.shape)
         analogue = self.counts_per_photon * (rng.poisson(photons * self.gain) + electronic) + self.dark_level
         return np.asarray(np.rint(analogue).clip(0.0, self.largest))
 
 
 def spoil(counts: FloatArray, converter: Converter, effects: DetectorEffects, rng: np.random.Generator) -> Counts:
-    """With the cells that have died or changed since the flat fields."""
+    """Spoil the cells that have died or changed since the flat fields."""
     chosen = rng.permutation(counts.shape[1])
     dead, hot = chosen[: effects.dead_cells], chosen[effects.dead_cells :][: effects.hot_cells]
     counts[:, dead] = np.rint(converter.dark_level)

@@ -8,5 +8,5 @@ from sawmill_tomography.geometry.geometry import FloatArray
 
 
 def direction(angle_deg: float) -> FloatArray:
-    """The unit vector (2,) at this angle."""
+    """Return the unit vector (2,) at this angle."""
     return np.array([math.cos(math.radians(angle_deg)), math.sin(math.radians(angle_deg))])

@@ -1,4 +1,4 @@
-"""Where the phantom really stood in each view."""
+"""Motion of the phantom: its true position in each view."""
 
 import math
 from dataclasses import dataclass
@@ -12,12 +12,12 @@ from sawmill_vocabulary.physics import MotionEffects
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """The true angle of each view, and how the phantom stood in it.
+    """True angle of each view, and the phantom's displacement in it.
 
     Attributes
     ----------
     angles_rad : (views,) float64
-        By the scanner's sense of rotation.
+        True angles in the scanner's sense of rotation.
     turn_rad : (views,) float64
         Turn of the phantom in the image, about the rotation centre.
     offset_mm, hall_mm : (views, 2) float64
@@ -34,7 +34,7 @@ class Motion:
 
 
 def move(angles_rad: FloatArray, effects: MotionEffects, rng: np.random.Generator) -> Motion:
-    """The motion behind view angles that the scanner reports, (views,) as its sense of rotation reads them."""
+    """Draw the motion behind view angles that the scanner reports, (views,) in its sense of rotation."""
     views = angles_rad.size
     encoder = math.radians(effects.encoder_deg) * np.cos(angles_rad - math.radians(effects.encoder_phase_deg))
     jitter = math.radians(effects.angle_jitter_deg) * rng.standard_normal(views)

@@ -1,4 +1,4 @@
-"""A scan of a phantom in a mill: counts with flat and dark fields, and what it really was."""
+"""A scan of a phantom in a mill: counts with flat and dark fields, and the truth."""
 
 from dataclasses import dataclass
 
@@ -6,13 +6,13 @@ import numpy as np
 
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner, SourceFrame
 from sawmill_tomography.phantoms.phantom import Phantom
-from sawmill_tomography.physics.body import Body, stand
+from sawmill_tomography.physics.body import WornBody, stand
 from sawmill_tomography.physics.detector import FIELDS, Converter, Counts, signal, spoil, tube_output
 from sawmill_tomography.physics.motion import Motion, move
 from sawmill_tomography.physics.transmission import transmission
 from sawmill_vocabulary.physics import Physics
 
-# The streams of random numbers: equal seeds give equal wood and motion, whatever else is on.
+# Streams of random numbers: equal seeds give equal wood and motion, whatever other effects are on.
 _WOOD, _MOTION, _TUBE, _CELLS, _NOISE, _SPOILT = range(6)
 NOTHING = Physics()
 
@@ -26,12 +26,12 @@ class MillScan:
     counts : (views, cells) uint16
     flats, darks : (fields, cells) uint16
     signal : (views, cells) float64
-        What noise-free cells of equal gain receive against a flat field without the object; -ln of it are the
-        noise-free line integrals.
+        Signal of noise-free cells of equal gain relative to a flat field without the object; its -ln is the noise-free
+        line integrals.
     frame : SourceFrame
         The true geometry.
     body, motion
-        What stood in the beam, and how.
+        The body in the beam, and its motion.
     """
 
     counts: Counts
@@ -39,7 +39,7 @@ class MillScan:
     darks: Counts
     signal: FloatArray
     frame: SourceFrame
-    body: Body
+    body: WornBody
     motion: Motion
 
 
@@ -55,22 +55,22 @@ def simulate_physics(
     seed: int,
     row: int = 0,
 ) -> MillScan:
-    """Scan a phantom as a mill does.
+    """Simulate a mill's scan of a phantom.
 
     Parameters
     ----------
     phantom : Phantom
-        As it is seen and where it stands; densities in attenuation per mm.
+        The phantom from the side that is seen, at its position; densities in attenuation per mm.
     angles_rad : (views,) float64
-        What the scanner reports, as its sense of rotation reads them.
+        Angles that the scanner reports, in its sense of rotation.
     photons : float
-        In air, a cell and view.
+        Photons in air for each cell and view.
     fields : int
-        Number of flat fields, and of dark ones.
+        Number of flat fields, and of dark fields.
     seed : int
-        Of everything random. Rows of one stack share the wood, the motion and the tube.
+        Seed of all random numbers. Rows of one stack share the wood, the motion and the tube.
     row : int
-        Its cells and photons are its own.
+        Number of the row, which has its own cells and photons.
 
     Raises
     ------
@@ -96,5 +96,5 @@ def _stream(seed: int, *which: int) -> np.random.Generator:
 
 
 def _step(angles_rad: FloatArray) -> float:
-    """Between neighbouring views, rad."""
+    """Return the angle between neighbouring views, rad."""
     return float(np.median(np.abs(np.diff(angles_rad)))) if angles_rad.size > 1 else 0.0

@@ -1,4 +1,4 @@
-"""What the beam leaves of the body in each cell, before the detector has seen it."""
+"""Transmission of the body in each cell, before the detector's effects."""
 
 import math
 
@@ -8,11 +8,11 @@ import scipy
 from sawmill_tomography.geometry.geometry import TAU, FloatArray, GeometryError, Scanner, SourceFrame
 from sawmill_tomography.phantoms.phantom import Polygon, counter_clockwise
 from sawmill_tomography.physics._chords_numba import CROSSINGS, transmit
-from sawmill_tomography.physics.body import Body
+from sawmill_tomography.physics.body import WornBody
 from sawmill_tomography.physics.motion import Motion
 from sawmill_vocabulary.physics import Physics
 
-# Rays of a cell that does no more than average, and of one with blur, a focal spot or an exposure beside it.
+# Number of rays of a cell that only averages, and of a cell with blur, a focal spot or an exposure too.
 RAYS, BLURRED_RAYS = 8, 32
 ENERGY_SHARES = (0.3, 0.4, 0.3)
 # Steel's attenuation falls faster with the energy than wood's: photoelectric against Compton.
@@ -22,14 +22,14 @@ PLASTIC_NUMBER = 1.324717957244746
 
 
 def transmission(
-    body: Body, scanner: Scanner, frame: SourceFrame, motion: Motion, effects: Physics, step_rad: float
+    body: WornBody, scanner: Scanner, frame: SourceFrame, motion: Motion, effects: Physics, step_rad: float
 ) -> FloatArray:
-    """The mean transmission of each cell, (views, cells) float64.
+    """Compute the mean transmission of each cell, (views, cells) float64.
 
     Parameters
     ----------
     step_rad : float
-        Between neighbouring views, of which an exposure takes a share.
+        Angle between neighbouring views, of which an exposure takes a share.
 
     Raises
     ------
@@ -69,9 +69,9 @@ def transmission(
 
 
 def ray_samples(pitch_mm: float, frame: SourceFrame, effects: Physics, step_rad: float) -> FloatArray:
-    """The rays that a cell averages, (rays, 3): place from its middle and of the source in mm, and angle.
+    """Return the rays that a cell averages, (rays, 3): positions in the cell and of the source in mm, and angle.
 
-    Without blur, spot or exposure the places are equidistant. With them the places are quantiles of the cell with its
+    Without blur, spot or exposure the positions are equidistant. Otherwise they are quantiles of the cell with its
     blur, and the rays are spread evenly over all three (an additive recurrence; Roberts 2018), in pairs of opposites,
     so that nothing is displaced in the mean.
     """
@@ -90,12 +90,12 @@ def ray_samples(pitch_mm: float, frame: SourceFrame, effects: Physics, step_rad:
 
 
 def _recurrent(number: int, dimension: int) -> FloatArray:
-    """Evenly over [0, 1] whatever the other dimension: multiples of a power of the plastic number, modulo 1."""
+    """Spread numbers over [0, 1], evenly in any dimension: multiples of a power of the plastic number, modulo 1."""
     return np.asarray((0.5 + np.arange(1, number + 1) * PLASTIC_NUMBER**-dimension) % 1.0)
 
 
 def _cell_quantiles(shares: FloatArray, pitch_mm: float, blur_mm: float) -> FloatArray:
-    """Places where a cell with its blur, a box with a Gaussian, has received these shares of its light."""
+    """Return the positions up to which a cell with its blur, a box with a Gaussian, receives these shares of light."""
     if not blur_mm:
         return pitch_mm * (shares - 0.5)
     reach = 0.5 * pitch_mm + 6.0 * blur_mm
@@ -107,7 +107,7 @@ def _cell_quantiles(shares: FloatArray, pitch_mm: float, blur_mm: float) -> Floa
 
 
 def _energies(spread: float) -> FloatArray:
-    """Rows (share, factor of wood, factor of steel); one energy where there is no spread."""
+    """Return rows (share, factor of wood, factor of steel); one energy where there is no spread."""
     if not spread:
         return np.ones((1, 3))
     factors = np.array([1.0 + spread, 1.0, 1.0 - spread])

@@ -1,1 +1,1 @@
-"""From a raw stack to sinograms: line integrals, corrections row by row, and the alignment of views."""
+"""Preparation of a raw stack: line integrals, corrections row by row, and the alignment of views."""

@@ -1,4 +1,4 @@
-"""From detector counts to line integrals: flat and dark fields and the Beer-Lambert law."""
+"""Line integrals from detector counts: flat and dark fields and the Beer-Lambert law."""
 
 import math
 from collections.abc import Iterator
@@ -11,31 +11,31 @@ from sawmill_tomography.sinograms.bridging import bridge
 
 Stack = NDArray[np.float32]
 
-# A transmission below this is no measurement but a starved detector: the line integral is cut off here, at 13.8.
+# A transmission below this is not measured, the detector is starved: the line integral is cut off here, at 13.8.
 LEAST_TRANSMISSION = 1e-6
-# Where no more samples than the rest have a signal, the counts are none: a detector sees air, or through the log. Deep
-# shadows of few quanta over half of the detector leave a third without (tests/tomography/preparing).
+# If a larger share of the samples has no signal, the data are not counts: a detector sees air, or through the log. Deep
+# shadows of few quanta over half of the detector leave a third without signal (tests/tomography/preparing).
 MOST_STARVED = 0.9
 # More dead cells than this share of the detector cannot be bridged from their neighbours.
 MOST_DEAD = 0.2
-# Flats saturate where this share of their samples has their largest value: one of a converter's, or one that this many
-# times as many samples have as the value below it, and no fewer than the third: noise piles up nowhere else.
+# Flats saturate if this share of their samples has their largest value. It must be a converter's largest value, or be
+# this many times as frequent as the value below it, at least the third number of times: noise piles up nowhere else.
 LARGEST_VALUES = (255.0, 1023.0, 4095.0, 16383.0, 65535.0)
 PLATEAU, PILED_UP, FEWEST = 0.01, 3.0, 20
-# A cell is saturated where more than this share of its flats has the largest value: with less the mean is too small by
-# no more than a twentieth of their noise.
+# A cell is saturated if more than this share of its flats has the largest value: with a smaller share the mean is too
+# small by no more than a twentieth of the flats' noise.
 SATURATED = 0.1
-# With it begins what is said of saturation, so that a calibration says it too.
+# Prefix of remarks on saturation, by which a calibration recognises and repeats them.
 SATURATION = "saturation: "
 
 
 class CountsError(ValueError):
-    """Counts that cannot become line integrals; the message says why."""
+    """Counts that cannot become line integrals; the message gives the reason."""
 
 
 @dataclass(frozen=True, eq=False)
 class Exposure:
-    """Each detector cell's dark signal and gain, from flat and dark fields.
+    """Dark signal and gain of each detector cell, from flat and dark fields.
 
     Attributes
     ----------
@@ -44,13 +44,13 @@ class Exposure:
     level : (rows, detector) float32
         Mean flat minus mean dark, in counts; 1 in dead cells.
     dead : (rows, detector) bool
-        Cells whose flat is not above their dark, and where they are few those whose flat is saturated.
+        Cells whose flat is not above their dark; also cells whose flat is saturated, if these are few.
     largest : float
-        The largest count that the detector gives, as far as the flats show; infinity where none is known.
+        Largest count of the detector, as far as the flats show; infinity if unknown.
     saturated : int
-        The number of cells whose flats have it.
+        Number of cells whose flats have the largest count.
     bridges_saturated : bool
-        Whether those are among the dead; too many of them are not.
+        True if the saturated cells are among the dead; too many are not.
     """
 
     dark: NDArray[np.float32]
@@ -62,7 +62,7 @@ class Exposure:
 
     @classmethod
     def of(cls, flats: Stack, darks: Stack | None) -> "Exposure":
-        """From flats and darks (fields, rows, detector).
+        """Compute the exposure from flats and darks (fields, rows, detector).
 
         Raises
         ------
@@ -90,10 +90,10 @@ class Exposure:
         return cls(dark.astype(np.float32), level, dead, largest, int(saturated.sum()), bridges)
 
     def same_in_all_rows(self) -> "Exposure":
-        """With the mean dark signal and gain of each cell's rows: what one row differs by stays in the line integrals.
+        """Return the mean dark signal and gain over each cell's rows: a row's deviation stays in the line integrals.
 
-        Where views lost rows it is not known yet which row of the detector a sample is of. That difference then moves
-        with the log, whereas the gain of a wrong row would stand still in it.
+        Where views lost rows it is not known yet which row of the detector a sample comes from. The deviation then
+        moves with the log, whereas the gain of a wrong row would stay in place.
         """
         alive = ~self.dead
         level = np.where(alive, self.level, 0.0).sum(axis=0) / np.maximum(alive.sum(axis=0), 1)
@@ -103,15 +103,15 @@ class Exposure:
 
     @property
     def air_level(self) -> NDArray[np.float32]:
-        """(rows, detector) float32, in counts; 0 in dead cells. With it the counts can be recovered."""
+        """Air level (rows, detector) float32, in counts; 0 in dead cells. The counts can be recovered from it."""
         return np.where(self.dead, np.float32(0.0), self.level)
 
     def saturated_samples(self, counts: Stack) -> int:
-        """The number of samples of any counts that have the detector's largest value."""
+        """Count the samples that have the detector's largest value."""
         return 0 if math.isinf(self.largest) else int(np.count_nonzero(counts == np.float32(self.largest)))
 
     def to_line_integrals(self, counts: Stack, first_row: int = 0) -> int:
-        """Counts (views, rows, detector) to -ln((counts - dark) / (flat - dark)), dimensionless, in place.
+        """Convert counts (views, rows, detector) to -ln((counts - dark) / (flat - dark)), dimensionless, in place.
 
         Dead cells are bridged from their neighbours along the detector; starved samples (counts at or below the dark)
         are cut off at the least transmission. Missing samples, NaN, stay missing.
@@ -124,12 +124,12 @@ class Exposure:
         Returns
         -------
         int
-            The number of starved samples.
+            Number of starved samples.
 
         Raises
         ------
         CountsError
-            Where all cells of a row are dead.
+            If all cells of a row are dead.
         """
         rows = slice(first_row, first_row + counts.shape[1])
         dead = self.dead[rows]
@@ -151,7 +151,7 @@ class Exposure:
         Raises
         ------
         CountsError
-            If more of them are starved than a log can starve.
+            If more samples are starved than a log can starve.
         """
         if starved > MOST_STARVED * samples:
             raise CountsError(
@@ -161,7 +161,7 @@ class Exposure:
             )
 
     def remarks(self, starved: int, saturated: int = 0) -> tuple[str, ...]:
-        """What was done, with the numbers of samples that have no signal and that have the largest count."""
+        """Return the corrections made, with the numbers of samples without signal and with the largest count."""
         remarks = ["counts to line integrals by -ln((counts - dark) / (flat - dark))"]
         if starved:
             remarks.append(f"{starved} samples without signal cut off at a line integral of 13.8")
@@ -190,7 +190,7 @@ class Exposure:
 
 
 def _saturation(flats: Stack) -> tuple[float, NDArray[np.bool_]]:
-    """The detector's largest count, and the cells (rows, detector) whose flats (fields, rows, detector) have it."""
+    """Return the detector's largest count, and the cells (rows, detector) whose flats (fields, ...) have it."""
     top = float(flats.max())
     has_it, below = flats == top, flats[flats < top]
     number = int(np.count_nonzero(has_it))
@@ -208,11 +208,11 @@ class LineIntegrals:
     Attributes
     ----------
     stack : (views, rows, detector) float32
-        Dimensionless.
+        Line integrals, dimensionless.
     air_level : (rows, detector) float32
-        In counts, as `Exposure.air_level`.
+        Air level in counts (`Exposure.air_level`).
     remarks : tuple of str
-        What was done.
+        Corrections made.
     """
 
     stack: Stack
@@ -221,12 +221,12 @@ class LineIntegrals:
 
 
 def line_integrals(counts: Stack, flats: Stack, darks: Stack | None) -> LineIntegrals:
-    """Line integrals of counts (views, rows, detector) with flats and darks (fields, rows, detector).
+    """Compute line integrals of counts (views, rows, detector) with flats and darks (fields, rows, detector).
 
     Raises
     ------
     CountsError
-        As `Exposure.of`, `to_line_integrals` and `check_signal`.
+        Error of `Exposure.of`, `to_line_integrals` or `check_signal`.
     """
     exposure, stack = Exposure.of(flats, darks), counts.astype(np.float32)
     saturated = exposure.saturated_samples(stack)

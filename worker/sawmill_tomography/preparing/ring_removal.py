@@ -1,4 +1,4 @@
-"""Rings, which unequal cells leave in a slice, taken out of the sinogram by sorting.
+"""Removal of rings, which unequal cells leave in a slice, from the sinogram by sorting.
 
 Vo, Atwood and Drakopoulos, "Superior techniques for eliminating ring artifacts in X-ray micro-tomography",
 Optics Express 26 (2018) 28396, algorithm 3.
@@ -12,23 +12,23 @@ from sawmill_tomography.statistics.robust import robust_deviation
 
 Sinogram = NDArray[np.float32]
 
-# Of the median, in cells. The publication's 21 is for finer detectors: its harm to a log is three times that of 9
+# Width of the median, in cells. The publication's 21 is for finer detectors: it harms a log three times as much as 9
 # (benchmarks/preparing.py).
 WINDOW = 9
 
 
 def remove_rings(sinogram: Sinogram, window: int = WINDOW) -> Sinogram:
-    """The sinogram (views, cells) without stripes.
+    """Remove stripes from a sinogram (views, cells).
 
-    Each cell's values are sorted; what a cell adds then stands beside its neighbours' values of the same rank, where a
-    median along the detector takes it out; and the values go back to their views. An object's own circles about the
+    Each cell's values are sorted; a cell's stripe is then next to its neighbours' values of the same rank, where a
+    median along the detector removes it; then the values go back to their views. An object's own circles about the
     centre of rotation (growth rings of a log that turns about its pith) are stripes too, and are weakened.
 
     Parameters
     ----------
     sinogram : (views, cells) float32
     window : int
-        Cells of the median, odd; wider than the widest stripe.
+        Width of the median in cells, odd; wider than the widest stripe.
     """
     if window < 3 or window % 2 == 0:
         raise ValueError(f"window must be an odd number of cells from 3 on, not {window}")
@@ -40,13 +40,13 @@ def remove_rings(sinogram: Sinogram, window: int = WINDOW) -> Sinogram:
 
 
 def stripes(median: NDArray[np.floating]) -> float:
-    """The robust standard deviation of what single cells add to a row, from its median over the views (cells,)."""
+    """Return the robust standard deviation of single cells' stripes in a row, from its views' median (cells,)."""
     departure = median - scipy.ndimage.median_filter(median, WINDOW, mode="nearest")
     return robust_deviation(departure)
 
 
 def _median_along_cells(ranked: Sinogram, window: int) -> Sinogram:
-    """Of each rank (rank, cells), as one long line: SciPy's filter of a line is eight times faster than of a plane."""
+    """Filter each rank (rank, cells) as one long line: eight times faster in SciPy than filtering a plane."""
     margin = window // 2
     padded = np.pad(ranked, ((0, 0), (margin, margin)), mode="edge")
     filtered: Sinogram = scipy.ndimage.median_filter(padded.ravel(), window).reshape(padded.shape)[:, margin:-margin]

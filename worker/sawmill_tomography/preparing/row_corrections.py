@@ -1,4 +1,4 @@
-"""What is done to a stack of line integrals before it is used: faulty cells, air, rings; row by row of the detector."""
+"""Corrections of a stack of line integrals before use: faulty cells, air, rings; row by row of the detector."""
 
 import math
 from dataclasses import dataclass, field
@@ -17,22 +17,22 @@ from sawmill_vocabulary import AirCorrection
 Sinogram = NDArray[np.float32]
 Stack = NDArray[np.float32]
 
-# Cells of a row seen by fewer views are neither judged nor evened out; a single view shows where the air is.
+# Cells of a row with fewer views are neither judged nor evened out; a single view shows where the air is.
 FEWEST_VIEWS = 3
-# Stripes are visible beyond this share of the row's range, and beyond what noise leaves in a median over the views,
+# Stripes are visible beyond this share of the row's range, and beyond the noise of a median over the views,
 # whose standard deviation is sqrt(pi / 2) of the mean's (tests/tomography/preparing/test_row_corrections.py).
 VISIBLE_STRIPES, NOISE_OF_MEDIAN = 0.003, 1.25
 
 
 @dataclass(frozen=True)
 class Corrections:
-    """Which corrections are made.
+    """Corrections to make.
 
     Attributes
     ----------
     air : AirCorrection, but not `auto`
     largest_air_level : float
-        A level beyond it, as a line integral, is not air but something in the beam; such a row is not corrected.
+        A higher level, as a line integral, is not air but something in the beam; such a row is not corrected.
     bridge_faulty_cells, remove_rings : bool
     """
 
@@ -43,13 +43,13 @@ class Corrections:
 
     @property
     def none(self) -> bool:
-        """Whether there is nothing to correct."""
+        """True if there is nothing to correct."""
         return self.air is AirCorrection.OFF and not self.bridge_faulty_cells and not self.remove_rings
 
 
 @dataclass(frozen=True, eq=False)
 class CorrectedRows:
-    """What was corrected.
+    """Result of the corrections.
 
     Attributes
     ----------
@@ -68,7 +68,7 @@ class CorrectedRows:
 
 @dataclass
 class _Findings:
-    """Of the rows so far."""
+    """Results of the rows so far."""
 
     faulty: NDArray[np.bool_]
     air_cells: NDArray[np.bool_]
@@ -80,12 +80,12 @@ class _Findings:
 class RowCorrector:
     """Corrects a stack (views, rows, cells) of line integrals, some rows at a time.
 
-    Each row is corrected by itself, so that it does not matter which rows come together.
+    Each row is corrected independently, so rows may come in any portions.
     """
 
     def __init__(self, corrections: Corrections, rows: int, cells: int) -> None:
         self._corrections = corrections
-        self._found = _Findings(np.zeros((rows, cells), bool), np.ones(cells, bool))
+        self._results = _Findings(np.zeros((rows, cells), bool), np.ones(cells, bool))
 
     def correct(self, stack: Stack, first_row: int = 0) -> None:
         """Correct rows from `first_row` on (views, rows, cells) in place; missing rows are NaN and stay so."""
@@ -93,39 +93,39 @@ class RowCorrector:
             present = present_rows(stack[:, row])
             if present.any():
                 sinogram = np.ascontiguousarray(stack[present, row])
-                stack[present, row] = _corrected(sinogram, self._corrections, self._found, first_row + row)
+                stack[present, row] = _corrected(sinogram, self._corrections, self._results, first_row + row)
 
     def result(self) -> CorrectedRows:
-        """What was corrected in the rows so far."""
-        return CorrectedRows(self._found.faulty, self._found.air_cells, _remarks(self._found, self._corrections))
+        """Return the result of the corrections of the rows so far."""
+        return CorrectedRows(self._results.faulty, self._results.air_cells, _remarks(self._results, self._corrections))
 
 
-def _corrected(sinogram: Sinogram, corrections: Corrections, found: _Findings, row: int) -> Sinogram:
+def _corrected(sinogram: Sinogram, corrections: Corrections, results: _Findings, row: int) -> Sinogram:
     if corrections.bridge_faulty_cells and len(sinogram) >= FEWEST_VIEWS:
-        found.faulty[row] = faulty_cells(sinogram, median_of_views(sinogram))
-        if found.faulty[row].any():
-            bridge(sinogram, found.faulty[row])
+        results.faulty[row] = faulty_cells(sinogram, median_of_views(sinogram))
+        if results.faulty[row].any():
+            bridge(sinogram, results.faulty[row])
     if corrections.air is not AirCorrection.OFF:
-        _subtract_air(sinogram, corrections, found)
+        _subtract_air(sinogram, corrections, results)
     if len(sinogram) < FEWEST_VIEWS:
         return sinogram
     before = after = stripes(median_of_views(sinogram))
     if corrections.remove_rings:
         sinogram = remove_rings(sinogram)
         after = stripes(median_of_views(sinogram))
-    found.stripes.append((before, after, _visible(before, sinogram)))
+    results.stripes.append((before, after, _visible(before, sinogram)))
     return sinogram
 
 
-def _subtract_air(sinogram: Sinogram, corrections: Corrections, found: _Findings) -> None:
+def _subtract_air(sinogram: Sinogram, corrections: Corrections, results: _Findings) -> None:
     air = find_air(sinogram)
     if air is None or abs(air.background) > corrections.largest_air_level:
-        found.without_air += 1
-        found.air_cells[:] = False
+        results.without_air += 1
+        results.air_cells[:] = False
         return
     sinogram -= air.correction(corrections.air)
-    found.air_cells &= air.cells
-    found.with_air.append(air)
+    results.air_cells &= air.cells
+    results.with_air.append(air)
 
 
 def _visible(deviation: float, sinogram: Sinogram) -> bool:
@@ -136,23 +136,23 @@ def _visible(deviation: float, sinogram: Sinogram) -> bool:
     return deviation > max(VISIBLE_STRIPES * float(high - low), 3.0 * noise_of_median)
 
 
-def _remarks(found: _Findings, corrections: Corrections) -> tuple[str, ...]:
-    return (*_of_cells(found), *_of_air(found, corrections), *_of_rings(found, corrections))
+def _remarks(results: _Findings, corrections: Corrections) -> tuple[str, ...]:
+    return (*_of_cells(results), *_of_air(results, corrections), *_of_rings(results, corrections))
 
 
-def _of_cells(found: _Findings) -> list[str]:
-    if not found.faulty.any():
+def _of_cells(results: _Findings) -> list[str]:
+    if not results.faulty.any():
         return []
-    rows = int(found.faulty.any(axis=1).sum())
-    return [f"{int(found.faulty.sum())} dead or hot detector cells in {rows} rows bridged from their neighbours"]
+    rows = int(results.faulty.any(axis=1).sum())
+    return [f"{int(results.faulty.sum())} dead or hot detector cells in {rows} rows bridged from their neighbours"]
 
 
-def _of_air(found: _Findings, corrections: Corrections) -> list[str]:
+def _of_air(results: _Findings, corrections: Corrections) -> list[str]:
     remarks = []
-    if found.with_air:
-        levels = np.array([air.background for air in found.with_air])
-        drifts = [air for air in found.with_air if air.drifts and corrections.air is AirCorrection.VIEWS]
-        fewest = min(int(air.cells.sum()) for air in found.with_air)
+    if results.with_air:
+        levels = np.array([air.background for air in results.with_air])
+        drifts = [air for air in results.with_air if air.drifts and corrections.air is AirCorrection.VIEWS]
+        fewest = min(int(air.cells.sum()) for air in results.with_air)
         remarks.append(
             f"air level in at least {fewest} cells at the detector's ends taken out of {len(levels)} rows: "
             f"{levels.mean():.2g} in the mean"
@@ -160,20 +160,20 @@ def _of_air(found: _Findings, corrections: Corrections) -> list[str]:
         if drifts:
             spread = math.sqrt(np.mean([air.level.var() for air in drifts]))
             remarks.append(f"in {len(drifts)} rows view by view, where it varied by {spread:.2g} (standard deviation)")
-    if found.without_air:
-        remarks.append(f"{found.without_air} rows without air at the detector's ends keep their level")
+    if results.without_air:
+        remarks.append(f"{results.without_air} rows without air at the detector's ends keep their level")
     return remarks
 
 
-def _of_rings(found: _Findings, corrections: Corrections) -> list[str]:
-    if not found.stripes:
+def _of_rings(results: _Findings, corrections: Corrections) -> list[str]:
+    if not results.stripes:
         return []
-    before, after = (float(np.median([row[side] for row in found.stripes])) for side in (0, 1))
+    before, after = (float(np.median([row[side] for row in results.stripes])) for side in (0, 1))
     if corrections.remove_rings:
         method = f"Vo, Atwood and Drakopoulos 2018, algorithm 3, {WINDOW} cells"
         effect = f"stripes were {before:.2g} and are {after:.2g} (median of the rows)"
         return [f"rings removed by sorting ({method}): {effect}"]
-    visible = sum(row[2] for row in found.stripes)
-    if 2 * visible <= len(found.stripes):
+    visible = sum(row[2] for row in results.stripes)
+    if 2 * visible <= len(results.stripes):
         return []
     return [f"unequal cells leave stripes of {before:.2g} in {visible} rows, seen as rings; rings=sorting removes them"]

@@ -1,7 +1,7 @@
 """Alignment of views of one log that lost rows at the top or the bottom, each view a different number.
 
-Rows are successive positions of a flat detector along the log, so a view is off by one shift in rows, the same
-everywhere in it. `shifts_by_mass` and `shifts_by_features` find the shifts.
+Rows are successive positions of a flat detector along the log, so a view is off by one shift in rows, the same for the
+whole view. `shifts_by_mass` and `shifts_by_features` find the shifts.
 """
 
 import math
@@ -21,12 +21,12 @@ Stack = NDArray[np.float32]
 WHOLE_SCATTER, WHOLE_FURTHEST = 0.12, 0.4
 # Rows: a shift less certain than this blurs more than it corrects (benchmarks/preparing.py).
 MOST_UNCERTAIN = 0.3
-# Views have the place of a whole row within this number of their standard deviations; or, where at least half of the
+# A view's shift counts as a whole number within this number of its standard deviations; or, where at least half of the
 # views are whole rows apart, within this number of rows: shifts are found to 0.07 rows, and resampling a view that
-# stands where it should costs more than it corrects (benchmarks/lost_rows.py).
+# is where it should be costs more than it corrects (benchmarks/lost_rows.py).
 SAME_DEVIATIONS, SAME_PLACE, MOST_VIEWS = 2.0, 0.15, 0.5
-# Departures of neighbouring rows belong together, so that shifts scatter more than estimated, by this factor where no
-# views share a place and show it; beside it, interpolation between rows adds an error (benchmarks/lost_rows.py).
+# Departures of neighbouring rows are correlated, so shifts scatter more than estimated: by this factor if no views
+# share a position, which would show it. Interpolation between rows adds an error too (benchmarks/lost_rows.py).
 UNSEEN_INFLATION, BETWEEN_ROWS = 2.0, 0.03
 # A step of the row sums is the end of a body where it is this many times the two before, the two after and the median
 # (benchmarks/lost_rows.py).
@@ -34,24 +34,24 @@ JUMP = 4.0
 
 
 class RowsError(ValueError):
-    """Views that cannot be aligned; the message says why."""
+    """Views that cannot be aligned; the message gives the reason."""
 
 
 @dataclass(frozen=True, eq=False)
 class RowShifts:
-    """Where each view lies along the log.
+    """Position of each view along the log.
 
     Attributes
     ----------
     rows : (views,) float64
-        Row i of view k shows what row i + rows[k] of the scan is: 0 for most of the views that have all rows.
+        Row i of view k shows row i + rows[k] of the scan: 0 for most of the views that have all rows.
     standard_deviation : (views,) float64
-        Of each, in rows, before they were taken as whole: as large as the scatter of the views that share a place
-        shows it to be.
+        Standard deviation of each shift, in rows, before rounding; enlarged to the scatter of views that share a
+        position.
     whole : bool
-        Whether they turned out to be whole numbers and were rounded.
+        True if the shifts were found to be whole numbers and were rounded.
     ends : (n,) integers
-        The last rows of bodies along the log, as of a phantom before it: the next row shows another.
+        Last rows of bodies along the log, such as a phantom before it: the next row shows another body.
     """
 
     rows: FloatArray
@@ -63,10 +63,9 @@ class RowShifts:
     def of(
         cls, shifts: FloatArray, standard_deviation: FloatArray, present: Rows, ends: NDArray[np.intp] | None = None
     ) -> "RowShifts":
-        """From shifts and ends of bodies with any origin, of views with the rows `present` (views, rows).
+        """Return shifts from estimates and bodies' ends of any origin, for views with rows `present` (views, rows).
 
-        Taken as whole rows where they are whole rows apart; where some are not, those whose place is that of a whole
-        row are.
+        All shifts are rounded if the views are whole rows apart; otherwise only shifts that are nearly whole are.
         """
         ends = np.zeros(0, np.intp) if ends is None else ends
         common = float(np.angle(np.exp(2j * np.pi * shifts).mean()) / (2.0 * np.pi))
@@ -92,9 +91,9 @@ class RowShifts:
         return cls(rows, standard_deviation, bool(settled.all()), _moved(ends, shifts, rows))
 
     def lost(self, present: Rows) -> bool:
-        """Whether each view, of the rows `present` (views, rows), is moved to rows that the detector has.
+        """Return whether each view, with the rows `present` (views, rows), is moved to rows that the detector has.
 
-        Then rows were lost on their way from it, and a view's samples are those of the detector's rows it is moved to;
+        Then rows were lost after the detector, and a view's samples belong to the detector's rows to which it is moved;
         otherwise the log itself moved.
         """
         first, last = _ends(present)
@@ -102,12 +101,12 @@ class RowShifts:
 
 
 def _moved(ends: NDArray[np.intp], shifts: FloatArray, rows: FloatArray) -> NDArray[np.intp]:
-    """Ends of bodies as the shifts counted them, counted as the rows are."""
+    """Convert ends of bodies from the count of `shifts` to the count of `rows`."""
     return np.rint(ends + np.median(rows - shifts)).astype(np.intp)
 
 
 def _origin(shifts: FloatArray, present: Rows) -> float:
-    """The shift that most of the views with most rows share."""
+    """Return the shift that most of the views with most rows share."""
     count = present.sum(axis=1)
     longest = shifts[count == count.max()]
     near = np.abs(longest[:, None] - longest) <= SAME_PLACE
@@ -115,14 +114,14 @@ def _origin(shifts: FloatArray, present: Rows) -> float:
 
 
 def _inflation(errors: FloatArray, standard_deviation: FloatArray) -> float:
-    """How much larger the errors of shifts that are known are, root mean square, than was estimated; at least 1."""
+    """Return the root mean square ratio of errors of known shifts to their estimated errors; at least 1."""
     with np.errstate(divide="ignore", invalid="ignore"):
         ratios = errors / standard_deviation
     return max(1.0, float(np.sqrt(np.mean(ratios[np.isfinite(ratios)] ** 2)))) if np.isfinite(ratios).any() else 1.0
 
 
 def _within(rows: FloatArray, present: Rows) -> FloatArray:
-    """The shifts, all moved by whole rows where that brings all views inside the detector."""
+    """Move all shifts by whole rows if this brings all views inside the detector."""
     first, last = _ends(present)
     above, below = (math.ceil(over) for over in (-(first + rows).min(), (last + rows).max() - present.shape[1] + 1))
     if above + below > 0:
@@ -132,7 +131,7 @@ def _within(rows: FloatArray, present: Rows) -> FloatArray:
 
 
 def _ends(present: Rows) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """The first and the last row of each view that is there, of present rows (..., rows)."""
+    """Return the first and the last present row of each view, for present rows (..., rows)."""
     return present.argmax(axis=-1), present.shape[-1] - 1 - present[..., ::-1].argmax(axis=-1)
 
 
@@ -147,10 +146,10 @@ def check_certain(standard_deviation: FloatArray, why: str) -> None:
 
 
 def shifted(image: Stack, present: NDArray[np.bool_], shift: float, ends: NDArray[np.intp] | None = None) -> Stack:
-    """A view's image (rows, cells) with the rows `present` (rows,), moved along the log: NaN where it has no row.
+    """Move a view's image (rows, cells) with the rows `present` (rows,) along the log: NaN where it has no row.
 
-    A whole shift moves rows; another resamples them by cubic convolution, the first and last rows repeated. A row that
-    shows the end of a body and the next one shows neither: each side of it, by `ends`, is resampled by itself.
+    A whole shift moves rows; a fraction resamples them by cubic convolution, the first and last rows repeated. A mix of
+    the last row of a body and the next row shows neither: each side of the end, by `ends`, is resampled independently.
     """
     out = np.full_like(image, np.nan)
     first, last = (int(end) for end in _ends(present))
@@ -168,7 +167,7 @@ def shifted(image: Stack, present: NDArray[np.bool_], shift: float, ends: NDArra
 
 
 def _resampled(image: Stack, at: FloatArray) -> Stack:
-    """Rows of an image (rows, cells) at fractional positions."""
+    """Resample the rows of an image (rows, cells) at fractional positions."""
     below = np.floor(at).astype(np.intp)
     weights, _ = cubic_weights(at - below)
     taps = np.clip(below[:, None] + np.arange(-1, 3), 0, len(image) - 1)
@@ -179,7 +178,7 @@ def _resampled(image: Stack, at: FloatArray) -> Stack:
 
 
 def jumps_between(profile: FloatArray) -> Rows:
-    """Where row sums (rows,), NaN where there are none, jump from a row to the next: where one body ends."""
+    """Select the row sums (rows,), NaN where missing, that jump from a row to the next: where one body ends."""
     steps = np.pad(np.abs(np.diff(np.nan_to_num(profile, nan=np.nanmedian(profile)))), (2, 3))
     beside = np.max([steps[offset : offset + profile.size] for offset in (0, 1, 3, 4)], axis=0)
     middle = steps[2 : profile.size + 2]
@@ -188,10 +187,10 @@ def jumps_between(profile: FloatArray) -> Rows:
 
 
 def row_weights(fraction: FloatArray, jumps: Rows) -> tuple[FloatArray, FloatArray]:
-    """Weights of the four rows round a fraction of a row, and their derivatives, as `cubic_weights`.
+    """Return the weights of the four rows around a fraction of a row, and their derivatives (`cubic_weights`).
 
-    Where a body ends between the two rows beside the fraction, a detector's row that shows some of both shows them by
-    their shares: linear interpolation, which a cubic is off by up to 0.05 rows.
+    Where a body ends between the two rows next to the fraction, a detector's row that shows part of both shows them by
+    their shares: linear interpolation, from which a cubic differs by up to 0.05 rows.
     """
     weights, slopes = cubic_weights(fraction)
     nothing, one = np.zeros_like(fraction), np.ones_like(fraction)
@@ -202,7 +201,7 @@ def row_weights(fraction: FloatArray, jumps: Rows) -> tuple[FloatArray, FloatArr
 
 
 def cubic_weights(fraction: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Cubic convolution at a fraction of a row: weights (..., 4) of the rows from one below on, and their derivatives.
+    """Compute cubic convolution at a fraction of a row: weights (..., 4) from one row below on, and derivatives.
 
     Keys, IEEE Trans. Acoustics, Speech, and Signal Processing 29 (1981) 1153, equation 15.
     """

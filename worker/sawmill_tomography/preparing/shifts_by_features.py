@@ -22,7 +22,7 @@ from sawmill_tomography.sinograms.present_rows import Rows, present_rows
 
 # SIFT fails with an IndexError on fewer cells.
 FEWEST_ROWS, FEWEST_CELLS = 32, 12
-# The largest of a view's features; in noise most are small.
+# Number of features kept of a view, the largest; in noise most are small.
 MOST_FEATURES = 800
 # Contrast of the weakest feature that is kept, of 1, and the width in cells of a Gaussian against noise.
 CONTRAST = 0.01 / 3.0
@@ -30,22 +30,22 @@ SMOOTHING = 1.0
 # Width in cells of the smallest features. Smaller ones are noise: with a width of 1.0, views of a noise of 0.1 are
 # aligned wrongly and not refused (benchmarks/preparing.py).
 SMALLEST = 1.2
-# A match is kept where the next best one is further by this factor (Lowe 2004, section 7.1), and no further across.
+# A match is kept if the next best one is farther by this factor (Lowe 2004, section 7.1), and not farther across.
 RATIO, FURTHEST_ACROSS = 0.8, 0.25
 # Matches agree on a shift within this number of rows; fewer matches, or a smaller share, agree by chance
 # (benchmarks/preparing.py, as the constants below).
 AGREEING_ROWS, FEWEST_AGREEING, SHARE_AGREEING = 0.5, 6, 0.15
 # The number of following views that each view is matched with, and the angle over which features stay recognisable.
 NEIGHBOURS, FURTHEST_RAD = 2, math.radians(20.0)
-# Pairs whose shifts scatter about whole numbers by less lost whole rows; rounding keeps errors from adding up.
+# Pairs whose shifts scatter less about whole numbers lost whole rows; rounding prevents errors from adding up.
 WHOLE_SCATTER = 0.22
-# Rows by which a match may be off from the end of a body, which is known to half of one (benchmarks/lost_rows.py).
+# Rows by which a match may differ from the end of a body, which is known to half a row (benchmarks/lost_rows.py).
 MOST_APART = 0.5
 WHAT_FOR = (
     "features are for logs with knots or bark, from views at most "
     f"{math.degrees(FURTHEST_RAD) / 2.0:.0f} degrees apart, 2 where they are noisy"
 )
-# A pair that differs from the others by more rows than this loses weight.
+# A pair that differs by more rows than this from the fit to all pairs loses weight.
 CONTRADICTING, ROUNDS = 0.25, 10
 
 
@@ -71,7 +71,7 @@ class _Pair:
 
 
 def shifts_by_features(images: Iterable[Stack], angles_rad: FloatArray) -> RowShifts:
-    """Each view's shift from features matched between neighbouring views.
+    """Estimate each view's shift from features matched between neighbouring views.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def shifts_by_features(images: Iterable[Stack], angles_rad: FloatArray) -> RowSh
     Raises
     ------
     RowsError
-        Where a view shares too few features with its neighbours.
+        If a view shares too few features with its neighbours.
     """
     features = [_features(view, image) for view, image in enumerate(images)]
     pairs = [_matched(features, one, other) for one, other in _neighbours(angles_rad)]
@@ -99,11 +99,11 @@ def _features(view: int, image: Stack) -> _Features:
         raise RowsError(f"view {view} has {cells} detector cells; features need at least {FEWEST_CELLS}")
     shown = image[rows]
     ends = np.flatnonzero(_jumps(shown))
-    # One for each view: it adapts itself to the size of its first image.
+    # A new one for each view, as it adapts to the size of its first image.
     sift: Any = SIFT(upsampling=1, sigma_min=SMALLEST, sigma_in=SMOOTHING, c_dog=CONTRAST)
     try:
         sift.detect_and_extract(_grey(shown, ends))
-    except RuntimeError:  # its word for an image without features
+    except RuntimeError:  # raised for an image without features
         return _Features(cells, there, ends + rows[0], np.zeros((0, 2), np.float32), np.zeros((0, 128), np.uint8))
     largest = np.argsort(-sift.sigmas, kind="stable")[:MOST_FEATURES]
     at = sift.positions[largest] + np.array([rows[0], 0.0], np.float32)
@@ -111,9 +111,9 @@ def _features(view: int, image: Stack) -> _Features:
 
 
 def _grey(image: Stack, ends: NDArray[np.intp]) -> Stack:
-    """Show what varies along the log (rows, cells), in greys from 0 to 1: outline and rings are the same in all rows.
+    """Return the variation along the log (rows, cells), in greys from 0 to 1: outline and rings are equal in all rows.
 
-    Median and greys are those of the longest body: a phantom before a log differs from it by more than any knot.
+    Median and greys come from the longest body: a phantom before a log differs from the log by more than any knot.
     """
     runs = [slice(first, last) for first, last in pairwise([0, *(ends + 1).tolist(), len(image)])]
     body = max(runs, key=lambda run: run.stop - run.start)
@@ -123,13 +123,13 @@ def _grey(image: Stack, ends: NDArray[np.intp]) -> Stack:
 
 
 def _jumps(image: Stack) -> Rows:
-    """Where the rows of an image (rows, cells) jump from one to the next, but for their gain: a body ends."""
+    """Select the rows of an image (rows, cells) that jump to the next one, apart from their gain: a body ends."""
     steps = np.diff(image, axis=0).std(axis=1, dtype=np.float64)
     return jumps_between(np.append(0.0, np.cumsum(steps)))
 
 
 def _neighbours(angles_rad: FloatArray) -> list[tuple[int, int]]:
-    """Pairs of views close in angle, across the end of a full turn too."""
+    """Pair views close in angle, across the end of a full turn too."""
     order = np.argsort(angles_rad % TAU)
     pairs = []
     for ahead in range(1, min(NEIGHBOURS, order.size // 2) + 1):
@@ -140,19 +140,19 @@ def _neighbours(angles_rad: FloatArray) -> list[tuple[int, int]]:
 
 
 def _matched(features: list[_Features], first: int, second: int) -> _Pair | None:
-    """The shift that most matches agree on, where the body that ends in both views does not contradict; or that one's.
+    """Return the shift that most matches agree on, unless a body's end in both views contradicts; then the end's shift.
 
-    None where there is neither.
+    None if there are neither matches nor ends.
     """
     one, other = features[first], features[second]
     matched, ended = _by_matches(one, other), _by_ends(one, other)
     agrees = matched is None or ended is None or abs(matched[0] - ended[0]) <= MOST_APART
-    found = (matched or ended) if agrees else ended
-    return None if found is None else _Pair(first, second, *found)
+    estimate = (matched or ended) if agrees else ended
+    return None if estimate is None else _Pair(first, second, *estimate)
 
 
 def _by_ends(one: _Features, other: _Features) -> tuple[float, float] | None:
-    """Shift and standard deviation from the end of a body, which is known to a row."""
+    """Return shift and standard deviation from the end of a body, which is known to a row."""
     if one.ends.size != 1 or other.ends.size != 1:
         return None
     return float(one.ends[0] - other.ends[0]), 1.0 / math.sqrt(12.0)
@@ -161,7 +161,7 @@ def _by_ends(one: _Features, other: _Features) -> tuple[float, float] | None:
 def _by_matches(one: _Features, other: _Features) -> tuple[float, float] | None:
     if min(len(one.at), len(other.at)) < FEWEST_AGREEING:
         return None
-    # As the article has it: the nearest in the other view, whether or not the reverse holds too.
+    # The article's rule: the nearest in the other view, whether or not the reverse holds too.
     best = match_descriptors(one.descriptors, other.descriptors, cross_check=False, max_ratio=RATIO)
     along, across = (one.at[best[:, 0]] - other.at[best[:, 1]]).T
     along = along[np.abs(across) <= FURTHEST_ACROSS * one.cells]
@@ -177,7 +177,7 @@ def _by_matches(one: _Features, other: _Features) -> tuple[float, float] | None:
 
 
 def _solved(pairs: list[_Pair], present: Rows) -> RowShifts:
-    """Least squares over all pairs; the common origin is free."""
+    """Solve least squares over all pairs; the common origin is free."""
     views = len(present)
     if not pairs:
         raise RowsError(

@@ -1,7 +1,7 @@
 """Shifts of views that lost rows, from the mass of the log's slices.
 
-The sum over a detector row is the mass of that slice of the log, which hardly changes as the log turns: each view's
-profile of sums is the others' profile, shifted.
+The sum over a detector row is the mass of that slice of the log, which hardly changes as the log turns: the views'
+profiles of sums are equal up to a shift.
 """
 
 from collections.abc import Iterable
@@ -24,10 +24,10 @@ from sawmill_tomography.preparing.row_shifts import (
 )
 from sawmill_tomography.sinograms.present_rows import Rows
 
-# A view shares at least this part of its rows with the others, and needs this number of rows for a profile
+# A view shares at least this part of its rows with the other views, and needs this number of rows for a profile
 # (benchmarks/preparing.py, as the constants below).
 SHARE_FOUND, FEWEST_ROWS = 0.5, 16
-# How much more likely (natural logarithm) a view's place must be than its next best one.
+# Least difference in log likelihood between a view's best position and the next best one.
 DISTINCT = 15.0
 # The iteration ends when no shift moves by more rows than this.
 ROUNDS, SETTLED = 12, 0.002
@@ -36,7 +36,7 @@ RIDGE = 1e-10
 CORRELATED_ROWS = 8
 # A row loses weight beyond this number of median departures.
 OUTLYING = 3.0
-# The least eigenvalue of the normal equations for a row's first moments: half of six views round the turn.
+# The least eigenvalue of the normal equations for a row's first moments: half of six views over a full turn.
 FEWEST_TURNING = 3.0
 
 
@@ -47,7 +47,7 @@ class RowMoments:
     Attributes
     ----------
     mass : (views, rows) float64
-        NaN where a row is missing.
+        Mass; NaN where a row is missing.
     first : (views, rows) float64
         Sum of line integral times distance from the common centroid, in cells.
     """
@@ -57,7 +57,7 @@ class RowMoments:
 
     @classmethod
     def of(cls, images: Iterable[Stack], cells: NDArray[np.bool_]) -> "RowMoments":
-        """Of all views' images (rows, cells), over some of the cells: air adds only noise."""
+        """Compute the moments of all views' images (rows, cells) over some of the cells: air adds only noise."""
         over = cells.astype(np.float32)
         weights = np.stack([over, over * np.linspace(-0.5, 0.5, over.size, dtype=np.float32)], axis=1)
         sums = np.stack([image @ weights for image in images])
@@ -67,20 +67,20 @@ class RowMoments:
 
 
 def shifts_by_mass(moments: RowMoments, angles_rad: FloatArray) -> RowShifts:
-    """Each view's shift from the row sums.
+    """Estimate each view's shift from the row sums.
 
     A view's profile of row sums is the common one up to a gain (its distance from the source), an offset and a slope
     (air, the log's bend). A coarse shift by masked normalised cross-correlation (Padfield, IEEE Trans. Image Process.
     21 (2012) 2706) is refined by least squares against the median of all views, in turns.
 
-    What lies nearer to the source weighs more, by its depth over the source's distance, once in a turn: uncorrected, a
-    whorl's knots at different heights would seem to move along the log. A quarter turn away depth is what the first
-    moments show, so that one number for all views is left to be fitted.
+    A part nearer to the source weighs more, by its depth over the source's distance, once in a turn: uncorrected, a
+    whorl's knots at different heights would seem to move along the log. The first moments a quarter turn away show the
+    depth, so that only one number for all views has to be fitted.
 
     Raises
     ------
     RowsError
-        Where the profile has too little in it.
+        If the profile varies too little.
     """
     present = np.isfinite(moments.mass)
     rows = int(present.sum(axis=1).min())
@@ -116,10 +116,10 @@ def shifts_by_mass(moments: RowMoments, angles_rad: FloatArray) -> RowShifts:
 
 
 def _depth(first: FloatArray, present: Rows, shifts: FloatArray, angles_rad: FloatArray) -> FloatArray:
-    """Mass times depth towards the source (or away: the sign is left open) in each view's rows (views, rows).
+    """Return mass times depth towards the source (or away: the sign is left open) in each view's rows (views, rows).
 
-    From the part of the first moments that goes round with the log: across the rays it is the cosine and sine of the
-    angle, along them the derivative.
+    The depth comes from the part of the first moments that turns with the log: across the rays it is the cosine and
+    sine of the angle, along them the derivative.
     """
     cosine, sine = np.cos(angles_rad), np.sin(angles_rad)
     place = np.rint(np.arange(first.shape[1]) + shifts[:, None]).astype(np.intp)
@@ -136,15 +136,15 @@ def _depth(first: FloatArray, present: Rows, shifts: FloatArray, angles_rad: Flo
     return np.where(present, along_sine[place] * cosine[:, None] - along_cosine[place] * sine[:, None], 0.0)
 
 
-def _share_of(depth: FloatArray, fit: "_Fit", present: Rows, shifts: FloatArray, reference: "_Profile") -> float:
-    """The coefficient of `depth` in a fit's residual, after the fit's own terms are projected out of both."""
+def _share_of(depth: FloatArray, fit: "_ProfileFit", present: Rows, shifts: FloatArray, reference: "_Profile") -> float:
+    """Return the coefficient of `depth` in a fit's residual, after the fit's own terms are projected out of both."""
     free = _fit(depth, present, shifts, reference).residual
     return float((fit.residual * free).sum() / max((free**2).sum(), np.finfo(np.float64).tiny))
 
 
 @dataclass(frozen=True, eq=False)
 class _Profile:
-    """The common profile along the log, whose first value is that of row `origin`."""
+    """The common profile along the log, whose first value belongs to row `origin`."""
 
     mass: FloatArray
     present: Rows
@@ -152,13 +152,13 @@ class _Profile:
 
     @cached_property
     def jumps(self) -> Rows:
-        """Where the profile jumps from a row (rows,) to the next one."""
+        """Rows (rows,) from which the profile jumps to the next one."""
         return jumps_between(np.where(self.present, self.mass, np.nan))
 
 
 @dataclass(frozen=True, eq=False)
-class _Fit:
-    """Each view against the reference: its step, gain, offset and slope, and the residual."""
+class _ProfileFit:
+    """Fit of each view to the reference: its step, gain, offset and slope, and the residual."""
 
     step: FloatArray
     standard_deviation: FloatArray
@@ -171,9 +171,9 @@ def _check_distinct(values: FloatArray, present: Rows, reference: _Profile) -> N
     score, _ = _scores(values, present, reference)
     best = score.argmax(axis=1)
     peak = (score[:, 1:-1] >= score[:, :-2]) & (score[:, 1:-1] >= score[:, 2:])
-    others = np.where(peak, score[:, 1:-1], 0.0)
-    np.put_along_axis(others, np.clip(best - 1, 0, others.shape[1] - 1)[:, None], 0.0, axis=1)
-    lead = score.max(axis=1) - others.max(axis=1)
+    other_scores = np.where(peak, score[:, 1:-1], 0.0)
+    np.put_along_axis(other_scores, np.clip(best - 1, 0, other_scores.shape[1] - 1)[:, None], 0.0, axis=1)
+    lead = score.max(axis=1) - other_scores.max(axis=1)
     if lead.min() < DISTINCT:
         raise RowsError(
             f"the place of view {int(lead.argmin())} along the log is not clear: its row sums fit elsewhere about as "
@@ -182,16 +182,16 @@ def _check_distinct(values: FloatArray, present: Rows, reference: _Profile) -> N
 
 
 def _coarse(values: FloatArray, present: Rows, reference: _Profile) -> NDArray[np.intp]:
-    """The most likely whole shifts (views,)."""
+    """Return the most likely whole shifts (views,)."""
     score, lags = _scores(values, present, reference)
     most_likely: NDArray[np.intp] = lags[score.argmax(axis=1)]
     return most_likely
 
 
 def _scores(values: FloatArray, present: Rows, reference: _Profile) -> tuple[FloatArray, NDArray[np.intp]]:
-    """Log-likelihood (views, lags) of each shift, and the shifts (lags,): -n / 2 ln(1 - r^2) of the profiles' slopes.
+    """Return the log-likelihood (views, lags) of shifts, -n / 2 ln(1 - r^2) of profile slopes, and the shifts (lags,).
 
-    Slopes know neither offset nor, less their mean, taper.
+    Slopes do not depend on an offset nor, less their mean, on a taper.
     """
     moving, there = _slopes(values, present)
     fixed, fixed_there = _slopes(reference.mass[None], reference.present[None])
@@ -219,13 +219,13 @@ def _scores(values: FloatArray, present: Rows, reference: _Profile) -> tuple[Flo
 
 
 def _slopes(values: FloatArray, present: Rows) -> tuple[FloatArray, Rows]:
-    """Central differences (views, rows - 2), zero where a row is missing, and where they are."""
+    """Return central differences (views, rows - 2), zero where a row is missing, and where they exist."""
     there = present[:, 2:] & present[:, :-2]
     return np.where(there, values[:, 2:] - values[:, :-2], 0.0), there
 
 
-def _fit(values: FloatArray, present: Rows, shifts: FloatArray, reference: _Profile) -> _Fit:
-    """Least squares of each view on the reference, its derivative, a constant and a slope; outliers lose weight."""
+def _fit(values: FloatArray, present: Rows, shifts: FloatArray, reference: _Profile) -> _ProfileFit:
+    """Fit each view by the reference, its derivative, a constant and a slope (least squares); outliers lose weight."""
     views, rows = values.shape
     at = np.arange(rows) + shifts[:, None] - reference.origin
     below = np.floor(at).astype(np.intp)
@@ -263,19 +263,21 @@ def _fit(values: FloatArray, present: Rows, shifts: FloatArray, reference: _Prof
     with np.errstate(divide="ignore", invalid="ignore"):
         step, deviation = coefficients[:, 1] / gain, np.sqrt(variance) / np.abs(gain)
     bad = ~(gain > 0.0)
-    return _Fit(np.where(bad, 0.0, step), np.where(bad, np.inf, deviation), np.where(bad, 1.0, gain), trend, residual)
+    return _ProfileFit(
+        np.where(bad, 0.0, step), np.where(bad, np.inf, deviation), np.where(bad, 1.0, gain), trend, residual
+    )
 
 
 def _long_run_variance(influence: FloatArray) -> FloatArray:
-    """Of the sum of each view's influences (views, rows), whose neighbours depart together (Newey and West 1987)."""
+    """Return the variance of each view's summed influences (views, rows), correlated in rows (Newey and West 1987)."""
     variance: FloatArray = (influence**2).sum(axis=1)
     for lag in range(1, CORRELATED_ROWS):
         variance += 2.0 * (1.0 - lag / CORRELATED_ROWS) * (influence[:, lag:] * influence[:, :-lag]).sum(axis=1)
     return np.maximum(variance, 0.0)
 
 
-def _common(values: FloatArray, present: Rows, fit: _Fit, shifts: FloatArray) -> _Profile:
-    """The median profile along the log of all views, each brought to the others' level; where half of them are."""
+def _common(values: FloatArray, present: Rows, fit: _ProfileFit, shifts: FloatArray) -> _Profile:
+    """Return the median profile of all views, each brought to the common level; present where half the views are."""
     rows = values.shape[1]
     along = fit.trend[:, :1] + fit.trend[:, 1:] * _along(rows)
     levelled = (values - along) / fit.gain[:, None]
@@ -292,7 +294,7 @@ def _common(values: FloatArray, present: Rows, fit: _Fit, shifts: FloatArray) ->
     weights, _ = cubic_weights(at - below)
     sampled = (weights * np.where(inside, levelled[view, clipped], 0.0)).sum(axis=2)
     count = there.sum(axis=0)
-    # Unlike the mean, the median of views of which most share a place keeps the end of a body sharp.
+    # Unlike the mean, the median of views that mostly share a position keeps the end of a body sharp.
     profile = np.ma.filled(np.ma.median(np.ma.masked_array(sampled, ~there), axis=0), 0.0)
     return _Profile(profile, count >= max(1, len(values) // 2), origin)
 

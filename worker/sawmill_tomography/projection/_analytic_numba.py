@@ -1,6 +1,6 @@
 """Kernels of the analytic projection. They only loop; `analytic.py` checks, documents and allocates.
 
-Symbols are those of docs/conventions.md#symbols, in the source frame of one view: the source stands at (0, -R), a
+Symbols are defined in docs/conventions.md#symbols, in the source frame of one view: the source is at (0, -R), a
 point V of the object at q = Rot(-beta) V + (0, R) seen from the source, and a ray to detector coordinate u runs along
 a = (w cos tau, SDD + w sin tau), w = u - u_c. An edge A -> B is met at the distance |a| X / Y from the source, with
 X = q_A x q_B and Y = a x (q_B - q_A); the chord of a polygon is minus the sum of these over its edges, each signed
@@ -28,18 +28,18 @@ _WEIGHTS = (8.0 / 18.0, 5.0 / 18.0, 5.0 / 18.0)
 # k e_x, k e_y, k s e_x, k s e_y; for the moments k X s; for aspect and shear k (dX - s a x de). The row behind them
 # holds 1 / Y of one edge, then |a|.
 SUMS = 8
-# Rows that are multiplied with others at once.
+# Number of rows in one step of the inner products.
 ROWS_AT_ONCE = 4
 
 _FAST = {"reassoc", "contract", "arcp", "nsz"}
 
-# The parts are functions of their own: LLVM inlines what pays, and a quarter of the time compiles them. Those with the
-# error model of NumPy test no division for zero: a test keeps loops from being vectorised.
+# The parts are functions of their own: LLVM inlines where it pays, and a quarter of the time compiles them. With
+# NumPy's error model a division is not tested for zero: a test keeps loops from being vectorised.
 
 
 @njit(fastmath=_FAST, error_model="numpy")
 def _edge_point(u, share, line, big_r, sdd, u_c, c_tau, s_tau, c_b, s_b, row, m, derivative):
-    """Add one quadrature point's share of the distance, of its derivatives and of the first moments, to cell m."""
+    """Add one quadrature point's share of the distance, its derivatives and the first moments to cell m."""
     x, ex, ey = line[0], line[1], line[2]
     w = u - u_c
     ax = w * c_tau
@@ -69,14 +69,14 @@ def _edge_point(u, share, line, big_r, sdd, u_c, c_tau, s_tau, c_b, s_b, row, m,
 
 @njit(fastmath=_FAST)
 def _cell_under(u, u_first, pitch, cells):
-    """The cell that u lies in: -1 before the first and of what is not a number, `cells` beyond the last."""
-    # Bounded while it is a float: a number that no integer holds may become any. -1 first, or not a number would pass.
+    """Return the cell that holds u: -1 before the first cell and for nan, `cells` beyond the last."""
+    # Clip the float first: a number beyond any integer may become any integer. -1 comes first, or nan would pass.
     return int(math.floor(min(max(-1.0, (u - u_first) / pitch), float(cells))))
 
 
 @njit(fastmath=_FAST)
 def _bend(edge, c_b, s_b, qax, qay, qbx, qby):
-    """Derivatives of X and of the edge's vector (x, y) by aspect (x / 2, -y / 2), then by shear (y / 2, x / 2)."""
+    """Return derivatives of X and of the edge's vector (x, y) by aspect (x / 2, -y / 2), then shear (y / 2, x / 2)."""
     hax, hay, hbx, hby = 0.5 * edge[0], 0.5 * edge[1], 0.5 * edge[2], 0.5 * edge[3]
     # The corners' movements, turned into the view: first by aspect, then by shear.
     a_x, a_y = c_b * hax - s_b * hay, -c_b * hay - s_b * hax
@@ -139,7 +139,7 @@ def _whole_cells(line, f, first, last, centre, shift, sdd, c_tau, s_tau, derivat
 
 @njit(fastmath=_FAST, error_model="numpy")
 def _add_sums(sums, j, first, last, centre, shift, big_r, sdd, c_tau, s_tau, c_b, s_b, row, derivative):
-    """Add to cells first to last - 1 what `_edge_point` adds of one edge, from the sums over all edges."""
+    """Add to cells first to last - 1 the terms of `_edge_point`, from the sums over all edges."""
     cells = range(np.uint64(first), np.uint64(last))
     n = sums[j, SUMS]
     for m in cells:
@@ -181,7 +181,7 @@ def _add_sums(sums, j, first, last, centre, shift, big_r, sdd, c_tau, s_tau, c_b
 
 @njit(fastmath=_FAST, error_model="numpy")
 def _part_of_cell(line, m, a, b, pitch, big_r, sdd, u_c, c_tau, s_tau, c_b, s_b, row, derivative):
-    """Add what an edge does in the part [a, b] of cell m."""
+    """Add an edge's terms in the part [a, b] of cell m."""
     if b <= a:
         return
     mid, share = 0.5 * (a + b), line[3] * (b - a) / pitch
@@ -228,7 +228,7 @@ def _edges(edges, frame, t_x, t_y, c_b, s_b, u_first, pitch, cells, rays, row, d
         ):
             _part_of_cell(line, m, a, b, pitch, big_r, sdd, u_c, c_tau, s_tau, c_b, s_b, row, derivative)
         begin = min(begin + 1, end)
-        # Around where the rays are parallel to the edge.
+        # The cells around the point where the rays are parallel to the edge.
         parallel = u_c + sdd * line[1] / (c_tau * line[2] - s_tau * line[1])
         near, far = parallel - (1.0 / _SMOOTH - 0.5) * pitch, parallel + (1.0 / _SMOOTH + 0.5) * pitch
         near = max(begin, min(end, _cell_under(near, u_first, pitch, cells)))
@@ -251,7 +251,7 @@ def _edges(edges, frame, t_x, t_y, c_b, s_b, u_first, pitch, cells, rays, row, d
 
 @njit(fastmath=_FAST)
 def _disc_distance(u, qx, qy, big_r, u_c, sdd, c_tau, s_tau, c_b, s_b, out):
-    """Signed distance of the disc's centre to the ray at u (out[7]) and its seven derivatives (out[:7])."""
+    """Compute the signed distance of the disc's centre to the ray at u (out[7]) and seven derivatives (out[:7])."""
     w = u - u_c
     ax = w * c_tau
     ay = sdd + w * s_tau
@@ -272,7 +272,7 @@ def _disc_distance(u, qx, qy, big_r, u_c, sdd, c_tau, s_tau, c_b, s_b, out):
 
 @njit(fastmath=_FAST)
 def _segment(d, r):
-    """Integral of 2 sqrt(r^2 - d^2) from 0 to d, d clipped to the disc."""
+    """Integrate 2 sqrt(r^2 - d^2) from 0 to d, d clipped to the disc."""
     d = min(max(d, -r), r)
     return d * math.sqrt(max(r * r - d * d, 0.0)) + r * r * math.asin(d / r)
 
@@ -289,7 +289,7 @@ def _disc_moments(chord, d, nx, qx, qy, big_r, row, m):
 def _disc_bend(disc, by_t_x, by_t_y, by_ellipse, nx, c_b, s_b, row, m):
     """Add a disc's derivatives by aspect and shear: its centre moves, and it becomes an ellipse of the same area."""
     ny = math.sqrt(max(1.0 - nx * nx, 0.0))
-    # The ray's direction in the phantom's axes, and with it the normal's.
+    # The ray's direction in the phantom's axes, which gives the normal's too.
     along_x, along_y = c_b * nx - s_b * ny, s_b * nx + c_b * ny
     hx, hy = 0.5 * disc[0], 0.5 * disc[1]
     row[10, m] += by_t_x * hx - by_t_y * hy + by_ellipse * (along_y * along_y - along_x * along_x)
@@ -389,7 +389,7 @@ def project(edges, discs, frame, t_x, t_y, angles, u_first, pitch, rays, out):
 
 @njit(cache=True, fastmath=_FAST)
 def project_in_one_thread(edges, discs, frame, t_x, t_y, angles, u_first, pitch, rays, out):
-    """As `project`, where handing work to threads costs more than the work."""
+    """Do the work of `project` in one thread, where handing work to threads costs more than the work."""
     for k in range(out.shape[0]):
         _project_view(k, edges, discs, frame, t_x, t_y, angles, u_first, pitch, rays, out)
 
@@ -437,7 +437,7 @@ def _gram_view(k, edges, discs, frame, t_x, t_y, angles, u_first, pitch, rays, s
 
 @njit(fastmath=_FAST)
 def products_of_rows(row, count, products):
-    """Fill products (count, count) with the rows' inner products; behind the rows there are `ROWS_AT_ONCE` more."""
+    """Fill products (count, count) with the rows' inner products; `ROWS_AT_ONCE` spare rows follow the rows."""
     cells = row.shape[1]
     for p in range(0, count, 2):
         for q in range(0, p + 2, ROWS_AT_ONCE):
@@ -463,7 +463,7 @@ def products_of_rows(row, count, products):
 def gram(edges, discs, frame, t_x, t_y, angles, u_first, pitch, rays, sinogram, weights, out):
     """Fill out (views, 10, 10) with each view's inner products of: seven derivatives of p, p, 1, sinogram.
 
-    weights (views, cells) multiply each cell's products; an empty array weighs all alike.
+    weights (views, cells) multiply each cell's products; an empty array gives equal weights.
     """
     for k in prange(sinogram.shape[0]):
         _gram_view(np.int64(k), edges, discs, frame, t_x, t_y, angles, u_first, pitch, rays, sinogram, weights, out)
@@ -471,6 +471,6 @@ def gram(edges, discs, frame, t_x, t_y, angles, u_first, pitch, rays, sinogram, 
 
 @njit(cache=True, fastmath=_FAST)
 def gram_in_one_thread(edges, discs, frame, t_x, t_y, angles, u_first, pitch, rays, sinogram, weights, out):
-    """As `gram`, where handing work to threads costs more than the work."""
+    """Do the work of `gram` in one thread, where handing work to threads costs more than the work."""
     for k in range(sinogram.shape[0]):
         _gram_view(k, edges, discs, frame, t_x, t_y, angles, u_first, pitch, rays, sinogram, weights, out)

@@ -1,7 +1,7 @@
-"""Numbers that lie side by side in memory, taken into one vector register.
+"""Vectors of numbers that are adjacent in memory, loaded into one vector register.
 
-Where a kernel adds to one array and reads from another, the two might be the same memory for all the compiler knows: it
-neither keeps a sum of lanes in a register nor takes the loop over them as one operation. These say what is meant.
+Where a kernel adds to one array and reads from another, the compiler must assume that both share memory: it neither
+keeps a sum of lanes in a register nor vectorises the loop over them. These functions make the vectors explicit.
 """
 
 from llvmlite import ir
@@ -27,7 +27,7 @@ class _LanesModel(models.PrimitiveModel):
 
 @intrinsic(prefer_literal=True)
 def load(typing_context, array, at, width):  # noqa: ARG001 - Numba's signature
-    """The lanes of a flat float32 array from an index on; the width is a literal."""
+    """Load the lanes of a flat float32 array from an index on; the width is a literal."""
     lanes = Lanes(width.literal_value)
 
     def code(context, builder, signature, arguments):
@@ -38,7 +38,7 @@ def load(typing_context, array, at, width):  # noqa: ARG001 - Numba's signature
 
 @intrinsic
 def store(typing_context, array, at, lanes):  # noqa: ARG001 - Numba's signature
-    """Put lanes into a flat float32 array from an index on."""
+    """Store lanes into a flat float32 array from an index on."""
 
     def code(context, builder, signature, arguments):
         builder.store(arguments[2], _place(context, builder, signature.args[0], arguments, lanes.width), align=4)
@@ -49,7 +49,7 @@ def store(typing_context, array, at, lanes):  # noqa: ARG001 - Numba's signature
 
 @intrinsic
 def scaled(typing_context, factor, lanes):  # noqa: ARG001 - Numba's signature
-    """Each lane times the factor."""
+    """Multiply each lane by the factor."""
 
     def code(context, builder, signature, arguments):  # noqa: ARG001
         vector = ir.VectorType(ir.FloatType(), lanes.width)
@@ -63,7 +63,7 @@ def scaled(typing_context, factor, lanes):  # noqa: ARG001 - Numba's signature
 
 @intrinsic
 def plus(typing_context, one, other):  # noqa: ARG001 - Numba's signature
-    """The sum, lane by lane."""
+    """Add lane by lane."""
 
     def code(context, builder, signature, arguments):  # noqa: ARG001
         return builder.fadd(*arguments, flags=_FAST)

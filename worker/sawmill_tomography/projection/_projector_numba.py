@@ -1,13 +1,13 @@
 """Kernels of the ray-driven projector: exact intersection lengths of rays with pixels, and their transpose.
 
-A ray is marched slab by slab along the axis it mostly follows; in each slab it touches at most two pixels, and its
-length there is shared between them where it crosses their border. The march first writes down where each pair of
-pixels lies and the two lengths (a long flat loop of arithmetic), then reads or adds to the pixels.
+A ray is marched slab by slab along the axis that it mostly follows; in each slab it touches at most two pixels, and its
+length there is shared between them where it crosses their border. The march first tabulates the position of each pair
+of pixels and the two lengths (a long flat loop of arithmetic), then reads or adds to the pixels.
 
-Images lie side by side, innermost in memory: the lanes, for which one table of lengths serves. They are slices, and the
-quarter turns of each where the views repeat after one: lane s * turns + q is slice s as the q-th quarter of the views
-sees it. A block (n + 3, n + 3, lanes) has a border of pixels beyond the field, one before and two behind, so that a
-pair half outside needs no test.
+Images are interleaved, innermost in memory: the lanes, for which one table of lengths serves. A lane is a slice, or a
+quarter turn of it where the views repeat after a quarter turn: lane s * turns + q is slice s as the q-th quarter of the
+views sees it. A block (n + 3, n + 3, lanes) has a border of pixels beyond the field, one before and two behind, so that
+a pair half outside needs no test.
 """
 
 import math
@@ -23,14 +23,14 @@ BORDER = 3
 # Slabs tabulated together, and cells of a view whose rays a thread takes at a time.
 _GROUP = 16
 _CELLS = 64
-# What is known of each ray of a view. The length per pixel stands in memory, or the compiler would divide by the slope
-# in every slab.
+# Columns of the table of a view's rays. The length per pixel is kept in memory, or the compiler would divide by the
+# slope in every slab.
 _LOWEST, _SLOPE, _LENGTH, _PER_PIXEL, _FIRST, _COUNT, _ALONG_Y = range(7)
 
 
 @njit(inline="always")
 def _tabulate_rays(k, cells, start, source, centre, axis, pitch, half, pixel, n, rays):
-    """What `_march` needs of the rays start.. of view k, into rays (7, cells at a time)."""
+    """Fill rays (7, cells at a time), which `_march` needs, for the rays start.. of view k."""
     sx, sy = source[k, 0], source[k, 1]
     for c in range(rays.shape[1]):
         u = (start + c + 0.5 - 0.5 * cells) * pitch
@@ -39,7 +39,7 @@ def _tabulate_rays(k, cells, start, source, centre, axis, pitch, half, pixel, n,
         slope = dx / dy if along_y else dy / dx
         entry = ((sx + (-half - sy) * slope if along_y else sy + (-half - sx) * slope) + half) / pixel
         steep = max(abs(slope), 1e-30)
-        # The slabs in which the ray can touch the image; none where it passes by.
+        # The slabs in which the ray can touch the image; none if it misses the image.
         one, other = -entry / math.copysign(steep, slope), (n - entry) / math.copysign(steep, slope)
         first = math.floor(min(max(0.0, min(one, other)), n))
         last = math.ceil(min(max(0.0, one, other), n))
@@ -54,7 +54,7 @@ def _tabulate_rays(k, cells, start, source, centre, axis, pitch, half, pixel, n,
 
 @njit(inline="always")
 def _march(rays, c, n, where, near, far):
-    """Tabulate one ray: each slab's near pixel and the lengths in both; how many, whole groups, and the far's step."""
+    """Tabulate a ray: near pixels, both lengths; return the slabs, these in whole groups, and the far pixel's step."""
     lowest, slope = rays[_LOWEST, c], rays[_SLOPE, c]
     length, per_pixel, rise = np.float32(rays[_LENGTH, c]), np.float32(rays[_PER_PIXEL, c]), np.float32(slope)
     row, column = np.uint32(n + BORDER), np.uint32(1)
@@ -83,7 +83,7 @@ def _march(rays, c, n, where, near, far):
 
 @njit(inline="always")
 def _forward(k, start, images, n, source, centre, axis, pitch, half, pixel, lanes, lines):
-    """Line integrals of the rays start.. of view k into lines (slices, turns, views, cells)."""
+    """Compute line integrals of the rays start.. of view k into lines (slices, turns, views, cells)."""
     slices, turns, _, cells = lines.shape
     where, near, far = (
         np.empty(n + _GROUP, np.uint32),
@@ -96,7 +96,7 @@ def _forward(k, start, images, n, source, centre, axis, pitch, half, pixel, lane
     _tabulate_rays(k, cells, start, source, centre, axis, pitch, half, pixel, n, rays)
     for c in range(rays.shape[1]):
         _, count, step = _march(rays, c, n, where, near, far)
-        # Four sums: a single one would wait for itself at every addition.
+        # Four sums: with a single one every addition would wait for the last.
         zero = vector.scaled(np.float32(0.0), vector.load(images, np.uint64(0), lanes))
         one, two, three, four = zero, zero, zero, zero
         for j in range(np.uint64(0), count, np.uint64(2)):
@@ -116,7 +116,7 @@ def _forward(k, start, images, n, source, centre, axis, pitch, half, pixel, lane
 
 @njit(inline="always")
 def _adjoint(k, start, lines, n, source, centre, axis, pitch, half, pixel, lanes, images):
-    """Add what the rays start.. of view k carry to images."""
+    """Add the values of the rays start.. of view k to images, along the rays."""
     slices, turns, _, cells = lines.shape
     where, near, far = (
         np.empty(n + _GROUP, np.uint32),
@@ -160,7 +160,7 @@ def _adjoint_views(lines, n, source, centre, axis, pitch, half, pixel, lanes, wo
             _adjoint(k, start, lines, n, source, centre, axis, pitch, half, pixel, lanes, work[t])
 
 
-# The width of a vector must be known when a kernel is compiled: one for each number of lanes.
+# The width of a vector must be known at compile time: one kernel for each number of lanes.
 @njit(parallel=True, cache=True, fastmath=_FAST)
 def forward_1(images, n, source, centre, axis, pitch, half, pixel, lines):
     """Fill lines (slices, turns, views, cells) with line integrals of a flat block of one lane."""
@@ -169,13 +169,13 @@ def forward_1(images, n, source, centre, axis, pitch, half, pixel, lines):
 
 @njit(parallel=True, cache=True, fastmath=_FAST)
 def forward_4(images, n, source, centre, axis, pitch, half, pixel, lines):
-    """As `forward_1` of four lanes; those beyond slices * turns only fill up the vector."""
+    """Do the work of `forward_1` with four lanes; lanes beyond slices * turns only fill up the vector."""
     _forward_views(images, n, source, centre, axis, pitch, half, pixel, 4, lines)
 
 
 @njit(parallel=True, cache=True, fastmath=_FAST)
 def forward_16(images, n, source, centre, axis, pitch, half, pixel, lines):
-    """As `forward_4` of sixteen lanes."""
+    """Do the work of `forward_4` with sixteen lanes."""
     _forward_views(images, n, source, centre, axis, pitch, half, pixel, 16, lines)
 
 
@@ -187,13 +187,13 @@ def adjoint_1(lines, n, source, centre, axis, pitch, half, pixel, work):
 
 @njit(parallel=True, cache=True, fastmath=_FAST)
 def adjoint_4(lines, n, source, centre, axis, pitch, half, pixel, work):
-    """As `adjoint_1` of `forward_4`."""
+    """Do the work of `adjoint_1` for `forward_4`."""
     _adjoint_views(lines, n, source, centre, axis, pitch, half, pixel, 4, work)
 
 
 @njit(parallel=True, cache=True, fastmath=_FAST)
 def adjoint_16(lines, n, source, centre, axis, pitch, half, pixel, work):
-    """As `adjoint_1` of `forward_16`."""
+    """Do the work of `adjoint_1` for `forward_16`."""
     _adjoint_views(lines, n, source, centre, axis, pitch, half, pixel, 16, work)
 
 
@@ -204,7 +204,7 @@ def _tasks(cells):
 
 @njit(inline="always")
 def _turned(quarters, n, row):
-    """Where pixel (i, j) of an image turned by quarters (as np.rot90) lies in it: at + i * along + j * across."""
+    """Return the index of pixel (i, j) in an image turned by quarters (as np.rot90): at + i * along + j * across."""
     if quarters == 0:
         return 0, row, 1
     if quarters == 1:

@@ -11,15 +11,15 @@ from sawmill_tomography.phantoms.phantom import Phantom
 from sawmill_tomography.projection import _analytic_numba as kernels
 
 PARAMETERS = kernels.PARAMETERS
-# The phantom's position x, y in mm: one, or (views, 2) one of each view.
+# The phantom's position x, y in mm: one for all views, or (views, 2).
 Position = tuple[float, float] | FloatArray
-# Below this number of samples one thread ends before others have woken up.
+# Below this number of samples one thread ends before further threads have woken up.
 WORTH_THREADS = 40_000
 
 
 @dataclass(frozen=True)
 class DetectorCells:
-    """Where the detector's cells lie: the first one's border in mm, their width in mm, their number."""
+    """Positions of the detector's cells: the first one's border in mm, their width in mm, their number."""
 
     first_border_mm: float
     width_mm: float
@@ -27,7 +27,7 @@ class DetectorCells:
 
     @classmethod
     def of(cls, scanner: Scanner, *, binned: int = 1) -> "DetectorCells":
-        """The scanner's cells, `binned` of them taken together; a remainder at the far end is left out."""
+        """Return the scanner's cells, combined in groups of `binned`; a remainder at the far end is left out."""
         return cls(
             -0.5 * scanner.num_detector_pixels * scanner.detector_pitch_mm,
             scanner.detector_pitch_mm * binned,
@@ -36,7 +36,7 @@ class DetectorCells:
 
 
 def clears(phantom_radius_mm: float, frame: SourceFrame) -> bool:
-    """Whether a phantom of this radius around the COR stays in front of the source, along the detector normal."""
+    """Return whether a phantom of this radius around the COR is in front of the source, along the detector normal."""
     return frame.source_distance_mm * math.cos(frame.tilt_rad) > 1.02 * phantom_radius_mm
 
 
@@ -58,20 +58,20 @@ def project(
     position_mm: Position = (0.0, 0.0),
     rays_per_cell: int | None = None,
 ) -> FloatArray:
-    """The phantom's sinogram.
+    """Compute the phantom's sinogram.
 
     Parameters
     ----------
     phantom : Phantom
-        Moved by `position_mm` in the image frame: (x, y), or (views, 2) where it differs from view to view.
+        The phantom, to be moved by `position_mm` in the image frame: (x, y), or (views, 2) for one in each view.
     cells : DetectorCells
-        Where the cells lie.
+        Positions of the cells.
     frame : SourceFrame
         The geometry.
     angles_rad : (views,) float64
-        View angles as the scanner's sense of rotation reads them.
+        View angles in the scanner's sense of rotation.
     rays_per_cell : int, optional
-        The number of equidistant rays a cell; by default the mean over the whole cell.
+        Number of equidistant rays for each cell; by default the mean over the whole cell.
 
     Returns
     -------
@@ -99,7 +99,7 @@ def project_with_derivative(
     position_mm: Position = (0.0, 0.0),
     rays_per_cell: int | None = None,
 ) -> tuple[FloatArray, FloatArray]:
-    """As `project`, and the derivative by (psi, R, SDD, u_c, tau, t_x, t_y): (views, cells), (7, views, cells)."""
+    """Compute `project` and its derivative by (psi, R, SDD, u_c, tau, t_x, t_y): (views, cells), (7, views, cells)."""
     _check(phantom, frame, position_mm)
     out = np.empty((PARAMETERS + 1, angles_rad.size, cells.count))
     kernels.project_with_derivative(
@@ -117,7 +117,7 @@ def project_with_deformations(
     position_mm: Position = (0.0, 0.0),
     rays_per_cell: int | None = None,
 ) -> FloatArray:
-    """What `project_with_derivative` gives, and what the wood may differ by: (12, views, cells).
+    """Compute `project_with_derivative` and the derivatives by the wood's deformations: (12, views, cells).
 
     Rows: the seven derivatives; the projection; the first moments (integrals of x and of y along the ray); the
     derivatives by aspect (x longer and y shorter by half of it, in the drawing's axes, about its origin) and by shear.
@@ -131,10 +131,10 @@ def project_with_deformations(
 
 
 def blur_taps(width_cells: float) -> FloatArray:
-    """The discrete Gaussian of this standard deviation, middle first: exp(-t) I_j(t), t its square (Lindeberg 1990).
+    """Return the discrete Gaussian of this standard deviation, middle first: exp(-t) I_j(t), t its square.
 
-    Unlike samples of a Gaussian it has the variance asked for, however narrow, and its cosine transform is
-    exp(t (cos w - 1)).
+    Unlike a sampled Gaussian it has the given variance, however narrow, and its cosine transform is exp(t (cos w - 1))
+    (Lindeberg 1990).
     """
     taps = np.asarray(scipy.special.ive(np.arange(math.ceil(4.5 * width_cells) + 2), width_cells**2), np.float64)
     normalised: FloatArray = taps / (2.0 * taps.sum() - taps[0])
@@ -152,10 +152,10 @@ def gram(
     rays_per_cell: int | None = None,
     weights: FloatArray | None = None,
 ) -> FloatArray:
-    """Inner products over the cells, per view, of (seven derivatives, projection, 1, sinogram): (views, 10, 10).
+    """Compute each view's inner products over the cells of (7 derivatives, projection, 1, sinogram): (views, 10, 10).
 
-    This is all that least squares needs, without ever storing the derivative. `weights` (views, cells) multiply each
-    cell's products; None weighs all alike.
+    Least squares needs nothing else, so the derivative is never stored. `weights` (views, cells) multiply each
+    cell's products; None gives equal weights.
     """
     _check(phantom, frame, position_mm)
     out = np.empty((angles_rad.size, kernels.TERMS, kernels.TERMS))
@@ -173,7 +173,7 @@ def kernel_arguments(
     position_mm: Position,
     rays_per_cell: int | None,
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, float, float, int]:
-    """Return what every kernel takes first."""
+    """Return the first arguments of every kernel."""
     positions = np.empty((2, angles_rad.size))
     positions.T[:] = position_mm
     return (

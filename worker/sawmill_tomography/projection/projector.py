@@ -18,27 +18,27 @@ Quarters = NDArray[np.int64]
 
 # Slices that share one table of lengths: one vector register of the widest machines, and a block that fits a cache.
 BLOCK = 16
-# Fewer slices are faster as the quarters of the views see them, where the views repeat after a quarter turn.
+# Fewer slices are faster split by quarters of the views, where the views repeat after a quarter turn.
 _FEW = BLOCK // 2
-# The kernels' widths of a vector.
+# Vector widths of the kernels.
 _LANES = (1, 4, BLOCK)
-# What the kernels count with 32 bits: pixels of the image with its border, and of a view's cells with one at either end
-# those of all views.
+# Limits of the kernels' 32-bit counts: pixels of the image with its border, and the cells of all views, with one more
+# at either end of a view.
 LARGEST_SIZE, MOST_CELLS = 2**16 - 1 - kernels.BORDER, 2**31 - 1
 _CACHE_LINE = 64
-# Views a quarter turn apart to this share their tables: 0.2 micrometres at the edge of a log.
+# Views a quarter turn apart to this precision share their tables: 0.2 micrometres at the edge of a log.
 _SAME_ANGLE_RAD = 1e-6
 
 
 @dataclass(frozen=True)
 class Projector:
-    """A for one geometry and one image grid; every reconstruction takes it first."""
+    """The projector A of one geometry and one image grid; every reconstruction takes it as first argument."""
 
     geometry: FanBeamGeometry
     grid: ImageGrid
 
     def __post_init__(self) -> None:
-        """Refuse a field that the source or the detector runs through, and more than the kernels count."""
+        """Refuse a field that the source or the detector runs through, and sizes beyond the kernels' counts."""
         views, cells = self.geometry.sinogram_shape
         if self.grid.size > LARGEST_SIZE:
             raise GeometryError(f"size must be at most {LARGEST_SIZE} pixels, not {self.grid.size}")
@@ -55,7 +55,7 @@ class Projector:
             )
 
     def forward(self, image: ArrayLike) -> Image:
-        """Line integrals float32, in the image's unit times mm.
+        """Compute line integrals float32, in the image's unit times mm.
 
         An image (size, size) [x, y] gives (views, detector). A block (slices, size, size) gives (slices, views,
         detector), and is several times faster a slice.
@@ -72,7 +72,7 @@ class Projector:
         return out
 
     def adjoint(self, sinogram: ArrayLike) -> Image:
-        """The transpose of `forward`: (views, detector) -> (size, size) float32, or a block to a block."""
+        """Compute the transpose of `forward`: (views, detector) -> (size, size) float32, or a block to a block."""
         lines = self.sinogram(sinogram) if np.ndim(sinogram) == 2 else self.block(sinogram)
         size = self.grid.size
         out = np.empty((*lines.shape[:-2], size, size), np.float32)
@@ -85,12 +85,12 @@ class Projector:
         return out
 
     def sinogram(self, sinogram: ArrayLike) -> Image:
-        """The sinogram as float32, its shape checked against the geometry.
+        """Return the sinogram as float32, its shape checked against the geometry.
 
         Raises
         ------
         GeometryError
-            If it is not (views, detector).
+            If its shape is not (views, detector).
         """
         checked = np.ascontiguousarray(sinogram, np.float32)
         if checked.shape != self.geometry.sinogram_shape:
@@ -101,12 +101,12 @@ class Projector:
         return checked
 
     def block(self, sinograms: ArrayLike) -> Image:
-        """One sinogram or several as (slices, views, detector) float32, the shape checked against the geometry.
+        """Return one or several sinograms as (slices, views, detector) float32, the shape checked against the geometry.
 
         Raises
         ------
         GeometryError
-            If it is neither (views, detector) nor (slices, views, detector) with at least one slice.
+            If the shape is neither (views, detector) nor (slices, views, detector) with at least one slice.
         """
         checked = np.ascontiguousarray(sinograms, np.float32)
         if checked.ndim == 3 and len(checked) and checked.shape[1:] == self.geometry.sinogram_shape:
@@ -122,12 +122,12 @@ class Projector:
 
     @cached_property
     def crossing(self) -> NDArray[np.bool_]:
-        """Which rays (views, detector) cross the field.
+        """Mask (views, detector) of the rays that cross the field.
 
         Raises
         ------
         GeometryError
-            If none does.
+            If no ray crosses the field.
         """
         shown: NDArray[np.bool_] = self.forward(np.ones((self.grid.size, self.grid.size), np.float32)) > 0.0
         if not shown.any():
@@ -136,7 +136,7 @@ class Projector:
 
     @cached_property
     def quarter_turn(self) -> int:
-        """The sense, 1 or -1, in which view k + views / 4 is view k after a quarter turn of the image; 0 where none."""
+        """Sense, 1 or -1, in which view k + views / 4 is view k after a quarter turn of the image; 0 if none."""
         angles = self.geometry.angles_rad
         # Quarter turns of the image onto itself need the centre of rotation in its middle.
         if angles.size % 4 or not self.grid.is_centred:
@@ -149,7 +149,7 @@ class Projector:
         return 0
 
     def _parts(self, slices: int) -> Iterator[tuple[slice, Quarters, int]]:
-        """The slices that share a table, the quarters by which each is turned in it (as np.rot90), and the lanes."""
+        """Yield the slices that share a table, the quarter turns of each in it (as np.rot90), and the lanes."""
         turns = 4 if self.quarter_turn and slices <= _FEW else 1
         quarters = -self.quarter_turn * np.arange(turns) % 4
         for start in range(0, slices, BLOCK // turns):
@@ -157,13 +157,13 @@ class Projector:
             yield slice(start, stop), quarters, next(lanes for lanes in _LANES if lanes >= (stop - start) * turns)
 
     def _by_quarter(self, lines: Image, quarters: Quarters) -> Image:
-        """(slices, views, cells) as (slices, turns, views of one, cells)."""
+        """Reshape (slices, views, cells) to (slices, turns, views of one turn, cells)."""
         slices, views, cells = lines.shape
         return lines.reshape(slices, quarters.size, views // quarters.size, cells)
 
     @cached_property
     def _rays(self) -> tuple[int, FloatArray, FloatArray, FloatArray, float, float, float]:
-        """What the kernels need: image size, the views' vectors, detector pitch, half the field, a pixel's side."""
+        """Arguments of the kernels: image size, the views' vectors, detector pitch, half the field, a pixel's side."""
         grid = self.grid
         pitch = self.geometry.scanner.detector_pitch_mm
         source, middle, axis = self.geometry.vectors()
@@ -173,7 +173,7 @@ class Projector:
 
 
 def aligned(*shape: int) -> Image:
-    """Memory that begins at a line of the processor's cache: lanes that straddle two take up to half as long again."""
+    """Allocate memory from a cache line on: lanes that straddle two lines take up to half as long again."""
     bytes_ = 4 * math.prod(shape)
     memory = np.empty(bytes_ + _CACHE_LINE, np.uint8)
     begin = -memory.ctypes.data % _CACHE_LINE

@@ -15,7 +15,7 @@ from sawmill_tomography.projection.analytic import DetectorCells
 from sawmill_vocabulary.physics import DetectorEffects, Physics
 
 RAYS_PER_CELL = 8
-# Of every detector, where nothing else is asked for: gains that differ by 3 %.
+# Default effects of every detector: gains that differ by 3 %.
 UNEQUAL_CELLS = Physics(detector=DetectorEffects(gain_spread=0.03))
 
 
@@ -28,14 +28,14 @@ def simulate_sinogram(
     rays_per_cell: int = RAYS_PER_CELL,
     seed: int,
 ) -> FloatArray:
-    """Line integrals (views, detector) with Gaussian noise.
+    """Simulate line integrals (views, detector) with Gaussian noise.
 
     Parameters
     ----------
     noise : float
         Standard deviation, relative to the RMS of the noise-free sinogram.
     background : float
-        Added everywhere, in the sinogram's unit.
+        Constant that is added to every sample, in the sinogram's unit.
     """
     if not (math.isfinite(noise) and noise >= 0.0):
         raise GeometryError(f"noise must be a share of the RMS, zero or more, not {noise}")
@@ -49,7 +49,7 @@ def simulate_sinogram(
 def simulate_rows(
     slices: list[Phantom], geometry: FanBeamGeometry, *, noise: float = 0.0, background: float = 0.0, seed: int
 ) -> NDArray[np.float32]:
-    """Line integrals (views, rows, detector) float32, one cross-section a row; row n has the seed `seed` + n."""
+    """Simulate line integrals (views, rows, detector) float32, a cross-section a row; row n has the seed `seed` + n."""
     sinograms = [
         simulate_sinogram(body, geometry, noise=noise, background=background, seed=seed + row)
         for row, body in enumerate(slices)
@@ -59,7 +59,7 @@ def simulate_rows(
 
 @dataclass(frozen=True)
 class SimulatedStack:
-    """Raw counts with flat and dark fields, as a scanner writes them: (views or frames, rows, detector) uint16."""
+    """Raw counts with flat and dark fields, as a scanner writes them: (views or fields, rows, detector) uint16."""
 
     counts: NDArray[np.uint16]
     flats: NDArray[np.uint16]
@@ -75,7 +75,7 @@ def simulate_stack(
     fields: int = FIELDS,
     seed: int,
 ) -> SimulatedStack:
-    """Counts of a stack of cross-sections whose densities are attenuation per mm, with what a mill adds.
+    """Simulate counts of a stack of cross-sections, densities in attenuation per mm, with the effects of a mill.
 
     The detector sums intensity over each cell: exp(-p) is averaged over the rays, not p. Air gives `photons` counts,
     photon noise is Poisson, dark noise Gaussian. The rows share the motion and the tube; each has its own cells.
@@ -83,7 +83,7 @@ def simulate_stack(
     Raises
     ------
     GeometryError, PhantomError
-        As `simulate_physics`.
+        Error of `simulate_physics`.
     """
     rows = [
         simulate_physics(

@@ -1,10 +1,10 @@
-"""Kernels of the back-projection. Symbols are those of docs/conventions.md#source-frame.
+"""Kernels of the back-projection. Symbols are defined in docs/conventions.md#source-frame.
 
-All of them sum filtered rows at u(x, k), over (n.(x - S))**power. Rows carry one zero cell at either end: what the
-detector does not see adds nothing. Cell m is centred at (m + 1/2 - n/2) pitch and stands at index m + 1.
+The kernels sum filtered rows at u(x, k), over (n.(x - S))**power. Rows have one zero cell at either end: rays beyond
+the detector add nothing. Cell m is centred at (m + 1/2 - n/2) pitch and has the index m + 1.
 
-Where the shadow of a pixel falls, and its two weights, are first written into tables, in long loops without a branch,
-which vectorise; the sum over the views of a table then stays in registers.
+The position of a pixel's shadow, and its two weights, are first tabulated in long loops without a branch, which
+vectorise; the sum over the views of a table then stays in registers.
 """
 
 import math
@@ -17,7 +17,7 @@ from sawmill_tomography.projection import _lanes_numba as vector
 _FAST = {"contract", "nsz", "arcp", "reassoc"}
 # Pixels of a tile: the cells under it, for 64 slices and four views, stay in the second-level cache.
 _TILE_X, _TILE_Y = 32, 16
-# Slices laid out at a time, the lanes of a vector: columns of more evict one another from the first-level cache.
+# Slices arranged at a time, the lanes of a vector: more columns evict one another from the first-level cache.
 _TOGETHER = 16
 # Only an index whose sign bit is known to be clear is gathered with 32 bits.
 _UNSIGNED = np.uint32(0x7FFFFFFF)
@@ -25,7 +25,7 @@ _UNSIGNED = np.uint32(0x7FFFFFFF)
 
 @njit(inline="always")
 def _tabulate(x, y, along_x, along_y, c, s, base, live, frame, at, left, right, g):
-    """Write to [g] the cells under the pixels that are some steps along x and y from the one at (x, y)."""
+    """Write to [g] the cells under the pixels that are some steps along x and y from the pixel at (x, y)."""
     big_r, c_tau, s_tau, scale, offset, top, pixel, power = frame
     # q = Rot(-source_angle) (x, y) + (0, R), its x component and its component along the detector normal.
     qx = c * x + s * y
@@ -39,7 +39,7 @@ def _tabulate(x, y, along_x, along_y, c, s, base, live, frame, at, left, right, 
         i, j = along_x[p], along_y[p]
         inverse = one / (depth + i * depth_x + j * depth_y)
         t = (across + i * across_x + j * across_y) * inverse + offset
-        # Zero first: of a shadow that is nowhere, not a number, it is the zero that counts.
+        # Zero first: where the shadow is nan, zero results.
         t = min(max(zero, t), top)
         cell = np.int32(t)
         weight = live * inverse * (inverse if power == 2 else one)
@@ -51,7 +51,7 @@ def _tabulate(x, y, along_x, along_y, c, s, base, live, frame, at, left, right, 
 
 @njit(inline="always")
 def _frame(padded, big_r, sdd, u_c, tau, pitch, pixel, power):
-    """What is the same for every view, positions on the detector in cells."""
+    """Return the constants of all views, positions on the detector in cells."""
     offset = np.float32(u_c / pitch + 0.5 * (padded - 2) + 0.5)
     top = np.float32(padded - 1.001)
     return big_r, math.cos(tau), math.sin(tau), np.float32(sdd / pitch), offset, top, pixel, power
@@ -59,7 +59,7 @@ def _frame(padded, big_r, sdd, u_c, tau, pitch, pixel, power):
 
 @njit(parallel=True, cache=True, nogil=True, fastmath=_FAST)
 def back_project(pairs, source_angle, big_r, sdd, u_c, tau, pitch, low_x, low_y, pixel, power, out):
-    """One slice out [x, y]; pairs (views, cells + 2) uint64 hold a cell's float32 and its right neighbour's."""
+    """Back-project a slice to out [x, y]; pairs (views, cells + 2) uint64 hold a cell's and the next one's float32."""
     views, padded = pairs.shape
     flat = pairs.ravel()
     cosine, sine = np.cos(source_angle), np.sin(source_angle)
@@ -121,11 +121,11 @@ def _back_project_lanes(rows, source_angle, big_r, sdd, u_c, tau, pitch, low_x, 
                 live = np.float32(k + g < views)
                 base, c, s = np.uint32(view * padded), cosine[view], sine[view]
                 _tabulate(x, y, along_x, along_y, c, s, base, live, frame, at, left, right, g)
-            # Pixels of the tile beyond the image, too: they are added up and left there.
+            # Pixels of the tile beyond the image are summed too, and not written.
             for p in range(pixels):
                 a, b = np.uint64(at[0, p]) * cell, np.uint64(at[1, p]) * cell
                 c, d = np.uint64(at[2, p]) * cell, np.uint64(at[3, p]) * cell
-                # In registers: the compiler would take them from memory again for each vector.
+                # In registers: the compiler would load them from memory again for each vector.
                 left_a, left_b, left_c, left_d = left[0, p], left[1, p], left[2, p], left[3, p]
                 right_a, right_b, right_c, right_d = right[0, p], right[1, p], right[2, p], right[3, p]
                 for lane in range(np.uint64(0), cell, np.uint64(width)):
@@ -150,13 +150,13 @@ def _back_project_lanes(rows, source_angle, big_r, sdd, u_c, tau, pitch, low_x, 
 
 @njit(parallel=True, cache=True, nogil=True, fastmath=_FAST)
 def back_project_4(rows, source_angle, big_r, sdd, u_c, tau, pitch, low_x, low_y, pixel, power, out):
-    """Images out [image, x, y] from rows (views, cells + 2, 4), a lane for each image."""
+    """Back-project rows (views, cells + 2, 4) to images out [image, x, y], a lane for each image."""
     _back_project_lanes(rows, source_angle, big_r, sdd, u_c, tau, pitch, low_x, low_y, pixel, power, 4, out)
 
 
 @njit(parallel=True, cache=True, nogil=True, fastmath=_FAST)
 def back_project_16(rows, source_angle, big_r, sdd, u_c, tau, pitch, low_x, low_y, pixel, power, out):
-    """As `back_project_4` of any multiple of sixteen lanes; those beyond the images fill up vectors."""
+    """Do the work of `back_project_4` with any multiple of sixteen lanes; lanes beyond the images fill up vectors."""
     _back_project_lanes(rows, source_angle, big_r, sdd, u_c, tau, pitch, low_x, low_y, pixel, power, 16, out)
 
 

@@ -16,7 +16,7 @@ from sawmill_tomography.reconstruction.iterative.cross_validation import cross_v
 from sawmill_tomography.reconstruction.iterative.descent import Floats, Images, OnIteration
 from sawmill_tomography.reconstruction.iterative.edge_preserving import (
     EdgePreservingMethod,
-    Problem,
+    PriorProblem,
     Settings,
     reconstruct_with_prior,
 )
@@ -34,8 +34,8 @@ from sawmill_tomography.sinograms.noise import noise_of_each_ray, rms_noise
 # The exponent of the Cauchy density in the plane (docs/reconstruction.md#methods).
 STRENGTH = 1.5
 # Beta over the typical attenuation, times the square root of the pixels across the log: with smaller pixels the
-# differences on a slope are smaller, those at an edge as large as ever. This and the numbers of the choice below were
-# found on simulated logs (benchmarks/choosing.py).
+# differences on a slope are smaller, the differences at an edge are not. This and the constants of the choice below
+# were found on simulated logs (benchmarks/choosing.py).
 BETA_SHARE = 4.7
 # Candidates for sigma at the usual beta, as multiples of the noise.
 SIGMA_FACTORS = np.geomspace(0.6, 3.0, 5)
@@ -45,7 +45,7 @@ SIGMA_POWER = 0.6
 # Candidates for sigma at each beta, as multiples of the sigma that this power predicts.
 NEAR_FACTORS = np.geomspace(0.7, 1.0 / 0.7, 3)
 # Beta is also judged by the edges in validation views: the exponent of their frequencies, the weight of the logarithm
-# of that error beside the error of the synthetic tuning, and the iterations of those images.
+# of that error next to the error of the synthetic tuning, and the iterations of those images.
 EDGE_EXPONENT, VALIDATION_WEIGHT, VALIDATION_ITERATIONS = 1.5, 30.0, 8
 # The penalty on a beta other than the usual one, times the logarithm of the step.
 STEP_PENALTY = 0.4
@@ -57,7 +57,7 @@ TOLERANCE = 2e-5
 USUAL_ITERATIONS = 40
 # Projections forward and back with the continuation (docs/performance.md#the-cauchy-map).
 USUAL_PAIRS = 105.0
-# The cost of choosing sigma and beta, in iterations on one slice, and the shares of its parts: the weight of total
+# Cost of choosing sigma and beta, in iterations on one slice, and the shares of its parts: the weight of total
 # variation, the reference image, the candidates and the validation. Measured on 256 x 256 pixels from 20 views
 # (benchmarks/choosing.py).
 CHOOSING_COST = 800.0
@@ -75,7 +75,7 @@ class Preset:
     non_negative: bool
 
 
-# As published for logs from few views (arXiv 2206.14444): in the unit of that log, whose wood is about 0.4.
+# The published settings for logs from few views (arXiv 2206.14444): in the unit of that log, whose wood is about 0.4.
 PRESETS = {"paper": Preset(sigma=0.3, beta=0.01, corner=0.1, iterations=150, non_negative=False)}
 
 
@@ -110,16 +110,16 @@ def cauchy_map(
     projector : Projector
         Geometry and image grid; any angles.
     sinogram : (views, detector) or (slices, views, detector) float
-        Line integrals whose air stands at 0.
+        Line integrals whose air is at 0.
     sigma : float or (views, detector) or NoiseMultiple, optional
-        Standard deviation that the density takes, in the sinogram's unit. By default a multiple of the noise, the
-        same for all slices, which `choose_sigma_and_beta` takes for the middle one.
+        Assumed standard deviation of the data, in the sinogram's unit. By default a multiple of the noise, the
+        same for all slices, which `choose_sigma_and_beta` chooses on the middle slice.
     beta : float, optional
         Scale of the differences between neighbouring pixels, in attenuation; by default chosen together with sigma,
         or a share of the wood's where sigma is given.
     noise : float or (views, detector), optional
         Standard deviation of the data, for sigma and the misfit: `photon_noise` where counts are known; by default
-        that of the air.
+        the standard deviation of the air.
     preset : {"paper"}, optional
         The published settings, in place of sigma, beta, non_negative and iterations.
     non_negative : bool
@@ -127,7 +127,7 @@ def cauchy_map(
     iterations, tolerance
         The descent ends when its last iterations lower the objective by less than this share, or are used up.
     on_progress : callable, optional
-        Called with the share of the work that is done, which rises to 1, after each iteration.
+        Called with the finished share of the work, which rises to 1, after each iteration.
 
     Raises
     ------
@@ -140,7 +140,7 @@ def cauchy_map(
         sigma, beta, corner = published.sigma, published.beta, published.corner
         iterations, non_negative = published.iterations, published.non_negative
 
-    def settings(problem: Problem, choice: SigmaAndBeta | None) -> Settings:
+    def settings(problem: PriorProblem, choice: SigmaAndBeta | None) -> Settings:
         if choice is not None:
             return _settings(problem, choice.sigma, choice.beta, corner)
         return _settings(problem, sigma, beta, corner)
@@ -152,7 +152,7 @@ def cauchy_map(
         usual_iterations=USUAL_ITERATIONS,
         as_published=preset is not None,
     )
-    problem = Problem.of(projector, sinogram, noise, non_negative=non_negative)
+    problem = PriorProblem.of(projector, sinogram, noise, non_negative=non_negative)
     return reconstruct_with_prior(
         method,
         problem,
@@ -171,7 +171,7 @@ class SigmaAndBeta:
     sigma : NoiseMultiple
     beta : float
     image : (size, size) float32
-        Near to the image with both.
+        Image near the one with both.
     """
 
     sigma: NoiseMultiple
@@ -188,14 +188,14 @@ def choose_sigma_and_beta(
     non_negative: bool = True,
     on_progress: OnProgress | None = None,
 ) -> SigmaAndBeta:
-    """Sigma and beta for a sinogram (views, detector).
+    """Choose sigma and beta for a sinogram (views, detector).
 
-    The best smoothness, sigma and beta together, is found by tuning on a synthetic scan of what total variation makes
-    of the slice (`SyntheticTuning`); beta, many small steps or few large ones, by cross-validation.
+    The best smoothness, sigma and beta together, is found by tuning on a synthetic scan of the slice's total variation
+    image (`SyntheticTuning`); beta, many small steps or few large ones, by cross-validation.
 
-    Parameters as of `cauchy_map`; a given beta stays.
+    Parameters are documented in `cauchy_map`; a given beta is kept.
     """
-    problem = Problem.of(projector, sinogram, noise, non_negative=non_negative)
+    problem = PriorProblem.of(projector, sinogram, noise, non_negative=non_negative)
     noises, support, line = problem.noises, problem.support, problem.lines[0]
     usual_beta = float(_betas(beta, problem)[0])
     open_beta = beta is None
@@ -241,9 +241,9 @@ def choose_sigma_and_beta(
     )
     penalty = STEP_PENALTY * np.abs(np.log(BETA_STEPS))
     errors = np.array([pair.error for pair in pairs]) + VALIDATION_WEIGHT * np.log(validation.in_views) + penalty
-    found, _ = parabola_minimum(betas, errors)
-    factor = math.exp(np.interp(math.log(found), np.log(betas), np.log(factors)))
-    return SigmaAndBeta(NoiseMultiple(factor), found, support.embedded(pairs[np.argmin(errors)].images[:1])[0])
+    best_beta, _ = parabola_minimum(betas, errors)
+    factor = math.exp(np.interp(math.log(best_beta), np.log(betas), np.log(factors)))
+    return SigmaAndBeta(NoiseMultiple(factor), best_beta, support.embedded(pairs[np.argmin(errors)].images[:1])[0])
 
 
 class _BestSigma(NamedTuple):
@@ -263,14 +263,14 @@ def _best_sigma(
     on_iteration: OnIteration,
 ) -> _BestSigma:
     weights = _weights(factors, noises, tuning.lines[:1])
-    found = tuning.errors(weights, _prior(np.full(factors.size, beta)), start, on_iteration)
-    return _BestSigma(*parabola_minimum(factors, found.errors), found.images[np.argmin(found.errors)])
+    tuned = tuning.errors(weights, _prior(np.full(factors.size, beta)), start, on_iteration)
+    return _BestSigma(*parabola_minimum(factors, tuned.errors), tuned.images[np.argmin(tuned.errors)])
 
 
 def _best_sigmas(
     tuning: SyntheticTuning, noises: Floats, betas: Floats, at_usual_beta: _BestSigma, on_progress: OnProgress
 ) -> list[_BestSigma]:
-    """The best sigma for each beta, searched around the value predicted from that at the usual beta."""
+    """Find the best sigma for each beta, near the value predicted from the best one at the usual beta."""
     return [
         _best_sigma(
             tuning,
@@ -285,7 +285,7 @@ def _best_sigmas(
 
 
 def _weights(factors: Floats, noises: Floats, lines: Images) -> Images:
-    """1 / sigma^2 for multiples of the noise, (factors, views, detector)."""
+    """Return 1 / sigma^2 for multiples of the noise, (factors, views, detector)."""
     each = 1.0 / (factors[:, None, None] * noises) ** 2
     return np.broadcast_to(each, (factors.size, *lines.shape[1:])).astype(np.float32)
 
@@ -296,7 +296,7 @@ def _prior(betas: Floats, corner: float | None = None) -> CauchyPrior:
 
 
 def _settings(
-    problem: Problem, sigma: ArrayLike | NoiseMultiple | None, beta: float | None, corner: float | None
+    problem: PriorProblem, sigma: ArrayLike | NoiseMultiple | None, beta: float | None, corner: float | None
 ) -> Settings:
     if isinstance(sigma, NoiseMultiple):
         sigmas = sigma.factor * problem.noises
@@ -309,8 +309,8 @@ def _settings(
     return Settings(sigmas, _prior(betas, corner), parameters)
 
 
-def _betas(beta: float | None, problem: Problem) -> Floats:
-    """The scale for each slice: as given, or a share of its typical attenuation."""
+def _betas(beta: float | None, problem: PriorProblem) -> Floats:
+    """Return the scale for each slice: the given one, or a share of its typical attenuation."""
     if beta is not None:
         if not (np.isfinite(beta) and beta > 0.0):
             raise GeometryError(f"beta must be a positive attenuation, not {beta}")
@@ -321,7 +321,7 @@ def _betas(beta: float | None, problem: Problem) -> Floats:
 
 @dataclass(frozen=True)
 class CauchyMap(FittedMethod):
-    """`cauchy_map` as a method of the table."""
+    """The method `cauchy_map` in the table of methods."""
 
     least_images: ClassVar[int] = IMAGES_OF_A_DESCENT * CANDIDATES_AT_ONCE
     pairs_a_slice: ClassVar[float] = USUAL_PAIRS
@@ -335,7 +335,7 @@ class CauchyMap(FittedMethod):
 
     @property
     def is_open(self) -> bool:
-        """Whether sigma is to be chosen, and beta with it."""
+        """True if sigma is to be chosen, together with beta."""
         return self.sigma is None and self.preset is None
 
     def chosen(
@@ -346,7 +346,7 @@ class CauchyMap(FittedMethod):
         noise: FloatArray,
         on_progress: OnProgress,
     ) -> Self:
-        """With the sigma, a multiple of the noise, and the beta of one slice."""
+        """Return the method with the sigma, a multiple of the noise, and the beta chosen for one slice."""
         choice = choose_sigma_and_beta(
             projector,
             line,
@@ -365,7 +365,7 @@ class CauchyMap(FittedMethod):
         return {"noise_multiple": float(self.sigma.factor), "beta": float(self.beta)}
 
     def with_choice(self, choice: Mapping[str, float]) -> Self:
-        """With a sigma and a beta that were chosen."""
+        """Return the method with a chosen sigma and beta."""
         return replace(self, sigma=NoiseMultiple(choice["noise_multiple"]), beta=choice["beta"])
 
     def reconstruct(
@@ -376,7 +376,7 @@ class CauchyMap(FittedMethod):
         noise: FloatArray,
         on_progress: OnProgress,
     ) -> Estimate:
-        """A block."""
+        """Reconstruct a block."""
         return cauchy_map(
             projector,
             lines,

@@ -1,4 +1,4 @@
-"""Which method for which data: method="auto"."""
+"""Choice of the method for the data: method="auto"."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -15,15 +15,15 @@ from sawmill_tomography.reconstruction.methods import METHODS
 from sawmill_tomography.sinograms.noise import estimated_noise
 from sawmill_vocabulary import Preference, ReconstructionMethod
 
-# What `quality` may cost on two cores: seconds for a slice of this size; more pixels may cost more.
+# Price of `quality` on two cores: seconds for a slice of this size; more pixels may cost more.
 PRICE_SECONDS, PRICE_SIZE = 0.1, 256
-# From here `speed` takes filtered back-projection.
+# From this number of views on `speed` takes filtered back-projection.
 SPEED_VIEWS = 90
 # Views are left out of a scan down to this number, the least that was measured.
 LEAST_VIEWS = 20
 # Relative errors with the parameters that each method chooses: the geometric mean over four simulated logs, by views
 # and by noise as a share of the signal (benchmarks/expected_error.py). The Cauchy MAP is beyond the price from 20 views
-# on and was not measured beyond 45; there its error is taken to stay.
+# on and was not measured beyond 45; there its error is assumed to stay constant.
 VIEWS = (20, 45, 90, 180, 360)
 NOISES = (0.005, 0.02, 0.08)
 EXPECTED_ERRORS: Mapping[ReconstructionMethod, tuple[tuple[float, ...], ...]] = MappingProxyType(
@@ -61,14 +61,14 @@ MEASURED_PIXEL_MM, MEASURED_CELL_MM = 3.125, 1.702
 
 @dataclass(frozen=True)
 class Recommendation:
-    """A method and, in one sentence, why.
+    """A recommended method and, in one sentence, why.
 
     Attributes
     ----------
     view_step : int
         Every view_step-th of the views, in the order of their angles, fits into the price.
     expected_error : float or None
-        Relative error of simulated logs; None where the views do not go all round.
+        Relative error of simulated logs; None where the views do not cover a full turn.
     """
 
     method: ReconstructionMethod
@@ -79,7 +79,7 @@ class Recommendation:
 
 @dataclass(frozen=True)
 class _Candidate:
-    """A method with every step-th view: what to expect of it, and its seconds a slice."""
+    """A method with every step-th view: its expected error, and its seconds a slice."""
 
     method: ReconstructionMethod
     step: int
@@ -89,18 +89,18 @@ class _Candidate:
 
 
 def noise_share(sinogram: ArrayLike) -> float:
-    """The noise of a sinogram (views, detector) as a share of its root mean square."""
+    """Estimate the noise of a sinogram (views, detector) as a share of the root mean square."""
     data = np.ascontiguousarray(sinogram, np.float32)
     return estimated_noise(data) / max(float(np.sqrt(np.mean(np.square(data, dtype=np.float64)))), 1e-30)
 
 
 def expected_error(method: ReconstructionMethod, views: int, noise: float) -> float:
-    """Relative error of a method by `EXPECTED_ERRORS`, interpolated in logarithms; beyond the table, its border.
+    """Return a method's relative error by `EXPECTED_ERRORS`, interpolated in logarithms; beyond the table, its border.
 
     Parameters
     ----------
     noise : float
-        As a share of the signal, as `comparable_noise` gives it.
+        Share of the signal, from `comparable_noise`.
     """
     rows = np.log(EXPECTED_ERRORS[method])
     by_views = [np.interp(np.log(noise), np.log(NOISES), row) for row in rows]
@@ -108,9 +108,9 @@ def expected_error(method: ReconstructionMethod, views: int, noise: float) -> fl
 
 
 def comparable_noise(geometry: FanBeamGeometry, grid: ImageGrid, share: float) -> float:
-    """A share of noise in the pixels and cells of the table.
+    """Convert a share of noise to the pixels and cells of the table.
 
-    A ray's noise counts against the attenuation of one pixel, and is averaged over the cells that a pixel covers.
+    A ray's noise counts relative to the attenuation of one pixel, and is averaged over the cells that a pixel covers.
     """
     cell_mm = geometry.scanner.detector_pitch_mm / geometry.frame.magnification
     pixel = grid.pixel_mm / MEASURED_PIXEL_MM
@@ -118,7 +118,7 @@ def comparable_noise(geometry: FanBeamGeometry, grid: ImageGrid, share: float) -
 
 
 def seconds_a_slice(method: ReconstructionMethod, views: int, cells: int, size: int) -> float:
-    """What each slice of a long log costs on two cores, by the model of `cost`."""
+    """Return the seconds on two cores for each slice of a long log, by the model of `cost`."""
     kind = METHODS[method]
     if issubclass(kind, FittedMethod):
         return cost.fitted_seconds_a_slice(kind.pairs_a_slice, views, cells, size)
@@ -133,21 +133,21 @@ def recommend(
     fitted_size: int,
     prefer: Preference = Preference.QUALITY,
 ) -> Recommendation:
-    """The method for a sinogram (views, detector), by its views, its noise and the price in time.
+    """Recommend a method for a sinogram (views, detector), by its views, its noise and the price in time.
 
     Parameters
     ----------
     grid : ImageGrid
-        That of the slices.
+        Grid of the slices.
     fitted_size : int
-        Side of a square of as many pixels as fitted methods need, which hold all of the log.
+        Side of a square with the number of pixels that fitted methods need to hold all of the log.
     """
     share = noise_share(sinogram)
     candidates = list(_candidates(geometry, comparable_noise(geometry, grid, share), grid.size, fitted_size))
     direct = next((one for one in candidates if one.method is ReconstructionMethod.FBP), None)
     if prefer is Preference.SPEED and direct is not None and direct.views >= SPEED_VIEWS:
         return Recommendation(direct.method, 1, direct.error, f"speed was preferred: {_words(direct, geometry)}")
-    # A small region of a large log is worth what the log is worth: its rays cross all of it.
+    # A small region of a large log may cost as much as the whole log: its rays cross all of the log.
     price = PRICE_SECONDS * (max(grid.size, fitted_size) / PRICE_SIZE) ** 2
     affordable = [one for one in candidates if one.seconds <= price]
     if not affordable:
@@ -159,12 +159,12 @@ def recommend(
         reason = f"the views leave a gap that filtered back-projection cannot bridge: {_words(best, geometry)}"
         return Recommendation(best.method, best.step, None, reason)
     reason = f"the lowest expected error within {_milliseconds(price)} a slice with {100.0 * share:.2g} % noise: "
-    others = "" if best is direct else f"; {_words(direct, geometry)}"
-    return Recommendation(best.method, best.step, best.error, reason + _words(best, geometry) + others)
+    alternative = "" if best is direct else f"; {_words(direct, geometry)}"
+    return Recommendation(best.method, best.step, best.error, reason + _words(best, geometry) + alternative)
 
 
 def views_of_step(angles_rad: FloatArray, step: int) -> np.ndarray[tuple[int], np.dtype[np.intp]]:
-    """Indices of every step-th view in the order of the angles, as they come in the scan."""
+    """Return the indices of every step-th view in the order of the angles, in the order of the scan."""
     return np.sort(np.argsort(np.mod(angles_rad, TAU), kind="stable")[::step])
 
 

@@ -1,30 +1,30 @@
 """The cost of a reconstruction, in seconds and memory, before it starts."""
 
-# Slices in one vector of the kernels, and where there are only few.
+# Slices in one vector of the kernels, and in one where there are only few.
 LANES, FEW_LANES = 16, 4
-# For all blocks at work. Both: benchmarks/reconstruction_speed.py.
+# Memory for all concurrent blocks. Both: benchmarks/reconstruction_speed.py.
 MEMORY_BYTES = 768 * 2**20
 # A block of more slices takes more memory and is no faster.
 MOST_SLICES = 32
 
-# Fitted by `make bench-fbp` on two cores; docs/performance.md has the fit beside the machine's limits.
+# Fitted by `make bench-fbp` on two cores; docs/performance.md compares the fit with the machine's limits.
 SECONDS_A_STACK = 0.05
 SECONDS_A_CELL = 8e-9
 SECONDS_AN_UPDATE = 6.0e-11
 SECONDS_A_PIXEL = 2.0e-8
-# Of a forward and an adjoint projection of one of 16 slices, for each ray and each pixel across, and of a descent's own
-# step for each pixel, on two cores (docs/performance.md#the-projector; `benchmarks/iterative.py`).
+# Time of a forward and an adjoint projection of one of 16 slices, for each ray and each pixel across, and of a
+# descent's own step for each pixel, on two cores (docs/performance.md#the-projector; `benchmarks/iterative.py`).
 SECONDS_A_CROSSING = 1.14e-10
 SECONDS_A_STEP_PIXEL = 8.0e-9
 
 
 def seconds(views: int, cells: int, size: int, slices: int) -> float:
-    """Seconds from rows to the volume's file: filtering goes by the cell, back-projection by the view and pixel.
+    """Return the seconds from rows to the volume's file: filtering by cells, back-projection by views and pixels.
 
     Parameters
     ----------
     views, cells, size, slices : int
-        Of each sinogram, of each side of a slice, and how many slices.
+        Views and cells of each sinogram, pixels along each side of a slice, number of slices.
     """
     pixels = size * size
     a_slice = SECONDS_A_CELL * views * cells + SECONDS_AN_UPDATE * views * pixels + SECONDS_A_PIXEL * pixels
@@ -32,43 +32,43 @@ def seconds(views: int, cells: int, size: int, slices: int) -> float:
 
 
 def seconds_a_slice(views: int, cells: int, size: int) -> float:
-    """Seconds for each further slice by filtered back-projection."""
+    """Return the seconds for each further slice by filtered back-projection."""
     return seconds(views, cells, size, 1) - SECONDS_A_STACK
 
 
 def fitted_seconds_a_slice(pairs: float, views: int, cells: int, size: int) -> float:
-    """Seconds for a slice of a block by a method that fits the data, its parameters being chosen.
+    """Return the seconds for a slice of a block by a method that fits the data, with its parameters already chosen.
 
     Parameters
     ----------
     pairs : float
-        Forward and adjoint projections that a slice takes.
+        Forward and adjoint projections for a slice.
     views, cells, size : int
-        Of the sinogram, and of each side of the grid that holds the log.
+        Views and cells of the sinogram, and pixels along each side of the grid that holds the log.
     """
     return pairs * (SECONDS_A_CROSSING * views * cells * size + SECONDS_A_STEP_PIXEL * size * size)
 
 
 def seconds_left(elapsed: float, done: float, slices: int) -> float:
-    """From the pace so far."""
+    """Predict the remaining seconds from the pace so far."""
     return elapsed / done * (slices - done)
 
 
 def lanes_of(slices: int) -> int:
-    """Slices rounded up to whole vectors, as the kernels keep them."""
+    """Round slices up to whole vectors, as the kernels keep them."""
     return FEW_LANES if slices <= FEW_LANES else -(-slices // LANES) * LANES
 
 
 def block_bytes(views: int, cells: int, size: int, slices: int) -> int:
-    """Memory of a block at work: its rows and a copy on reading, rows laid out, and its slices."""
+    """Return the memory of a block at work: its rows and a copy on reading, rows laid out, and its slices."""
     rows = 2 * slices * views * cells + lanes_of(slices) * views * (cells + 2)
     return 4 * (rows + slices * size * size)
 
 
 def blocks(views: int, cells: int, size: int, slices: int, memory_bytes: int, threads: int) -> tuple[int, int]:
-    """Slices a block, in whole vectors where there are several, and the number of concurrent blocks.
+    """Return slices per block, in whole vectors where there are several, and the number of concurrent blocks.
 
-    One block for each thread where there are slices enough, as long as all blocks fit into the memory.
+    There is one block for each thread if there are enough slices, as long as all blocks fit into the memory.
     """
     vectors = -(-slices // LANES)
     counts = (*range(1, LANES), *range(LANES, MOST_SLICES + 1, LANES))
@@ -81,5 +81,5 @@ def blocks(views: int, cells: int, size: int, slices: int, memory_bytes: int, th
 
 
 def volume_bytes(size: int, slices: int) -> int:
-    """A volume of float32, before it is compressed."""
+    """Return the bytes of a volume of float32, before it is compressed."""
     return 4 * slices * size * size

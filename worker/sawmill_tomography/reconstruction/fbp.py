@@ -21,7 +21,7 @@ from sawmill_vocabulary import FilterName, Weighting
 
 Block = Image
 
-# Filtered at a time: few enough to stay in the cache, in memory that is not returned in between
+# Bytes filtered at a time: few enough to stay in the cache, in memory that is not returned in between
 # (benchmarks/reconstruction_speed.py).
 _FILTERED_BYTES = 2**17
 # A remark needs this number of views, this share of the data and this multiple of the noise. From as many views and
@@ -72,7 +72,7 @@ def fbp(
 
 
 def _block(projector: Projector, sinograms: ArrayLike) -> Block:
-    """Sinograms (slices, views, detector) as (views, slices, detector) float32, as the kernels read them."""
+    """Transpose sinograms (slices, views, detector) to (views, slices, detector) float32, as the kernels read them."""
     data = np.asarray(sinograms, np.float32)
     expected = projector.geometry.sinogram_shape
     if data.shape[1:] != expected:
@@ -92,8 +92,8 @@ def _back_projected(projector: Projector, line: Image, prepared: "Preparation") 
         _filter(prepared, line, kernels.pair_up, pairs)
         kernels.back_project(pairs.view(np.uint64)[..., 0], *prepared.frame, image)
         return image
-    # The views n quarter turns on see of a pixel what the first views see of the pixel turned back by as much: they are
-    # as another slice, in the same block.
+    # A pixel in the views n quarter turns later is the pixel turned back by n quarters in the first views: these views
+    # are treated as another slice in the same block.
     quarters = _back_projected_block(projector, line.reshape(4, -1, cells).transpose(1, 0, 2), prepared)
     image = quarters[0]
     for n in (1, 2, 3):
@@ -102,7 +102,7 @@ def _back_projected(projector: Projector, line: Image, prepared: "Preparation") 
 
 
 def _back_projected_block(projector: Projector, data: Block, prepared: "Preparation") -> Image:
-    """Slices of rows (views, slices, cells), the views being the geometry's or its first ones."""
+    """Back-project rows (views, slices, cells) to slices; the views are the geometry's or its first ones."""
     views, slices, cells = data.shape
     volume = np.empty((slices, projector.grid.size, projector.grid.size), np.float32)
     rows = aligned(views, cells + 2, cost.lanes_of(slices))
@@ -113,7 +113,7 @@ def _back_projected_block(projector: Projector, data: Block, prepared: "Preparat
 
 
 def _filter(prepared: "Preparation", data: Image, lay_out: Callable[..., None], rows: Image) -> None:
-    """Lay out filtered and weighted data (views, ..., cells) in rows, as a kernel of the back-projection reads them."""
+    """Write filtered and weighted data (views, ..., cells) to rows, in the layout of a back-projection kernel."""
 
     def work_on(part: slice) -> None:
         lay_out(prepared.filtered(data[part]), prepared.view_weight[part], prepared.cell_weight, rows[part])
@@ -124,7 +124,7 @@ def _filter(prepared: "Preparation", data: Image, lay_out: Callable[..., None], 
 
 
 def _parts(views: int, values: int) -> list[slice]:
-    """The views, of `values` values each, a few at a time."""
+    """Split the views, of `values` values each, into parts of a few views."""
     step = max(1, _FILTERED_BYTES // (4 * values))
     return [slice(first, first + step) for first in range(0, views, step)]
 
@@ -151,9 +151,9 @@ class Preparation:
     Attributes
     ----------
     filtered : RowFilter
-        Including the weights before the filter.
+        Filter, including the weights before the filter.
     view_weight, cell_weight : (views,), (cells,) float64
-        Their product weighs the filtered values.
+        Factors of the weight of the filtered values.
     frame : _Frame
     """
 
@@ -166,7 +166,7 @@ class Preparation:
     def of(
         cls, projector: Projector, weighting: Weighting, filter_name: FilterName, frequency_scaling: float
     ) -> "Preparation":
-        """Of a geometry and a grid (docs/geometry.md#reconstruction)."""
+        """Prepare a geometry and a grid (docs/geometry.md#reconstruction)."""
         geometry, grid = projector.geometry, projector.grid
         frame, pitch = geometry.frame, geometry.scanner.detector_pitch_mm
         r, sdd, u_c, tau = frame.source_distance_mm, frame.source_to_detector_mm, frame.cor_column_mm, frame.tilt_rad
@@ -174,11 +174,12 @@ class Preparation:
         w = cell_centres_mm(geometry.scanner) - u_c
         length = np.hypot(w * np.cos(tau), sdd + w * np.sin(tau))
         exact = weighting == "exact"
-        # A pixel is the mean over its area: without averaging over its shadow at the COR its noise would be a point's.
+        # A pixel is the mean over its area: without averaging over its shadow at the COR it would be as noisy as a
+        # point.
         shadow = grid.pixel_mm * frame.magnification
         before = r * (sdd + w * np.sin(tau)) / length if exact else np.ones(w.size)
 
-        # The plain adjoint counts lengths: the density of rays at a pixel is |a| / (n.(x - S)).
+        # The plain adjoint sums lengths: the density of rays at a pixel is |a| / (n.(x - S)).
         source_angles, power = geometry.angles_rad + frame.psi_rad, 2 if exact else 1
         return cls(
             RowFilter.of(before, pitch, filter_name, frequency_scaling, aperture_mm=shadow),
@@ -190,14 +191,14 @@ class Preparation:
 
 @dataclass(frozen=True)
 class FilteredBackProjection(DirectMethod):
-    """`fbp` as a method of the table."""
+    """The method `fbp` in the table of methods."""
 
     filter: FilterName = FilterName.HANN
     frequency_scaling: float = 1.0
     weighting: Weighting = "exact"
 
     def reconstruct(self, projector: Projector, lines: Image) -> Estimate:
-        """A block."""
+        """Reconstruct a block."""
         return fbp(
             projector,
             lines,
@@ -207,11 +208,11 @@ class FilteredBackProjection(DirectMethod):
         )
 
     def seconds(self, projector: Projector, slices: int) -> float:
-        """By a fit to measured times (docs/performance.md)."""
+        """Estimate the seconds by a fit to measured times (docs/performance.md)."""
         return cost.seconds(*projector.geometry.sinogram_shape, projector.grid.size, slices)
 
     def remark_on(self, projector: Projector, image: Image, misfit: float, line: Image, noise: float) -> str | None:
-        """Whether the misfit is larger than filtering alone leaves it."""
+        """Return a remark if the misfit is larger than filtering alone causes."""
         residual, size = misfit * noise, float(np.sqrt(np.mean(np.square(line, dtype=np.float64))))
         if len(line) < REMARK_VIEWS or misfit < REMARK_NOISE or residual < REMARK_SHARE * size:
             return None

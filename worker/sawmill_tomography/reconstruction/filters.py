@@ -11,7 +11,7 @@ from sawmill_vocabulary import FilterName
 
 
 def _window(name: FilterName, f: FloatArray) -> FloatArray:
-    """Window at frequencies f relative to the cut-off, zero beyond it."""
+    """Return the window at frequencies f relative to the cut-off, zero beyond it."""
     passed = np.abs(f) <= 1.0
     match name:
         case FilterName.RAM_LAK:
@@ -30,12 +30,12 @@ def _window(name: FilterName, f: FloatArray) -> FloatArray:
 def ramp_response(
     cells: int, pitch_mm: float, name: FilterName, frequency_scaling: float, *, aperture_mm: float = 0.0
 ) -> tuple[FloatArray, int]:
-    """Frequency response of the windowed ramp for rfft, and the padded length.
+    """Return the frequency response of the windowed ramp for rfft, and the padded length.
 
     `aperture_mm` is the width on the detector over which the result is averaged: a pixel's shadow.
 
-    The ramp is the transform of its band-limited kernel (Kak and Slaney 1988, eq. 3.61), not |f| sampled, so that the
-    mean of the image is right. The response contains the cell width of the convolution integral.
+    The ramp is the transform of its band-limited kernel (Kak and Slaney 1988, eq. 3.61), not samples of |f|, so that
+    the mean of the image is right. The response contains the cell width of the convolution integral.
 
     Raises
     ------
@@ -58,15 +58,15 @@ def ramp_response(
 
 @dataclass(frozen=True, eq=False)
 class RowFilter:
-    """A weight for each cell, and then the windowed ramp over the row.
+    """A filter of rows: a weight for each cell, then the windowed ramp over the row.
 
     Attributes
     ----------
     weight : (cells,) float32
     response : (length // 2 + 1,) float32
-        Of `ramp_response`.
+        Response by `ramp_response`.
     length : int
-        Of a row padded with zeros.
+        Length of a row padded with zeros.
     """
 
     weight: NDArray[np.float32]
@@ -83,12 +83,12 @@ class RowFilter:
         *,
         aperture_mm: float = 0.0,
     ) -> "RowFilter":
-        """As `ramp_response`."""
+        """Make the filter by `ramp_response`."""
         response, length = ramp_response(weight.size, pitch_mm, name, frequency_scaling, aperture_mm=aperture_mm)
         return cls(weight.astype(np.float32), response.astype(np.float32), length)
 
     def __call__(self, rows: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Each row (..., cells) float32, in its unit per mm."""
+        """Filter each row (..., cells) float32, in its unit per mm."""
         spectrum = scipy.fft.rfft(rows * self.weight, self.length)
         spectrum *= self.response
         filtered = np.asarray(scipy.fft.irfft(spectrum, self.length, overwrite_x=True), np.float32)

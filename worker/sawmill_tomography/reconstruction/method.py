@@ -1,4 +1,4 @@
-"""What a reconstruction method declares: its options, its memory, and how it reconstructs a block.
+"""Base classes of reconstruction methods: options, memory, and the reconstruction of a block.
 
 A method's fields are its options, by the names of the request's fields (docs/adding.md).
 """
@@ -16,15 +16,15 @@ from sawmill_tomography.projection.projector import Image, Projector
 from sawmill_tomography.reconstruction.estimate import Estimate
 from sawmill_tomography.reconstruction.iterative.progress import OnProgress
 
-# Images that a descent keeps for each slice, and the candidates that a choice reconstructs side by side.
+# Images that a descent keeps for each slice, and the candidates that a choice reconstructs in parallel.
 IMAGES_OF_A_DESCENT, CANDIDATES_AT_ONCE = 24, 10
 
 
 @dataclass(frozen=True)
 class DirectMethod(ABC):
-    """Computes the field's image from the data in one pass, with no step towards explaining them.
+    """A method that computes the field's image from the data in one pass, without fitting the data.
 
-    It needs no pixels outside the field. Several blocks are reconstructed concurrently.
+    A direct method needs no pixels outside the field. Several blocks are reconstructed concurrently.
     """
 
     @abstractmethod
@@ -32,32 +32,32 @@ class DirectMethod(ABC):
         """Reconstruct a block (slices, views, detector) of any strides."""
 
     def seconds(self, _projector: Projector, _slices: int) -> float | None:
-        """The time from rows to the volume's file, where it is known beforehand."""
+        """Return the time from rows to the volume's file, where it is known beforehand."""
         return None
 
     def remark_on(
         self, _projector: Projector, _image: Image, _misfit: float, _line: Image, _noise: float
     ) -> str | None:
-        """What a slice's misfit, against the noise of its line integrals (views, detector), shows; None if nothing."""
+        """Return a remark on a slice's misfit, given the noise of its line integrals (views, detector), or None."""
         return None
 
 
 @dataclass(frozen=True)
 class FittedMethod(ABC):
-    """Fits an image to the measured rays, so that it needs pixels wherever there is wood, beyond the field too.
+    """A method that fits an image to the measured rays, so it needs pixels for all wood, outside the field too.
 
     Attributes
     ----------
     least_images : int
         Images of float32 that are in memory at once for a single slice.
     pairs_a_slice : float
-        Forward and adjoint projections that a slice takes, its parameters being chosen.
+        Forward and adjoint projections for a slice, with its parameters already chosen.
     choosing_cost_slices, coupling_cost_slices : float
-        The cost of `chosen`, and of a `CoupledMethod`'s `with_coupling_chosen`, relative to a slice of a block.
+        Cost of `chosen`, and of a `CoupledMethod`'s `with_coupling_chosen`, relative to a slice of a block.
     leaves_out : bool
-        Whether rays can be left out. All rays of another method weigh the same.
+        True if rays can be left out. Otherwise all rays have the same weight.
     shrinks : bool
-        Whether values are drawn towards 0: those of a region, where few rays hold them, are drawn to larger pixels.
+        True if values are drawn towards 0. In a region, where few rays determine them, they are drawn to larger pixels.
     """
 
     least_images: ClassVar[int]
@@ -69,7 +69,7 @@ class FittedMethod(ABC):
 
     @property
     def is_open(self) -> bool:
-        """Whether parameters are to be chosen from one slice of the log, the same for all."""
+        """True if parameters are to be chosen from one slice of the log, the same for all slices."""
         return False
 
     def chosen(
@@ -80,16 +80,16 @@ class FittedMethod(ABC):
         noise: FloatArray,  # noqa: ARG002 - of methods with open parameters
         on_progress: OnProgress,  # noqa: ARG002
     ) -> Self:
-        """The method with the parameters chosen from a slice (views, detector), its noise as of `reconstruct`."""
+        """Return the method with parameters chosen from a slice (views, detector); `noise` is that slice's."""
         return self
 
     @property
     def choice(self) -> dict[str, float]:
-        """What `chosen` chose, for `with_choice`."""
+        """Parameters chosen by `chosen`, for `with_choice`."""
         return {}
 
     def with_choice(self, _choice: Mapping[str, float]) -> Self:
-        """The method with the parameters that another one of the same options chose."""
+        """Return the method with the parameters that another one of the same options chose."""
         return self
 
     @abstractmethod
@@ -106,12 +106,12 @@ class FittedMethod(ABC):
         Parameters
         ----------
         lines : (slices, views, detector) float32
-            Line integrals whose air stands at 0; none is 0 in every ray.
+            Line integrals whose air is at 0; none is 0 in every ray.
         noise : float64, broadcasts with lines
             Standard deviation of each line integral. One number a slice, unless the method `leaves_out` rays: infinite
-            of a ray without weight, whose line is interpolated.
+            for a ray without weight, whose line is interpolated.
         on_progress : callable
-            Called with the share of the block that is done.
+            Called with the finished share of the block.
         """
 
 
@@ -122,12 +122,12 @@ class CoupledMethod(FittedMethod):
     @property
     @abstractmethod
     def halo(self) -> int:
-        """Slices beyond either end of a block that help it; 0 where it is known that each slice is by itself."""
+        """Slices beyond either end of a block that affect it; 0 if the slices are known to be independent."""
 
     @property
     @abstractmethod
     def coupling_is_open(self) -> bool:
-        """Whether the coupling is to be chosen from neighbouring slices."""
+        """True if the coupling is to be chosen from neighbouring slices."""
 
     @abstractmethod
     def with_coupling_chosen(
@@ -140,14 +140,14 @@ class CoupledMethod(FittedMethod):
         noise: FloatArray,
         on_progress: OnProgress,
     ) -> Self:
-        """The method, no other parameter open, with the coupling chosen from slices (slices, views, detector).
+        """Return the method, no other parameter open, with the coupling chosen from slices (slices, views, detector).
 
         Parameters
         ----------
         numbers
-            As of `reconstruct`.
+            Parameter of `reconstruct`.
         others_stay : bool
-            Whether the other parameters were given: they stay then, whatever the coupling.
+            True if the other parameters were given: they are then kept, whatever the coupling.
         """
 
     @abstractmethod
@@ -160,12 +160,12 @@ class CoupledMethod(FittedMethod):
         on_progress: OnProgress,
         numbers: NDArray[np.int64] | None = None,
     ) -> Estimate:
-        """As of `FittedMethod`.
+        """Reconstruct a block (`FittedMethod.reconstruct`).
 
         Parameters
         ----------
         numbers : (slices,) int64, optional
-            Of the slices along the log: those whose numbers follow each other are neighbours. By default all are.
+            Numbers of the slices along the log: consecutive numbers are neighbours. By default all slices are.
         """
 
 

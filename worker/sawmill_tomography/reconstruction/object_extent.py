@@ -1,4 +1,4 @@
-"""How far from the rotation centre a scan shows anything."""
+"""The extent of the object in a scan, as a distance from the rotation centre."""
 
 import math
 
@@ -10,7 +10,7 @@ from sawmill_tomography.sinograms.air import find_air
 
 
 def check_shown(lines: Image) -> None:
-    """See that every slice (slices, views, detector) shows something: where none does there is no scale to solve by.
+    """Check that every slice (slices, views, detector) shows something: otherwise it has no scale to solve by.
 
     Raises
     ------
@@ -25,11 +25,11 @@ def check_shown(lines: Image) -> None:
 
 
 def object_radius_mm(geometry: FanBeamGeometry, sinogram: Image) -> float:
-    """Radius of the disc around the COR that holds what a sinogram (views, detector) shows.
+    """Return the radius of the disc around the COR that holds the object in a sinogram (views, detector).
 
-    The farthest ray through other cells than those that are air in every view: it passes the COR at R sin(gamma), gamma
-    of docs/conventions.md#source-frame. An object that reaches an end of the detector is held by what that end sees. 0
-    where all is air.
+    It is the distance R sin(gamma) at which the farthest ray through cells that are not air in every view passes the
+    COR (gamma: docs/conventions.md#source-frame). If the object reaches an end of the detector, the ray at that end
+    counts. 0 if all cells are air.
     """
     air = find_air(sinogram)
     shadowed = np.ones(sinogram.shape[1], bool) if air is None else ~air.cells
@@ -37,12 +37,12 @@ def object_radius_mm(geometry: FanBeamGeometry, sinogram: Image) -> float:
 
 
 def seen_radius_mm(geometry: FanBeamGeometry) -> float:
-    """Radius of the disc around the COR that the whole detector sees: no object's is larger."""
+    """Return the radius of the disc around the COR that the whole detector sees: no object's is larger."""
     return _radius_mm(geometry, cell_centres_mm(geometry.scanner))
 
 
 def _radius_mm(geometry: FanBeamGeometry, centres: FloatArray) -> float:
-    """Of the disc around the COR that the farthest ray to cells with these centres passes."""
+    """Return the radius of the disc around the COR that the farthest ray to cells with these centres touches."""
     scanner, frame = geometry.scanner, geometry.frame
     half = 0.5 * scanner.detector_pitch_mm
     ends = np.array([centres.min() - half, centres.max() + half]) - frame.cor_column_mm

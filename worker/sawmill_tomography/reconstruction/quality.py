@@ -1,4 +1,4 @@
-"""How far an image is from the truth."""
+"""Measures of an image's difference from the truth."""
 
 import numpy as np
 import scipy
@@ -7,64 +7,66 @@ from skimage.metrics import structural_similarity
 
 from sawmill_tomography.geometry.geometry import FloatArray
 
-# Beyond this many pixels another edge is meant.
+# An edge farther away than this number of pixels is another edge.
 REACH_PIXELS = 5
-# An edge is clear of others where the truth itself shows it so near to its place.
+# An edge is clear of other edges if the truth itself shows it within this distance of its place.
 CLEAR_PIXELS = 0.5
 
 
 def relative_error(image: ArrayLike, truth: ArrayLike) -> float:
-    """||image - truth|| / ||truth|| over all pixels."""
+    """Return ||image - truth|| / ||truth|| over all pixels."""
     reference = np.asarray(truth, np.float64)
     return float(np.linalg.norm(np.asarray(image, np.float64) - reference) / np.linalg.norm(reference))
 
 
 def structural_similarity_index(image: ArrayLike, truth: ArrayLike) -> float:
-    """SSIM (Wang et al. 2004, as scikit-image computes it) with the truth's range as the data range."""
+    """Return SSIM (Wang et al. 2004, as scikit-image computes it) with the truth's range as the data range."""
     reference = np.asarray(truth, np.float64)
     return float(structural_similarity(np.asarray(image, np.float64), reference, data_range=float(np.ptp(reference))))
 
 
 def edge_error_mm(image: ArrayLike, truth: ArrayLike, pixel_mm: float, *, contrast: float = 0.1) -> float:
-    """How far the outlines of an image are from the truth's, in mm: knots, metal fragments, the bark.
+    """Measure the distance of an image's outlines from the truth's, in mm: knots, metal fragments, the bark.
 
-    The truth's strong edges are the steps between its levels by more than `contrast` times its range. At each, the
-    image is read along the edge's normal, and the displacement is that of the step between the truth's two levels which
-    fits best: at most REACH_PIXELS, which is also what an edge that is not there at all counts. The root mean square
-    of the displacements is answered, over the edges that are clear of others; 0 where the truth has no such edge.
+    The truth's strong edges are the steps between its levels by more than `contrast` times its range. At each edge, the
+    image is sampled along the edge's normal; the displacement is the position of the best fitting step between the
+    truth's two levels: at most REACH_PIXELS, which also counts for an edge that is missing. The result is the root mean
+    square of the displacements over the edges that are clear of other edges; 0 where the truth has no such edge.
 
     Parameters
     ----------
     image, truth : (size, size)
-        [x, y], in the same unit.
+        Images [x, y], in the same unit.
     """
     reference = np.asarray(truth, np.float64)
     points, normals, low, high = _edges(reference, contrast)
     if len(points) == 0:
         return 0.0
-    # Where another edge is near, even the truth's own profile does not show this one in its place.
+    # Near another edge, even the truth's own profile does not show this edge in its place.
     clear = np.abs(_displacements(reference, points, normals, low, high)) <= CLEAR_PIXELS
     if not clear.any():
         return 0.0
-    found = _displacements(np.asarray(image, np.float64), points[clear], normals[clear], low[clear], high[clear])
-    return float(pixel_mm * np.sqrt(np.mean(found**2)))
+    displacements = _displacements(
+        np.asarray(image, np.float64), points[clear], normals[clear], low[clear], high[clear]
+    )
+    return float(pixel_mm * np.sqrt(np.mean(displacements**2)))
 
 
 def _displacements(
     image: FloatArray, points: FloatArray, normals: FloatArray, low: FloatArray, high: FloatArray
 ) -> FloatArray:
-    """Where along each normal the step from low to high fits the image best, in pixels."""
+    """Return the position along each normal where the step from low to high fits the image best, in pixels."""
     along = np.linspace(-REACH_PIXELS, REACH_PIXELS, 16 * REACH_PIXELS + 1)
     sampled = points[:, :, None] + normals[:, :, None] * along
     profile = scipy.ndimage.map_coordinates(image, np.moveaxis(sampled, 1, 0), order=1, mode="nearest")
-    # What it costs to call a sample low rather than high, summed up to each place where the step may be.
+    # Cost of counting a sample as low rather than high, summed up to each place where the step may be.
     cost = np.cumsum((profile - low[:, None]) ** 2 - (profile - high[:, None]) ** 2, axis=1)
     displaced: FloatArray = along[np.argmin(cost, axis=1)]
     return displaced
 
 
 def _edges(truth: NDArray[np.float64], contrast: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """The truth's strong edges: points (edges, 2) in pixels, normals uphill (edges, 2), levels beside it."""
+    """Return the truth's strong edges: points (edges, 2) in pixels, normals uphill (edges, 2), levels of both sides."""
     smooth = scipy.ndimage.gaussian_filter(truth, 1.0)
     gradient = np.stack(list(np.gradient(smooth)), axis=-1)
     steepness = np.linalg.norm(gradient, axis=-1)

@@ -12,8 +12,8 @@ CONCURRENT_LAYERS = {"omp", "tbb"}
 
 
 def most_concurrent() -> int:
-    """The number of blocks that may run concurrently: one a thread, if Numba's threading layer can be entered twice."""
-    set_num_threads(get_num_threads())  # the layer is chosen when it is first asked for something
+    """Return how many blocks may run concurrently: one a thread, if Numba's threading layer can be entered twice."""
+    set_num_threads(get_num_threads())  # the layer is chosen at the first call of this kind
     return get_num_threads() if threading_layer() in CONCURRENT_LAYERS else 1
 
 
@@ -33,15 +33,15 @@ def reconstruct_stack(
         Reads, computes and writes the slices start..stop, and yields in between: a block that is no longer needed
         stops there. Called in rising order; in threads where blocks are concurrent.
     concurrent : int
-        The number of blocks, at most `most_concurrent`, that run and are in memory at the same time: one reads or
-        writes while another computes, and none waits for another. With 1, blocks run in the calling thread.
+        Number of blocks, at most `most_concurrent`, that run and are in memory at the same time: one reads or
+        writes while another computes, and no block waits for another. With 1, blocks run in the calling thread.
     done : callable, optional
         Called in the calling thread with the number of slices that are done.
 
     Raises
     ------
     Exception
-        Whatever `reconstruct` raises; then no other block starts, and running blocks stop at their next yield.
+        Any exception of `reconstruct`; then no other block starts, and running blocks stop at their next yield.
     """
     blocks = [(start, min(start + step, slices)) for start in range(0, slices, step)]
     stopped = Event()

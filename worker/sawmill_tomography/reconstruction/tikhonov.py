@@ -33,9 +33,10 @@ SETTLED = 0.02
 SHARES = np.geomspace(1e-8, 10.0, 181)
 CURVE_POINTS = 60
 # Every fifth view is left out, from the third on. The candidates for the weight are shares of the largest eigenvalue
-# without them; steps after which the images at the best ones have converged. The power that the images miss in these
-# views is weighted by its frequency to this exponent, that of the edges: on the published and on a simulated log, 45 to
-# 360 views, the error is within 1 % of the best weight's; the exponents 1, 0.5 and 0 choose too little.
+# without these views; after this number of steps the images at the best weights have converged. The power that the
+# images miss in these views is weighted by its frequency to this exponent, the power of the edges: on the published and
+# on a simulated log, 45 to 360 views, the error is within 1 % of the best weight's; the exponents 1, 0.5 and 0 choose
+# too small a weight.
 VALIDATION_FIRST, VALIDATION_EVERY = 2, 5
 VALIDATION_SHARES = np.geomspace(1e-6, 1.0, 25)
 VALIDATION_STEPS = 40
@@ -44,13 +45,13 @@ VALIDATION_EXPONENT = 1.5
 # (tests/tomography/test_tikhonov.py).
 PROBE_STEPS = 40
 PROBE_SEED = 22
-# Images of the basis that are in memory for one slice, mostly.
+# Usual number of a basis's images that are in memory for one slice.
 IMAGES_OF_A_BASIS = 100
 
 
 @dataclass(frozen=True, eq=False)
 class WeightCurve:
-    """What the rules consider, each (points,): weights, ||A x - y||, ||x||, and the function of GCV if it is used."""
+    """Curves for the rules, each (points,): weights, ||A x - y||, ||x||, and the function of GCV if it is used."""
 
     weights: Floats
     residual_norms: Floats
@@ -58,7 +59,7 @@ class WeightCurve:
     gcv: Floats | None
 
     def columns(self) -> dict[str, Floats]:
-        """By the names that they have in a volume's file."""
+        """Return the curves by their names in a volume's file."""
         columns = {
             "alphas": self.weights,
             "residual_norms": self.residual_norms,
@@ -81,21 +82,21 @@ def tikhonov(
     """Reconstruct one slice or a block of slices (docs/reconstruction.md#alpha-of-tikhonov).
 
     Golub-Kahan bidiagonalisation, the iteration inside LSQR (Paige and Saunders 1982), does not depend on the weight:
-    each weight is solved for in the small problem that it leaves (Hansen 1998, section 6.3). The estimate's parameter
-    is `alpha`, the weight, (slices,); its curves are those of `WeightCurve`.
+    it leaves a small problem, which is solved for each weight (Hansen 1998, section 6.3). The estimate's parameter
+    is `alpha`, the weight, (slices,); its curves are the columns of `WeightCurve`.
 
     Parameters
     ----------
     sinogram : (views, detector) or (slices, views, detector) float
-        Line integrals whose air stands at 0.
+        Line integrals whose air is at 0.
     weight : float, optional
-        In mm^2; chosen by `rule` for each slice where not given.
+        Weight in mm^2; chosen by `rule` for each slice where not given.
     noise : float, optional
-        Standard deviation of the data, for the discrepancy principle and the misfit; by default that of the air.
+        Standard deviation of the data, for the discrepancy principle and the misfit; by default the air's.
     tolerance
         Converged when ||A^T (A x - y) + weight x|| is below this share of ||A^T y||.
     on_progress : callable, optional
-        Called with the share of the work that is done, after every few steps.
+        Called with the finished share of the work, after every few steps.
 
     Raises
     ------
@@ -150,7 +151,7 @@ class _Solved:
 
 
 def _solve(projector: Projector, line: Image, request: _Request, on_progress: OnProgress) -> _Solved:
-    """One slice: bidiagonalise until the solution at the current weight has converged."""
+    """Solve one slice: bidiagonalise until the solution at the current weight has converged."""
     rays = int(projector.crossing.sum())
     small = _Bidiagonalisation(projector, line, request.iterations)
     validating = request.weight is None and request.rule is AlphaRule.CROSS_VALIDATION
@@ -182,13 +183,13 @@ def _choose(problem: "_Projected", request: _Request, rays: int, probe: "_Projec
         by_gcv = float(curve.weights[np.argmin(curve.gcv)])
         if request.rule is AlphaRule.GCV:
             return by_gcv
-        # A wrong geometry is no noise: a weight small enough to explain it would ruin the image and hide it.
+        # A wrong geometry is not noise: a weight small enough to explain it would ruin the image and hide it.
         return max(_by_discrepancy(curve, request.noise * math.sqrt(rays)), by_gcv)
     return _by_l_curve(curve, float(problem.singular[-1] ** 2))
 
 
 def _by_cross_validation(projector: Projector, line: Image, on_progress: OnProgress) -> float:
-    """The weight whose image of the other views comes nearest to those that are left out."""
+    """Choose the weight whose image from the training views predicts the validation views best."""
     geometry = projector.geometry
     views = geometry.angles_rad.size
     if views == 1:
@@ -207,13 +208,13 @@ def _by_cross_validation(projector: Projector, line: Image, on_progress: OnProgr
 
 
 def _probe(projector: Projector, on_progress: OnProgress) -> "_Projected":
-    """The same bidiagonalisation started from random signs, which estimates the trace of A's filtered inverse."""
+    """Bidiagonalise from random signs, which estimates the trace of A's filtered inverse."""
     signs = np.random.default_rng(PROBE_SEED).choice([-1.0, 1.0], projector.crossing.shape).astype(np.float32)
     return _Projected.of(_bidiagonalised(projector, signs, PROBE_STEPS, on_progress))
 
 
 class _Bidiagonalisation:
-    """A V = U B with B lower bidiagonal, V kept orthogonal in full; from the rays of a line that cross the field."""
+    """Bidiagonalisation A V = U B, B lower bidiagonal, V fully orthogonal; from a line's rays that cross the field."""
 
     def __init__(self, projector: Projector, line: Image, most: int) -> None:
         self.projector = projector
@@ -235,12 +236,12 @@ class _Bidiagonalisation:
 
     @property
     def exhausted(self) -> bool:
-        """Whether no direction is left that the data distinguish from the others."""
+        """True if the data show no further direction."""
         norm = float(np.linalg.norm(self._next))
         return norm <= 1e-6 * (self.diagonal[0] if self.diagonal else 1e-300)
 
     def extend(self, steps: int, on_step: OnIteration) -> None:
-        """Take further steps, or fewer if the directions are exhausted; `on_step` hears of each, and of the most."""
+        """Take further steps, or fewer if the directions are exhausted; call `on_step` with each step and the limit."""
         for _ in range(steps):
             if self.exhausted:
                 return
@@ -260,14 +261,14 @@ class _Bidiagonalisation:
             on_step(self.size, len(self._basis))
 
     def combine(self, coefficients: Floats) -> Image:
-        """V times the coefficients."""
+        """Return V times the coefficients."""
         n = self.projector.grid.size
         image: Image = (coefficients.astype(np.float32) @ self._basis[: self.size]).reshape(n, n)
         return image
 
 
 def _bidiagonalised(projector: Projector, line: Image, steps: int, on_progress: OnProgress) -> _Bidiagonalisation:
-    """After this number of steps, or fewer if the directions are exhausted."""
+    """Bidiagonalise by this number of steps, or fewer if the directions are exhausted."""
     small = _Bidiagonalisation(projector, line, steps)
     small.extend(steps, lambda done, most: on_progress(done / most))
     on_progress(1.0)
@@ -276,7 +277,7 @@ def _bidiagonalised(projector: Projector, line: Image, steps: int, on_progress: 
 
 @dataclass(frozen=True, eq=False)
 class _Projected:
-    """min ||B z - ||y|| e1||^2 + weight ||z||^2 in the singular vectors of B."""
+    """Projected problem min ||B z - ||y|| e1||^2 + weight ||z||^2 in the singular vectors of B."""
 
     singular: Floats
     seen: Floats
@@ -298,7 +299,7 @@ class _Projected:
         return np.asarray(self.right @ (s / (s**2 + weight) * self.seen))
 
     def trace(self, weights: Floats) -> Floats:
-        """y^T A (A^T A + weight)^-1 A^T y by Gauss quadrature; for random signs y, an estimate of the trace."""
+        """Compute y^T A (A^T A + weight)^-1 A^T y by Gauss quadrature; for random signs y, an estimate of the trace."""
         s = self.singular
         return np.asarray(((s * self.seen) ** 2 / (s**2 + weights[:, None])).sum(axis=1))
 
@@ -311,12 +312,12 @@ class _Projected:
 
 
 def _by_discrepancy(curve: WeightCurve, level: float) -> float:
-    """Where the residual, which grows with the weight, reaches the noise; an end of the range where it does nowhere."""
+    """Return the weight at which the residual, which grows with it, reaches the noise; else an end of the range."""
     return float(np.exp(np.interp(level, curve.residual_norms, np.log(curve.weights))))
 
 
 def _by_l_curve(curve: WeightCurve, least: float) -> float:
-    """The point of largest curvature of log ||x|| over log ||A x - y||, among the weights that are resolved."""
+    """Return the point of largest curvature of log ||x|| over log ||A x - y||, among the weights that are resolved."""
     step = np.log(curve.weights[1] / curve.weights[0])
     x, y = np.log(curve.residual_norms), np.log(curve.solution_norms)
     dx, dy = np.gradient(x, step), np.gradient(y, step)
@@ -326,10 +327,10 @@ def _by_l_curve(curve: WeightCurve, least: float) -> float:
 
 @dataclass(frozen=True)
 class Tikhonov(FittedMethod):
-    """`tikhonov` as a method of the table."""
+    """The method `tikhonov` in the table of methods."""
 
     least_images: ClassVar[int] = IMAGES_OF_A_BASIS
-    # Slices go one by one, which makes a projection 2.4 times as slow (docs/performance.md#the-projector).
+    # Slices are solved one by one, which makes a projection 2.4 times as slow (docs/performance.md#the-projector).
     pairs_a_slice: ClassVar[float] = 2.4 * (USUAL_STEPS + VALIDATION_STEPS)
     shrinks: ClassVar[bool] = True
 
@@ -344,5 +345,5 @@ class Tikhonov(FittedMethod):
         noise: FloatArray,
         on_progress: OnProgress,
     ) -> Estimate:
-        """A block; each slice chooses its own weight."""
+        """Reconstruct a block; each slice chooses its own weight."""
         return tikhonov(projector, lines, weight=self.alpha, rule=self.alpha_rule, noise=noise, on_progress=on_progress)

@@ -1,4 +1,4 @@
-"""Smoothed total variation: convex, and the yardstick for other edge-preserving methods."""
+"""Smoothed total variation: convex, and the reference for other edge-preserving methods."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -14,7 +14,7 @@ from sawmill_tomography.reconstruction.estimate import Estimate
 from sawmill_tomography.reconstruction.iterative.coarse_to_fine import MULTIPLE
 from sawmill_tomography.reconstruction.iterative.edge_preserving import (
     EdgePreservingMethod,
-    Problem,
+    PriorProblem,
     Settings,
     reconstruct_with_prior,
 )
@@ -33,10 +33,10 @@ from sawmill_tomography.reconstruction.total_variation_weights import (
 )
 
 ITERATIONS = 300
-# Projections forward and back, with the own pixels, that a slice is worth; a step comes with each
+# Price of a slice in projections forward and back, with the own pixels; a step comes with each
 # (benchmarks/slice_price.py, 20 views).
 USUAL_PAIRS = 24.0
-# What lies further away changes a slice by less than the noise does.
+# A slice farther away changes a slice by less than the noise does.
 HALO = 2
 # The cost of choosing the weight, in iterations on one slice of 256 x 256 pixels from 20 views
 # (benchmarks/choosing.py).
@@ -60,18 +60,18 @@ def total_variation(
     The objective is 1/2 sum ((A x - y) / noise)^2 + weight * sum (sqrt(|d|^2 + s^2) - s). The estimate's parameter is
     `weight`, (slices,).
 
-    Coupled, weight * coupling * sum (sqrt(d^2 + s^2) - s) of the differences along the axis comes on top.
+    With coupling, weight * coupling * sum (sqrt(d^2 + s^2) - s) of the differences along the axis is added.
 
     Parameters
     ----------
     sinogram : (views, detector) or (slices, views, detector) float
-        Line integrals whose air stands at 0.
+        Line integrals whose air is at 0.
     weight : float, optional
-        In 1 / attenuation; by default chosen from the middle slice by cross-validation.
+        Weight in 1 / attenuation; by default chosen from the middle slice by cross-validation.
     coupling : float or (slices - 1,) float
-        Of each slice with the next one, 0 or more; 0 where they are no neighbours.
+        Coupling of each slice with the next one, 0 or more; 0 where they are not neighbours.
     noise, non_negative, iterations, tolerance, on_progress
-        As of `cauchy_map`.
+        Parameters of `cauchy_map`.
 
     Raises
     ------
@@ -81,7 +81,7 @@ def total_variation(
     if weight is not None and not (np.isfinite(weight) and weight > 0.0):
         raise GeometryError(f"weight must be a positive number in 1 / attenuation, not {weight}")
 
-    problem = Problem.of(projector, sinogram, noise, non_negative=non_negative, multiple=MULTIPLE)
+    problem = PriorProblem.of(projector, sinogram, noise, non_negative=non_negative, multiple=MULTIPLE)
     couplings, slices = np.asarray(coupling, np.float64), len(problem.lines)
     if couplings.shape not in {(), (slices - 1,)}:
         raise GeometryError(
@@ -92,7 +92,7 @@ def total_variation(
     between = np.broadcast_to(couplings, slices - 1)
     strongest = float(between.max(initial=0.0))
 
-    def settings(problem: Problem, choice: WeightChoice | None) -> Settings:
+    def settings(problem: PriorProblem, choice: WeightChoice | None) -> Settings:
         typical = problem.typical_attenuation
         weights = np.full(typical.shape, weight if choice is None else weight_factor(strongest) * choice.weight)
         parameters = {"weight": weights, "coupling": np.array([strongest])}
@@ -110,12 +110,12 @@ def total_variation(
 
 @dataclass(frozen=True)
 class TotalVariation(CoupledMethod):
-    """`total_variation` as a method of the table."""
+    """The method `total_variation` in the table of methods."""
 
     least_images: ClassVar[int] = IMAGES_OF_A_DESCENT * CANDIDATES_AT_ONCE
     pairs_a_slice: ClassVar[float] = USUAL_PAIRS
     choosing_cost_slices: ClassVar[float] = 20.0
-    # Six slices with each candidate.
+    # The choice reconstructs six slices with each candidate.
     coupling_cost_slices: ClassVar[float] = 6.0 * len(COUPLINGS)
     leaves_out: ClassVar[bool] = True
 
@@ -125,17 +125,17 @@ class TotalVariation(CoupledMethod):
 
     @property
     def coupling_is_open(self) -> bool:
-        """Whether it is `auto`."""
+        """True if the coupling is `auto`."""
         return self.coupling == "auto"
 
     @property
     def _coupling(self) -> float:
-        """As a number; 0 while it is open."""
+        """Coupling as a number; 0 while it is open."""
         return 0.0 if self.coupling in {"auto", "none"} else float(self.coupling)
 
     @property
     def halo(self) -> int:
-        """Where slices are coupled, or may be."""
+        """Slices beyond either end that affect a block; 0 unless slices are coupled or may be."""
         return HALO if self.coupling_is_open or self._coupling > 0.0 else 0
 
     def with_coupling_chosen(
@@ -148,9 +148,9 @@ class TotalVariation(CoupledMethod):
         noise: FloatArray,
         on_progress: OnProgress,
     ) -> Self:
-        """By `choose_coupling`."""
+        """Return the method with the coupling chosen by `choose_coupling`."""
         assert self.weight is not None  # noqa: S101 - chosen before
-        found = choose_coupling(
+        choice = choose_coupling(
             projector,
             lines,
             self.weight,
@@ -160,11 +160,11 @@ class TotalVariation(CoupledMethod):
             non_negative=self.non_negative,
             on_progress=on_progress,
         )
-        return replace(self, coupling=f"{found.coupling:g}", weight=found.weight)
+        return replace(self, coupling=f"{choice.coupling:g}", weight=choice.weight)
 
     @property
     def is_open(self) -> bool:
-        """Whether the weight is to be chosen."""
+        """True if the weight is to be chosen."""
         return self.weight is None
 
     def chosen(
@@ -175,7 +175,7 @@ class TotalVariation(CoupledMethod):
         noise: FloatArray,
         on_progress: OnProgress,
     ) -> Self:
-        """With the weight of one slice."""
+        """Return the method with the weight chosen for one slice."""
         choice = choose_weight(
             projector,
             line,
@@ -193,7 +193,7 @@ class TotalVariation(CoupledMethod):
         return {"weight": float(self.weight), "coupling": self._coupling}
 
     def with_choice(self, choice: Mapping[str, float]) -> Self:
-        """With a weight that was chosen."""
+        """Return the method with a chosen weight and coupling."""
         return replace(self, weight=choice["weight"], coupling=f"{choice['coupling']:g}")
 
     def reconstruct(
@@ -205,7 +205,7 @@ class TotalVariation(CoupledMethod):
         on_progress: OnProgress,
         numbers: NDArray[np.int64] | None = None,
     ) -> Estimate:
-        """A block."""
+        """Reconstruct a block."""
         return total_variation(
             projector,
             lines,

@@ -14,32 +14,33 @@ from sawmill_tomography.reconstruction.iterative.cross_validation import (
     power_along_detector,
 )
 from sawmill_tomography.reconstruction.iterative.descent import Floats
-from sawmill_tomography.reconstruction.iterative.edge_preserving import Problem
+from sawmill_tomography.reconstruction.iterative.edge_preserving import PriorProblem
 from sawmill_tomography.reconstruction.iterative.penalised import Objective
 from sawmill_tomography.reconstruction.iterative.priors import TotalVariationPrior
 from sawmill_tomography.reconstruction.iterative.progress import OnProgress, Phases
 
-# Differences below this share of the wood's attenuation are smoothed quadratically. This and the numbers below were
+# Differences below this share of the wood's attenuation are smoothed quadratically. This and the constants below were
 # found on simulated logs (benchmarks/choosing.py).
 SMOOTHING_SHARE = 0.02
 # Candidates for the weight, times the typical attenuation: the penalty of a difference as large as the wood.
 WEIGHTS = np.geomspace(1.35, 60.0, 5)
-# The weight taken over the one of the best prediction. With the validation data included again the data weigh more, and
-# an image is nearest to its log where it is somewhat smoother than the one that predicts views best.
+# Ratio of the weight to the one of the best prediction. With the validation data included again the data weigh more,
+# and an image is nearest to its log if it is somewhat smoother than the one that predicts views best.
 SMOOTHER = 1.55
 CANDIDATE_ITERATIONS = 8
-# The cost of the folds' first images relative to that of the candidates.
+# The cost of the folds' first images relative to the candidates' cost.
 FIRST_IMAGES_COST = 0.25
-# Ends within 3 % of the error at rest, in the mean of sixteen logs, from 20 views on (benchmarks/slice_price.py).
+# This ends within 3 % of the converged error, in the mean of sixteen logs, from 20 views on
+# (benchmarks/slice_price.py).
 TOLERANCE = 5e-3
 # Iterations with the own pixels after which most logs have converged (benchmarks/slice_price.py).
 USUAL_ITERATIONS = 4
-# Candidates for the coupling, and what the weight in the plane is times the uncoupled one with each: slices that help
-# each other need less in the plane. Found on simulated logs with the truth in hand (seeds from 4000 of
+# Candidates for the coupling, each with the ratio of the weight in the plane to the uncoupled weight: coupled slices
+# need a smaller weight in the plane. Found on simulated logs with known truth (seeds from 4000 of
 # benchmarks/whole_logs.py).
 COUPLINGS = ((0.0, 1.0), (0.2, 0.85), (0.4, 0.75), (0.7, 0.65))
 VALIDATION_VIEWS = 4
-# With the own pixels, at most.
+# Limit of the iterations with the own pixels.
 COUPLING_ITERATIONS = 10
 
 
@@ -51,7 +52,7 @@ class WeightChoice:
     ----------
     weight : float
     images : (folds, size, size) float32
-        Near to its images without the validation data of each fold.
+        Images near the slice's images without the validation data of each fold.
     """
 
     weight: float
@@ -59,7 +60,7 @@ class WeightChoice:
 
     @property
     def image(self) -> Image:
-        """Near to its image, (size, size)."""
+        """Image near the slice's image, (size, size)."""
         mean: Image = self.images.mean(axis=0)
         return mean
 
@@ -72,11 +73,11 @@ def choose_weight(
     non_negative: bool = True,
     on_progress: OnProgress | None = None,
 ) -> WeightChoice:
-    """The weight that `total_variation` chooses for a sinogram (views, detector), by cross-validation.
+    """Choose the weight of `total_variation` for a sinogram (views, detector), by cross-validation.
 
-    Parameters as of `total_variation`, for one sinogram.
+    Parameters are documented in `total_variation`, here for one sinogram.
     """
-    problem = Problem.of(projector, sinogram, noise, non_negative=non_negative)
+    problem = PriorProblem.of(projector, sinogram, noise, non_negative=non_negative)
     lines, noises, support = problem.lines, problem.noises, problem.support
     typical = problem.typical_attenuation
     candidates = WEIGHTS / typical
@@ -84,7 +85,7 @@ def choose_weight(
     prior = smoothed_prior(np.broadcast_to(typical, candidates.shape), candidates)
     objective = Objective(support.projector, lines, weights, prior)
     phases = Phases(on_progress, first_images=FIRST_IMAGES_COST, candidates=1.0)
-    # Continuation leads to much the same image for all candidates: that of the middle one serves them.
+    # Continuation leads to much the same image for all candidates: they all use the middle one's.
     starts = first_images_of_folds(
         objective.only(candidates.size // 2),
         problem.first_images[0],
@@ -107,7 +108,7 @@ def choose_weight(
 
 @dataclass(frozen=True)
 class CouplingChoice:
-    """How much neighbouring slices help each other, and the weight in the plane that goes with it."""
+    """The coupling of neighbouring slices, and the weight in the plane for this coupling."""
 
     coupling: float
     weight: float
@@ -124,28 +125,28 @@ def choose_coupling(
     non_negative: bool = True,
     on_progress: OnProgress | None = None,
 ) -> CouplingChoice:
-    """The coupling of slices (slices, views, detector), by cross-validation over views of all of them.
+    """Choose the coupling of slices (slices, views, detector), by cross-validation over views of all slices.
 
-    Every VALIDATION_VIEWS-th view is left out of all slices; the candidate whose images predict these views best wins,
-    0 among them. The slices with most neighbours count. 0 where no slice has any.
+    Every VALIDATION_VIEWS-th view is left out of all slices; the candidate whose images predict these views best is
+    chosen, 0 among them. Only the slices with most neighbours count. The result is 0 where no slice has a neighbour.
 
     Parameters
     ----------
     weight : float
-        Of slices that are not coupled.
+        Weight of slices that are not coupled.
     numbers : (slices,) int64, optional
-        As of `TotalVariation.reconstruct`.
+        Parameter of `TotalVariation.reconstruct`.
     weight_stays : bool
-        Whether the weight is the same with every coupling; by default it falls as the coupling rises.
+        True if the weight is the same with every coupling; by default it falls as the coupling rises.
     noise, non_negative, on_progress
-        As of `total_variation`.
+        Parameters of `total_variation`.
     """
     neighbours = axial_neighbours(len(lines), numbers)
     if not neighbours.any():
         return CouplingChoice(0.0, weight)
     number_of_neighbours = np.append(neighbours, 0.0) + np.append(0.0, neighbours)
     judged = number_of_neighbours == number_of_neighbours.max()
-    problem = Problem.of(projector, lines, noise, non_negative=non_negative, multiple=MULTIPLE)
+    problem = PriorProblem.of(projector, lines, noise, non_negative=non_negative, multiple=MULTIPLE)
     noises = np.broadcast_to(problem.noises, problem.lines.shape)
     views = np.arange(lines.shape[1]) % VALIDATION_VIEWS == VALIDATION_VIEWS // 2
     training = np.where(views[:, None], 0.0, 1.0 / noises**2).astype(np.float32)
@@ -156,7 +157,7 @@ def choose_coupling(
     def error(coupling: float) -> float:
         prior = smoothed_prior(typical, np.full(len(lines), weights[coupling]))
         objective = Objective(problem.support.projector, problem.lines, training, prior)
-        found = descend_by_levels(
+        minimum = descend_by_levels(
             objective,
             non_negative=non_negative,
             iterations=COUPLING_ITERATIONS,
@@ -165,7 +166,7 @@ def choose_coupling(
             coupling=coupling * neighbours,
             on_progress=phases.of(f"{coupling:g}"),
         )
-        missed = (problem.support.projector.forward(found.images[judged]) - problem.lines[judged]) / noises[judged]
+        missed = (problem.support.projector.forward(minimum.images[judged]) - problem.lines[judged]) / noises[judged]
         return float(np.log(power_along_detector(missed[:, views], 1.0)).sum())
 
     errors = {coupling: error(coupling) for coupling in weights}
@@ -174,16 +175,16 @@ def choose_coupling(
 
 
 def axial_neighbours(slices: int, numbers: NDArray[np.int64] | None) -> Floats:
-    """1 between slices that follow each other along the log, 0 between others; (slices - 1,)."""
+    """Return 1 between slices that follow each other along the log, else 0; (slices - 1,)."""
     return np.ones(max(slices - 1, 0)) if numbers is None else (np.diff(numbers) == 1).astype(np.float64)
 
 
 def weight_factor(coupling: float) -> float:
-    """What the weight in the plane is times the uncoupled one."""
+    """Return the ratio of the weight in the plane to the uncoupled weight."""
     couplings, factors = zip(*COUPLINGS, strict=True)
     return float(np.interp(coupling, couplings, factors))
 
 
 def smoothed_prior(typical: Floats, weights: Floats) -> TotalVariationPrior:
-    """Total variation of images of these typical attenuations, (images,)."""
+    """Return total variation for images of these typical attenuations, (images,)."""
     return TotalVariationPrior(SMOOTHING_SHARE * typical, weights, typical)

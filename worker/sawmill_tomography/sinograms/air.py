@@ -1,7 +1,7 @@
-"""The air beside the object: where it is in a sinogram, and the level it gives each view.
+"""The air next to the object: where it is in a sinogram, and its level in each view.
 
-Beyond the object every line integral is zero. What is measured there instead is the drift of the source since
-the flat fields were taken, or a constant that was added.
+Beyond the object every line integral is zero. A measured value there is the drift of the source since the flat fields
+were taken, or a constant that was added.
 """
 
 import math
@@ -17,20 +17,20 @@ from sawmill_tomography.statistics.robust import noise_of_differences
 from sawmill_vocabulary import AirCorrection
 
 Sinogram = NDArray[np.float32]
-# A correction that has been decided on: `auto` is resolved before, where the kind of data is known.
+# A decided correction: `auto` has been resolved earlier, where the kind of data is known.
 DecidedAirCorrection = Literal[AirCorrection.OFF, AirCorrection.BACKGROUND, AirCorrection.VIEWS]
 
-# The outermost cells, whose median is the level that the others are compared with.
+# Number of outermost cells, whose median is the level with which further cells are compared.
 OUTERMOST = 8
 SMOOTHED = 5
-# Smoothed air departs from that level by no more than this number of its noise's standard deviations: in all rows but
-# one of 500, of a million samples each (tests/tomography/test_air.py).
+# Smoothed air departs from this level by no more than this number of its noise's standard deviations: in all but one of
+# 500 rows, of a million samples each (tests/tomography/test_air.py).
 DEVIATIONS = 6.0
 # Below this share of the range an object's edge looks like unequal cells, and does no harm.
 EDGE_SHARE, UNEQUAL_SHARE = 0.003, 0.02
-# Cells left out beside an object's shadow, whose foot is below the threshold.
+# Cells left out next to an object's shadow, whose foot is below the threshold.
 MARGIN = 3
-# A level that varies by more than this factor of its noise's variance drifts.
+# A level drifts if its variance exceeds the variance by its noise by more than this factor.
 DRIFTING = 2.0
 
 
@@ -41,9 +41,9 @@ class Air:
     Attributes
     ----------
     cells : (cells,) bool
-        Air in every view.
+        True for air in every view.
     level : (views,) float64
-        Mean of the line integrals over those cells.
+        Mean of the line integrals over these cells.
     noise : float
         Standard deviation of one sample in air.
     """
@@ -54,16 +54,16 @@ class Air:
 
     @property
     def background(self) -> float:
-        """The level common to all views."""
+        """Level common to all views."""
         return float(self.level.mean())
 
     @property
     def drifts(self) -> bool:
-        """Whether the level varies between views by more than its own noise explains."""
+        """True if the level varies between views by more than its own noise explains."""
         return float(self.level.var()) > DRIFTING * self.noise**2 / int(self.cells.sum())
 
     def correction(self, correction: DecidedAirCorrection) -> NDArray[np.float32]:
-        """The level to subtract from each view (views, 1)."""
+        """Return the level to subtract from each view (views, 1)."""
         if correction is AirCorrection.OFF:
             return np.zeros((self.level.size, 1), np.float32)
         by_view = correction is AirCorrection.VIEWS and self.drifts
@@ -72,7 +72,7 @@ class Air:
 
 
 def find_air(sinogram: Sinogram) -> Air | None:
-    """The air at both ends of a row's detector cells; None where the object reaches the ends.
+    """Find the air at both ends of a row's detector cells; None where the object reaches the ends.
 
     An end's air is the run of cells that keep the outermost cells' level in every view. An end that the object covers
     in some views has no such run, since a shadow slopes.
@@ -83,7 +83,7 @@ def find_air(sinogram: Sinogram) -> Air | None:
         Line integrals without faulty cells.
     """
     half = sinogram.shape[1] // 2
-    # The range is the object's; a sixty-fourth of the views shows it.
+    # The range is the object's; every sixty-fourth view shows it.
     span = float(np.ptp(np.quantile(sinogram[:: max(1, len(sinogram) // 64)], [0.005, 0.995])))
     left, noise_left = _run(sinogram[:, :half], span)
     right, noise_right = _run(sinogram[:, : -half - 1 : -1], span)
@@ -97,7 +97,7 @@ def find_air(sinogram: Sinogram) -> Air | None:
 
 
 def _run(end: Sinogram, span: float) -> tuple[int, float]:
-    """The number of air cells at one end, from the outermost on, and the standard deviation of their noise."""
+    """Return the number of air cells at one end, from the outermost on, and the standard deviation of their noise."""
     if end.shape[1] < OUTERMOST + MARGIN:
         return 0, 0.0
     departure = end - np.median(end[:, :OUTERMOST], axis=1, keepdims=True)
@@ -112,6 +112,6 @@ def _run(end: Sinogram, span: float) -> tuple[int, float]:
 
 
 def _noise(departure: Sinogram) -> float:
-    """From second differences along the detector, which see neither drift nor a smooth object."""
+    """Estimate noise from second differences along the detector, which contain neither drift nor a smooth object."""
     second = departure[:, :-2] - 2.0 * departure[:, 1:-1] + departure[:, 2:]
     return noise_of_differences(second, 2)

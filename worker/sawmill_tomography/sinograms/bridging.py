@@ -11,7 +11,7 @@ def bridge(sinogram: NDArray[np.floating], faulty: NDArray[np.bool_]) -> None:
     ----------
     sinogram : (views, cells)
     faulty : (cells,) bool
-        Not all of them.
+        True for faulty cells, at least one False.
     """
     good, bad = np.flatnonzero(~faulty), np.flatnonzero(faulty)
     right = np.clip(np.searchsorted(good, bad), 1, max(good.size - 1, 1))
@@ -21,13 +21,13 @@ def bridge(sinogram: NDArray[np.floating], faulty: NDArray[np.bool_]) -> None:
 
 
 def bridged_samples(sinogram: NDArray[np.floating], left_out: NDArray[np.bool_]) -> NDArray[np.floating]:
-    """A copy in which samples are interpolated linearly along the detector; at an end, the nearest good one.
+    """Return a copy in which samples are interpolated linearly along the detector; at an end, the nearest good one.
 
     Parameters
     ----------
     sinogram : (..., cells)
     left_out : (..., cells) bool
-        A row that is left out wholly stays as it is.
+        True for samples to interpolate. A row that is left out as a whole stays as it is.
     """
     cells = sinogram.shape[-1]
     at = np.broadcast_to(np.arange(cells), sinogram.shape)

@@ -1,4 +1,4 @@
-"""Dead and hot detector cells: found in one row's sinogram."""
+"""Dead and hot detector cells, found in one row's sinogram."""
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -8,19 +8,19 @@ from sawmill_tomography.statistics.robust import robust_deviation
 
 Cells = NDArray[np.bool_]
 
-# A cell stands out when its middle value departs from its neighbours' by this many robust standard deviations, and by
+# A cell is faulty if its middle value departs from its neighbours' by this number of robust standard deviations, and by
 # this share of the row's range. A shadow's edge departs less: a median filter keeps edges
 # (tests/tomography/test_faulty_cells.py; test_adjust.py for scans of the phantom).
 DEVIATIONS, SHARE_OF_RANGE = 20.0, 0.06
-# Cells of the median filter.
+# Width of the median filter, in cells.
 NEIGHBOURS = 11
-# Where more cells than this share stand out, they are the object's structure and not faults
+# If more cells than this share are found, they are the object's structure and not faults
 # (tests/tomography/test_faulty_cells.py).
 MOST_FAULTY = 0.05
 
 
 def median_of_views(sinogram: NDArray[np.float32]) -> NDArray[np.float32]:
-    """The median over the views (cells,) of a sinogram (views, cells): the upper one of an even number."""
+    """Return the median over the views (cells,) of a sinogram (views, cells): the upper one of an even number."""
     middle: NDArray[np.float32] = np.sort(np.ascontiguousarray(sinogram.T), axis=1)[:, len(sinogram) // 2]
     return middle
 
@@ -32,18 +32,18 @@ def faulty_cells(
     recheck: bool = True,
     most_faulty: float = MOST_FAULTY,
 ) -> Cells:
-    """Cells that stand out from their neighbours, or never change amid others that do.
+    """Find cells that differ from their neighbours, or never change between cells that do.
 
     Parameters
     ----------
     sinogram : (views, cells), line integrals
     median : (cells,)
-        The median of each cell over the views.
+        Median of each cell over the views.
     recheck : bool
-        Whether cells that stand out are compared again with their sound neighbours: on a slope, a hot cell moves its
+        True to compare the found cells again with their sound neighbours: on a slope, a hot cell moves its
         neighbours' median filter too.
     most_faulty : float
-        Nothing is reported where more than this share of the cells is found.
+        Nothing is reported if more than this share of the cells is found.
 
     Returns
     -------
@@ -70,7 +70,7 @@ def faulty_cells(
 def _median_filter(values: NDArray[np.floating]) -> NDArray[np.floating]:
     """Take the median of `NEIGHBOURS` cells around each, the end cells repeated beyond the ends.
 
-    It is `scipy.ndimage`'s, which each start of a calibration would wait for.
+    It replaces `scipy.ndimage`'s filter, whose import would delay each start of a calibration.
     """
     windows = sliding_window_view(np.pad(values, NEIGHBOURS // 2, mode="edge"), NEIGHBOURS)
     middle: NDArray[np.floating] = np.sort(windows, axis=1)[:, NEIGHBOURS // 2]

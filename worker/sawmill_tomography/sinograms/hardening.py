@@ -1,9 +1,9 @@
-"""Beam hardening: fitted to a phantom's scan, and taken out of the line integrals of a log's.
+"""Beam hardening: fitted to a phantom's scan, and corrected in the line integrals of a log's scan.
 
 Where the attenuation over the beam's spectrum follows a gamma distribution of mean 1 and variance v, a line integral p
 is measured as m = -ln E[exp(-a p)] = ln(1 + v p) / v: the logarithm of the distribution's Laplace transform. One
-number describes any spectrum well enough, goes on sensibly beyond the phantom's longest path, and is not led astray by
-small errors of a drawing, as the powers of p are.
+number describes any spectrum well enough, extrapolates sensibly beyond the phantom's longest path, and is not
+affected by small errors of a drawing, as the powers of p are.
 """
 
 import numpy as np
@@ -16,9 +16,9 @@ from sawmill_vocabulary.hardening import BeamHardening
 # The samples are averaged over this number of path lengths before the curve is fitted.
 LENGTHS = 200
 # The noise of a line integral grows with the slope dp / dm of the correction. Beyond this slope, which rays through
-# metal reach, the correction goes on straight.
+# metal reach, the correction continues as a straight line.
 STEEPEST = 5.0
-# Less changes no line integral by a thousandth.
+# A smaller effect changes no line integral by a thousandth.
 LEAST_CHANGE = 1e-3
 
 
@@ -28,7 +28,7 @@ def fit_hardening(lengths_mm: FloatArray, integrals: FloatArray, *, from_counts:
     Parameters
     ----------
     lengths_mm, integrals : float64, of one shape
-        Paths through the phantom, and what is measured of them without blur and other effects.
+        Paths through the phantom, and their measured line integrals without blur and other effects.
     """
     longest_mm = float(lengths_mm.max())
     places = np.minimum((lengths_mm * (LENGTHS / longest_mm)).astype(np.intp), LENGTHS - 1).ravel()
@@ -39,8 +39,8 @@ def fit_hardening(lengths_mm: FloatArray, integrals: FloatArray, *, from_counts:
 
     def residual(x: FloatArray) -> FloatArray:
         bent = np.log1p(x[2] * length) / x[2]
-        left: FloatArray = weight * (mean - x[0] - x[1] * bent)
-        return left
+        weighted: FloatArray = weight * (mean - x[0] - x[1] * bent)
+        return weighted
 
     # Unknowns: background, attenuation per mm, and spread times attenuation per mm.
     start = np.array([mean[0], (mean[-1] - mean[0]) / longest_mm, 0.3 / longest_mm])
@@ -54,15 +54,15 @@ def fit_hardening(lengths_mm: FloatArray, integrals: FloatArray, *, from_counts:
 
 
 def straightened(hardening: BeamHardening, measured: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Line integrals of the unhardened beam, (exp(v m) - 1) / v, of measured ones above the air's level."""
+    """Compute line integrals of the unhardened beam, (exp(v m) - 1) / v, from measured ones above the air's level."""
     spread = hardening.spread
     limit = np.log(STEEPEST) / spread
-    beyond = STEEPEST * np.maximum(measured - limit, 0.0)
-    return np.asarray(np.expm1(spread * np.minimum(measured, limit)) / spread + beyond, np.float32)
+    above_limit = STEEPEST * np.maximum(measured - limit, 0.0)
+    return np.asarray(np.expm1(spread * np.minimum(measured, limit)) / spread + above_limit, np.float32)
 
 
 def measured_and_slope(hardening: BeamHardening, straight: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """What was measured of line integrals of the unhardened beam, and the slope of the correction there."""
+    """Return measured line integrals for unhardened ones, and the slope of the correction there."""
     spread = hardening.spread
     limit = (STEEPEST - 1.0) / spread
     inside = np.clip(straight, 0.0, limit)

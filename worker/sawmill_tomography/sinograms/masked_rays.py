@@ -1,6 +1,7 @@
-"""Masked rays of a scan's views, bridged by a curve, less what such curves miss at the same place in other views.
+"""Masked rays of a scan's views, bridged by a curve, less the mean error of such curves at the same place elsewhere.
 
-Behind a log a straight line misses in one sense in every view, and a cubic too where it spans a bark: that is no noise.
+Behind a log a straight line has the same sign of error in every view, and so has a cubic over a bark: this is not
+noise.
 """
 
 import math
@@ -10,10 +11,10 @@ from numpy.typing import NDArray
 
 from sawmill_tomography.geometry.geometry import FloatArray
 
-# On either side of a gap: this share of its width, and no fewer rays than that.
+# Rays used on either side of a gap: this share of its width, and no fewer than this number.
 BESIDE, FEWEST_BESIDE = 0.25, 4
-# This number of other bridges shows how far one misses. Where other views show fewer at the same cells, all views are
-# bridged beside them too.
+# Number of other bridges that give a bridge's error. Where other views have fewer at the same cells, bridges next to
+# these cells are used too, in all views.
 FEWEST_BRIDGES = 5
 
 
@@ -25,13 +26,13 @@ def bridge_masked(rays: FloatArray, masked: NDArray[np.bool_]) -> FloatArray:
     rays : (views, cells) float64
         Line integrals of one body; masked ones are overwritten.
     masked : (views, cells) bool
-        Not all of a view.
+        True for masked rays; no view is masked as a whole.
 
     Returns
     -------
     (views, cells) float64
-        0 where nothing was masked. The errors of a bridge are alike, and those of sums over it are asked for: they are
-        as large as sums of independent errors of these deviations.
+        Standard deviations, 0 where nothing was masked. The errors within a bridge are correlated, and only sums over
+        a bridge are needed: the errors of these sums are as large as for independent errors with these deviations.
     """
     measured, deviations = rays.copy(), np.zeros(rays.shape)
     for view, gaps in enumerate(masked):
@@ -43,7 +44,7 @@ def bridge_masked(rays: FloatArray, masked: NDArray[np.bool_]) -> FloatArray:
 
 
 def _bridged(rays: FloatArray, masked: NDArray[np.bool_], view: int, first: int, last: int) -> tuple[FloatArray, float]:
-    """One gap's rays (width,), and their deviation."""
+    """Return one gap's rays (width,), and their deviation."""
     width = last - first
     reach = max(FEWEST_BESIDE, round(BESIDE * width))
     beside = np.concatenate([np.arange(first - reach, first), np.arange(last, last + reach)])
@@ -52,7 +53,7 @@ def _bridged(rays: FloatArray, masked: NDArray[np.bool_], view: int, first: int,
     if beside.size == 0:
         measured = rays[view, ~masked[view]]
         return np.full(width, np.median(measured)), float(np.ptp(measured))
-    # A cubic needs rays on both sides; at an end of the detector, where there is air, the mean of the others serves.
+    # A cubic needs rays on both sides; at an end of the detector, where there is air, the mean of the rays is used.
     both = np.any(beside < first) and np.any(beside >= last)
     degree = min(3, beside.size - 1) if both else 0
     middle = 0.5 * (first + last - 1)
@@ -63,7 +64,7 @@ def _bridged(rays: FloatArray, masked: NDArray[np.bool_], view: int, first: int,
     if len(missed) < 2:
         return curve, float(np.ptp(rays[view, ~masked[view]]))
     deviation = math.sqrt(float(missed.sum(axis=1).var(ddof=1)) * (1.0 + 1.0 / len(missed)) / width)
-    # Where few views show those cells, bridges beside them count, and all views miss alike.
+    # Where few views show those cells, bridges next to them are used, and the errors of all views are correlated.
     alike = int(masked[:, first:last].any(axis=1).sum())
     if len(masked) - alike < FEWEST_BRIDGES:
         deviation *= math.sqrt(alike)
@@ -73,7 +74,7 @@ def _bridged(rays: FloatArray, masked: NDArray[np.bool_], view: int, first: int,
 def _missed(
     rays: FloatArray, masked: NDArray[np.bool_], through: FloatArray, beside: NDArray[np.intp], gap: NDArray[np.intp]
 ) -> FloatArray:
-    """What such curves miss, (bridges, width), where rays were measured: at those cells, or as near as needed."""
+    """Return the errors of such curves, (bridges, width), where rays were measured: at those cells, or near them."""
     missed: list[FloatArray] = []
     cells, step = rays.shape[1], max(1, gap.size // 2)
     for away in range(0, cells, step):

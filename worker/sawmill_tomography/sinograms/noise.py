@@ -1,4 +1,4 @@
-"""How noisy a sinogram is, and how well an image explains it."""
+"""The noise of a sinogram, and the misfit of an image to it."""
 
 import math
 
@@ -14,23 +14,23 @@ from sawmill_tomography.sinograms.scattered_radiation import with_scatter
 from sawmill_tomography.statistics.robust import noise_of_differences
 from sawmill_vocabulary.scattered_radiation import NOTHING_FOUND, BeamCorrection
 
-# The least noise as a share of the data's RMS, taken for noise-free data: pixels approximate a log no better.
+# Lower bound of the noise as a share of the data's RMS, for noise-free data: pixels approximate a log no better.
 LEAST_SHARE = 0.002
 # Cells over which a line integral is averaged to estimate its noise.
 SMOOTHED = 9
-# Noise alone gives 1, pixels up to 1.3 for the published log; errors of theta as by a measuring tape give 3 and more
+# Noise alone gives 1, pixels up to 1.3 for the published log; errors of theta like a measuring tape's give 3 and more
 # (tests/tomography/test_cauchy_map.py, tests/use_cases/test_methods.py).
 MISFIT_OF_A_GOOD_FIT = 2.0
-# Shifts of the views explain more than half of what is missed beyond noise where the geometry is wrong or the object
+# Shifts of the views explain more than half of the residual beyond noise where the geometry is wrong or the object
 # moved, and less than a third where hardening, scatter or blur alone are the cause (tests/use_cases/test_misfit.py).
 DISPLACED = 0.4
 
 
 def estimated_noise(sinogram: NDArray[np.float32]) -> float:
-    """Standard deviation of one sample of a sinogram (views, detector), in its unit.
+    """Estimate the standard deviation of one sample of a sinogram (views, detector), in its unit.
 
-    From the air beside the object; where the object covers the detector, from second differences along it, whose
-    median magnitude is insensitive to edges.
+    The estimate comes from the air next to the object; if the object covers the detector, from second differences along
+    the detector, whose median magnitude is insensitive to edges.
     """
     air = find_air(sinogram)
     noise = noise_of_differences(np.diff(sinogram, 2, axis=-1), 2) if air is None else air.noise
@@ -38,16 +38,16 @@ def estimated_noise(sinogram: NDArray[np.float32]) -> float:
 
 
 def photon_noise(sinogram: ArrayLike, air_counts: ArrayLike) -> FloatArray:
-    """Standard deviation of each line integral p measured with N0 counts in air: sqrt(exp(p) / N0).
+    """Return the standard deviation of each line integral p measured with N0 counts in air: sqrt(exp(p) / N0).
 
-    From var N = N0 exp(-p) and p = -ln(N / N0). p is averaged over SMOOTHED neighbouring cells first: a ray must not
-    count more because its own noise made it brighter, which would bias the image.
+    It follows from var N = N0 exp(-p) and p = -ln(N / N0). p is averaged over SMOOTHED neighbouring cells first: a ray
+    must not count more because its own noise made it brighter, which would bias the image.
 
     Parameters
     ----------
     sinogram : (..., detector) float
         Line integrals, dimensionless.
-    air_counts : float or array that broadcasts with it
+    air_counts : float or array that broadcasts with the sinogram
     """
     counts = np.asarray(air_counts, np.float64)
     if not (counts > 0.0).all():
@@ -67,18 +67,18 @@ def noise_of_rays(
     beam: BeamCorrection = NOTHING_FOUND,
     left_out: NDArray[np.bool_] | None = None,
 ) -> FloatArray:
-    """The noise that air and, of counts, photons show: (slices, 1, 1), or of each ray (slices, views, detector).
+    """Estimate noise from air and, for counts, photons: (slices, 1, 1), or for each ray (slices, views, detector).
 
     Parameters
     ----------
     lines : (slices, views, detector) float32
-        Line integrals whose air stands at 0.
+        Line integrals whose air is at 0.
     counts : bool
-        Whether they were made from counts; the scatter of the air then gives the photons in air, whatever the unit.
+        True if the line integrals were made from counts; the air's scatter then gives the photons, whatever the unit.
     beam : BeamCorrection, optional
-        What was taken out of them: the noise of the measured ones has grown with the slope of the correction.
+        Correction made to the line integrals: it has multiplied their noise by its slope.
     left_out : (slices, views, detector) bool, optional
-        Rays of infinite noise: they have no weight.
+        True for rays to be given infinite noise, and so no weight.
     """
     air = noise_of_each_ray(None, lines)
     measured: FloatArray = np.asarray(lines, np.float64) if beam == NOTHING_FOUND else _smooth(lines)
@@ -93,12 +93,12 @@ def noise_of_rays(
 
 
 def rms_noise(noise: FloatArray) -> float:
-    """Root mean square of the noise of the rays that are not left out."""
+    """Return the root mean square of the noise of the rays that are not left out."""
     return float(np.sqrt(np.mean(noise[np.isfinite(noise)] ** 2)))
 
 
 def noise_of_each_ray(noise: ArrayLike | None, lines: Image) -> FloatArray:
-    """The noise as (slices, views, detector), estimated slice by slice where it is None.
+    """Return the noise as (slices, views, detector), estimated slice by slice if `noise` is None.
 
     Raises
     ------
@@ -107,23 +107,23 @@ def noise_of_each_ray(noise: ArrayLike | None, lines: Image) -> FloatArray:
     """
     if noise is None:
         return np.array([estimated_noise(line) for line in lines]).reshape(-1, 1, 1)
-    given = np.asarray(noise, np.float64)
-    if not ((given > 0.0).all() and np.isfinite(given).any()):
+    noises = np.asarray(noise, np.float64)
+    if not ((noises > 0.0).all() and np.isfinite(noises).any()):
         raise GeometryError("the noise must be a positive standard deviation, one number or one for each ray")
     try:
-        np.broadcast_shapes(given.shape, lines.shape)
+        np.broadcast_shapes(noises.shape, lines.shape)
     except ValueError:
         raise GeometryError(
-            f"the noise has shape {given.shape}; it must be one number or (views, detector) = {lines.shape[1:]}"
+            f"the noise has shape {noises.shape}; it must be one number or (views, detector) = {lines.shape[1:]}"
         ) from None
-    return given.reshape((1,) * (3 - given.ndim) + given.shape)
+    return noises.reshape((1,) * (3 - noises.ndim) + noises.shape)
 
 
 def data_misfit(projector: Projector, images: Image, lines: Image, noise: FloatArray) -> FloatArray:
-    """Root mean square of (A x - y) / noise over the rays that cross the field and are not left out, (slices,).
+    """Return the RMS of (A x - y) / noise over the rays that cross the field and are not left out, (slices,).
 
-    1 means explained to the noise; pixels of finite size add a little. To methods that fit the data a wrong geometry
-    shows as a misfit far above 1.
+    1 means that the data are explained to their noise; pixels of finite size add a little. For methods that fit the
+    data, a wrong geometry gives a misfit far above 1.
     """
     counted = np.isfinite(noise) & projector.crossing
     relative = (projector.forward(images) - lines) / np.where(counted, noise, math.inf).astype(np.float32)
@@ -133,10 +133,10 @@ def data_misfit(projector: Projector, images: Image, lines: Image, noise: FloatA
 
 
 def displaced_share(projector: Projector, image: Image, line: Image, noise: FloatArray) -> float:
-    """Compute the share of what an image misses beyond noise that a shift of each view along the detector explains.
+    """Compute the share of an image's residual beyond noise that a shift of each view along the detector explains.
 
     A wrong geometry and a moving object shift the views against each other. Hardening, blur and scatter do not: they
-    change every view where it is.
+    change every view in its place.
 
     Parameters
     ----------
@@ -156,7 +156,7 @@ def displaced_share(projector: Projector, image: Image, line: Image, noise: Floa
 
 
 def likely_cause(*, displaced: bool) -> str:
-    """The end of a remark on a large misfit, of which shifts of the views explain much or not."""
+    """Return the end of a remark on a large misfit; `displaced` if shifts of the views explain much of the misfit."""
     if displaced:
         return (
             ", and its edges lie beside those of the views: check the geometry, or whether the object moved during the "
@@ -171,7 +171,7 @@ def likely_cause(*, displaced: bool) -> str:
 def remarks_on(
     projector: Projector, images: Image, misfit: FloatArray, lines: Image, noise: FloatArray
 ) -> tuple[str, ...]:
-    """What a user should know of the data and the fit."""
+    """Return remarks on the data and the fit for the user."""
     remarks = []
     worst = int(misfit.argmax())
     if misfit[worst] > MISFIT_OF_A_GOOD_FIT:

@@ -1,4 +1,4 @@
-"""Stacks whose views lack some rows: which are there, their means, and what stands for those that are not."""
+"""Stacks whose views lack some rows: the rows present, their means, and the filling of missing rows."""
 
 import math
 from itertools import pairwise
@@ -11,20 +11,20 @@ from sawmill_tomography.geometry.geometry import TAU, FloatArray
 
 Rows = NDArray[np.bool_]
 
-# A row is used where at least this share of the views has it, and where they leave no gap beyond this number of the
-# scan's median steps, or this angle. With a third of the views less at random, the error of an FBP slice of a log is
-# then 1.1 (360 views) to 1.3 times (60 views) that of the complete one (benchmarks/lost_rows.py).
+# A row is used if at least this share of the views has it, and if they leave no gap beyond this number of the
+# scan's median steps, or this angle. With a third fewer views, missing at random, the error of an FBP slice of a log is
+# 1.1 (360 views) to 1.3 times (60 views) the error of the complete scan (benchmarks/lost_rows.py).
 ENOUGH, WIDEST_STEPS, WIDEST_RAD = 0.5, 5.0, math.radians(60.0)
 
 
 class MeanOfRows(NamedTuple):
-    """The mean over rows, of the views that have any of them.
+    """The mean over rows, for the views that have any row.
 
     Attributes
     ----------
     sinogram : (views, detector) float64
     views : (views,) integers
-        Their numbers in the stack.
+        Numbers of these views in the stack.
     """
 
     sinogram: FloatArray
@@ -32,15 +32,15 @@ class MeanOfRows(NamedTuple):
 
 
 def present_rows(stack: NDArray[np.floating]) -> Rows:
-    """Which rows (..., rows) of images (..., rows, cells) are there: a missing row is NaN in every cell."""
+    """Return which rows (..., rows) of images (..., rows, cells) are present: a missing row is NaN in every cell."""
     there: Rows = ~np.isnan(stack[..., 0])
     return there
 
 
 def mean_of_rows(stack: NDArray[np.floating]) -> MeanOfRows:
-    """Each view's mean over those rows of a stack (views, rows, detector) that it has.
+    """Average each view over those rows of a stack (views, rows, detector) that it has.
 
-    Right where all rows show the same, as a phantom's do: views may average different rows of it.
+    This is right if all rows show the same, as a phantom's do: views may average different rows.
     """
     there = present_rows(stack)
     if there.all():
@@ -51,12 +51,12 @@ def mean_of_rows(stack: NDArray[np.floating]) -> MeanOfRows:
 
 
 def rows_of_all(stack: NDArray[np.floating]) -> Rows:
-    """Which rows (rows,) of a stack (views, rows, detector) every view has."""
+    """Return which rows (rows,) of a stack (views, rows, detector) every view has."""
     return np.asarray(present_rows(stack).all(axis=0), bool)
 
 
 def usable_rows(present: Rows, angles_rad: FloatArray) -> tuple[int, int] | None:
-    """The rows, first and one after the last, that enough views have: half of them, without a wide gap of their own.
+    """Return the rows, first and one after the last, that half of the views have without a wide gap in angle.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ def usable_rows(present: Rows, angles_rad: FloatArray) -> tuple[int, int] | None
 
     Returns
     -------
-    The longest run of such rows; None where there is none.
+    The longest run of such rows; None if there is none.
     """
     steps = _gaps(angles_rad)
     widest = max(float(steps.max()), WIDEST_STEPS * float(np.median(steps)), WIDEST_RAD) * (1.0 + 1e-9)
@@ -77,10 +77,10 @@ def usable_rows(present: Rows, angles_rad: FloatArray) -> tuple[int, int] | None
 
 
 def filled(stack: NDArray[np.float32], angles_rad: FloatArray) -> NDArray[np.float32]:
-    """A stack (views, rows, detector) whose missing rows are interpolated between the two views nearest in angle.
+    """Interpolate missing rows of a stack (views, rows, detector) between the two views nearest in angle.
 
-    For methods that need views at equal steps: weighing the views beside a gap by it instead is the same with the
-    nearest view, and leaves up to 2.5 times the error (benchmarks/lost_rows.py).
+    For methods that need views at equal steps: weighting the views next to a gap by its width instead is the same as
+    the nearest view, and leaves up to 2.5 times the error (benchmarks/lost_rows.py).
     """
     there = present_rows(stack)
     if there.all():
@@ -95,7 +95,7 @@ def filled(stack: NDArray[np.float32], angles_rad: FloatArray) -> NDArray[np.flo
 
 
 def _neighbours(angles_rad: FloatArray, there: Rows) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float32]]:
-    """Of each view that is not there: the views before and after it, and how far (n, 1, 1) it is between them."""
+    """Return, for each missing view, the views before and after it, and its position between them (n, 1, 1)."""
     direction, present = np.mod(angles_rad, TAU), np.flatnonzero(there)
     present = present[np.argsort(direction[present], kind="stable")]
     after = np.searchsorted(direction[present], direction[~there])
@@ -106,13 +106,13 @@ def _neighbours(angles_rad: FloatArray, there: Rows) -> tuple[NDArray[np.intp], 
 
 
 def _gaps(angles_rad: FloatArray) -> FloatArray:
-    """From each direction to the next, round the turn."""
+    """Return the gaps from each direction to the next, over the full turn."""
     directions = np.sort(np.mod(angles_rad, TAU))
     gaps: FloatArray = np.diff(directions, append=directions[:1] + TAU)
     return gaps
 
 
 def _runs(keys: Rows) -> list[slice]:
-    """Runs of equal keys (n, length)."""
+    """Return runs of equal keys (n, length)."""
     changes = np.flatnonzero((keys[1:] != keys[:-1]).any(axis=1)) + 1
     return [slice(first, last) for first, last in pairwise([0, *changes.tolist(), len(keys)])]

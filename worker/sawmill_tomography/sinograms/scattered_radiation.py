@@ -1,6 +1,6 @@
-"""Scattered radiation: fitted to a phantom's scan with its hardening, and taken out of the line integrals of a log's.
+"""Scattered radiation: fitted to a phantom's scan with its hardening, and corrected in a log's line integrals.
 
-An object takes the share 1 - P of the intensity out of the beam, where P = exp(-p). A part of it reaches other cells:
+An object removes the share 1 - P of the intensity from the beam, where P = exp(-p). A part of it reaches other cells:
 I = P + S with S = around H[1 - P] + wide mean(1 - P), the halo H a running mean along the row, taken twice.
 """
 
@@ -18,10 +18,11 @@ HALO = 45
 # Views that the fit uses: three unknowns of the beam need no more.
 VIEWS = 24
 MOST = 0.45
-# Scatter leaves as much power as the freer fit, or 1.6 times as much where its halo is half as wide; 2 % of glare
+# Scatter leaves as much power as the freer fit, or 1.6 times as much if its halo is half as wide; 2 % of glare
 # leaves 6 times as much (tests/use_cases/test_scattered_radiation.py).
 MOST_LEFT = 2.0
-# Each repetition leaves about `around + wide` of the error, and the first guess is right where the scatter is smooth.
+# Each repetition leaves about `around + wide` of the error, and the first estimate is right where the scatter is
+# smooth.
 REPETITIONS = 2
 
 
@@ -33,14 +34,14 @@ def halo(values: FloatArray, width_cells: int = HALO) -> FloatArray:
 
 
 def scattered(scatter: ScatteredRadiation, lost: FloatArray) -> FloatArray:
-    """Compute what reaches the cells (..., cells) of the intensity lost in them, both against the intensity in air."""
+    """Compute the scatter that reaches the cells (..., cells) from the intensity lost in them, both relative to air."""
     added: FloatArray = scatter.around * halo(lost, scatter.width_cells)
     added += scatter.wide * lost.mean(axis=-1, keepdims=True)
     return added
 
 
 def with_scatter(scatter: ScatteredRadiation, primary: FloatArray) -> FloatArray:
-    """Compute the line integrals that are measured of those of the primary beam (..., cells)."""
+    """Compute the measured line integrals from line integrals of the primary beam (..., cells)."""
     intensity = np.exp(-primary)
     measured: FloatArray = -np.log(intensity + scattered(scatter, 1.0 - intensity))
     return measured
@@ -64,13 +65,13 @@ def fit_scatter_and_hardening(
 ) -> BeamCorrection | None:
     """Fit background, attenuation, hardening and scatter to line integrals of known paths that were made from counts.
 
-    None where such scatter is not what the scan shows: glare in the detector, or a beam that passes beside the phantom.
+    None where the scan does not show such scatter, but glare in the detector, or a beam that passes by the phantom.
 
     Parameters
     ----------
     lengths_mm, integrals, residual : (views, cells) float64
-        Paths through the phantom, what is measured of them without blur and other effects, and what a fit left of it
-        that is free to be unphysical.
+        Paths through the phantom, their measured line integrals without blur and other effects, and the residual of a
+        fit that is free to be unphysical.
     weights : (views, cells) float64 or None
         Samples without weight do not count.
     """
@@ -79,7 +80,7 @@ def fit_scatter_and_hardening(
     counted = np.isfinite(measured) if weights is None else weights[some] > 0.0
     longest_mm = float(lengths_mm.max())
 
-    def left(x: FloatArray) -> FloatArray:
+    def misfit(x: FloatArray) -> FloatArray:
         background, attenuation, bend, around, wide = x
         primary = background + attenuation * np.log1p(bend * lengths) / bend
         difference: FloatArray = (with_scatter(ScatteredRadiation(around, wide, HALO), primary) - measured)[counted]
@@ -91,10 +92,10 @@ def fit_scatter_and_hardening(
     start = np.array([0.0, steep, 0.3 / longest_mm, 0.02, 0.02])
     bounds = ([-1.0, 0.0, least, 0.0, 0.0], [1.0, np.inf, 100.0 / longest_mm, MOST, MOST])
     scale = np.array([0.01, steep, 0.3 / longest_mm, 0.05, 0.05])
-    found = scipy.optimize.least_squares(left, start, x_scale=scale, bounds=bounds)
-    if 2.0 * found.cost > MOST_LEFT * np.sum(residual[some][counted] ** 2):
+    fit = scipy.optimize.least_squares(misfit, start, x_scale=scale, bounds=bounds)
+    if 2.0 * fit.cost > MOST_LEFT * np.sum(residual[some][counted] ** 2):
         return None
-    _, attenuation, bend, around, wide = found.x.tolist()
+    _, attenuation, bend, around, wide = fit.x.tolist()
     hardening = scatter = None
     if bend > 2.0 * least:
         longest = attenuation * float(np.log1p(bend * longest_mm)) / bend

@@ -1,1 +1,1 @@
-"""Statistics that several rooms of the science need."""
+"""Statistics for several packages of the science."""

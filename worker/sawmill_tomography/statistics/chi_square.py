@@ -1,4 +1,4 @@
-"""The upper tail of the chi-square distribution, without `scipy.special`, which each start would wait for."""
+"""The upper tail of the chi-square distribution, without `scipy.special`, whose import would delay each start."""
 
 import math
 
@@ -12,12 +12,12 @@ def exceeded_chi_square(probability: float, degrees: float) -> float:
     Beyond its first step it comes from one side, since log Q is concave for a of at least 1 and convex below.
     """
     a = x = 0.5 * degrees
-    wanted = math.log(probability) + math.lgamma(a)
+    target = math.log(probability) + math.lgamma(a)
     step = math.inf
     # The step after the last would be about its square.
     while abs(step) >= 1e-8 * x:
         ratio = _tail_ratio(a, x)
-        step = (a * math.log(x) - x + math.log(ratio) - wanted) * x * ratio
+        step = (a * math.log(x) - x + math.log(ratio) - target) * x * ratio
         x += step
     return 2.0 * x
 

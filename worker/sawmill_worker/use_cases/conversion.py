@@ -6,7 +6,7 @@ from sawmill_contracts import calibrations
 from sawmill_contracts.geometry import SourceFrameDeviation, ThetaDeviation
 from sawmill_contracts.phantoms import PhantomDrawing
 from sawmill_tomography.geometry.geometry import FloatArray
-from sawmill_tomography.geometry.ray_error import PredictedRayError
+from sawmill_tomography.geometry.ray_error import RayErrorPrediction
 from sawmill_tomography.phantoms.phantom import Phantom
 
 
@@ -22,7 +22,7 @@ def from_deviation(theta: FloatArray | None, frame: FloatArray) -> calibrations.
     )
 
 
-def from_predicted(predicted: PredictedRayError, radius_mm: float) -> calibrations.PredictedRayError:
+def from_predicted(predicted: RayErrorPrediction, radius_mm: float) -> calibrations.PredictedRayError:
     """The ray error that a covariance predicts inside a disc, as it crosses a boundary."""
     return calibrations.PredictedRayError(
         rms=predicted.rms_mm,

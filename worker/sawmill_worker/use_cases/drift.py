@@ -30,7 +30,7 @@ from sawmill_tomography.drift.change import (
     seen_vector,
     zero_offset_mm,
 )
-from sawmill_tomography.drift.chart.looks import Look
+from sawmill_tomography.drift.chart.looks import DriftCheckPoint
 from sawmill_tomography.drift.detector_fit import detector_fit
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner, SourceFrame
 from sawmill_tomography.geometry.log_radius import refuse_log_beyond_source
@@ -245,9 +245,9 @@ def _of_the_detector(
     return cause if zero is None else f"since the first {zero.looks} logs after the calibration, {cause}"
 
 
-def _zero_of(baseline: KnownBaseline) -> Look:
+def _zero_of(baseline: KnownBaseline) -> DriftCheckPoint:
     change = np.array([baseline.cor_column_offset_mm, baseline.tilt_offset_rad])
-    return Look(0.0, change, np.array(baseline.covariance))
+    return DriftCheckPoint(0.0, change, np.array(baseline.covariance))
 
 
 def _method(fit: DetectorFit) -> DriftMethod:

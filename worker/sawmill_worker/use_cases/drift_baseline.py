@@ -14,7 +14,7 @@ from sawmill_contracts.drift_baselines import KnownBaseline
 from sawmill_contracts.drifts import DriftResult
 from sawmill_platform.contracts.attempts import JobFailure
 from sawmill_platform.contracts.base import placed_complaint
-from sawmill_tomography.drift.chart.looks import Baseline, Look
+from sawmill_tomography.drift.chart.looks import Baseline, DriftCheckPoint
 from sawmill_worker.use_cases.failures import refused
 from sawmill_worker.use_cases.given_geometry import GivenGeometry
 
@@ -96,9 +96,9 @@ def _of(method: DriftMethod, results: Sequence[DriftResult]) -> KnownBaseline:
     return known_baseline(baseline, method, min(times, default=None), max(times, default=None))
 
 
-def _look(result: DriftResult) -> Look:
+def _look(result: DriftResult) -> DriftCheckPoint:
     change = np.array([result.change.cor_column_mm, result.change.tilt_rad])
-    return Look(0.0, change, np.array(result.covariance)[:2, :2])
+    return DriftCheckPoint(0.0, change, np.array(result.covariance)[:2, :2])
 
 
 def _why_not(result: DriftResult, known: CalibrationResult, checked_sha256: str) -> str | None:

@@ -10,8 +10,8 @@ import numpy as np
 
 from sawmill_contracts.choices import DriftMethod
 from sawmill_contracts.scanner_drift import POOLED_LOOKS, CountedLook, DriftFinding, Followed, Pool
-from sawmill_tomography.drift.chart.chart import DriftChart, Finding
-from sawmill_tomography.drift.chart.looks import Look, pooled_means, stacked
+from sawmill_tomography.drift.chart.chart import ChartFinding, DriftChart
+from sawmill_tomography.drift.chart.looks import DriftCheckPoint, pooled_means, stacked
 from sawmill_tomography.drift.chart.matrices import inverse
 from sawmill_tomography.drift.chart.state import chart_from_state, chart_to_state
 from sawmill_worker.use_cases.drift_baseline import known_baseline
@@ -44,9 +44,9 @@ def follow(
     return Followed(chart_to_state(chart), baseline, finding, alarm, pools)
 
 
-def _look(counted: CountedLook) -> Look:
+def _look(counted: CountedLook) -> DriftCheckPoint:
     change = np.array([counted.cor_column_change_mm, counted.tilt_change_rad])
-    return Look(counted.days, change, np.array(counted.covariance))
+    return DriftCheckPoint(counted.days, change, np.array(counted.covariance))
 
 
 def _pools(before: Sequence[CountedLook], looks: Sequence[CountedLook], scatters: Sequence[float]) -> Iterator[Pool]:
@@ -69,7 +69,7 @@ def _pools(before: Sequence[CountedLook], looks: Sequence[CountedLook], scatters
             )
 
 
-def _reported(found: Finding, start: datetime) -> DriftFinding:
+def _reported(found: ChartFinding, start: datetime) -> DriftFinding:
     plain = DriftFinding(kind=found.kind.value, evidence=found.evidence, limit=found.limit, scatter=found.scatter)
     if found.began_days is None or found.between_days is None or found.change is None or found.covariance is None:
         return plain

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from sawmill_contracts.reconstructions import MetalReport
 from sawmill_tomography.geometry.geometry import FanBeamGeometry
 from sawmill_tomography.geometry.image_grid import ImageGrid
-from sawmill_tomography.reconstruction.metal import INTERPOLATION, WITHOUT_RAYS, Metal, MetalSearch
+from sawmill_tomography.reconstruction.metal import INTERPOLATION, WITHOUT_RAYS, LogMetal, MetalSearch
 from sawmill_worker.use_cases.method_findings import MetalCount
 
 Images = NDArray[np.float32]
@@ -23,14 +23,14 @@ class WithoutMetal:
     Attributes
     ----------
     lines : (slices, views, detector) float32
-    metal : mapping of int to Metal
+    metal : mapping of int to LogMetal
         By the slice's place in the block.
     left_out : (slices, views, detector) bool, optional
         The rays that the method is to work without; None where there are none.
     """
 
     lines: Images
-    metal: Mapping[int, Metal] = field(default_factory=dict)
+    metal: Mapping[int, LogMetal] = field(default_factory=dict)
     left_out: NDArray[np.bool_] | None = None
 
     def count(self, asked: NDArray[np.bool_] | None = None) -> MetalCount:

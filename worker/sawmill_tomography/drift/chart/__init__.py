@@ -1,4 +1,4 @@
-"""Drift from many scans of one scanner: looks pooled, and a control chart that tells a jump from a slow trend.
+"""Drift from many scans of one scanner: drift checks pooled, and a control chart that separates jumps from slow trends.
 
 Method, sources and run lengths: docs/drift-chart.md.
 """

@@ -1,8 +1,8 @@
-"""What a history says for a step and for a trend that began at each candidate time.
+"""Fits of a step and of a trend to a history, for each candidate time at which the change may have started.
 
 With x the mean until the candidate time, a step adds a constant (2,) afterwards and a trend a constant (2,) times the
-days since. Both are generalised least squares fits with x unknown, so the error that all later looks share with the
-baseline is in their covariances (Siegmund and Venkatraman 1995, Annals of Statistics 23, 255, for steps;
+days since. Both are generalised least squares fits with x unknown, so the error that all later drift checks share with
+the baseline is in their covariances (Siegmund and Venkatraman 1995, Annals of Statistics 23, 255, for steps;
 Xu, Wang and Reynolds 2013, Quality and Reliability Engineering International 29, 545, for trends).
 """
 
@@ -12,30 +12,30 @@ from dataclasses import dataclass
 import numpy as np
 
 from sawmill_tomography.drift.chart.matrices import inverse, sandwich, scaled, squared_length, times
-from sawmill_tomography.drift.chart.scatter import Scatter
 from sawmill_tomography.drift.chart.segments import Segment, moved
+from sawmill_tomography.drift.chart.spread import LookSpread
 from sawmill_tomography.geometry.geometry import FloatArray
 
-# A trend has lasted for as many groups; what is shorter is a step, also one in the midst of a group.
+# A trend lasts for at least this number of groups; a shorter change is a step, also one within a group.
 FEWEST_OF_A_TREND = 8
 
 
 @dataclass(frozen=True, eq=False)
-class Alternatives:
-    """One model of change with each candidate time, oldest first.
+class StepAndTrendFits:
+    """Fits of one model of change, one for each candidate time, oldest first.
 
     Attributes
     ----------
     began_days : (candidates, ...) float64
-        The candidates: ends of all segments but the newest.
+        The candidate times: ends of all segments but the newest.
     change : (candidates, ..., 2) float64
         The step, or the change a day.
     covariance : (candidates, ..., 2, 2) float64
-        Of the change, what may stay of it in a quiet scanner included.
+        Covariance of the change, including the changes of a quiet scanner.
     likelihood : (candidates, ...) float64
-        Twice the logarithm of the likelihood ratio against no change, by the looks' errors alone.
+        Twice the logarithm of the likelihood ratio against no change, by the drift checks' errors alone.
     evidence : (candidates, ...) float64
-        Chi-squared of the change by its covariance (`Scatter.chi_squared`): the chart's statistic.
+        Chi-squared of the change by its covariance (`LookSpread.chi_squared`): the chart's statistic.
     """
 
     began_days: FloatArray
@@ -46,9 +46,9 @@ class Alternatives:
 
     @classmethod
     def of(
-        cls, began: FloatArray, change: FloatArray, own: FloatArray, scatter: Scatter, quiet: FloatArray
-    ) -> "Alternatives":
-        """With the change's own covariance as looks give it, and that which changes of a quiet scanner have."""
+        cls, began: FloatArray, change: FloatArray, own: FloatArray, scatter: LookSpread, quiet: FloatArray
+    ) -> "StepAndTrendFits":
+        """Return the fits, given a change's covariance by the checks' own errors and by a quiet scanner's changes."""
         own = scaled(own, scatter.ratio)
         covariance = own + quiet
         distance = squared_length(change, inverse(covariance))
@@ -56,18 +56,18 @@ class Alternatives:
 
 
 def steps_and_trends(
-    segments: Sequence[Segment], scatter: Scatter, quiet: FloatArray
-) -> tuple[Alternatives, Alternatives]:
-    """Both models.
+    segments: Sequence[Segment], scatter: LookSpread, quiet: FloatArray
+) -> tuple[StepAndTrendFits, StepAndTrendFits]:
+    """Fit a step and a trend for each candidate time.
 
     Parameters
     ----------
-    segments : of (...)
-        Oldest first, two or more; none but the first is before the first candidate.
-    scatter : Scatter of (...)
-        What enlarges the covariances that looks give.
+    segments : sequence of Segment (...)
+        Oldest first, two or more; only the first is before the first candidate time.
+    scatter : LookSpread (...)
+        Factor by which the drift checks' covariances are enlarged.
     quiet : (2, 2) float64
-        Covariance of changes from one time to another that are none of the geometry's.
+        Covariance of changes from one time to another that are not changes of the geometry.
     """
     now = segments[-1].last_days
     precision, weighted = moved(
@@ -82,7 +82,7 @@ def steps_and_trends(
 
     before_covariance, after_covariance = inverse(before), inverse(rest[..., 0, :, :])
     step = times(after_covariance, weighted_rest[..., 0, :]) - times(before_covariance, weighted_before)
-    steps = Alternatives.of(began, step, before_covariance + after_covariance, scatter, quiet)
+    steps = StepAndTrendFits.of(began, step, before_covariance + after_covariance, scatter, quiet)
 
     span = now - began
     ago = span[..., None, None]
@@ -98,4 +98,4 @@ def steps_and_trends(
     over_span = np.divide(1.0, ago**2, out=np.zeros_like(ago), where=ago > 0.0)
     groups = np.cumsum([segment.groups for segment in segments[:0:-1]])[::-1]
     slope[groups < FEWEST_OF_A_TREND] = 0.0
-    return steps, Alternatives.of(began, slope, slope_covariance, scatter, quiet * over_span)
+    return steps, StepAndTrendFits.of(began, slope, slope_covariance, scatter, quiet * over_span)

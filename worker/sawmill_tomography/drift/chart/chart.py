@@ -1,7 +1,7 @@
 """The control chart of one scanner since its calibration: quiet, a jump, or a slow trend.
 
-A generalised likelihood ratio chart over change points and two models of change, fed with robustly pooled groups of
-looks (docs/drift-chart.md).
+A generalised likelihood ratio chart over change points and two models of change. Its input is robustly pooled groups of
+drift checks (docs/drift-chart.md).
 """
 
 from dataclasses import dataclass, replace
@@ -9,14 +9,14 @@ from enum import StrEnum
 
 import numpy as np
 
-from sawmill_tomography.drift.chart.alternatives import Alternatives
+from sawmill_tomography.drift.chart.alternatives import StepAndTrendFits
 from sawmill_tomography.drift.chart.history import Group, History
 from sawmill_tomography.drift.chart.jump import jump_at
-from sawmill_tomography.drift.chart.looks import BASELINE_LOOKS, Baseline, Look, pooled, stacked
-from sawmill_tomography.drift.chart.scatter import Scatter
+from sawmill_tomography.drift.chart.looks import BASELINE_LOOKS, Baseline, DriftCheckPoint, pooled, stacked
+from sawmill_tomography.drift.chart.spread import LookSpread
 from sawmill_tomography.geometry.geometry import FloatArray
 
-# Looks that are pooled before they are judged: 7 minutes of a day of 2 000 logs, and four outliers of ten do no harm.
+# Drift checks pooled in one group: 7 minutes of a day of 2 000 logs, and four outliers of ten do no harm.
 GROUP_LOOKS = 10
 # Evidence above this is an alarm. Simulated: `make study-run-lengths`, docs/drift-chart.md.
 LIMIT = 30.0
@@ -28,7 +28,7 @@ PLAUSIBLE = 6.0
 
 
 class DriftKind(StrEnum):
-    """What the chart finds."""
+    """Kinds of a chart's finding."""
 
     LEARNING = "learning"
     QUIET = "quiet"
@@ -37,28 +37,27 @@ class DriftKind(StrEnum):
 
 
 @dataclass(frozen=True, eq=False)
-class Finding:
-    """What the looks until now say.
+class ChartFinding:
+    """Result of a chart: whether, when and by how much the geometry changed.
 
     Attributes
     ----------
     kind : DriftKind
-        Learning until the baseline is complete; jump or trend, whichever is likelier, where the evidence is above the
-        limit.
+        Learning until the baseline is complete; the likelier of jump and trend where the evidence is above the limit.
     evidence, limit : float
-        Chi-squared of the change that has most of it, and the limit above which that is an alarm.
+        Chi-squared of the change with the most evidence, and the limit above which it is an alarm.
     scatter : float
-        How many times farther looks scatter than their covariances say (root mean square); at least 1.
+        Root mean square ratio of the drift checks' scatter to the scatter by their covariances; at least 1.
     began_days : float or None
-        Of a jump or a trend: the time of the last looks before it, in days since the calibration.
+        For a jump or a trend: time of the last drift check before the change, in days since the calibration.
     between_days : (float, float) or None
         Interval of 95 % of that time.
     change : (2,) float64 or None
         The jump of u_c (mm) and tau (rad), or the trend in mm and rad a day.
     covariance : (2, 2) float64 or None
-        Of it.
+        Covariance of the change.
     log_odds : float
-        Natural logarithm of how many times likelier this kind of change is than the other kind.
+        Natural logarithm of the likelihood ratio of this kind of change to the other kind.
     """
 
     kind: DriftKind
@@ -73,35 +72,35 @@ class Finding:
 
     @property
     def alarm(self) -> bool:
-        """Whether a phantom scan is due."""
+        """True if a phantom scan is due."""
         return self.kind in {DriftKind.JUMP, DriftKind.TREND}
 
 
 @dataclass(frozen=True, eq=False)
 class DriftChart:
-    """A scanner's looks since its calibration, summed up.
+    """Summary of a scanner's drift checks since its calibration.
 
-    A chart is a value: `with_look` gives the next one. `state.chart_to_state` gives what JSON can keep of it.
+    A chart is a value: `with_look` gives the next one. `state.chart_to_state` converts a chart to values for JSON.
 
     Attributes
     ----------
-    pending : tuple of Look
-        Those that wait for their baseline or group to be complete.
+    pending : tuple of DriftCheckPoint
+        Drift checks that wait for their baseline or group to be complete.
     baseline : Baseline or None
-        Until it is complete, none.
+        None until the baseline is complete.
     history : History or None
-        Of the groups, those of the baseline's looks among them; none until that is complete.
-    newest : tuple of Look
-        Those of the newest group.
+        History of the groups, including the baseline's; None until the baseline is complete.
+    newest : tuple of DriftCheckPoint
+        Drift checks of the newest group.
     """
 
-    pending: tuple[Look, ...] = ()
+    pending: tuple[DriftCheckPoint, ...] = ()
     baseline: Baseline | None = None
     history: History | None = None
-    newest: tuple[Look, ...] = ()
+    newest: tuple[DriftCheckPoint, ...] = ()
 
-    def with_look(self, look: Look) -> "DriftChart":
-        """The chart with one look more, in the order in which logs were scanned."""
+    def with_look(self, look: DriftCheckPoint) -> "DriftChart":
+        """Return the chart with one drift check more, in the order in which logs were scanned."""
         pending = (*self.pending, look)
         if self.history is None:
             return _begun(pending) if len(pending) == BASELINE_LOOKS else replace(self, pending=pending)
@@ -110,50 +109,50 @@ class DriftChart:
         history = self.history.followed_by(*_group(pending))
         return replace(self, pending=(), history=history, newest=pending)
 
-    def finding(self) -> Finding:
-        """What the complete groups say."""
+    def finding(self) -> ChartFinding:
+        """Return the result of the complete groups."""
         if self.history is None:
-            return Finding(DriftKind.LEARNING)
+            return ChartFinding(DriftKind.LEARNING)
         history, now_days = self.history, float(self.history.segments[-1].last_days)
         scatter = float(np.sqrt(0.5 * np.trace(history.scatter.ratio)))
-        found = replace(likelier(*history.alternatives(QUIET), now_days), scatter=scatter)
-        if found.kind is not DriftKind.JUMP or found.began_days is None or found.between_days is None:
-            return found
-        since, until = found.between_days
-        jump = jump_at(found.began_days, history.segments, self.newest, history.scatter, QUIET)
-        found = replace(found, change=jump.change, covariance=jump.covariance)
+        result = replace(likelier(*history.alternatives(QUIET), now_days), scatter=scatter)
+        if result.kind is not DriftKind.JUMP or result.began_days is None or result.between_days is None:
+            return result
+        since, until = result.between_days
+        jump = jump_at(result.began_days, history.segments, self.newest, history.scatter, QUIET)
+        result = replace(result, change=jump.change, covariance=jump.covariance)
         if not jump.looks_before:
-            return found
-        # It came in the midst of the newest group.
+            return result
+        # The jump is within the newest group.
         last_before, last = self.newest[jump.looks_before - 1].days, self.newest[-1].days
-        return replace(found, began_days=last_before, between_days=(since, max(until, last)))
+        return replace(result, began_days=last_before, between_days=(since, max(until, last)))
 
 
-def _begun(looks: tuple[Look, ...]) -> DriftChart:
-    """With the looks of the baseline: zero is what they show until the jump, where there is one among them."""
+def _begun(looks: tuple[DriftCheckPoint, ...]) -> DriftChart:
+    """Return the chart of the baseline's drift checks; zero is their mean before a jump, if there is a jump."""
     groups = [looks[first : first + GROUP_LOOKS] for first in range(0, len(looks), GROUP_LOOKS)]
-    history = History.starting_with(map(_group, groups), Scatter.of_looks(*stacked(looks)))
+    history = History.starting_with(map(_group, groups), LookSpread.of_looks(*stacked(looks)))
     chart = DriftChart(history=history, newest=groups[-1])
     began_days = chart.finding().began_days
     zero = looks if began_days is None else [look for look in looks if look.days <= began_days]
     return replace(chart, baseline=Baseline.of(zero))
 
 
-def _group(looks: tuple[Look, ...]) -> Group:
-    """At the time of its last look, so that a jump in its midst lies between the times of two groups."""
+def _group(looks: tuple[DriftCheckPoint, ...]) -> Group:
+    """Pool a group at the last drift check's time, so that a jump within it lies between two groups' times."""
     group = pooled(looks)
     return np.asarray(looks[-1].days), group.change, group.covariance
 
 
-def likelier(steps: Alternatives, trends: Alternatives, now_days: float) -> Finding:
-    """The finding from one scanner's alternatives.
+def likelier(steps: StepAndTrendFits, trends: StepAndTrendFits, now_days: float) -> ChartFinding:
+    """Return the finding from one scanner's fits of steps and trends.
 
-    The largest evidence decides whether there was a change. Its kind and time are decided by the likelihood, among
-    candidates that have at least half that evidence: others may be likely, but too small to matter.
+    The largest evidence decides whether there was a change. The likelihood decides its kind and time, among candidates
+    that have at least half that evidence: other candidates may be likely, but their change is too small to matter.
     """
     evidence = float(max(steps.evidence.max(), trends.evidence.max()))
     if evidence <= LIMIT:
-        return Finding(DriftKind.QUIET, evidence)
+        return ChartFinding(DriftKind.QUIET, evidence)
     models = (steps, trends)
     likelihoods = [np.where(each.evidence >= 0.5 * evidence, each.likelihood, 0.0) for each in models]
     best = [float(each.max()) for each in likelihoods]
@@ -162,10 +161,10 @@ def likelier(steps: Alternatives, trends: Alternatives, now_days: float) -> Find
     model, likelihood = models[of_kind], likelihoods[of_kind]
     at = int(np.argmax(likelihood))
     plausible = np.flatnonzero(likelihood >= best[of_kind] - PLAUSIBLE)
-    # A change between two candidates looks like one at the nearer; before the first one there is the calibration.
+    # A change between two candidates is fitted at the nearer one; before the first candidate there is the calibration.
     times = [0.0, *model.began_days.tolist(), now_days]
     between = times[plausible[0]], times[plausible[-1] + 2]
-    return Finding(
+    return ChartFinding(
         (DriftKind.JUMP, DriftKind.TREND)[of_kind],
         evidence,
         began_days=float(model.began_days[at]),

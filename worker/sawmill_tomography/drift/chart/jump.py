@@ -1,8 +1,8 @@
-"""The size of a jump from looks that are certainly before or after it.
+"""The size of a jump from drift checks that are certainly before or after the jump.
 
-The likeliest time of a jump is the end of a group or a segment, but scanners move in the midst of one. So neither side
-of that time counts for the size: later groups are compared with earlier ones. While there is only one group after it,
-its looks are compared singly with all that was before, and each of them may be the first after the jump.
+The likeliest time of a jump is the end of a group or a segment, but scanners move within a group. So neither side
+of that time counts for the size: later groups are compared with earlier ones. While there is only one group after the
+jump, its drift checks are compared one by one with all groups before, and each of them may be the first after the jump.
 """
 
 from collections.abc import Sequence
@@ -10,15 +10,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sawmill_tomography.drift.chart.looks import FEWEST_BASELINE_LOOKS, OUTLYING, Look, pooled_means, stacked
+from sawmill_tomography.drift.chart.looks import FEWEST_BASELINE_LOOKS, OUTLYING, DriftCheckPoint, pooled_means, stacked
 from sawmill_tomography.drift.chart.matrices import inverse, scaled, squared_length, times
-from sawmill_tomography.drift.chart.scatter import Scatter
 from sawmill_tomography.drift.chart.segments import Segment
+from sawmill_tomography.drift.chart.spread import LookSpread
 from sawmill_tomography.geometry.geometry import FloatArray
 
 
 class Jump(NamedTuple):
-    """A jump's size (2,) with its covariance (2, 2), and the number of the newest looks that were before it."""
+    """Size (2,) and covariance (2, 2) of a jump, and the number of the newest drift checks before the jump."""
 
     change: FloatArray
     covariance: FloatArray
@@ -26,20 +26,24 @@ class Jump(NamedTuple):
 
 
 def jump_at(
-    began_days: float, segments: Sequence[Segment], newest: Sequence[Look], scatter: Scatter, quiet: FloatArray
+    began_days: float,
+    segments: Sequence[Segment],
+    newest: Sequence[DriftCheckPoint],
+    scatter: LookSpread,
+    quiet: FloatArray,
 ) -> Jump:
-    """The jump of one scanner at the end of a segment or soon after.
+    """Measure the jump of one scanner at the end of a segment or soon after.
 
     Parameters
     ----------
     began_days : float
-        The last time of the segment.
-    segments : of ()
-        Oldest first, at least one later than that.
-    newest : sequence of Look
-        What the newest group was pooled from.
+        Last time of the segment.
+    segments : sequence of Segment ()
+        Oldest first, at least one later than `began_days`.
+    newest : sequence of DriftCheckPoint
+        Drift checks from which the newest group was pooled.
     scatter, quiet
-        As in `steps_and_trends`.
+        Parameters of `steps_and_trends`.
     """
     earlier = [segment for segment in segments if segment.last_days <= began_days]
     later = segments[len(earlier) :]
@@ -51,9 +55,9 @@ def jump_at(
 
 
 def _within(
-    looks: Sequence[Look], mean: FloatArray, covariance: FloatArray, scatter: Scatter, quiet: FloatArray
+    looks: Sequence[DriftCheckPoint], mean: FloatArray, covariance: FloatArray, scatter: LookSpread, quiet: FloatArray
 ) -> Jump:
-    """With each look as the first one after it, by the likelihood of all: outliers count as what is `OUTLYING`."""
+    """Average the jumps before each drift check, weighted by likelihood; outliers count as if at `OUTLYING`."""
     change, own = stacked(looks)
     precision = inverse(scaled(own, scatter.ratio))
     before = _bounded(change - mean, precision)
@@ -72,12 +76,12 @@ def _within(
 
 
 def _mean(segments: Sequence[Segment]) -> tuple[FloatArray, FloatArray]:
-    """Of their groups, with its covariance by the looks' own ones."""
+    """Return the mean of the segments' groups, and its covariance by the drift checks' own covariances."""
     covariance = inverse(np.sum([segment.precision[0] for segment in segments], axis=0))
     return times(covariance, np.sum([segment.weighted[0] for segment in segments], axis=0)), covariance
 
 
 def _bounded(apart: FloatArray, precision: FloatArray) -> FloatArray:
-    """Chi-squared of each look, that of an outlier bounded."""
+    """Return chi-squared of each drift check; an outlier's is bounded."""
     bounded: FloatArray = np.minimum(squared_length(apart, precision), OUTLYING**2)
     return bounded

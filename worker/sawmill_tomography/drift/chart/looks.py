@@ -1,4 +1,4 @@
-"""Looks: what single scans say of the change since the calibration; pooled, and set against a baseline."""
+"""Drift checks: a single scan's change since the calibration; several pooled into one, and a baseline."""
 
 import math
 from collections.abc import Sequence
@@ -11,31 +11,31 @@ from numpy.typing import NDArray
 from sawmill_tomography.drift.chart.matrices import inverse, squared_length, times
 from sawmill_tomography.geometry.geometry import FloatArray
 
-# A look farther from the pooled estimate than this many standard deviations counts by as much as one at that distance
-# (Huber 1964): 4 % of normal looks.
+# A check farther from the pooled estimate than this many standard deviations counts by as much as one at that distance
+# (Huber 1964): 4 % of normal checks.
 HUBER = 2.5
-# A look farther away than this is an outlier and left out: 3 of 10 000 normal looks.
+# A drift check farther away than this is an outlier and left out: 3 of 10 000 normal checks.
 OUTLYING = 4.0
 STEPS_WITH_ALL, STEPS_WITHOUT_OUTLIERS = 8, 4
-# Looks that define zero: their pooled error is that of fifty later ones, so the difference is at most 1.41 times as
-# uncertain as those; they take 36 minutes of a day of 2 000 logs.
+# Drift checks that define zero: their pooled error equals the error of fifty later ones, so the difference is at most
+# 1.41 times as uncertain as fifty checks; they take 36 minutes of a day of 2 000 logs.
 BASELINE_LOOKS = 50
-# Three looks can outvote one outlier.
+# Three drift checks can outvote one outlier.
 FEWEST_BASELINE_LOOKS = 3
 
 
 @dataclass(frozen=True, eq=False)
-class Look:
-    """What a scan says of the change since the calibration.
+class DriftCheckPoint:
+    """A drift check: a scan's change since the calibration.
 
     Attributes
     ----------
     days : float
-        When, in days since the calibration.
+        Time of the scan, in days since the calibration.
     change : (2,) float64
-        Of u_c (mm on the detector) and the detector's tilt tau (rad).
+        Change of u_c (mm on the detector) and of the detector's tilt tau (rad).
     covariance : (2, 2) float64
-        Of this scan's own error. The calibration's error is not in it: all looks share that.
+        Covariance of this scan's own error. The calibration's error, which all drift checks share, is left out.
 
     Raises
     ------
@@ -71,15 +71,15 @@ class Look:
 
 
 @dataclass(frozen=True, eq=False)
-class PooledLook(Look):
-    """Several looks as one.
+class PooledDriftCheckPoint(DriftCheckPoint):
+    """Several drift checks pooled into one.
 
     Attributes
     ----------
     days, change, covariance
-        The looks' mean time; their generalised least squares estimate and its covariance.
+        The checks' mean time; their generalised least squares estimate and its covariance.
     looks, outliers : int
-        How many were given, and how many of those were left out.
+        Number of pooled checks, and number of outliers among them that were left out.
     """
 
     looks: int
@@ -87,7 +87,7 @@ class PooledLook(Look):
 
 
 class PooledMeans(NamedTuple):
-    """Means (..., 2), their precision (..., 2, 2), and the looks' weights (..., looks), 0 of outliers."""
+    """Means (..., 2), their precision (..., 2, 2), and the drift checks' weights (..., looks), 0 for outliers."""
 
     mean: FloatArray
     precision: FloatArray
@@ -95,10 +95,10 @@ class PooledMeans(NamedTuple):
 
 
 def pooled_means(change: FloatArray, covariance: FloatArray) -> PooledMeans:
-    """Robust generalised least squares means over the last axis of looks.
+    """Compute robust generalised least squares means over the last axis of drift checks.
 
-    Huber's estimate (1964) of a location by reweighted least squares, distances taken in the metric of each look's own
-    covariance; then without the looks that lie beyond `OUTLYING`.
+    Huber's estimate (1964) of a location by reweighted least squares, distances taken in the metric of each check's own
+    covariance; then without the checks beyond `OUTLYING`.
 
     Parameters
     ----------
@@ -121,28 +121,28 @@ def pooled_means(change: FloatArray, covariance: FloatArray) -> PooledMeans:
 
 
 def _outlying(distance: FloatArray) -> NDArray[np.bool_]:
-    """Looks that are far away, but never more than half of them: then the distances are what is wrong."""
+    """Select far drift checks, but never more than half of them: then the distances are what is wrong."""
     far: NDArray[np.bool_] = (distance > OUTLYING) & (distance > np.median(distance, axis=-1, keepdims=True))
     return far
 
 
-def stacked(looks: Sequence[Look]) -> tuple[FloatArray, FloatArray]:
-    """Their changes (looks, 2) and covariances (looks, 2, 2)."""
+def stacked(looks: Sequence[DriftCheckPoint]) -> tuple[FloatArray, FloatArray]:
+    """Stack the drift checks' changes (looks, 2) and covariances (looks, 2, 2)."""
     return np.stack([look.change for look in looks]), np.stack([look.covariance for look in looks])
 
 
-def pooled(looks: Sequence[Look]) -> PooledLook:
-    """One estimate from looks whose covariances may differ, without outliers.
+def pooled(looks: Sequence[DriftCheckPoint]) -> PooledDriftCheckPoint:
+    """Estimate one change from drift checks whose covariances may differ, without outliers.
 
     Raises
     ------
     ValueError
-        If there is none.
+        If `looks` is empty.
     """
     if not looks:
         raise ValueError("0 looks cannot be pooled: give at least one")
     means = pooled_means(*stacked(looks))
-    return PooledLook(
+    return PooledDriftCheckPoint(
         float(np.mean([look.days for look in looks])),
         means.mean,
         inverse(means.precision),
@@ -153,25 +153,26 @@ def pooled(looks: Sequence[Look]) -> PooledLook:
 
 @dataclass(frozen=True, eq=False)
 class Baseline:
-    """The first looks after a calibration, which define zero.
+    """The first drift checks after a calibration, which define zero.
 
-    An error that every look makes alike (a flat field with a slope, a calibration that was off) is in the baseline and
-    in each later look: their difference does not hold it. What changes since (the slope itself, other logs) stays.
+    An error that every drift check has alike (a flat field with a slope, a calibration that was off) is in the baseline
+    and in each later check: their difference does not contain it. Later changes (of the slope itself, other logs)
+    remain.
 
     Attributes
     ----------
-    estimate : PooledLook
-        What later looks are compared with; its error is in every difference.
+    estimate : PooledDriftCheckPoint
+        The estimate with which later drift checks are compared; its error is in every difference.
     until_days : float
-        Time of its last look, in days since the calibration.
+        Time of the baseline's last drift check, in days since the calibration.
     """
 
-    estimate: PooledLook
+    estimate: PooledDriftCheckPoint
     until_days: float
 
     @classmethod
-    def of(cls, looks: Sequence[Look]) -> "Baseline":
-        """Of the looks given, usually the first `BASELINE_LOOKS`.
+    def of(cls, looks: Sequence[DriftCheckPoint]) -> "Baseline":
+        """Return the baseline of some drift checks, usually the first `BASELINE_LOOKS`.
 
         Raises
         ------
@@ -179,6 +180,6 @@ class Baseline:
             If there are fewer than `FEWEST_BASELINE_LOOKS`.
         """
         if len(looks) < FEWEST_BASELINE_LOOKS:
-            given = "1 look makes" if len(looks) == 1 else f"{len(looks)} looks make"
-            raise ValueError(f"{given} no baseline: {FEWEST_BASELINE_LOOKS} or more are needed")
+            number = "1 look makes" if len(looks) == 1 else f"{len(looks)} looks make"
+            raise ValueError(f"{number} no baseline: {FEWEST_BASELINE_LOOKS} or more are needed")
         return cls(pooled(looks), max(look.days for look in looks))

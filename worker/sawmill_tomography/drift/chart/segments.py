@@ -1,4 +1,4 @@
-"""Segments of a scanner's history: sums over groups of looks, from which steps and trends are fitted.
+"""Segments of a scanner's history: sums over groups of drift checks, from which steps and trends are fitted.
 
 Every array may have leading axes, so that many scanners can be simulated at a time.
 """
@@ -12,20 +12,20 @@ import numpy as np
 from sawmill_tomography.drift.chart.matrices import times
 from sawmill_tomography.geometry.geometry import FloatArray
 
-# Segments of each size, in groups: 1, 2, 4 and so on. A change point lies within 1/16 of its age of a segment's end. A
-# step that is fitted so near leaves less than a trend does, which leaves 1/9 of what it explains.
+# Segments of each size, in groups: 1, 2, 4 and so on. A change point is at most 1/16 of its age away from a segment's
+# end. A step fitted at this distance leaves a smaller residual than a trend, which leaves 1/9 of what it explains.
 OF_EACH_SIZE = 8
 
 
 @dataclass(frozen=True, eq=False)
 class Segment:
-    """What groups of looks that follow each other add up to, with P a group's precision, y its mean, t its days.
+    """Sums over groups of drift checks that follow each other, with P a group's precision, y its mean, t its days.
 
     Attributes
     ----------
     groups : int
     first_days, last_days : (...) float64
-        Time of the first and the last group.
+        Time of the first and of the last group.
     precision : (..., 3, 2, 2) float64
         Sums of P, P (t - first_days) and P (t - first_days)^2.
     weighted : (..., 2, 2) float64
@@ -40,7 +40,7 @@ class Segment:
 
     @classmethod
     def of_group(cls, days: FloatArray, mean: FloatArray, precision: FloatArray) -> Self:
-        """Of one group: its time (...), mean (..., 2) and precision (..., 2, 2)."""
+        """Return the segment of one group: its time (...), mean (..., 2) and precision (..., 2, 2)."""
         zero = np.zeros_like(precision)
         weighted = times(precision, mean)
         return cls(
@@ -52,7 +52,7 @@ class Segment:
         )
 
     def joined(self, later: "Segment") -> "Segment":
-        """Both as one."""
+        """Return this segment and a later one as one segment."""
         precision, weighted = moved(later.precision, later.weighted, later.first_days - self.first_days)
         return Segment(
             self.groups + later.groups,
@@ -64,7 +64,7 @@ class Segment:
 
 
 def moved(precision: FloatArray, weighted: FloatArray, later_days: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """A segment's sums with times counted from that number of days earlier, (...)."""
+    """Return a segment's sums with times counted from `later_days` (...) earlier."""
     later = later_days[..., None, None]
     plain, once, twice = (precision[..., k, :, :] for k in range(3))
     values, sloping = weighted[..., 0, :], weighted[..., 1, :]
@@ -75,9 +75,9 @@ def moved(precision: FloatArray, weighted: FloatArray, later_days: FloatArray) -
 
 
 def extended(segments: Iterable[Segment], newest: Segment) -> tuple[Segment, ...]:
-    """With one group more, oldest first, and at most `OF_EACH_SIZE` of a size: of one more the oldest two are joined.
+    """Add a group to the segments, oldest first; join the oldest two of more than `OF_EACH_SIZE` of a size.
 
-    So the number of segments grows with the logarithm of that of the groups: the exponential histogram of Datar,
+    So the number of segments grows with the logarithm of the number of groups: the exponential histogram of Datar,
     Gionis, Indyk and Motwani (2002, SIAM Journal on Computing 31, 1794).
     """
     kept, size = [*segments, newest], newest.groups

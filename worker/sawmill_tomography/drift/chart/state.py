@@ -7,17 +7,17 @@ import numpy as np
 
 from sawmill_tomography.drift.chart.chart import GROUP_LOOKS, DriftChart
 from sawmill_tomography.drift.chart.history import History
-from sawmill_tomography.drift.chart.looks import Baseline, Look, PooledLook
-from sawmill_tomography.drift.chart.scatter import Scatter
+from sawmill_tomography.drift.chart.looks import Baseline, DriftCheckPoint, PooledDriftCheckPoint
 from sawmill_tomography.drift.chart.segments import Segment
+from sawmill_tomography.drift.chart.spread import LookSpread
 from sawmill_tomography.geometry.geometry import FloatArray
 
-# Of the layout below: a chart of another one is begun anew from the looks.
+# Version of the layout below: a chart of another layout is built again from the drift checks.
 LAYOUT = 2
 
 
 def chart_to_state(chart: DriftChart) -> dict[str, Any]:
-    """What `chart_from_state` reads: some kilobytes, growing with the logarithm of the number of looks."""
+    """Convert a chart for `chart_from_state`: some kilobytes, growing with the logarithm of the number of checks."""
     baseline, history = chart.baseline, chart.history
     return {
         "layout": LAYOUT,
@@ -44,12 +44,12 @@ def chart_to_state(chart: DriftChart) -> dict[str, Any]:
 
 
 def chart_from_state(state: Mapping[str, Any]) -> DriftChart:
-    """The chart that gave that state.
+    """Return the chart from its state.
 
     Raises
     ------
     ValueError
-        If it is of another layout, or no state of a chart.
+        If the state has another layout, or is no state of a chart.
     """
     try:
         if state["layout"] != LAYOUT:
@@ -62,10 +62,10 @@ def chart_from_state(state: Mapping[str, Any]) -> DriftChart:
         if history is not None and (not history["segments"] or len(state["newest"]) != GROUP_LOOKS):
             raise ValueError("a drift chart with a history has segments, and the looks of its newest group")
         return DriftChart(
-            tuple(Look(**_look(look)) for look in state["pending"]),
+            tuple(DriftCheckPoint(**_look(look)) for look in state["pending"]),
             None if baseline is None else _baseline(baseline),
             None if history is None else _history(history),
-            tuple(Look(**_look(look)) for look in state["newest"]),
+            tuple(DriftCheckPoint(**_look(look)) for look in state["newest"]),
         )
     except (KeyError, TypeError, AttributeError) as wrong:
         raise ValueError(f"this is no state of a drift chart: {wrong}") from wrong
@@ -78,7 +78,7 @@ def _numbers(value: object, *shape: int) -> FloatArray:
     return numbers
 
 
-def _look_to_state(look: Look) -> dict[str, Any]:
+def _look_to_state(look: DriftCheckPoint) -> dict[str, Any]:
     return {"days": look.days, "change": look.change.tolist(), "covariance": look.covariance.tolist()}
 
 
@@ -89,14 +89,16 @@ def _look(state: Mapping[str, Any]) -> dict[str, Any]:
 
 def _baseline(state: Mapping[str, Any]) -> Baseline:
     looks, outliers = (int(_numbers(state[name])) for name in ("looks", "outliers"))
-    return Baseline(PooledLook(**_look(state), looks=looks, outliers=outliers), float(_numbers(state["until_days"])))
+    return Baseline(
+        PooledDriftCheckPoint(**_look(state), looks=looks, outliers=outliers), float(_numbers(state["until_days"]))
+    )
 
 
 def _history(state: Mapping[str, Any]) -> History:
     scatter = state["scatter"]
     return History(
         tuple(_segment(segment) for segment in state["segments"]),
-        Scatter(
+        LookSpread(
             int(_numbers(scatter["differences"])),
             _numbers(scatter["squares"], 2, 2),
             _numbers(scatter["mean"], 2),

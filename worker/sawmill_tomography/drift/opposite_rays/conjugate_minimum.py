@@ -6,7 +6,7 @@ from itertools import product
 import numpy as np
 
 from sawmill_tomography.drift.change import DriftError, seen_vector
-from sawmill_tomography.drift.opposite_rays.full_turn import Turn
+from sawmill_tomography.drift.opposite_rays.full_turn import FullTurn
 from sawmill_tomography.drift.opposite_rays.opposite_rays import ALL_THREE, WITHOUT_DISTANCE, Pairs, Solution
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner, SourceFrame
 
@@ -22,19 +22,19 @@ REACH = (0.05, 0.2, 0.2)
 WORST_DISTANCE = 0.02
 # A u_c less certain than this share of a cell says nothing about drift.
 WORST_CELLS = 0.5
-# Nor does a tau less certain than this (rad): along so flat a basin the errors are no longer those of a linear fit.
+# A tau less certain than this (rad) says nothing either: in so flat a basin the fit is not linear.
 WORST_TILT = 0.03
 
 
-def coarse_minimum(scanner: Scanner, turn: Turn, start: SourceFrame) -> Solution:
-    """The coarse fit, with SDD held: it needs the fine structure of the log."""
+def coarse_minimum(scanner: Scanner, turn: FullTurn, start: SourceFrame) -> Solution:
+    """Find the coarse fit, with SDD held: SDD needs the fine structure of the log."""
     few = turn.of_fewer_views(math.ceil(COARSE_SHARE * turn.views))
     pairs = Pairs(scanner, few, seen_vector(start), (COARSE[0] * few.views / turn.views, COARSE[1]))
     return pairs.solve(seen_vector(start), *reach(scanner, start), free=WITHOUT_DISTANCE, corrected=False)
 
 
-def fine_minimum(scanner: Scanner, turn: Turn, start: SourceFrame, basin: FloatArray) -> Solution:
-    """The fit from the coarse one's end: as fine, and with as many unknowns, as the scan allows."""
+def fine_minimum(scanner: Scanner, turn: FullTurn, start: SourceFrame, basin: FloatArray) -> Solution:
+    """Refine the coarse fit: as fine, and with as many unknowns, as the scan allows."""
     worst = (WORST_CELLS * scanner.detector_pitch_mm, WORST_TILT, WORST_DISTANCE * start.source_to_detector_mm)
     for free, blur in product((ALL_THREE, WITHOUT_DISTANCE), FINE):
         pairs = Pairs(scanner, turn, basin, blur)
@@ -64,7 +64,7 @@ def refuse_unseen(scanner: Scanner, solution: Solution, start: SourceFrame) -> N
 
 
 def reach(scanner: Scanner, start: SourceFrame) -> tuple[FloatArray, FloatArray]:
-    """The least and the largest (u_c, tau, SDD) that are still followed, (3,) each."""
+    """Return the least and the largest (u_c, tau, SDD) that are still followed, (3,) each."""
     centre = seen_vector(start)
     width = scanner.num_detector_pixels * scanner.detector_pitch_mm
     away = np.array(REACH) * [width, 1.0, start.source_to_detector_mm]

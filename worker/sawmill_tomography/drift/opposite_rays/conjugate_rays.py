@@ -3,7 +3,7 @@
 With chi the direction of a ray in the plane, as a parallel beam's angle is counted,
 P(chi + gamma, u(gamma)) = P(chi + pi - gamma, u(-gamma)) with u(gamma) = u_c + SDD sin gamma / cos(gamma + tau):
 there is no R in it, so u_c, tau and SDD can be fitted to any dense full-turn scan (docs/geometry.md#drift; the symmetry
-is that of Kak and Slaney 1988, section 3.4.3). R and psi cannot be seen.
+is in Kak and Slaney 1988, section 3.4.3). R and psi cannot be seen.
 """
 
 from dataclasses import dataclass, replace
@@ -18,14 +18,14 @@ from sawmill_tomography.drift.log_screening import screen_log
 from sawmill_tomography.drift.opposite_rays.conjugate_minimum import coarse_minimum, fine_minimum, refuse_unseen
 from sawmill_tomography.drift.opposite_rays.disturbances import (
     ROUNDS,
-    Estimate,
+    DisturbanceEstimate,
     Harmonics,
     estimates_of,
     strongest,
     undetected_covariance,
     undisturbed,
 )
-from sawmill_tomography.drift.opposite_rays.full_turn import Turn, check_full_turn, even_views, nearest_view
+from sawmill_tomography.drift.opposite_rays.full_turn import FullTurn, check_full_turn, even_views, nearest_view
 from sawmill_tomography.drift.opposite_rays.log_movement import log_movement
 from sawmill_tomography.drift.opposite_rays.opposite_rays import WITHOUT_DISTANCE, Solution
 from sawmill_tomography.drift.opposite_rays.paired_rays import fan_angles
@@ -35,16 +35,16 @@ from sawmill_tomography.reconstruction.metal import MetalSearch
 from sawmill_tomography.reconstruction.object_extent import object_radius_mm
 from sawmill_vocabulary import Rotation
 
-# From this ratio to the better residual on, the other sense of rotation is ruled out.
+# Lowest ratio of the residuals from which the other sense of rotation is ruled out.
 DECISIVE_RATIO = 1.1
 # A view whose rays differ from their opposites this many times more than the views' median does not belong to the turn;
-# where more than this share of the views would not, it is the log that moved. Its opposites differ too: only those near
-# the worst are left out at a time.
+# if this applies to more than this share of the views, the log moved. The opposites of such a view differ too: only
+# views near the worst are left out at a time.
 ODD_VIEW, MOST_ODD_VIEWS, NEAR_WORST = 3.0, 0.1, 0.7
-# What scatter and hardening leave of a measured scan changes slowly with the direction of a ray: over this share of the
-# turn the differences count as correlated.
+# The residual of scatter and hardening in a measured scan changes slowly with the direction of a ray: over this share
+# of the turn the differences count as correlated.
 CORRELATED = 1 / 12
-# A gain found with a wrong geometry hides part of the error: so often are both found in turn.
+# A gain fitted with a wrong geometry hides part of the error: gain and geometry are fitted in turn this many times.
 GAIN_ROUNDS = 3
 
 
@@ -60,18 +60,18 @@ def conjugate_fit(
     Parameters
     ----------
     sinogram : (views, detector) float
-        Line integrals of anything that turned as one body, all round.
+        Line integrals of any object that turned as one body, over a full turn.
     angles_rad : (views,) float64
-        As the scan gives them.
+        View angles of the scan.
     start : SourceFrame
         The calibrated geometry.
     rotation : Rotation
-        The calibrated sense; it is kept where the scan does not tell the two apart.
+        The calibrated sense; it is kept where the scan does not tell the two senses apart.
 
     Raises
     ------
     DriftError
-        If the views are sparse or do not go all round, or the scan does not show the three.
+        If the views are sparse or do not cover a full turn, or the scan does not show u_c, tau and SDD.
     """
     sinogram, angles_rad = np.asarray(sinogram, np.float64), np.asarray(angles_rad, np.float64)
     check_full_turn(sinogram, angles_rad)
@@ -93,12 +93,12 @@ def conjugate_fit(
     fit = steady = _fit_without_odd_views(scan, start, rotation)
     harmonics = Harmonics.none()
     for _ in range(ROUNDS):
-        found = strongest(fit.estimates, start.source_distance_mm)
-        if found is None:
+        disturbance = strongest(fit.estimates, start.source_distance_mm)
+        if disturbance is None:
             break
-        harmonics = harmonics.plus(found)
+        harmonics = harmonics.plus(disturbance)
         fit = _fit_without_odd_views(scan.undisturbed(harmonics, start, fit.rotation), start, fit.rotation)
-    # A jump of the log has something of every harmonic, and no harmonics explain it.
+    # A jump of the log contains every harmonic, and no harmonics explain it.
     movement = fit.movement(angles_rad, start)
     if harmonics.values.any() and movement.beyond_chance:
         fit, harmonics = steady, Harmonics.none()
@@ -129,12 +129,12 @@ def conjugate_fit(
 def _without_metal(
     scanner: Scanner, sinogram: FloatArray, angles_rad: FloatArray, start: SourceFrame
 ) -> tuple[FloatArray, NDArray[np.bool_], tuple[str, ...]]:
-    """The sinogram with its rays through metal interpolated, which those are, and a sentence where there are any.
+    """Return the sinogram with its rays through metal interpolated, the mask of these rays, and a sentence if any.
 
-    Rays through nails are starved and hardened, from either side otherwise.
+    Rays through nails are starved and hardened, and differently from either side.
     """
     lines = sinogram.astype(np.float32)
-    # Any R will do for an image: where the metal lies on the detector does not depend on it.
+    # Any R gives a usable image: where the metal's shadow lies on the detector does not depend on R.
     own = replace(scanner, source_to_cor_mm=start.source_distance_mm)
     fan = FanBeamGeometry(own, start.theta(start.source_distance_mm), angles_rad)
     search = MetalSearch.of(fan, object_radius_mm(fan, lines))
@@ -147,7 +147,7 @@ def _without_metal(
 
 @dataclass(frozen=True, eq=False)
 class _Scan:
-    """What is fitted, the views that are used, the cells and samples that are not, and what was done to it."""
+    """The sinogram to fit, its usable views, the cells and samples left out, and the corrections made."""
 
     scanner: Scanner
     sinogram: FloatArray
@@ -157,14 +157,14 @@ class _Scan:
     left_out: NDArray[np.bool_]
     done: tuple[str, ...]
 
-    def turn(self, even: FloatArray, first_rad: float) -> Turn:
-        """Of its views at equidistant angles, of which this is the first."""
-        return Turn.of(
+    def turn(self, even: FloatArray, first_rad: float) -> FullTurn:
+        """Return the full turn of the scan's views at equidistant angles, with the first view's angle."""
+        return FullTurn.of(
             even, first_rad, self.angles_rad, usable=self.usable, bridged=self.bridged, left_out=self.left_out
         )
 
     def undisturbed(self, harmonics: Harmonics, start: SourceFrame, rotation: Rotation) -> "_Scan":
-        """As it would be without these disturbances of the turn, which this sense of rotation reads."""
+        """Return the scan without these disturbances of the turn, which are in this sense of rotation."""
         sinogram, angles = undisturbed(
             self.scanner, seen_vector(start), self.sinogram, rotation.apply(self.angles_rad), harmonics
         )
@@ -172,8 +172,8 @@ class _Scan:
 
 
 @dataclass(frozen=True, eq=False)
-class _Fit:
-    """The fit in the better sense of rotation, how much better it is, and the scan with what was done to it."""
+class _OppositeRaysFit:
+    """The fit in the better sense of rotation, the ratio of the two residuals, and the corrected scan."""
 
     best: Solution
     rotation: Rotation
@@ -181,17 +181,17 @@ class _Fit:
     scan: _Scan
 
     @cached_property
-    def estimates(self) -> list[Estimate]:
-        """What disturbances of the turn the differences of its opposite rays show."""
+    def estimates(self) -> list[DisturbanceEstimate]:
+        """Disturbances of the turn, estimated from the differences of opposite rays."""
         return estimates_of(self.best)
 
     def movement(self, angles_rad: FloatArray, start: SourceFrame) -> LogMovement:
-        """The log's jump, where the scan's angles are these."""
+        """Estimate the log's jump; `angles_rad` are the scan's angles."""
         return log_movement(self.best, self.rotation.apply(angles_rad), start.source_distance_mm)
 
 
-def _fit_without_odd_views(scan: _Scan, start: SourceFrame, rotation: Rotation) -> _Fit:
-    """As `_fit`, to the views that agree with the others."""
+def _fit_without_odd_views(scan: _Scan, start: SourceFrame, rotation: Rotation) -> _OppositeRaysFit:
+    """Fit as `_fit`, using only the views that agree with the rest of the scan."""
     fit = _fit(scan, start, rotation)
     while (odd := _odd_views(scan, fit.best, fit.rotation)).any():
         scan = replace(scan, usable=scan.usable & ~odd)
@@ -199,8 +199,8 @@ def _fit_without_odd_views(scan: _Scan, start: SourceFrame, rotation: Rotation) 
     return fit
 
 
-def _fit(scan: _Scan, start: SourceFrame, rotation: Rotation) -> _Fit:
-    """Of the views that are usable."""
+def _fit(scan: _Scan, start: SourceFrame, rotation: Rotation) -> _OppositeRaysFit:
+    """Fit the geometry to the usable views."""
     even, first = even_views(scan.sinogram, scan.angles_rad, scan.usable)
     turn = scan.turn(even, first)
     basins = {sense: coarse_minimum(scan.scanner, turn.read(sense), start) for sense in Rotation}
@@ -217,11 +217,11 @@ def _fit(scan: _Scan, start: SourceFrame, rotation: Rotation) -> _Fit:
         if gain is None or not best.settled or best.is_near(vector):
             break
         vector = best.vector
-    return _Fit(best, rotation, ratio, replace(scan, done=done))
+    return _OppositeRaysFit(best, rotation, ratio, replace(scan, done=done))
 
 
 def _odd_views(scan: _Scan, best: Solution, rotation: Rotation) -> NDArray[np.bool_]:
-    """Views (views,) whose rays differ from their opposites far more than the others' do."""
+    """Select the views (views,) whose rays differ from their opposites far more than is usual in the scan."""
     views, first_rad = scan.angles_rad.size, float(scan.angles_rad.min())
     squares = np.where(best.rays.used, best.rays.difference**2, 0.0).ravel()
     sums, counts = np.zeros(views), np.zeros(views)

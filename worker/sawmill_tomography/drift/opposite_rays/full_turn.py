@@ -1,4 +1,4 @@
-"""A full turn of views: whether its steps are small enough, and its rays over every angle.
+"""A full turn of views: a check that its steps are small enough, and its rays over every angle.
 
 chi is the direction of a ray in the plane, as a parallel beam's angle is counted (docs/geometry.md#drift).
 """
@@ -15,32 +15,32 @@ from sawmill_tomography.geometry.geometry import TAU, FloatArray
 from sawmill_vocabulary import WIDEST_MEASURED_STEP_DEG, WIDEST_STEP_DEG, Rotation
 
 ComplexArray = NDArray[np.complex128]
-# Views nearer than this share of an even step stand at one place, as 0 and 360 degrees do: a curve through both would
-# swing by their noise.
+# Views nearer than this share of an even step count as views at one angle, like 0 and 360 degrees: a curve through both
+# would swing by their noise.
 SAME_PLACE = 0.1
 # Views nearer than this share to even steps are not interpolated.
 SAME_ANGLE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class Turn:
+class FullTurn:
     """A full turn in the Fourier domain of equidistant views.
 
     Attributes
     ----------
     spectrum : (cells, views // 2 + 1) complex128
-        The constant harmonic and that of Nyquist's frequency are 0.
+        The constant harmonic and the one of Nyquist's frequency are 0.
     mean : (cells,) float64
         The constant harmonic.
     views : int
     filled_rad : (views left out,) float64
-        Angles at which there are no data, only what their neighbours suggest.
+        Angles without data, filled from their neighbours.
     bridged : (cells,) bool
-        Cells without data of their own, likewise.
+        Cells without data, filled likewise.
     left_out : (views, cells) bool
-        Samples without data of their own, likewise, at equidistant views of which the first stands at `first_rad`.
+        Samples without data, filled likewise, at equidistant views of which the first is at `first_rad`.
     sense : int
-        -1 where the angles are read the other way than `left_out` has them.
+        -1 where the angles are read in the opposite sense to `left_out`.
     """
 
     spectrum: ComplexArray
@@ -62,8 +62,8 @@ class Turn:
         usable: NDArray[np.bool_],
         bridged: NDArray[np.bool_],
         left_out: NDArray[np.bool_],
-    ) -> "Turn":
-        """Of `even_views`; views (views,), cells (cells,) and samples (views, cells) are at the scan's own angles."""
+    ) -> "FullTurn":
+        """Return the turn of `even_views`; views, cells and samples (views, cells) left out keep the scan order."""
         views = len(even)
         phases = np.exp(-1j * first_rad * np.arange(views // 2 + 1))
         missing = np.zeros(even.shape, bool)
@@ -78,14 +78,14 @@ class Turn:
             first_rad,
         )
 
-    def read(self, rotation: Rotation) -> "Turn":
-        """As this sense of rotation reads the angles: phi -> -phi is the conjugate of every harmonic."""
+    def read(self, rotation: Rotation) -> "FullTurn":
+        """Return the turn in a sense of rotation: phi -> -phi is the conjugate of every harmonic."""
         if rotation is Rotation.AS_GIVEN:
             return self
         return replace(self, spectrum=self.spectrum.conj(), filled_rad=-self.filled_rad, sense=-self.sense)
 
-    def of_fewer_views(self, views: int) -> "Turn":
-        """With the harmonics that this number of equidistant views has."""
+    def of_fewer_views(self, views: int) -> "FullTurn":
+        """Return the turn with the harmonics that this number of equidistant views has."""
         if views >= self.views:
             return self
         kept = (np.arange(views) * self.views / views).round().astype(int)
@@ -97,47 +97,47 @@ class Turn:
         )
 
     def nearest_view(self, angles_rad: FloatArray) -> NDArray[np.intp]:
-        """The row of `left_out` for each angle as it is read."""
+        """Return the row of `left_out` for each angle in the turn's sense."""
         return nearest_view(self.sense * angles_rad, self.first_rad, self.views)
 
 
 def _of_inner_orders(spectrum: ComplexArray, views: int) -> ComplexArray:
-    """Set the constant harmonic and that of Nyquist's frequency to 0, in place."""
+    """Set the constant harmonic and the one of Nyquist's frequency to 0, in place."""
     spectrum[:, 0] = spectrum[:, (views + 1) // 2 :] = 0.0
     return spectrum
 
 
 def nearest_view(angles_rad: FloatArray, first_rad: float, views: int) -> NDArray[np.intp]:
-    """Of equidistant views, of which the first stands at `first_rad`, the index of the one nearest to each angle."""
+    """Return, for each angle, the index of the nearest of equidistant views, of which the first is at `first_rad`."""
     return np.rint((angles_rad - first_rad) * views / TAU).astype(np.intp) % views
 
 
 def even_views(sinogram: FloatArray, angles_rad: FloatArray, usable: NDArray[np.bool_]) -> tuple[FloatArray, float]:
-    """The sinogram at equidistant angles, as many as views, by periodic cubic splines through the usable ones.
+    """Interpolate the sinogram at equidistant angles, as many as views, by periodic cubic splines of the usable views.
 
-    Views at one place count by their mean. Returns it, (views, cells), and the first of the angles.
+    Views at one angle count by their mean. Returns the sinogram, (views, cells), and the first of the angles.
     """
     wrapped = np.mod(angles_rad, TAU)
     first = float(wrapped.min())
-    wanted = first + np.arange(angles_rad.size) * TAU / angles_rad.size
+    even_angles = first + np.arange(angles_rad.size) * TAU / angles_rad.size
     order = np.flatnonzero(usable)[np.argsort(wrapped[usable], kind="stable")]
-    if usable.all() and np.abs(wrapped[order] - wanted).max() < SAME_ANGLE * TAU / angles_rad.size:
+    if usable.all() and np.abs(wrapped[order] - even_angles).max() < SAME_ANGLE * TAU / angles_rad.size:
         return sinogram[order], first
-    # The widest gap stands at the seam, so that no place is cut by it.
+    # The widest gap is at the seam, so that the seam separates no views at one angle.
     order = np.roll(order, -1 - int(np.argmax(np.diff(wrapped[order], append=wrapped[order[0]] + TAU))))
     unwrapped = wrapped[order[0]] + np.mod(wrapped[order] - wrapped[order[0]], TAU)
     places = np.flatnonzero(np.diff(unwrapped, prepend=-math.inf) > SAME_PLACE * TAU / angles_rad.size)
     members = np.diff(places, append=order.size)
     knots = np.add.reduceat(unwrapped, places) / members
     values = np.add.reduceat(sinogram[order], places) / members[:, None]
-    return periodic_spline(knots, values, wanted), first
+    return periodic_spline(knots, values, even_angles), first
 
 
 def periodic_spline(knots_rad: FloatArray, values: FloatArray, angles_rad: FloatArray) -> FloatArray:
     """Evaluate the cubic splines of period 2 pi through values at angles.
 
-    Press et al., Numerical Recipes, 3rd edition, equations 3.3.2 to 3.3.7, the last with neighbours all round, and
-    2.7.5. That of SciPy is equal and no faster; its module takes longer to import than a job of 20 views to calibrate.
+    Press et al., Numerical Recipes, 3rd edition, equations 3.3.2 to 3.3.7, the last with cyclic neighbours, and 2.7.5.
+    SciPy's spline is equal and no faster; its module takes longer to import than a job of 20 views to calibrate.
 
     Parameters
     ----------
@@ -153,7 +153,7 @@ def periodic_spline(knots_rad: FloatArray, values: FloatArray, angles_rad: Float
     after = np.roll(np.arange(knots_rad.size), -1)
     steps = np.diff(knots_rad, append=knots_rad[0] + TAU)[:, None]
     slopes = (values[after] - values) / steps
-    # The last knot's link to the first is taken off the band, and brought back by the Sherman-Morrison formula.
+    # The last knot's link to the first is not in the band; the Sherman-Morrison formula adds it.
     link, ends = steps[-1], np.zeros_like(steps)
     ends[[0, -1]] = 1.0
     band = np.hstack([np.roll(steps, 1), 2.0 * (steps + np.roll(steps, 1)) - link * ends]).T
@@ -171,17 +171,17 @@ def periodic_spline(knots_rad: FloatArray, values: FloatArray, angles_rad: Float
 
 
 def widest_gap_rad(angles_rad: FloatArray) -> float:
-    """The widest gap between views of a turn."""
+    """Return the widest gap between views of a turn, rad."""
     return math.radians(float(_gaps_deg(angles_rad).max()))
 
 
 def opposite_rays_pair(angles_rad: FloatArray) -> bool:
-    """Whether views stand all round in steps so small that every ray has its opposite."""
+    """Return whether the views cover a full turn in steps so small that every ray has its opposite."""
     return float(_gaps_deg(angles_rad).max()) <= WIDEST_MEASURED_STEP_DEG
 
 
 def check_full_turn(sinogram: FloatArray, angles_rad: FloatArray) -> None:
-    """Refuse views that do not go all round in small steps, and views that are all the same, as a `DriftError`."""
+    """Refuse views that do not cover a full turn in small steps, and views that are all the same, as a `DriftError`."""
     gaps = _gaps_deg(angles_rad)
     widest, usual = float(gaps.max()), float(np.median(gaps))
     if widest > WIDEST_MEASURED_STEP_DEG >= usual:

@@ -1,8 +1,8 @@
-"""Whether the log moved while it was scanned, from its pairs of opposite rays.
+"""Detection of a log that moved while it was scanned, from its pairs of opposite rays.
 
 A log that shifts by t between two views shifts the rays after it by -(dP/ds) t . n(chi), s the distance of a ray from
-the COR and n its normal; of a pair, only where one ray was measured before and the other after. Each first view is
-tried (docs/geometry.md#a-second-witness).
+the COR and n its normal; a pair of rays shows this only where one was measured before and the other after. Each view
+is tried as the first after the shift (docs/geometry.md#a-second-witness).
 """
 
 import math
@@ -19,14 +19,14 @@ MARGIN, FEWEST_BESIDE = 1 / 16, 3
 
 
 def log_movement(solution: Solution, angles_rad: FloatArray, source_distance_mm: float) -> LogMovement:
-    """The jump that explains most of the pairs' differences.
+    """Estimate the jump that explains most of the pairs' differences.
 
     Parameters
     ----------
     solution : Solution
-        Where the fit of the pairs ended.
+        End of the fit to the pairs.
     angles_rad : (views,) float64
-        In the order in which they were taken, as the fit's sense of rotation reads them.
+        Angles in the order in which the views were taken, in the fit's sense of rotation.
     source_distance_mm : float
         R, the scale of the jump.
     """
@@ -43,7 +43,7 @@ def log_movement(solution: Solution, angles_rad: FloatArray, source_distance_mm:
 
 
 class _Jumps:
-    """The pairs' differences, and what a jump of 1 mm along x or y would add to them.
+    """The pairs' differences, and their change by a jump of 1 mm along x or y.
 
     Shapes are (pairs, chi). As in the fit of the geometry, instruments are derivatives blurred twice over chi, and the
     scores of every chi are independent.
@@ -65,7 +65,7 @@ class _Jumps:
         self._gram = np.einsum("apc,bpc->ab", self._known_instrument, self._known)
 
     def normal_equations(self, tried: NDArray[np.intp]) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Of a jump at each view tried, free of what the geometry explains.
+        """Sum the normal equations of a jump at each view tried, without the part that the geometry explains.
 
         Returns
         -------
@@ -81,12 +81,14 @@ class _Jumps:
         return right, own - cross @ np.linalg.solve(self._gram, back), cross
 
     def covariance(self, view: int, shift: FloatArray, matrix: FloatArray, cross: FloatArray) -> FloatArray:
-        """Of the shift (2, 2), robust to unequal noise (White 1980)."""
+        """Return the covariance of the shift (2, 2), robust to unequal noise (White 1980)."""
         active = (self._first < view) & (view <= self._last)
         explained = np.linalg.solve(self._gram, cross.T).T
         instrument = self._jump_instrument * active - np.einsum("ja,apc->jpc", explained, self._known_instrument)
-        left = self._jump * active - np.einsum("ja,apc->jpc", explained, self._known)
-        residual = self._difference - np.einsum("j,jpc->pc", shift, left - left.mean(axis=-1, keepdims=True))
+        unexplained = self._jump * active - np.einsum("ja,apc->jpc", explained, self._known)
+        residual = self._difference - np.einsum(
+            "j,jpc->pc", shift, unexplained - unexplained.mean(axis=-1, keepdims=True)
+        )
         scores = np.einsum("jpc,pc->cj", instrument, residual)
         bread = np.linalg.inv(matrix)
         covariance: FloatArray = bread @ (scores.T @ scores) @ bread.T
@@ -101,7 +103,7 @@ class _Jumps:
         pairs, size = len(self._first), self._views + 1
         at = np.arange(pairs)[:, None] * size
         sums = self._counted(values, at + self._first, at + self._last, pairs * size)
-        # What begins to count in a pair ends in it: the pairs before add nothing.
+        # A sum that starts in a pair ends in the same pair: earlier pairs add nothing.
         return np.moveaxis(sums.reshape(pairs, size, -1)[:, tried], 0, -1)
 
     @staticmethod
@@ -114,7 +116,7 @@ class _Jumps:
 
 
 def _taken(angles: FloatArray, angles_rad: FloatArray) -> NDArray[np.intp]:
-    """The number of the view nearest to each angle, in the order in which the views were taken."""
+    """Return the number of the view nearest to each angle, in the order in which the views were taken."""
     wrapped = np.mod(angles_rad, TAU)
     order = np.argsort(wrapped, kind="stable")
     turn = wrapped[order]

@@ -1,4 +1,4 @@
-"""Opposite rays of a full turn as functions of (u_c, tau, SDD), and the fit to what they differ by.
+"""Opposite rays of a full turn as functions of (u_c, tau, SDD), and the fit to their differences.
 
 chi is the direction of a ray in the plane, as a parallel beam's angle is counted (docs/geometry.md#drift).
 """
@@ -12,27 +12,27 @@ import scipy
 from numpy.typing import NDArray
 
 from sawmill_tomography.drift.change import DriftError
-from sawmill_tomography.drift.opposite_rays.full_turn import ComplexArray, Turn
+from sawmill_tomography.drift.opposite_rays.full_turn import ComplexArray, FullTurn
 from sawmill_tomography.drift.opposite_rays.paired_rays import Derivatives, PairedRays, fan_angles, is_definite
 from sawmill_tomography.geometry.geometry import TAU, FloatArray, Scanner
 
 # Gaussians are cut off here, in widths.
 CUT_OFF = 4.5
-# Pairs stand this many widths of the blur apart, beyond which it leaves 0.002 of the power; closer where they would be
-# fewer than these, but not closer than cells.
+# Pairs are this many widths of the blur apart, beyond which it leaves 0.002 of the power; closer where there would be
+# fewer pairs than this, but not closer than cells.
 PAIR_STEP, MANY_PAIRS = 1.25, 40
 STEPS = 40
-# A step below this share of the standard deviations is the last one, and the rays before it are near enough: the next
-# would be a hundred times shorter.
+# A step below this share of the standard deviations is the last one, and the rays before it are near enough: another
+# step would be a hundred times shorter.
 SMALL_STEP = 0.1
 # A vector within this share of the standard deviations of another is as good.
 NEAR = 0.1
 # A pair is left out when a ray of it lies within this many widths of the blur of a cell without data, unless that would
 # be more than this share of the pairs.
 CELL_REACH, MOST_TOUCHED = 3.0, 0.5
-# Samples left out count this number of widths of the blur to either side: what stands in them is near to the truth.
+# Samples left out affect this number of widths of the blur to either side: their filled values are near the truth.
 SAMPLE_REACH = 1.0
-# Which of (u_c, tau, SDD) are fitted.
+# Slices of (u_c, tau, SDD): the unknowns that are fitted.
 ALL_THREE, WITHOUT_DISTANCE = slice(0, 3), slice(0, 2)
 
 
@@ -41,10 +41,10 @@ class Pairs:
 
     In the Fourier domain of the views the turn by gamma is an exact phase, so views are never interpolated. The blur
     over cells is even in gamma at fixed chi, so both rays of a pair are blurred alike. The constant harmonic is left
-    out: what every view has in common (errors of the flat field, rings, a background) cannot pass for drift.
+    out: a part common to all views (errors of the flat field, rings, a background) cannot look like drift.
     """
 
-    def __init__(self, scanner: Scanner, turn: Turn, start: FloatArray, blur: tuple[float, float]) -> None:
+    def __init__(self, scanner: Scanner, turn: FullTurn, start: FloatArray, blur: tuple[float, float]) -> None:
         self._scanner, self._turn = scanner, turn
         self._orders = np.arange(turn.views // 2 + 1)
         self._blur = np.exp(-0.5 * (blur[0] * self._orders * TAU / turn.views) ** 2)
@@ -66,11 +66,11 @@ class Pairs:
         self._used = self._measured(fan)
 
     def views_of(self) -> tuple[FloatArray, FloatArray]:
-        """Angle of the view that measured each ray, and each opposite ray, (pairs, chi)."""
+        """Return the angle of the view that measured each ray, and each opposite ray, (pairs, chi)."""
         return self.chi + self.gamma[:, None], self.chi + math.pi - self.gamma[:, None]
 
     def _measured(self, fan: FloatArray) -> NDArray[np.bool_]:
-        """Pairs without a ray next to a view or a cell that was left out; cells stay in where they are too many."""
+        """Select pairs without a ray next to a view or cell left out; cells are kept where they are too many."""
         step = TAU / self._turn.views
         used = np.ones((self.gamma.size, self._turn.views), bool)
         for angles in self.views_of() if self._turn.filled_rad.size else ():
@@ -84,7 +84,7 @@ class Pairs:
         return used & ~touching if touching.mean() < MOST_TOUCHED else used
 
     def _touching(self, fan: FloatArray) -> NDArray[np.bool_]:
-        """Pairs (pairs, chi) with a ray at a sample that was left out."""
+        """Select pairs (pairs, chi) with a ray at a sample that was left out."""
         if not self._turn.left_out.any():
             return np.zeros((self.gamma.size, self._turn.views), bool)
         reach = round(SAMPLE_REACH * self._width / float(np.median(np.diff(fan))))
@@ -98,12 +98,12 @@ class Pairs:
         return touching
 
     def at(self, vector: FloatArray) -> PairedRays:
-        """The pairs with this geometry."""
+        """Return the paired rays with this geometry."""
         rays, slopes = self._both_sides(vector)
         harmonics = np.empty((9, self.gamma.size, self._orders.size), np.complex128)
         np.subtract(rays[0], rays[1], out=harmonics[0])
-        # A ray's derivative by gamma at fixed view is that at fixed chi less that by chi. The opposite has the first
-        # with its sign turned and the second as it is.
+        # A ray's derivative by gamma at fixed view is the one at fixed chi less the one by chi. The opposite ray has
+        # the first with its sign reversed and the second as it is.
         np.add(slopes[0], slopes[1], out=harmonics[1])
         np.multiply(1j * self._orders, rays[0] + rays[1], out=harmonics[2])
         np.subtract(slopes[0], slopes[1], out=harmonics[3])
@@ -121,7 +121,7 @@ class Pairs:
         )
 
     def relative_residual(self, vector: FloatArray) -> float:
-        """RMS of the blurred differences of the pairs that are used against that of the blurred rays."""
+        """Return the RMS of the used pairs' blurred differences divided by the RMS of the blurred rays."""
         (rays, opposite), _ = self._both_sides(vector)
         both = np.stack([rays - opposite, 0.5 * (rays + opposite)])
         blurred = self._over_chi(self._blur * both) * self._used
@@ -129,22 +129,22 @@ class Pairs:
         return math.sqrt(residual / signal)
 
     def _both_sides(self, vector: FloatArray) -> tuple[ComplexArray, ComplexArray]:
-        """Rays and opposite rays over chi, and the derivatives of both by the rays' gamma, (2, pairs, harmonics)."""
+        """Return rays and opposite rays over chi, and both derivatives by the rays' gamma, (2, pairs, harmonics)."""
         fan, covered = fan_angles(self._scanner, vector)
         turned = _powers(np.exp(1j * fan), self._orders.size)
         turned *= covered[:, None]
         turned *= self._turn.spectrum
         rays, slopes = (each.view(np.complex128) for each in self._sides(turned.view(np.float64), fan))
-        # The opposite ray lies at -gamma and half a turn on.
+        # The opposite ray is at -gamma, half a turn later.
         half_turn = np.where(self._orders % 2, -1.0, 1.0)
         rays[1] *= half_turn
         slopes[1] *= -half_turn
         return rays, slopes
 
     def mean_by_gamma(self, vector: FloatArray) -> FloatArray:
-        """The derivative by gamma (pairs,) of half the sums of opposite rays of the views' mean.
+        """Return the derivative by gamma (pairs,) of half the sums of opposite rays of the views' mean.
 
-        An unknown that is the same at every chi does not need it; one that varies with chi does.
+        An unknown that is the same at every chi does not need this derivative; one that varies with chi does.
         """
         fan, covered = fan_angles(self._scanner, vector)
         _, slopes = self._sides((self._turn.mean * covered)[:, None], fan)
@@ -152,12 +152,12 @@ class Pairs:
         return half
 
     def _over_chi(self, harmonics: ComplexArray) -> FloatArray:
-        """Harmonics (..., orders) as (..., views) over chi."""
+        """Transform harmonics (..., orders) to (..., views) over chi."""
         values: FloatArray = scipy.fft.irfft(harmonics, self._turn.views, overwrite_x=True)
         return values
 
     def _sides(self, turned: FloatArray, fan: FloatArray) -> FloatArray:
-        """Values (cells, n) at the pairs' gamma and at -gamma, and their derivatives by gamma, (2, 2, pairs, n)."""
+        """Interpolate values (cells, n), and derivatives by gamma, at the pairs' gamma and -gamma, (2, 2, pairs, n)."""
         gamma = np.concatenate([self.gamma, -self.gamma])[:, None]
         near = np.searchsorted(fan, gamma) + self._taps
         inside = (near >= 0) & (near < fan.size)
@@ -173,7 +173,7 @@ class Pairs:
     def solve(
         self, start: FloatArray, low: FloatArray, high: FloatArray, *, free: slice, corrected: bool
     ) -> "Solution":
-        """Gauss-Newton in the free unknowns from the start, inside the reach."""
+        """Iterate Gauss-Newton steps in the free unknowns from the start, inside the reach."""
         vector, settled = start, False
         for _ in range(STEPS):
             rays = self.at(vector)
@@ -206,33 +206,33 @@ class Solution:
 
     @property
     def covariance(self) -> FloatArray:
-        """Of all three; what is not free has zeros."""
+        """Covariance of all three unknowns; those not free have zeros."""
         covariance = np.zeros((3, 3))
         covariance[self.free, self.free] = self.free_covariance
         return covariance
 
     def with_correlated(self, share: float) -> "Solution":
-        """With the covariance of differences that correlate over this share of the turn."""
+        """Return the solution with the covariance of differences that correlate over this share of the turn."""
         return replace(self, free_covariance=self.rays.covariance(self.free, corrected=True, correlated=share))
 
     def is_near(self, vector: FloatArray) -> bool:
-        """Whether another vector differs from this by less than the errors show."""
+        """Return whether another vector differs from this one by less than the errors can show."""
         spread = np.sqrt(np.diag(self.free_covariance))
         return bool(np.all(np.abs(self.vector - vector)[self.free] <= NEAR * spread))
 
     @cached_property
     def relative_residual(self) -> float:
-        """RMS of the blurred differences against that of the blurred rays."""
+        """RMS of the blurred differences divided by the RMS of the blurred rays."""
         return self.pairs.relative_residual(self.vector)
 
     @cached_property
     def derivatives(self) -> Derivatives:
-        """Those of the pairs with the views' mean, for unknowns that vary with chi."""
+        """Derivatives of the pairs with the views' mean, for unknowns that vary with chi."""
         return self.rays.derivatives.with_mean(self.pairs.mean_by_gamma(self.vector), self.rays.used)
 
     @property
     def distance_sensitivity(self) -> FloatArray:
-        """Change of (u_c, tau) per mm of the SDD at which they were fitted, (2,); zeros where it is free."""
+        """Change of (u_c, tau) per mm of the SDD at which they were fitted, (2,); zeros where SDD is free."""
         if self.free == ALL_THREE:
             return np.zeros(2)
         gram = self.rays.gram(corrected=True)
@@ -240,7 +240,7 @@ class Solution:
 
 
 def _shifts(vector: FloatArray, gamma: NDArray[np.floating]) -> FloatArray:
-    """Angles by which a ray at gamma turns per unit of (u_c, tau, SDD): du/dx over du/dgamma, (3, rays)."""
+    """Return the angle that a ray at gamma turns per unit of (u_c, tau, SDD): du/dx over du/dgamma, (3, rays)."""
     _, tau, sdd = vector
     c = np.cos(gamma + tau)
     by = np.stack([np.ones_like(gamma), sdd * np.sin(gamma) * np.sin(gamma + tau) / c**2, np.sin(gamma) / c])
@@ -249,7 +249,7 @@ def _shifts(vector: FloatArray, gamma: NDArray[np.floating]) -> FloatArray:
 
 
 def _powers(base: ComplexArray, number: int) -> ComplexArray:
-    """Powers of each base from 0 on, (bases, number)."""
+    """Return the powers of each base from 0 on, (bases, number)."""
     powers = np.ones((base.size, number), np.complex128)
     powers[:, 1], done = base, 2
     while done < number:

@@ -1,4 +1,4 @@
-"""Paired rays: every ray of a full turn beside the one that came the other way along the same line.
+"""Paired rays: every ray of a full turn with the one measured in the opposite direction along the same line.
 
 chi is the direction of a ray in the plane, as a parallel beam's angle is counted (docs/geometry.md#drift).
 """
@@ -14,24 +14,24 @@ from numpy.typing import NDArray
 
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner, cell_centres_mm
 
-# Below this share of signal in the slopes, in the worst direction, the stated errors are too small (a fifth at 0.2).
+# Below this share of signal in the slopes, in the worst direction, the reported errors are too small (a fifth at 0.2).
 SIGNAL_SHARE = 0.3
 
 
 class Derivatives(NamedTuple):
     """Derivatives of half the sums of opposite rays, each (derivatives, pairs, chi) float64.
 
-    The first is that by gamma at fixed chi, the second that by chi; multiples of them may follow.
+    The first is the derivative by gamma at fixed chi, the second the one by chi; multiples of both may follow.
 
     Attributes
     ----------
     plain : float64
         Not blurred over chi, where white noise of the views is white.
     blurred : float64
-        Blurred twice over chi, and 0 where a ray of the pair is not used: the score is that of least squares of blurred
-        differences.
+        Blurred twice over chi, and 0 where a ray of the pair is not used: this gives the score of least squares of
+        blurred differences.
     noise, noise_blurred : float64
-        The same of half the differences, which carry as much noise as half the sums and no signal.
+        The same derivatives of half the differences, which contain as much noise as half the sums and no signal.
     """
 
     plain: FloatArray
@@ -49,16 +49,16 @@ class Derivatives(NamedTuple):
 class PairedRays:
     """Differences of opposite rays (pairs, chi), and their derivatives by the unknowns.
 
-    The unknowns are (u_c, tau, SDD), perhaps with others after them.
+    The unknowns are (u_c, tau, SDD), optionally followed by further ones.
 
     Attributes
     ----------
     difference : float64
-        Not blurred over chi.
+        Differences, not blurred over chi.
     weights : (unknowns, derivatives, pairs) float64
-        How much of each derivative the slope by an unknown has.
+        Weight of each derivative in the slope by an unknown.
     used : bool
-        Pairs of which both rays were measured.
+        True for pairs of which both rays were measured.
     """
 
     difference: FloatArray
@@ -68,12 +68,12 @@ class PairedRays:
 
     def with_unknowns(self, derivatives: Derivatives, chosen: list[int], slopes: FloatArray) -> "PairedRays":
         """Append unknowns whose slopes are the chosen derivatives, each times (chosen, pairs, chi)."""
-        known, more = self.weights.shape[1], len(chosen)
-        joined = np.empty((len(derivatives), known + more, *self.used.shape))
-        for both, own, others in zip(joined, self.derivatives, derivatives, strict=True):
-            both[:known] = own
-            for row, one, slope in zip(both[known:], chosen, slopes, strict=True):
-                np.multiply(others[one], slope, out=row)
+        count, more = self.weights.shape[1], len(chosen)
+        joined = np.empty((len(derivatives), count + more, *self.used.shape))
+        for both, own, further in zip(joined, self.derivatives, derivatives, strict=True):
+            both[:count] = own
+            for row, one, slope in zip(both[count:], chosen, slopes, strict=True):
+                np.multiply(further[one], slope, out=row)
         weights = np.pad(self.weights, ((0, more), (0, more), (0, 0)))
         weights[-more:, -more:] = np.eye(more)[:, :, None]
         return replace(self, derivatives=Derivatives(*joined), weights=weights)
@@ -86,7 +86,7 @@ class PairedRays:
 
     @property
     def instruments(self) -> FloatArray:
-        """The slopes of blurred rays, (unknowns, pairs, chi)."""
+        """Slopes of blurred rays, (unknowns, pairs, chi)."""
         instruments: FloatArray = np.einsum("xip,ipt->xpt", self.weights, self.derivatives.blurred)
         return instruments
 
@@ -99,10 +99,10 @@ class PairedRays:
         return scores
 
     def gram(self, *, corrected: bool) -> FloatArray:
-        """(unknowns, unknowns) of instruments and slopes.
+        """Return the products of instruments and slopes, (unknowns, unknowns).
 
-        Both are those of noisy data, and their noise makes the matrix too large (errors in variables); the noise's
-        share, as half the differences have it, can be taken off.
+        Both come from noisy data, and their noise makes the matrix too large (errors in variables). `corrected`
+        subtracts the noise's share, which half the differences show.
         """
         return self._gram - self._noise_gram if corrected else self._gram
 
@@ -115,10 +115,10 @@ class PairedRays:
         return _products(self.weights, self.derivatives.noise_blurred, self.derivatives.noise)
 
     def covariance(self, free: slice | list[int], *, corrected: bool, correlated: float = 0.0) -> FloatArray:
-        """Heteroscedasticity-robust covariance (White 1980) of the free unknowns, from each chi's score.
+        """Compute the heteroscedasticity-robust covariance (White 1980) of the free unknowns, from each chi's score.
 
         Scores within a share `correlated` of the turn count as correlated, with Bartlett's weights (Newey and West
-        1987, Econometrica 55, 703). Infinite where the pairs do not show the unknowns.
+        1987, Econometrica 55, 703). The covariance is infinite where the pairs do not show the unknowns.
         """
         gram, noisy = (self.gram(corrected=kind)[free][:, free] for kind in (corrected, False))
         if not (is_definite(noisy + noisy.T) and _signal_share(gram, noisy) > SIGNAL_SHARE):
@@ -134,7 +134,7 @@ class PairedRays:
 
 
 def fan_angles(scanner: Scanner, vector: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Each cell's fan angle (cells,) and the angle that the cell covers."""
+    """Return each cell's fan angle (cells,) and the angle that the cell covers."""
     u_c, tau, sdd = vector
     w = cell_centres_mm(scanner) - u_c
     across, along = w * math.cos(tau), sdd + w * math.sin(tau)
@@ -142,7 +142,7 @@ def fan_angles(scanner: Scanner, vector: FloatArray) -> tuple[FloatArray, FloatA
 
 
 def is_definite(gram: FloatArray) -> bool:
-    """Whether a matrix of products is positive definite beyond rounding, whatever the scale of its unknowns."""
+    """Return whether a matrix of products is positive definite beyond rounding, independent of the unknowns' scales."""
     diagonal = np.diag(gram)
     if not np.all(diagonal > 0.0):
         return False
@@ -158,5 +158,5 @@ def _products(weights: FloatArray, left: FloatArray, right: FloatArray) -> Float
 
 
 def _signal_share(gram: FloatArray, noisy: FloatArray) -> float:
-    """The smallest share that is left of the noisy matrix in any direction; a mask makes them a little asymmetric."""
+    """Return the signal's smallest share of the noisy matrix in any direction; a mask makes both a bit asymmetric."""
     return float(scipy.linalg.eigh(gram + gram.T, noisy + noisy.T, eigvals_only=True)[0])

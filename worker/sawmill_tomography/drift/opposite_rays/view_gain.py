@@ -1,4 +1,4 @@
-"""Each view's gain and offset, found from opposite rays: a source or flat field that drifts from view to view."""
+"""Gain and offset of each view, from opposite rays: a source or flat field that drifts from view to view."""
 
 import math
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from sawmill_tomography.geometry.geometry import FloatArray
 SPACING_CELLS, WIDTH_CELLS = 5.0, 1.5
 # Weights of cells farther away are below 1e-15.
 REACH_CELLS = 13
-# Each round takes half of the residual: the opposite rays have as much of it as the rays.
+# Each round removes half of the residual: the opposite rays contain as much of it as the rays.
 ROUNDS = 8
 # Gain and offset of the views must explain this number of times more of the differences than noise would
 # (benchmarks/unsteady.py).
@@ -21,31 +21,31 @@ EVIDENCE = 3.0
 
 @dataclass(frozen=True, eq=False)
 class ViewGain:
-    """Each view's gain, (views,), mean 1, and the offset added after it, (views,), mean 0."""
+    """Gain of each view, (views,), mean 1, and the offset added after the gain, (views,), mean 0."""
 
     gain: FloatArray
     offset: FloatArray
 
     @property
     def done(self) -> str:
-        """One sentence."""
+        """The correction, in one sentence for people."""
         return f"the views' gain scattered by {np.std(self.gain):.2%} and was evened out"
 
     def removed(self, sinogram: FloatArray) -> FloatArray:
-        """The sinogram (views, cells) without gain and offset."""
+        """Return the sinogram (views, cells) without gain and offset."""
         corrected: FloatArray = (sinogram - self.offset[:, None]) / self.gain[:, None]
         return corrected
 
 
 def view_gain(sinogram: FloatArray, fan_rad: FloatArray, *, reversed_turn: bool) -> ViewGain | None:
-    """Gain and offset of each view from p(phi, gamma) = p(phi + pi - 2 gamma, -gamma); None where noise explains them.
+    """Fit each view's gain and offset by p(phi, gamma) = p(phi + pi - 2 gamma, -gamma); None where noise explains them.
 
-    What turns twice or an even number of times with the log is the same in opposite views and stays.
+    A gain that varies with an even harmonic of the turn is the same in opposite views and stays.
 
     Parameters
     ----------
     sinogram : (views, cells) float64
-        At equidistant angles all round.
+        Line integrals at equidistant angles over the full turn.
     fan_rad : (cells,) float64
         Fan angle of each cell, ascending through zero.
     """
@@ -54,22 +54,22 @@ def view_gain(sinogram: FloatArray, fan_rad: FloatArray, *, reversed_turn: bool)
     views = len(sinogram)
     shift = (math.pi - 2.0 * gamma) * (-1.0 if reversed_turn else 1.0)
     phase = np.exp(1j * np.outer(shift, np.arange(views // 2 + 1)))
-    found = ViewGain(np.ones(views), np.zeros(views))
+    estimate = ViewGain(np.ones(views), np.zeros(views))
     for done in range(ROUNDS):
-        corrected = rays - found.offset
-        corrected /= found.gain
+        corrected = rays - estimate.offset
+        corrected /= estimate.gain
         opposite = scipy.fft.irfft(scipy.fft.rfft(corrected)[::-1] * phase, views)
         gain, offset = _line(opposite, corrected)
         if done == 0 and _evidence(opposite, corrected, gain, offset) < EVIDENCE:
             return None
         gain = 1.0 + 0.5 * (gain - gain.mean())
         offset = 0.5 * (offset - offset.mean())
-        found = ViewGain(found.gain * gain, found.offset + found.gain * offset)
-    return found
+        estimate = ViewGain(estimate.gain * gain, estimate.offset + estimate.gain * offset)
+    return estimate
 
 
 def _means(fan_rad: FloatArray) -> tuple[FloatArray, "scipy.sparse.csr_array"]:
-    """Fan angles that lie symmetrically about zero, (samples,), and the weights of their means, (samples, cells)."""
+    """Return fan angles symmetric about zero, (samples,), and the weights of their means, (samples, cells)."""
     spacing = float(np.median(np.diff(fan_rad)))
     count = int(min(-fan_rad[0], fan_rad[-1]) / (SPACING_CELLS * spacing))
     half = (np.arange(count) + 0.5) * SPACING_CELLS * spacing
@@ -84,7 +84,7 @@ def _means(fan_rad: FloatArray) -> tuple[FloatArray, "scipy.sparse.csr_array"]:
 
 
 def _line(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Slope and intercept of y over x (samples, views) in each view."""
+    """Return slope and intercept of y over x (samples, views) in each view."""
     x_mean, y_mean = x.mean(axis=0), y.mean(axis=0)
     x = x - x_mean
     slope = np.einsum("sv,sv->v", x, y) / np.einsum("sv,sv->v", x, x)
@@ -92,9 +92,9 @@ def _line(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _evidence(x: FloatArray, y: FloatArray, slope: FloatArray, intercept: FloatArray) -> float:
-    """The sum of squares that the lines explain beyond y = x.
+    """Return the sum of squares that the lines explain beyond y = x.
 
-    The sum is given for each of the two unknowns, in units of the residual for each degree of freedom.
+    The sum is divided by the two unknowns, in units of the residual for each degree of freedom.
     """
     residual = float(np.sum((y - slope * x - intercept) ** 2))
     explained = float(np.sum((y - x) ** 2)) - residual

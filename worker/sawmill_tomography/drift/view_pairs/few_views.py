@@ -1,7 +1,7 @@
-"""The detector of a scan of few views: what pairs of views say of it, and opposite rays where the views go all round.
+"""The detector's geometry from few views: by pairs of views, and by opposite rays where the views cover a full turn.
 
-Pairs of views compare sums over unlike paths, which hardening and scatter make unlike; opposite rays run along the same
-path, but few views hardly show the differences of a round log. Each counts by its covariance.
+Pairs of views compare sums over different paths, on which hardening and scatter differ; opposite rays run along the
+same path, but few views hardly show the differences of a round log. Each estimate counts by its covariance.
 """
 
 import math
@@ -21,8 +21,8 @@ from sawmill_tomography.drift.change import (
 )
 from sawmill_tomography.drift.levelled_rays import levelled_rays
 from sawmill_tomography.drift.opposite_rays.conjugate_minimum import reach
-from sawmill_tomography.drift.opposite_rays.disturbances import Estimate, estimates_of, undetected_covariance
-from sawmill_tomography.drift.opposite_rays.full_turn import Turn, even_views, widest_gap_rad
+from sawmill_tomography.drift.opposite_rays.disturbances import DisturbanceEstimate, estimates_of, undetected_covariance
+from sawmill_tomography.drift.opposite_rays.full_turn import FullTurn, even_views, widest_gap_rad
 from sawmill_tomography.drift.opposite_rays.log_movement import log_movement
 from sawmill_tomography.drift.opposite_rays.opposite_rays import WITHOUT_DISTANCE, Pairs, Solution
 from sawmill_tomography.drift.opposite_rays.paired_rays import fan_angles
@@ -32,19 +32,19 @@ from sawmill_tomography.drift.view_pairs.view_pairs import MOST_VIEWS, REACH, UN
 from sawmill_tomography.geometry.geometry import TAU, FloatArray, Scanner, SourceFrame
 from sawmill_vocabulary import Rotation
 
-# Blur of opposite rays in views and in cells: of few views more blur takes signal, and less leaves more aliasing.
+# Blur of opposite rays in views and in cells: with few views more blur removes signal, and less leaves more aliasing.
 BLUR = (0.6, 3.0)
 # Views with a gap of more than this number of even steps are not interpolated.
 WIDEST_GAP = 1.5
 # Unrest matters where it makes u_c less certain than this share of a cell.
 UNREST_CELLS = 0.03
-# Where pairs do not come to rest, opposite rays answer alone if they are more certain than this share of a cell.
+# Where the fit to pairs does not settle, opposite rays are used alone if u_c is known to this share of a cell.
 CERTAIN_CELLS = 0.3
 # Chi-squared, 2 degrees of freedom, by which pairs and opposite rays differ in one of twenty scans.
 BY_CHANCE = 5.99
-# A shorter jump, in cells at the COR, is none: bearings and scatter look like it.
+# A shorter jump, in cells at the COR, is ignored: bearings and scatter look like it.
 SHORTEST_JUMP_CELLS = 0.5
-# Fewer views have no opposite rays to show a jump.
+# Fewer views have too few opposite rays to show a jump.
 FEWEST_JUMPED = 12
 
 
@@ -57,14 +57,14 @@ def few_view_fit(
     *,
     deviations: FloatArray | None = None,
 ) -> DetectorFit:
-    """Fit u_c and tau to pairs of views and, of views all round, to opposite rays; SDD is held.
+    """Fit u_c and tau to pairs of views and, for views over a full turn, to opposite rays; SDD is held.
 
-    Parameters and errors are those of `view_pair_fit`.
+    Parameters and errors are documented in `view_pair_fit`.
 
     Raises
     ------
     DriftError
-        Also if the log moved, or neither shows u_c near the calibrated one.
+        Also if the log moved, or neither method shows u_c near the calibrated one.
     """
     sinogram, angles_rad = np.asarray(sinogram, np.float64), np.asarray(angles_rad, np.float64)
     pairs = view_pair_fit(scanner, sinogram, angles_rad, start, rotation, deviations=deviations)
@@ -110,7 +110,7 @@ def _refuse_unseen(scanner: Scanner, fit: PairFit) -> None:
 
 
 class _OppositeRays(NamedTuple):
-    """Their fit, the angles as its sense of rotation reads them, and what was done to the views."""
+    """The fit to opposite rays, the angles in its sense of rotation, and the corrections made to the views."""
 
     solution: Solution
     angles_rad: FloatArray
@@ -122,11 +122,11 @@ class _OppositeRays(NamedTuple):
         return math.sqrt(self.solution.covariance[0, 0])
 
     def log_jump(self, scanner: Scanner, start: SourceFrame) -> LogMovement | None:
-        """The jump of a log that moved in between, beyond chance and by no small part of a cell."""
+        """Return the jump of a log that moved during the scan, if beyond chance and not a small part of a cell."""
         if self.angles_rad.size < FEWEST_JUMPED:
             return None
         jump = log_movement(self.solution, self.angles_rad, start.source_distance_mm)
-        # Few opposite rays span it, and know its covariance badly: Hotelling's T-squared instead of chi-squared.
+        # Few opposite rays span the jump, so its covariance is uncertain: Hotelling's T-squared, not chi-squared.
         freedom = 2 * min(jump.view, self.angles_rad.size - jump.view) - 2
         by_chance = (1.0 + jump.chi_squared / freedom) ** (-0.5 * (freedom - 1))
         shortest_mm = SHORTEST_JUMP_CELLS * scanner.detector_pitch_mm / start.magnification
@@ -137,7 +137,7 @@ class _OppositeRays(NamedTuple):
 def _opposite_rays(
     scanner: Scanner, sinogram: FloatArray, angles_rad: FloatArray, start: SourceFrame, pairs: PairFit
 ) -> _OppositeRays | None:
-    """Their fit from where the pairs came to rest; None where the views are not evenly round, or do not show it."""
+    """Fit opposite rays from the solution of the pairs; None if the views are not even, or the fit does not settle."""
     screening = pairs.screening
     angles = angles_rad[screening.views]
     if widest_gap_rad(angles) > WIDEST_GAP * TAU / angles.size:
@@ -153,7 +153,9 @@ def _opposite_rays(
     gain = view_gain(even, fan, reversed_turn=pairs.rotation is Rotation.REVERSED)
     if gain is not None:
         even = gain.removed(even)
-    turn = Turn.of(even, first_rad, angles, usable=every, bridged=~screening.cells, left_out=np.zeros(rays.shape, bool))
+    turn = FullTurn.of(
+        even, first_rad, angles, usable=every, bridged=~screening.cells, left_out=np.zeros(rays.shape, bool)
+    )
     solution = Pairs(scanner, turn.read(pairs.rotation), vector, BLUR).solve(
         vector, *reach(scanner, start), free=WITHOUT_DISTANCE, corrected=True
     )
@@ -163,19 +165,19 @@ def _opposite_rays(
 
 
 def _combined(pairs: PairFit, opposite: _OppositeRays, start: SourceFrame) -> PairFit:
-    """Both estimates of (u_c, tau), weighed by their covariances."""
+    """Combine both estimates of (u_c, tau), weighted by their covariances."""
     solution, estimates = opposite.solution, estimates_of(opposite.solution)
     of_disturbances = undetected_covariance(solution, estimates, start.source_distance_mm)
-    # How well the views' scatter is known counts by Student's t, as for pairs.
+    # The uncertainty of the views' scatter enters by Student's t, as for pairs.
     wider = (scipy.special.stdtrit(opposite.angles_rad.size - 2, 0.975) / scipy.special.ndtri(0.975)) ** 2
     covariances = pairs.covariance[:2, :2], wider * (solution.covariance + of_disturbances)[:2, :2]
-    # Pairs that did not come to rest say nothing.
+    # Pairs whose fit did not settle have no weight.
     precisions = [np.linalg.inv(each) for each in covariances]
     precisions[0] *= float(pairs.settled)
     covariance = np.linalg.inv(sum(precisions))
     of_pairs, of_opposite = (covariance @ each for each in precisions)
     column, tilt = of_pairs @ seen_vector(pairs)[:2] + of_opposite @ solution.vector[:2]
-    # What a flat field hides behind the log moves pairs alone: where both disagree, neither is as certain as it says.
+    # A flat field's error behind the log moves pairs alone: where both disagree, both are less certain than estimated.
     apart = seen_vector(pairs)[:2] - solution.vector[:2]
     disagreement = float(apart @ np.linalg.solve(covariances[0] + covariances[1], apart)) * float(pairs.settled)
     return replace(
@@ -190,9 +192,9 @@ def _combined(pairs: PairFit, opposite: _OppositeRays, start: SourceFrame) -> Pa
 
 
 def _encoder_bound_mm(
-    pairs: PairFit, of_pairs: FloatArray, of_opposite: FloatArray, estimates: list[Estimate]
+    pairs: PairFit, of_pairs: FloatArray, of_opposite: FloatArray, estimates: list[DisturbanceEstimate]
 ) -> float | None:
-    """The most that an encoder's error of `ENCODER_DEG` once a turn moves u_c, were it to move both the same way."""
+    """Return the largest change of u_c by an encoder's error of `ENCODER_DEG` once a turn, summed over estimates."""
     if pairs.encoder_bound_mm is None:
         return None
     once = Disturbance("encoder", 1)

@@ -1,6 +1,6 @@
-"""Sums over rays that any two views of one body have in common, and what noise, gains and air leave of them unknown.
+"""Sums over rays that any two views of one body have in common, and the sums' errors by noise, gains and air.
 
-The identity and its source stand in `view_pairs`.
+The identity and its source are in `view_pairs`.
 """
 
 import math
@@ -15,22 +15,22 @@ from sawmill_tomography.drift.opposite_rays.paired_rays import fan_angles
 from sawmill_tomography.geometry.geometry import TAU, FloatArray, Scanner
 from sawmill_vocabulary import FEWEST_PAIRED_VIEWS
 
-# Between L's normal and the farthest ray through the log, rad short of a right angle: there a weight is 1 / 0.06.
+# Smallest angle between a pair's line L and the rays through the log, rad: there a weight is 1 / 0.06.
 EDGE_RAD = 0.06
-# More pairs cost time. Of too many, those far apart are kept: u_c moves their sums most, by tan(delta).
+# More pairs cost time. If there are too many, those far apart are kept: u_c moves their sums most, by tan(delta).
 MOST_PAIRS = 400
 FARTHEST = 0.5
-# What a view's rays may be too large or too small by, as a share, after the air has been evened out.
+# Standard deviation of a view's gain, as a share, after the air has been evened out.
 GAIN = 0.005
-# By how much of the largest ray the line integrals may bend, as a square and as a cube of themselves: a beam that
-# hardens, and -ln of few counts.
+# Curvature of the line integrals, as a share of the largest ray, as a square and as a cube of the integrals: from beam
+# hardening, and from -ln of few counts.
 BENT = 0.1
-# RMS amplitude of what the angles may be wrong by once a turn: an eccentric encoder.
+# RMS amplitude of the angles' error once a turn: an eccentric encoder.
 ENCODER_DEG = 0.1
-# Combinations of sums that noise leaves better known than this share of a sum say nothing new: pairs repeat each other,
-# and what is left there is rounding.
+# Combinations of sums whose noise is below this share of a sum add no information: pairs repeat each other, and their
+# residual is rounding.
 MODEL = 3e-7
-# Of u_c (mm), tau (rad) and SDD (mm), for derivatives of sums that are smooth in them.
+# Steps of u_c (mm), tau (rad) and SDD (mm), for numerical derivatives of the sums, which are smooth in them.
 DIFFERENCES = (0.05, 1e-4, 1.0)
 # Decimals of delta (rad) beyond which separations of views are the same.
 SAME = 9
@@ -38,7 +38,7 @@ SAME = 9
 
 @dataclass(frozen=True, eq=False)
 class ViewPairs:
-    """First and second view of each pair, each (pairs,), and which of the separations theirs is.
+    """First and second view of each pair, each (pairs,), and the index of the pair's separation.
 
     Attributes
     ----------
@@ -53,14 +53,14 @@ class ViewPairs:
 
     @classmethod
     def of(cls, angles_rad: FloatArray, farthest_rad: float) -> "ViewPairs":
-        """Those whose line misses a log of this half fan angle, evenly thinned to `MOST_PAIRS`."""
+        """Select the pairs whose line misses a log of this half fan angle, evenly thinned to `MOST_PAIRS`."""
         apart = np.mod(angles_rad - angles_rad[:, None], TAU)
         first, second = np.nonzero((apart > 1e-6) & (apart < math.pi - 2.0 * (farthest_rad + EDGE_RAD)))
         delta = 0.5 * apart[first, second]
         if first.size > MOST_PAIRS:
             far = delta >= np.sort(delta)[-max(MOST_PAIRS, int(FARTHEST * delta.size))]
             first, second, delta = first[far], second[far], delta[far]
-            # Each view keeps as many partners, spread over all separations.
+            # Each view keeps the same number of partners, spread over all separations.
             order = np.lexsort((delta, first))
             kept = order[np.linspace(0, order.size - 1, MOST_PAIRS).astype(int)]
             first, second, delta = first[kept], second[kept], delta[kept]
@@ -79,12 +79,12 @@ class PairSums:
 
     @classmethod
     def of(cls, scanner: Scanner, lines: LevelledRays, angles_rad: FloatArray, start: FloatArray) -> "PairSums":
-        """Of all pairs whose line misses the log, as (u_c, tau, SDD) has it at the start.
+        """Select all pairs whose line misses the log, with (u_c, tau, SDD) at the start.
 
         Raises
         ------
         DriftError
-            If those are too few.
+            If there are too few pairs.
         """
         fan, _ = fan_angles(scanner, start)
         pairs = ViewPairs.of(angles_rad, float(np.abs(fan[lines.cells]).max()))
@@ -97,7 +97,7 @@ class PairSums:
         return cls(scanner, lines, pairs, angles_rad)
 
     def _weights(self, vector: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Of the rays of the log's cells in first and in second views, (separations, cells) each."""
+        """Return the weights of the rays of the log's cells in first and in second views, (separations, cells) each."""
         fan, covered = (each[self.lines.cells] for each in fan_angles(self.scanner, vector))
         delta = self.pairs.delta
         # 1 / cos(gamma + delta) = 1 / (cos gamma cos delta (1 - tan gamma tan delta))
@@ -106,40 +106,40 @@ class PairSums:
         return shared / (1.0 - product), shared / (1.0 + product)
 
     def at(self, vector: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """What each pair's first and second view sum up to, (pairs,) each."""
+        """Return the sums of each pair's first and second view, (pairs,) each."""
         return self._picked(self._weights(vector), self.lines.rays)
 
     def differences(self, vector: FloatArray) -> FloatArray:
-        """The first view's sum less the second's, (pairs,)."""
+        """Return the first view's sum less the second's, (pairs,)."""
         left, right = self.at(vector)
         return left - right
 
     def slopes(self, vector: FloatArray, differences: FloatArray, unknowns: int) -> FloatArray:
-        """Derivatives, (pairs, unknowns), of the differences, given at the vector, by the first of u_c, tau and SDD."""
+        """Return the derivatives, (pairs, unknowns), of `differences` at `vector` by the first of u_c, tau and SDD."""
         steps = np.diag(DIFFERENCES)[:unknowns]
         slopes = [(self.differences(vector + step) - differences) / step.sum() for step in steps]
         return np.stack(slopes, axis=1)
 
     def whitening(self, vector: FloatArray, patterns: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """What makes the differences independent and of variance 1, (at most pairs, pairs), and gains (pairs, views).
+        """Return a matrix that whitens the differences, (at most pairs, pairs), and the effect of gains (pairs, views).
 
-        The gains are what a gain of `GAIN` of each view adds to the differences.
+        The effect of gains is the change of the differences by a gain of `GAIN` of each view.
 
         Parameters
         ----------
         patterns : (pairs, patterns) float64
-            What else adds to the differences, each of an amplitude with the standard deviation 1.
+            Further changes of the differences, each with an amplitude of standard deviation 1.
         """
         lines, pairs = self.lines, self.pairs
         weights = self._weights(vector)
         size, views, every = pairs.first.size, len(lines.rays), np.arange(pairs.first.size)
-        # What moves the differences with a view's gain, with its level, and with the patterns of all views.
+        # Changes of the differences with a view's gain, with its level, and with the patterns of all views.
         gains, air = np.zeros((size, views)), np.zeros((size, views + len(lines.air_patterns)))
         for sign, view, own in zip((1.0, -1.0), (pairs.first, pairs.second), weights, strict=True):
             gains[every, view] += sign * (own @ lines.rays.T)[pairs.separation, view]
             air[every, view] += sign * own.sum(axis=1)[pairs.separation]
             air[:, views:] += sign * (own @ lines.air_patterns.T)[pairs.separation]
-        # A gain of all views changes nothing; what it would add are the differences themselves.
+        # A gain common to all views changes nothing; its effect would be the differences themselves.
         gains = GAIN * (gains - gains.mean(axis=1, keepdims=True))
         covariance = gains @ gains.T + patterns @ patterns.T + air @ lines.air_covariance @ air.T
         same = weights[0] - weights[1]
@@ -156,10 +156,10 @@ class PairSums:
         return whitening, gains
 
     def bends(self, vector: FloatArray) -> FloatArray:
-        """What line integrals that are bent by `BENT` add to the differences, as squares and as cubes, (pairs, 2).
+        """Return the change of the differences by line integrals bent by `BENT`, as squares and as cubes, (pairs, 2).
 
-        Powers of the sums have taken the views' gains out. Noise moves bends and differences alike: what it makes the
-        bends of the differences, which near the truth are nothing but noise and gains, is taken off again.
+        Powers of the sums remove the views' gains. Noise moves bends and differences alike: the noise's part in the
+        bends, predicted from the differences, which near the truth are only noise and gains, is subtracted.
         """
         weights = self._weights(vector)
         rays, variance = self.lines.rays, self.lines.variance
@@ -176,10 +176,10 @@ class PairSums:
         return BENT * np.stack(bends, axis=1)
 
     def encoder(self, vector: FloatArray) -> FloatArray:
-        """What angles add that are wrong by `ENCODER_DEG` times the cosine and the sine of the angle, (pairs, 2).
+        """Return the change of the differences by angle errors of `ENCODER_DEG` times cosine and sine, (pairs, 2).
 
-        The views of a pair stand farther apart than stated by what their angles are wrong by. As shares of the sums,
-        of which the views' gains are no part.
+        The views of a pair are farther apart than stated by the difference of their angle errors. The changes are
+        shares of the sums, which the views' gains do not affect.
         """
         weights = self._weights(vector)
         fan, _ = fan_angles(self.scanner, vector)
@@ -194,9 +194,9 @@ class PairSums:
         return added
 
     def _picked(self, weights: tuple[FloatArray, FloatArray], values: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Each pair's sums of values (views, cells) of the first and of the second view, (pairs,) each.
+        """Return each pair's sums of values (views, cells) of the first and of the second view, (pairs,) each.
 
-        Every separation's weights with every view: a product of matrices, of which the pairs are picked.
+        Every separation's weights are multiplied with every view in one matrix product, then the pairs are picked.
         """
         pairs, (first, second) = self.pairs, (each @ values.T for each in weights)
         return first[pairs.separation, pairs.first], second[pairs.separation, pairs.second]

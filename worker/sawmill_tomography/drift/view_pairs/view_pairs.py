@@ -1,4 +1,4 @@
-"""Pairs of views: what any two fan-beam views of one body have in common, however few views there are.
+"""Pairs of views: sums that any two fan-beam views of one body have in common, however few views there are.
 
 Let L be the line through the sources of two views, and let it miss the body. A view's rays p(gamma), summed as
 p dgamma / cos(angle to L's normal), are the integral of f(x) / dist(x, L) over the plane, since dA = r dr dgamma and
@@ -28,46 +28,47 @@ from sawmill_vocabulary import FEWEST_PAIRED_VIEWS, Rotation
 
 # How far u_c (share of the detector) and tau (rad) may have moved and are still followed: less than EDGE_RAD allows.
 REACH = (0.03, 0.2)
-# The sense of rotation is known where the other leaves this many times the residual.
+# The sense of rotation is decided where the other sense leaves this many times the residual.
 DECISIVE = 2.0
 STEPS = 8
 SMALL_STEP = 1e-2
 # Below this share of the largest a direction in the space of gains is rounding.
 RANK = 1e-6
-# A pattern below this share of the noise does not show.
+# A pattern below this share of the noise cannot be seen.
 SHOWN = 0.3
-# Nor is one found that is larger than this number of standard deviations of what it may be.
+# A pattern larger than this number of its assumed standard deviations is rejected.
 LARGEST = 4.0
-# Views that noise and gains do not reconcile, by this variance ratio, are hardened by more than `BENT`, if that number
-# of times as much reconciles them, or are no body at rest.
+# Views with a larger variance ratio are not explained by noise and gains. They are hardened by more than `BENT` if that
+# number of times as much explains them; otherwise the body did not keep still.
 UNREST, HARDENED = 25.0, 10.0
 HARDENING_SEEN = (
     "the views differ more than noise and gains of the views explain, as where the beam hardens by far more than a "
     "tenth: the standard deviations are as large as that asks for"
 )
-# Of more views these are compared, spread evenly: `MOST_PAIRS` pairs among more views would leave each view's gain
+# Largest number of views compared, spread evenly: `MOST_PAIRS` pairs among more views would leave each view's gain
 # unknown, and the interval too short (benchmarks/drift_coverage.py).
 MOST_VIEWS = 45
-# As few comparisons that nothing else explains tell the noise, in intervals that Student's t makes twice as long.
+# Smallest number of comparisons, not explained by anything else, that give the noise: Student's t then doubles
+# intervals.
 FEWEST_FREE = 2
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PairFit(DetectorFit):
-    """What pairs of views say.
+    """The detector's geometry by pairs of views.
 
     Attributes
     ----------
     settled : bool
-        Whether u_c and tau came to rest near the calibrated ones.
+        True if u_c and tau converged near the calibrated ones.
     unrest : float
-        Variance of what no gain explains, against that of the rays' noise.
+        Variance of the differences that no gain explains, divided by the variance of the rays' noise.
     hardened : bool
-        It is above `UNREST`, and line integrals bent by more than `BENT` would explain it.
+        True if `unrest` is above `UNREST`, and line integrals bent by more than `BENT` would explain it.
     screening : Screening
         Views and cells that may be used.
     lines : LevelledRays
-        Of the views that were compared: all usable ones, or `MOST_VIEWS` of them.
+        Rays of the views that were compared: all usable views, or `MOST_VIEWS` of them.
     """
 
     settled: bool
@@ -86,20 +87,20 @@ def view_pair_fit(
     *,
     deviations: FloatArray | None = None,
 ) -> PairFit:
-    """Fit u_c and tau to what pairs of views have in common, SDD held.
+    """Fit u_c and tau to the common sums of pairs of views, SDD held.
 
     Parameters
     ----------
     sinogram, angles_rad, start, rotation
-        As of `conjugate_fit`, but the views are any, and there is air on both sides of the body in every one.
+        Parameters of `conjugate_fit`, but with any views, and with air on both sides of the body in each of them.
     deviations : (views, detector) float64, optional
-        Standard deviations of the line integrals, which weigh them. 0 estimates that of a ray from the air, and None
-        all of them.
+        Standard deviations of the line integrals, which weight them. Where it is 0 the standard deviation is estimated
+        from the air; None: everywhere.
 
     Raises
     ------
     DriftError
-        If the views are too few, or the log reaches an end of the detector.
+        If there are too few views, or the log reaches an end of the detector.
     GeometryError
         If the deviations have another shape than the sinogram, or are negative or not finite.
     """
@@ -117,8 +118,8 @@ def view_pair_fit(
         compared = compared[np.linspace(0, usable - 1, MOST_VIEWS).round().astype(int)]
         adjustments = (*adjustments, f"{MOST_VIEWS} of {usable} views were compared, spread evenly over them")
     angles_rad = angles_rad[compared]
-    known = None if deviations is None else _checked(deviations, sinogram)[compared]
-    rays = levelled_rays(screening.bridged(sinogram)[compared], known)
+    known_deviations = None if deviations is None else _checked(deviations, sinogram)[compared]
+    rays = levelled_rays(screening.bridged(sinogram)[compared], known_deviations)
     vector = seen_vector(start)
     sums = {sense: PairSums.of(scanner, rays, sense.apply(angles_rad), vector) for sense in Rotation}
     fits = {sense: _fit(each, vector, vector) for sense, each in sums.items()}
@@ -128,7 +129,7 @@ def view_pair_fit(
     near = np.append(fit.vector, vector[2])
     if fit.settled:
         disturbed = _fit(sums[rotation], vector, near, disturbed=True)
-        # Larger patterns than can be stand for something else, such as a log that moved.
+        # Patterns larger than possible have another cause, such as a log that moved.
         fit = disturbed if disturbed.largest_pattern < LARGEST else fit
     hardened = False
     if fit.settled and fit.unrest > UNREST:
@@ -169,22 +170,22 @@ def _checked(deviations: FloatArray, sinogram: FloatArray) -> FloatArray:
     return deviations
 
 
-class _Fit(NamedTuple):
-    """u_c and tau in one sense of rotation, (2,), with SDD held.
+class _PairSumsFit(NamedTuple):
+    """A fit of u_c and tau in one sense of rotation, (2,), with SDD held.
 
     Attributes
     ----------
     covariance : (2, 2) float64
     distance_sensitivity : (2,) float64
-        Their change per mm of SDD.
+        Change of u_c and tau per mm of SDD.
     unrest : float
-        Variance of what no gain explains, against that of the rays' noise.
+        Variance of the differences that no gain explains, divided by the variance of the rays' noise.
     encoder_bound_mm : float
-        The most that an encoder's error of `ENCODER_DEG` moves u_c.
+        Largest change of u_c by an encoder's error of `ENCODER_DEG`.
     largest_pattern : float
-        Of the patterns that were found, in standard deviations of what is assumed of them; 0 without.
+        Largest amplitude of the fitted patterns, in assumed standard deviations; 0 without patterns.
     settled : bool
-        Whether they came to rest inside the reach.
+        True if u_c and tau converged inside the reach.
     """
 
     vector: FloatArray
@@ -200,11 +201,11 @@ class _Fit(NamedTuple):
 
 def _fit(
     sums: PairSums, calibrated: FloatArray, start: FloatArray, *, disturbed: bool = False, hardened: float = 1.0
-) -> _Fit:
-    """By generalised least squares of the pairs' differences, with Gauss-Newton from the start.
+) -> _PairSumsFit:
+    """Fit the pairs' differences by generalised least squares, with Gauss-Newton from the start.
 
-    Near the truth `disturbed` allows for bent line integrals, `hardened` times as much as usual, and an encoder that is
-    eccentric.
+    Near the truth `disturbed` allows for bent line integrals, `hardened` times as much as usual, and for an eccentric
+    encoder.
     """
     width = sums.scanner.num_detector_pixels * sums.scanner.detector_pitch_mm
     low, high = (calibrated[:2] + side * np.array(REACH) * [width, 1.0] for side in (-1.0, 1.0))
@@ -231,33 +232,33 @@ def _fit(
     by_encoder = moving[0] @ white @ encoder
     largest = float(np.abs(shown.T @ remaining).max(initial=0.0))
     residual = float(np.sqrt(np.mean((left - right) ** 2) / np.mean(left**2)))
-    return _Fit(
+    return _PairSumsFit(
         vector[:2], scaled, sensitivity, chi_squared, unrest, residual, math.hypot(*by_encoder), largest, settled
     )
 
 
 def _scaled(
-    left: FloatArray, slopes: FloatArray, gains: FloatArray, patterns: FloatArray
+    residual: FloatArray, slopes: FloatArray, gains: FloatArray, patterns: FloatArray
 ) -> tuple[FloatArray, float, float]:
-    """The covariance (2, 2) as wide as what is left of the whitened differences asks for, chi-squared, and `unrest`.
+    """Return the covariance (2, 2) scaled to the residual of the whitened differences, chi-squared, and `unrest`.
 
-    Noise and gains have a scale each: what gains of another size than assumed leave says nothing of the noise, which
-    shows in what no gain explains. How well each scale is known counts by Student's t. Patterns explain no more than
-    their size lets them, but each of them that shows is a comparison less.
+    Noise and gains have a scale each: gains of another size than assumed say nothing about the noise, which is the
+    residual that no gain explains. The uncertainty of each scale enters by Student's t. Patterns explain no more than
+    their size allows, but each pattern that can be seen is one comparison less.
     """
     covariance = np.linalg.inv(slopes.T @ slopes)
     space, size, _ = np.linalg.svd(np.hstack([slopes / np.linalg.norm(slopes, axis=0), gains]), full_matrices=False)
     explained = space[:, size > RANK * size[0]]
     of_gains = explained.shape[1] - slopes.shape[1]
-    free = len(left) - explained.shape[1] - int(np.sum(np.linalg.norm(patterns, axis=0) > SHOWN))
+    free = len(residual) - explained.shape[1] - int(np.sum(np.linalg.norm(patterns, axis=0) > SHOWN))
     if free < FEWEST_FREE:
         raise DriftError(
             "sparse-views",
             f"the views' pairs leave {max(free, 0)} comparisons that no gain of a view explains, and {FEWEST_FREE} are "
             "needed to tell how sure they are: take more views",
         )
-    chi_squared = float(left @ left)
-    noise = chi_squared - float(np.sum((explained.T @ left) ** 2))
+    chi_squared = float(residual @ residual)
+    noise = chi_squared - float(np.sum((explained.T @ residual) ** 2))
     through = covariance @ slopes.T @ gains
     by_gains = through @ through.T
     widths = [

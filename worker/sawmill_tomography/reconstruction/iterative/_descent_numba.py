@@ -1,12 +1,13 @@
-"""Kernels of the projected quasi-Newton descent: several problems side by side, (problem, pixel).
+"""Kernels of the projected quasi-Newton descent: several problems in parallel, (problem, pixel).
 
-`which` holds the indices of the problems of a call; arrays (named, pixels) have a row for each of them, arrays
-(problems, pixels) one for every problem. A pixel stays where it is at the bound and its gradient pushes outwards.
+`which` holds the indices of the problems of a call; arrays (named, pixels) have a row for each of these problems,
+arrays (problems, pixels) one for every problem. A pixel stays where it is if it is at the bound and its gradient points
+outwards.
 
 A thread takes a band of pixels at a time, so that few large problems keep all threads busy as well. The steps s and the
 changes of gradient y are rings (problems, memory, pixels). Each two-loop recursion needs the inner products of a vector
-with all of a ring at once, and those of s and y with each other, products (problems, memory, memory) = s_i . y_j, which
-`accept` keeps (Chen, Wang and Zhou 2014, "Large-scale L-BFGS using MapReduce").
+with a whole ring at once, and the products s_i . y_j (problems, memory, memory), which `accept` keeps (Chen, Wang and
+Zhou 2014, "Large-scale L-BFGS using MapReduce").
 """
 
 import numpy as np
@@ -19,7 +20,7 @@ _BAND = 4096
 
 @njit(inline="always")
 def _band(task, pixels):
-    """The row among those named, the band's number, and its pixels."""
+    """Return the row among the named problems, the band's number, and its pixels."""
     bands = (pixels + _BAND - 1) // _BAND
     first = task % bands * _BAND
     return task // bands, task % bands, slice(first, min(first + _BAND, pixels))
@@ -53,7 +54,7 @@ def _at_bound(x, gradient, low):
 
 @njit(parallel=True, cache=True, fastmath=_FAST)
 def weigh(projected, lines, weights, which):
-    """Turn projections A x (named, views, cells) into weights (A x - y), in place; 1/2 sum weights (A x - y)^2 of each.
+    """Turn projections A x (named, views, cells) into weights (A x - y), in place; return 1/2 sum weights (A x - y)^2.
 
     lines and weights have a sinogram for each problem, or one for all.
     """
@@ -73,7 +74,7 @@ def weigh(projected, lines, weights, which):
 
 @njit(parallel=True, cache=True, fastmath=_FAST)
 def first_recursion(which, x, gradient, lower, scaling, steps, changes, products, used, newest, taken, out):
-    """The first loop of the two-loop recursion (Nocedal and Wright 2006, algorithm 7.4), times scaling, into out.
+    """Run the first loop of the two-loop recursion (Nocedal and Wright 2006, algorithm 7.4), times scaling, into out.
 
     x, gradient and scaling are (problems, pixels), out (named, pixels). Fills taken (problems, memory).
     """
@@ -112,7 +113,7 @@ def first_recursion(which, x, gradient, lower, scaling, steps, changes, products
 
 @njit(parallel=True, cache=True, fastmath=_FAST)
 def second_recursion(which, x, gradient, lower, scaling, scales, steps, changes, products, used, newest, taken, out):
-    """The second loop, in place, after the preconditioner: -H g, zero at the bound."""
+    """Run the second loop, in place, after the preconditioner: -H g, zero at the bound."""
     memory, pixels = steps.shape[1:]
     low = np.float32(lower)
     tasks = _tasks(which.size, pixels)
@@ -148,7 +149,7 @@ def second_recursion(which, x, gradient, lower, scaling, scales, steps, changes,
 
 @njit(parallel=True, cache=True, fastmath=_FAST)
 def move(which, rows, x, direction, gradient, lengths, lower, out):
-    """Fill out (named, pixels) with max(x + length direction[row], lower); returns gradient . (out - x) of each."""
+    """Fill out (named, pixels) with max(x + length direction[row], lower); return gradient . (out - x) of each row."""
     pixels = x.shape[1]
     low = np.float32(lower)
     tasks = _tasks(which.size, pixels)
@@ -168,10 +169,10 @@ def move(which, rows, x, direction, gradient, lengths, lower, out):
 
 @njit(parallel=True, cache=True, fastmath=_FAST)
 def accept(which, rows, moved, slope, x, gradient, newest, steps, changes, products, used):
-    """Go to moved[row], where the gradient is slope[row]; the step becomes history where it shows upward curvature."""
+    """Move to moved[row] with the gradient slope[row]; a step with upward curvature is added to the history."""
     memory, pixels = steps.shape[1:]
     tasks = _tasks(which.size, pixels)
-    # With each of the ring: the step . changes, the change . steps; and the change . itself.
+    # Products with each entry of the ring: the step . changes, the change . steps; and the change . itself.
     dots = np.zeros((which.size, tasks // max(which.size, 1), 3, memory))
     for task in prange(tasks):
         b, number, part = _band(np.int64(task), pixels)
@@ -197,5 +198,5 @@ def accept(which, rows, moved, slope, x, gradient, newest, steps, changes, produ
             products[w, new] = total[0]
             newest[w], used[w] = new, min(used[w] + 1, memory)
         else:
-            # The ring's oldest entry is overwritten already: forget it.
+            # The ring's oldest entry is overwritten already: drop it.
             used[w] = min(used[w], memory - 1)

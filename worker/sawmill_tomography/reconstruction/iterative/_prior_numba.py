@@ -14,7 +14,7 @@ TOGETHER = 8
 
 @njit(inline="always")
 def _ratios(x, row, n, inverse, out):
-    """1 + (d_x^2 + d_y^2) / scale^2 along one row, padded with ones to whole groups."""
+    """Compute 1 + (d_x^2 + d_y^2) / scale^2 along one row, padded with ones to whole groups."""
     for j in range(n - 1):
         a, b = x[row + 1, j] - x[row, j], x[row, j + 1] - x[row, j]
         out[j] = np.float32(1.0) + (a * a + b * b) * inverse
@@ -37,7 +37,7 @@ def _add_gradient(x, i, n, weight, here, before, g):
 
 @njit(parallel=True, cache=True, fastmath=_FAST)
 def cauchy(images, scales, strengths, gradient, values):
-    """Add the gradient of strength * sum log(1 + (d_x^2 + d_y^2) / scale^2) to gradient; its values (images, bands).
+    """Add the gradient of strength * sum log(1 + (d_x^2 + d_y^2) / scale^2) to gradient; set values (images, bands).
 
     images and gradient are (images, n, n); scales and strengths (images,).
     """
@@ -73,7 +73,7 @@ def cauchy(images, scales, strengths, gradient, values):
 
 @njit(parallel=True, cache=True, fastmath=_FAST)
 def total_variation(images, scales, strengths, gradient, values):
-    """As `cauchy` for strength * scale * sum (sqrt(1 + (d_x^2 + d_y^2) / scale^2) - 1)."""
+    """Do the work of `cauchy` for strength * scale * sum (sqrt(1 + (d_x^2 + d_y^2) / scale^2) - 1)."""
     count, n, _ = images.shape
     bands = values.shape[1]
     for task in prange(count * bands):
@@ -129,7 +129,7 @@ def scaling(images, scales, stiffest, data, power, out):
 
 @njit(parallel=True, cache=True, fastmath=_FAST)
 def axial(images, scales, strengths, gradient, values):
-    """Add the gradient of sum strength * scale * (sqrt(1 + d^2 / scale^2) - 1) to gradient; its values (slices - 1, n).
+    """Add the gradient of sum strength * scale * (sqrt(1 + d^2 / scale^2) - 1) to gradient; set values (slices - 1, n).
 
     images and gradient are (slices, n, n); d is the difference of slice k + 1 and slice k, scales and strengths
     (slices - 1,).
@@ -154,10 +154,10 @@ def axial(images, scales, strengths, gradient, values):
 
 @njit(parallel=True, cache=True, fastmath=_FAST)
 def stiffen(images, scales, strengths, flat, softness):
-    """Lower softness (slices, n, n) in place by how stiff the differences along the axis are, as of `axial`.
+    """Lower softness (slices, n, n) in place by the stiffness of the differences along the axis (`axial`).
 
-    softness is sqrt(flat / stiffness) with flat (slices,), as `scaling` fills it; strength / scale / root of each
-    difference is added to the stiffness of both of its pixels.
+    softness is sqrt(flat / stiffness) with flat (slices,), the result of `scaling`; strength / scale / root of each
+    difference is added to the stiffness of both pixels.
     """
     slices, n, _ = images.shape
     one = np.float32(1.0)

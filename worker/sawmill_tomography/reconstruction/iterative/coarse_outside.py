@@ -1,7 +1,7 @@
 """A region of interest in its own pixels, and the log outside of it in larger ones.
 
-Rays through a region cross the wood outside of it, too. Total variation finds that with larger pixels, all of the log
-at once; its line integrals are taken out of the data, and what is left is the region's.
+Rays through a region cross the wood outside of it, too. Total variation reconstructs the whole log with larger pixels;
+the line integrals of the part outside are subtracted from the data, and the residual belongs to the region.
 """
 
 import math
@@ -18,7 +18,7 @@ from sawmill_tomography.reconstruction.total_variation import total_variation
 from sawmill_tomography.reconstruction.total_variation_weights import choose_weight
 
 # The constants of this file were measured with benchmarks/region.py.
-# How many times larger the pixels outside are: the first of these with which this number of them lies across the log.
+# Ratio of the pixel sizes outside and inside: the first of these with which this number of pixels lies across the log.
 FACTORS, LEAST_ACROSS = (4, 2), 160
 # Large pixels around the field that are reconstructed with the field's own: a step at the border stays outside.
 MARGIN = 2
@@ -26,22 +26,22 @@ MARGIN = 2
 ROOM = 6
 # Two grids with more than this share of the pixels that one grid over all of the log has save too little.
 WORTH_WHILE = 0.5
-# The weight outside is chosen from this number of views at most, and taken to rise with the square root of the views:
-# from 360 views, three times or a third of it changes the region's error by less than 1 %.
+# The weight outside is chosen from this number of views at most, and assumed to rise with the square root of the views:
+# from 360 views, three times or a third of the weight changes the region's error by less than 1 %.
 CHOOSING_VIEWS = 45
 
 Part = tuple[slice, slice]
 
 
 class TwoGrids(NamedTuple):
-    """The pixels of a region and those of the whole log, several times larger.
+    """The pixels of a region, and the several times larger pixels of the whole log.
 
     Attributes
     ----------
     region : ImageGrid
         The field with a margin, in the field's own pixels.
     field : (slice, slice)
-        Where the field lies in the region.
+        Part of the region that is the field.
     whole : ImageGrid
         Large pixels over all of the log.
     inside : (slice, slice)
@@ -55,12 +55,12 @@ class TwoGrids(NamedTuple):
 
     @property
     def pixels(self) -> int:
-        """Of both."""
+        """Number of pixels of both grids."""
         return self.region.size**2 + self.whole.size**2
 
     @classmethod
     def of(cls, field: ImageGrid, radius_mm: float) -> "TwoGrids | None":
-        """Two grids for a field of a log within a radius of the COR; None where one grid costs little more."""
+        """Return two grids for a field of a log within a radius of the COR; None where one grid costs little more."""
         h, one, _ = field.pixel_mm, *field.around(radius_mm)
         factor = next((factor for factor in FACTORS if 2.0 * radius_mm >= LEAST_ACROSS * factor * h), None)
         if factor is None:
@@ -72,29 +72,29 @@ class TwoGrids(NamedTuple):
         centre = (field.low_mm[0] - before * h + 0.5 * side, field.low_mm[1] - before * h + 0.5 * side)
         whole, inside = ImageGrid(size // factor, side, centre).around(radius_mm + ROOM * factor * h)
         part = slice(before, before + field.size)
-        found = cls(ImageGrid(size, side, centre), (part, part), whole, inside)
-        return found if found.pixels <= WORTH_WHILE * one.size**2 else None
+        grids = cls(ImageGrid(size, side, centre), (part, part), whole, inside)
+        return grids if grids.pixels <= WORTH_WHILE * one.size**2 else None
 
 
 def fitted_size(field: ImageGrid, radius_mm: float) -> int:
-    """Side of a square of as many pixels as a method needs that fits a log within a radius of the COR to the data."""
+    """Return the side of a square with the pixels that a fitted method needs for a log within a radius of the COR."""
     grids = TwoGrids.of(field, radius_mm)
     return field.around(radius_mm)[0].size if grids is None else math.ceil(math.sqrt(grids.pixels))
 
 
 @dataclass(frozen=True, eq=False)
 class CoarseOutside:
-    """What lies outside of a region, and its line integrals.
+    """The part of the log outside of a region, and its line integrals.
 
     Attributes
     ----------
     region, whole : Projector
-        Of either grid.
+        Projectors of both grids.
     grids : TwoGrids
     non_negative : bool
-        Whether attenuation is at least 0.
+        True if attenuation is at least 0.
     weight : float or None
-        Of total variation, in 1 / attenuation; None until it is chosen.
+        Weight of total variation, in 1 / attenuation; None until it is chosen.
     """
 
     region: Projector
@@ -105,11 +105,11 @@ class CoarseOutside:
 
     @classmethod
     def of(cls, geometry: FanBeamGeometry, grids: TwoGrids, *, non_negative: bool) -> Self:
-        """Of a scan, the weight still to be chosen."""
+        """Make the grids' projectors for a scan; the weight is still to be chosen."""
         return cls(Projector(geometry, grids.region), Projector(geometry, grids.whole), grids, non_negative)
 
     def chosen(self, line: Image, noise: FloatArray) -> Self:
-        """With the weight that a slice (views, detector) and its noise show."""
+        """Return a copy with the weight chosen from a slice (views, detector) and its noise."""
         geometry = self.whole.geometry
         step = max(1, len(line) // CHOOSING_VIEWS)
         few = Projector(geometry.with_angles(geometry.angles_rad[::step]), self.grids.whole)
@@ -118,15 +118,15 @@ class CoarseOutside:
         return replace(self, weight=math.sqrt(step) * choice.weight)
 
     def taken_out(self, lines: Image, noise: FloatArray, *, inside: bool = False) -> tuple[Image, Image]:
-        """The lines that are left for the region's pixels, and what these pixels are on top of, (slices, n, n).
+        """Return the lines minus the part outside, and the offset of the region's images, (slices, n, n).
 
         Parameters
         ----------
         lines : (slices, views, detector) float32
-            The noise broadcasts with them, and the weight has been chosen.
+            Line integrals; the noise broadcasts with them, and the weight has been chosen.
         inside : bool
-            Whether the large pixels that the region covers are taken out as well, interpolated linearly: the region's
-            images are on top of them, and otherwise of 0.
+            True to subtract the large pixels that the region covers too, interpolated linearly: they are then the
+            offset of the region's images, which is 0 otherwise.
         """
         assert self.weight is not None  # noqa: S101
         images = total_variation(
@@ -139,7 +139,7 @@ class CoarseOutside:
         return rest - self.region.forward(below) if inside else rest, below
 
     def _inside(self, images: Image) -> Image:
-        """The region of images with large pixels, in its own pixels."""
+        """Return the region of images with large pixels, in its own pixels."""
         halvings = round(math.log2(self.grids.whole.pixel_mm / self.grids.region.pixel_mm))
         for _ in range(halvings):
             images = finer(images)

@@ -1,7 +1,7 @@
-"""Coarse to fine: a convex objective descends with large pixels first, and from there with its own.
+"""Coarse to fine: a convex objective descends with large pixels first, then continues with its own.
 
 Large pixels and wide detector cells cost a fourth at each level, and most of the way to the minimum is a matter of
-large shapes. Where the minimum lies does not depend on it.
+large shapes. The position of the minimum does not change.
 """
 
 from dataclasses import dataclass, replace
@@ -25,33 +25,34 @@ from sawmill_tomography.reconstruction.iterative.penalised import (
 from sawmill_tomography.reconstruction.iterative.progress import OnProgress, Phases
 
 # The constants of this file were measured with benchmarks/slice_price.py.
-# Iterations with pixels of four and of two times the size; large shapes that are not at rest there rest slowly later.
+# Iterations with pixels of four and of two times the size; large shapes that have not converged there do so slowly
+# later.
 ITERATIONS = (14, 40)
 # Iterations with the own pixels and pairs of cells.
 PAIRED_ITERATIONS = 6
-# Of the levels before the last one.
+# Tolerance of the levels before the last one.
 COARSER_TOLERANCE = 1e-4
-# Pairs of cells show what the pixels can where they are no wider than this many of them.
+# Pairs of cells show as much as the pixels can hold if they are no wider than this number of pixels.
 PAIR_PIXELS = 1.25
-# What the guess of the inverse curvature is worth in the first step from the mean along the rays, and from the image of
-# the level before, whose differences are mostly edges: steps that are too long cost a projection each.
+# Factor on the estimated inverse curvature in the first step from the mean along the rays, and from the image of the
+# level before, whose differences are mostly edges: steps that are too long cost a projection each.
 FROM_MEAN, FROM_LEVEL = 0.2, 0.05
-# Sizes that can be halved so often.
+# A size must be a multiple of this to be halved at every level.
 MULTIPLE = 2 ** len(ITERATIONS)
 # Fewer pixels across show no log.
 LEAST_SIZE = 32
-# An iteration from the image of the level before begins near the minimum: this many that gain too little end a descent.
+# A descent from the image of the level before starts near the minimum: this many small gains end the descent.
 WINDOW = 2
 
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """A step on the way to the minimum: an objective with larger pixels or wider cells, and its iterations.
+    """A level on the way to the minimum: an objective with larger pixels or wider cells, and its iterations.
 
     Attributes
     ----------
     cost : float
-        Of an iteration, relative to one of the objective itself.
+        Cost of an iteration, relative to one of the objective itself.
     """
 
     objective: Objective
@@ -70,18 +71,18 @@ def descend_by_levels(
     coupling: Floats | None = None,
     on_progress: OnProgress | None = None,
 ) -> Minimum:
-    """Minimise from a near image (images, n, n), or by way of larger pixels from the mean along the rays.
+    """Minimise from a near image (images, n, n), or through larger pixels from the mean along the rays.
 
     Parameters
     ----------
     iterations, tolerance
-        Of the last level.
+        Limits of the last level.
     usual : int
         Iterations of the last level after which most logs have converged.
     coupling : (images - 1,) float64, optional
-        As of `CoupledObjective`, of neighbouring slices; by default each image is by itself.
+        Coupling of neighbouring slices (`CoupledObjective`); by default the images are independent.
     on_progress : callable, optional
-        Called with the share of the work that is done.
+        Called with the finished share of the work.
     """
     levels = [] if start is not None else coarser_levels(objective)
     names = [f"level {n}" for n in range(len(levels))]
@@ -92,7 +93,7 @@ def descend_by_levels(
         scale, first = FROM_MEAN, levels[0].objective if levels else objective
         start = mean_along_rays(first.projector, first.lines)
     for name, level in zip(names, levels, strict=True):
-        found = _descend(
+        minimum = _descend(
             level.objective,
             coupling,
             _on_grid_of(level.objective, start),
@@ -103,7 +104,7 @@ def descend_by_levels(
             window=WINDOW,
             on_iteration=phases.descent(name, level.iterations),
         )
-        start, scale = found.images, FROM_LEVEL
+        start, scale = minimum.images, FROM_LEVEL
     start = _on_grid_of(objective, start)
     return _descend(
         objective,
@@ -127,7 +128,7 @@ def _descend(objective: Objective, coupling: Floats | None, start: Images, **set
 
 
 def coarser_levels(objective: Objective) -> list[Level]:
-    """The way to an objective, the largest pixels first; none where they would be too few."""
+    """Return the levels before an objective, the largest pixels first; none where they would have too few pixels."""
     levels, cost = list[Level](), 1.0
     if _can_be_halved(objective) and _has_narrow_cells(objective):
         objective = with_pairs_of_cells(objective)
@@ -154,20 +155,20 @@ def _has_narrow_cells(objective: Objective) -> bool:
 
 
 def coarser(objective: Objective) -> Objective:
-    """The objective with pixels of twice the size, and pairs of detector cells as one where their number is even."""
+    """Return the objective with pixels of twice the size, and with cells in pairs where their number is even."""
     if objective.projector.geometry.scanner.num_detector_pixels % 2 == 0:
         objective = with_pairs_of_cells(objective)
     projector, grid, prior = objective.projector, objective.projector.grid, objective.prior
     return replace(
         objective,
         projector=Projector(projector.geometry, ImageGrid(grid.size // 2, grid.field_mm, grid.centre_mm)),
-        # An edge passes half as many pixels.
+        # An edge passes half the number of pixels.
         prior=replace(prior, strength=2.0 * prior.strength),
     )
 
 
 def with_pairs_of_cells(objective: Objective) -> Objective:
-    """The objective with pairs of detector cells as one: the weighted mean of the lines, and the sum of the weights."""
+    """Return the objective with detector cells in pairs: the weighted mean of the lines, and the sum of the weights."""
     geometry, scanner = objective.projector.geometry, objective.projector.geometry.scanner
     wide = Scanner(scanner.source_to_cor_mm, scanner.num_detector_pixels // 2, 2.0 * scanner.detector_pitch_mm)
     projector = Projector(FanBeamGeometry(wide, geometry.theta, geometry.angles_rad), objective.projector.grid)
@@ -180,12 +181,12 @@ def with_pairs_of_cells(objective: Objective) -> Objective:
 
 
 def _on_grid_of(objective: Objective, images: Images) -> Images:
-    """The images, with pixels of half the size where the objective has these."""
+    """Return the images, with pixels of half the size where the objective has these."""
     return images if images.shape[1] == objective.projector.grid.size else finer(images)
 
 
 def finer(images: Images) -> Images:
-    """Images (images, n, n) with pixels of half the size, (images, 2 n, 2 n), interpolated linearly."""
+    """Interpolate images (images, n, n) linearly to pixels of half the size, (images, 2 n, 2 n)."""
     for axis in (1, 2):
         n = images.shape[axis]
         padded = np.take(images, np.clip(np.arange(-1, n + 1), 0, n - 1), axis=axis)

@@ -1,7 +1,7 @@
 """Slices coupled along the axis: one objective for a block of neighbouring slices.
 
-Beside what each slice costs by itself, its differences from the next one are penalised as those in the plane are
-(anisotropic: the length of the gradient in the plane, and the magnitude along the axis).
+Each slice has its own objective; in addition, differences between neighbouring slices are penalised like the
+differences in the plane (anisotropic: the length of the gradient in the plane, and the magnitude along the axis).
 """
 
 from dataclasses import dataclass
@@ -20,9 +20,9 @@ class CoupledObjective:
     Attributes
     ----------
     slices : Objective
-        Of neighbouring slices, in their order, by total variation.
+        Objective of neighbouring slices, in their order, by total variation.
     coupling : (slices - 1,) float64
-        The weight of a difference between slice k and slice k + 1, relative to one in the plane; 0 where they are no
+        Weight of a difference between slice k and slice k + 1, relative to one in the plane; 0 where they are not
         neighbours.
     """
 
@@ -30,7 +30,7 @@ class CoupledObjective:
     coupling: Floats
 
     def __call__(self, volumes: Images, _which: Indices) -> tuple[Floats, Images]:
-        """Value (1,) and gradient (1, slices, n, n) of one block (1, slices, n, n)."""
+        """Return value (1,) and gradient (1, slices, n, n) of one block (1, slices, n, n)."""
         images = volumes[0]
         values, gradient = self.slices(images, np.arange(len(images)))
         axial = np.empty((len(images) - 1, images.shape[1]))
@@ -75,9 +75,9 @@ def descend_coupled(
 ) -> Minimum:
     """Minimise for a block (slices, n, n) together; each slice has the block's value, iterations and end.
 
-    The curvature is that of the slices by themselves.
+    The curvature belongs to the slices without coupling.
     """
-    found = minimise(
+    minimum = minimise(
         objective,
         start[None],
         lower=0.0 if non_negative else -np.inf,
@@ -90,8 +90,8 @@ def descend_coupled(
     )
     slices = len(start)
     return Minimum(
-        images=found.images[0],
-        values=np.repeat(found.values, slices),
-        iterations=np.repeat(found.iterations, slices),
-        converged=np.repeat(found.converged, slices),
+        images=minimum.images[0],
+        values=np.repeat(minimum.values, slices),
+        iterations=np.repeat(minimum.iterations, slices),
+        converged=np.repeat(minimum.converged, slices),
     )

@@ -17,7 +17,7 @@ from sawmill_tomography.reconstruction.iterative.penalised import (
 )
 from sawmill_tomography.reconstruction.iterative.progress import OnProgress, counting_iterations, part_of
 
-# The validation data of a fold: a fifth of the views, and a tenth of the rays of the others.
+# The validation data of a fold: a fifth of the views, and a tenth of the rays of the other views.
 FOLDS = 5
 VALIDATION_RAYS_SHARE = 0.1
 # The descents need not converge further to rank the candidates (benchmarks/choosing.py).
@@ -35,12 +35,12 @@ class ValidationErrors:
     in_views : (candidates,) float64
         Mean over the validation views of the power of r along the detector, each frequency w weighted by |w|^exponent.
         With the exponent 1 it is the error of the image itself in the directions of those views (Natterer 2001, section
-        2.1), with a larger one mostly that of its edges. 1 where there is one view only, which is not left out.
+        2.1), with a larger one mostly the error of its edges. 1 where there is one view only, which is not left out.
     in_rays : (candidates,) float64
-        Mean of r^2 over the validation rays of the other views: the error of the image in the directions that it was
-        made from.
+        Mean of r^2 over the validation rays of the other views: the error of the image in the directions of its own
+        data.
     images : (folds, candidates, n, n) float32
-        Made without the validation data of each fold.
+        Images made without the validation data of each fold.
     """
 
     in_views: Floats
@@ -49,9 +49,10 @@ class ValidationErrors:
 
 
 def parabola_minimum(candidates: Floats, errors: Floats) -> tuple[float, float]:
-    """The best candidate and its error: the minimum of the parabola through the best sample and its neighbours.
+    """Return the best candidate and its error: the minimum of the parabola through the best sample and its neighbours.
 
-    In the logarithm of the candidates, which increase and are equidistant there. At an end, that end.
+    The parabola is in the logarithm of the candidates, which increase in equal steps there. At an end, that end is
+    returned.
     """
     at = int(np.argmin(errors))
     if not 0 < at < candidates.size - 1:
@@ -65,7 +66,7 @@ def parabola_minimum(candidates: Floats, errors: Floats) -> tuple[float, float]:
 def first_images_of_folds(
     objective: Objective, start: Image, *, non_negative: bool, on_progress: OnProgress | None = None
 ) -> Images:
-    """The image of `continuation` without the validation data of each fold, (folds, n, n), from (n, n)."""
+    """Return the image of `continuation` without the validation data of each fold, (folds, n, n), from (n, n)."""
     weights = np.concatenate([fold.training(objective).weights for fold in _folds(objective.projector)])
     return continuation(
         replace(objective, weights=weights, prior=objective.prior.repeated(len(weights))),
@@ -86,20 +87,20 @@ def cross_validate(
     non_negative: bool,
     on_progress: OnProgress | None = None,
 ) -> ValidationErrors:
-    """Reconstruct one slice with all candidates, in folds that each leave out other views and rays.
+    """Reconstruct one slice with all candidates, in folds that each leave out different views and rays.
 
     Parameters
     ----------
     objective : Objective
-        With one sinogram, and the weights and the prior of each candidate.
+        Objective with one sinogram, and the weights and the prior of each candidate.
     noise : float64, broadcasts with (views, detector)
     starts : (folds, n, n) float32
-        Made without the validation data of each fold, by `first_images_of_folds` or an earlier cross-validation.
+        Images made without the validation data of each fold, by `first_images_of_folds` or an earlier cross-validation.
     on_progress : callable, optional
-        Called with the share of the work that is done.
+        Called with the finished share of the work.
     """
     projector, count = objective.projector, objective.prior.scale.size
-    found, in_views, in_rays, rays = [], np.zeros(count), np.zeros(count), 0
+    images_of_folds, in_views, in_rays, rays = [], np.zeros(count), np.zeros(count), 0
     for index, (fold, start) in enumerate(zip(_folds(projector), starts, strict=True)):
         images = descend(
             fold.training(objective),
@@ -113,9 +114,11 @@ def cross_validate(
         in_views += power_along_detector(residual[:, fold.views], exponent)
         in_rays += np.square(residual[:, fold.rays]).sum(axis=1)
         rays += int(fold.rays.sum())
-        found.append(images)
+        images_of_folds.append(images)
     views = projector.geometry.angles_rad.size
-    return ValidationErrors(in_views / views if len(starts) > 1 else np.ones(count), in_rays / rays, np.stack(found))
+    return ValidationErrors(
+        in_views / views if len(starts) > 1 else np.ones(count), in_rays / rays, np.stack(images_of_folds)
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,20 +129,20 @@ class _Fold:
     ----------
     views : (views,) bool
     rays : (views, detector) bool
-        Of other views.
+        Rays of other views.
     """
 
     views: NDArray[np.bool_]
     rays: NDArray[np.bool_]
 
     def training(self, objective: Objective) -> Objective:
-        """The objective of all other data."""
+        """Return the objective of all other data."""
         left_out = self.rays | self.views[:, None]
         return replace(objective, weights=np.where(left_out, np.float32(0.0), objective.weights))
 
 
 def _folds(projector: Projector) -> Iterator[_Fold]:
-    """One of each FOLDS neighbouring views in turn, in random order; a single view is not left out."""
+    """Yield folds with one of every FOLDS neighbouring views, in random order; a single view is not left out."""
     rng = np.random.default_rng(SEED)
     crossing = projector.crossing
     views = len(crossing)
@@ -152,7 +155,7 @@ def _folds(projector: Projector) -> Iterator[_Fold]:
 
 
 def power_along_detector(residual: Floats, exponent: float) -> Floats:
-    """Sum over the views of (candidates, views, detector) of the power, weighted by |w|^exponent; (candidates,)."""
+    """Sum the power, weighted by |w|^exponent, over the views of (candidates, views, detector); (candidates,)."""
     cells = residual.shape[-1]
     power = np.square(np.abs(scipy.fft.rfft(residual, 2 * cells, axis=-1))).sum(axis=1)
     return np.asarray(power @ scipy.fft.rfftfreq(2 * cells) ** exponent / cells)

@@ -1,4 +1,4 @@
-"""Projected limited-memory quasi-Newton descent for several images side by side."""
+"""Projected limited-memory quasi-Newton descent for several images in parallel."""
 
 import math
 from collections.abc import Callable
@@ -20,7 +20,7 @@ Objective = Callable[[Images, Indices], tuple[Floats, Images]]
 OnIteration = Callable[[int, int], None]
 
 MEMORY = 6
-# A step must gain this share of what the slope predicts (Nocedal and Wright 2006, section 3.1) ...
+# A step must gain this share of the gain that the slope predicts (Nocedal and Wright 2006, section 3.1) ...
 ARMIJO = 1e-4
 # ... less the rounding of the objective in single precision.
 ROUNDING = 1e-7
@@ -30,7 +30,7 @@ SHORTEST = 1e-8
 WINDOW = 8
 # Iterations after which the preconditioner is updated to the images. This and WINDOW: benchmarks/iterative.py.
 REFRESH = 4
-# Iterations at first after each of which its size is updated: a warm start takes shorter steps from there.
+# First iterations after each of which the preconditioner's size is updated: a warm start then takes shorter steps.
 SIZED = 3
 
 
@@ -38,24 +38,24 @@ class Preconditioner(Protocol):
     """An approximation of an objective's inverse Hessian: scaling * smoothed(scaling * gradient)."""
 
     def scaling(self, images: Images, which: Indices) -> Images:
-        """A factor for each pixel at these images (named, n, n); positive."""
+        """Return a factor for each pixel at these images (named, n, n); positive."""
 
     def smoothed(self, images: Images, which: Indices) -> Images:
-        """A fixed symmetric positive definite operator on images (named, n, n)."""
+        """Apply a fixed symmetric positive definite operator to images (named, n, n)."""
 
 
 @dataclass(frozen=True)
 class Minimum:
-    """Where the descent ended.
+    """End of a descent.
 
     Attributes
     ----------
     images : (problems, n, n) float32
     values : (problems,) float64
-        The objective there.
+        The objective at the images.
     iterations : (problems,) int64
     converged : (problems,) bool
-        Whether the last iterations gained less than the tolerance, rather than their number running out.
+        True if the last iterations gained less than the tolerance, False if the iterations ran out.
     """
 
     images: Images
@@ -65,7 +65,7 @@ class Minimum:
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """The cure for problems that had not converged."""
+        """Remedy for problems that had not converged."""
         late = int((~self.converged).sum())
         if not late:
             return ()
@@ -78,7 +78,7 @@ class _History:
     def __init__(self, problems: int, shape: Shape) -> None:
         self.shape = shape
         pixels = math.prod(shape)
-        # Not zeroed: where a ring ends early, nothing of its rest is touched.
+        # Not zeroed: the part of a ring that is not filled yet is never read.
         self.steps = np.empty((problems, MEMORY, pixels), np.float32)
         self.changes = np.empty_like(self.steps)
         self.products = np.ones((problems, MEMORY, MEMORY))
@@ -91,15 +91,15 @@ class _History:
 
     def scale(self, preconditioner: Preconditioner | None, which: Indices) -> None:
         """Scale the preconditioner to the size that the last change of gradient shows, s . y / y . H y."""
-        known = which[self.used[which] > 0]
-        if known.size == 0:
+        with_steps = which[self.used[which] > 0]
+        if with_steps.size == 0:
             return
-        newest = self.newest[known]
-        change = self.changes[known, newest] * self.scaling[known]
+        newest = self.newest[with_steps]
+        change = self.changes[with_steps, newest] * self.scaling[with_steps]
         smoothed = change
         if preconditioner is not None:
-            smoothed = preconditioner.smoothed(change.reshape(-1, *self.shape), known).reshape(change.shape)
-        self.scales[known] = self.products[known, newest, newest] / np.vecdot(change, smoothed)
+            smoothed = preconditioner.smoothed(change.reshape(-1, *self.shape), with_steps).reshape(change.shape)
+        self.scales[with_steps] = self.products[with_steps, newest, newest] / np.vecdot(change, smoothed)
 
 
 def minimise(
@@ -116,19 +116,19 @@ def minimise(
 ) -> Minimum:
     """Minimise each problem's objective over images with every pixel at or above `lower` (-inf for no bound).
 
-    Pixels at the bound whose gradient pushes outwards stay there, the others take a quasi-Newton step that is bent
-    along the bound (Bertsekas 1982, two-metric projection). Each problem has its own history, step length and end.
+    Pixels at the bound whose gradient points outwards stay there, the other pixels take a quasi-Newton step that is
+    bent along the bound (Bertsekas 1982, two-metric projection). Each problem has its own history, step length and end.
 
     Parameters
     ----------
     start : (problems, n, n) or (problems, slices, n, n) float32
-        What belongs to one problem has one step length and one end.
+        Start images; all slices of a problem share one step length and one end.
     tolerance : float
         A problem is done when `window` iterations together lower its objective by less than this share of it.
     preconditioner : Preconditioner, optional
-        By default the identity.
+        Identity by default.
     first_scale : float
-        What the preconditioner is multiplied by in the first step, which no change of gradient scales.
+        Factor on the preconditioner in the first step, which no change of gradient scales.
     """
     problems, shape = len(start), start.shape[1:]
     x = np.maximum(start, np.float32(lower)).reshape(problems, -1)
@@ -137,7 +137,7 @@ def minimise(
     history = _History(problems, shape)
     history.scales *= first_scale
     if preconditioner is None:
-        # Without curvature yet, the first step is to gain a thousandth of the objective; a little where that is zero.
+        # Without curvature, the first step should gain a thousandth of the objective; a little where that is zero.
         steepness = np.maximum(np.einsum("bp,bp->b", gradient, gradient, dtype=np.float64), 1e-300)
         history.scales = np.maximum(1e-3 * np.abs(values), 1e-6 * np.sqrt(steepness)) / steepness
     past = np.full((window, problems), np.inf)
@@ -178,7 +178,7 @@ def _step(
     active: Indices,
     lower: float,
 ) -> None:
-    """One accepted step of each active problem, to new images, gradients and values."""
+    """Take one accepted step of each active problem, to new images, gradients and values."""
     rings = history.steps, history.changes, history.products, history.used, history.newest, history.taken
     direction = np.empty((active.size, x.shape[1]), np.float32)
     kernels.first_recursion(active, x, gradient, lower, history.scaling, *rings, direction)

@@ -1,8 +1,8 @@
 """The skeleton of the methods with an edge-preserving prior: choose, continuation, descent.
 
-The parameters are chosen from the middle slice where they are not given. Continuation in the prior's scale leads to a
+Parameters that are not given are chosen from the middle slice. Continuation in the prior's scale leads to a
 first image where the objective has many minima. The descent runs on the support region, and then on the full grid.
-Where the objective has one minimum, it runs on the support region alone, by way of larger pixels.
+An objective with one minimum is minimised on the support region alone, through larger pixels.
 """
 
 from collections.abc import Callable, Mapping
@@ -26,22 +26,22 @@ from sawmill_tomography.reconstruction.iterative.support_region import SupportRe
 from sawmill_tomography.reconstruction.object_extent import check_shown
 from sawmill_tomography.sinograms.noise import data_misfit, noise_of_each_ray, remarks_on, rms_noise
 
-# Own pixels across one of those that show a slice's typical attenuation.
+# Size of the pixels that show a slice's typical attenuation, in own pixels.
 LARGE_PIXEL = 4
 
 
 @dataclass(frozen=True, eq=False)
-class Problem:
+class PriorProblem:
     """The data of one slice or of a block, and the pixels that explain them.
 
     Attributes
     ----------
     lines : (slices, views, detector) float32
-        Line integrals whose air stands at 0.
+        Line integrals whose air is at 0.
     noises : float64, broadcasts with lines
-        Standard deviation of each line integral; infinite of one that is left out.
+        Standard deviation of each line integral; infinite for one that is left out.
     is_block : bool
-        Whether a block was given, perhaps of one slice.
+        True if the input was a block, perhaps of one slice.
     """
 
     projector: Projector
@@ -60,10 +60,10 @@ class Problem:
         *,
         non_negative: bool,
         multiple: int = 1,
-    ) -> "Problem":
-        """Of sinograms (views, detector) or (slices, views, detector); the noise by default that of the air.
+    ) -> "PriorProblem":
+        """Make the problem of sinograms (views, detector) or (slices, views, detector); noise defaults to the air's.
 
-        The support region's size is a multiple of the number given.
+        The support region's size is a multiple of `multiple`.
 
         Raises
         ------
@@ -73,18 +73,18 @@ class Problem:
         lines = projector.block(sinogram)
         check_shown(lines)
         noises = noise_of_each_ray(noise, lines)
-        # With the bound there is little to find in the air around the log.
+        # With the bound the air around the log needs little reconstruction.
         support = SupportRegion.of(projector, lines, non_negative=non_negative, multiple=multiple)
         return cls(projector, lines, noises, support, non_negative, np.ndim(sinogram) == 3)
 
     @cached_property
     def first_images(self) -> Images:
-        """A first image of each slice on the support region, (slices, n, n)."""
+        """First image of each slice on the support region, (slices, n, n)."""
         return mean_along_rays(self.support.projector, self.lines)
 
     @cached_property
     def typical_attenuation(self) -> Floats:
-        """Of each slice, (slices,): of first images with large pixels, which show it as well."""
+        """Typical attenuation of each slice, (slices,), from first images with large pixels, which show it as well."""
         grid = self.support.projector.grid
         large = ImageGrid(max(grid.size // LARGE_PIXEL, 1), grid.field_mm, grid.centre_mm)
         return typical_attenuation(mean_along_rays(Projector(self.projector.geometry, large), self.lines))
@@ -95,7 +95,7 @@ class Choice(Protocol):
 
     @property
     def image(self) -> Image:
-        """The slice (size, size), near to its image with the chosen parameters."""
+        """The slice (size, size), near its image with the chosen parameters."""
 
 
 ChoiceT = TypeVar("ChoiceT", bound=Choice)
@@ -108,12 +108,12 @@ class Settings:
     Attributes
     ----------
     sigmas : float64, broadcasts with (slices, views, detector)
-        Standard deviation that the density takes.
+        Assumed standard deviation of the data.
     prior : Prior
     parameters : mapping of str to (slices,) or (1,) float64
-        As of `Estimate`.
+        Parameters for `Estimate`.
     coupling : (slices - 1,) float64, optional
-        Of neighbouring slices, where the objective is convex.
+        Coupling of neighbouring slices, where the objective is convex.
     """
 
     sigmas: Floats
@@ -124,7 +124,7 @@ class Settings:
 
 @dataclass(frozen=True, eq=False)
 class EdgePreservingMethod(Generic[ChoiceT]):
-    """What a method adds to the skeleton.
+    """Parts of the skeleton that a method defines.
 
     Attributes
     ----------
@@ -133,18 +133,18 @@ class EdgePreservingMethod(Generic[ChoiceT]):
     settings : callable
         The settings for a block, from the choice.
     choosing_cost : float
-        In iterations on one slice.
+        Cost of the choice, in iterations on one slice.
     usual_iterations : int
         Iterations after which most logs have converged.
     convex : bool
-        Whether the objective has one minimum, to which larger pixels lead, and continuation does not.
+        True if the objective has one minimum, which is found through larger pixels, without continuation.
     as_published : bool
-        No continuation and no preconditioner: the published iterations end long before convergence, and where they end
-        is the method.
+        True for no continuation and no preconditioner: the published iterations end long before convergence, and their
+        end is the method's result.
     """
 
     choose: Callable[..., ChoiceT] | None
-    settings: Callable[[Problem, ChoiceT | None], Settings]
+    settings: Callable[[PriorProblem, ChoiceT | None], Settings]
     choosing_cost: float
     usual_iterations: int
     convex: bool = False
@@ -153,23 +153,23 @@ class EdgePreservingMethod(Generic[ChoiceT]):
 
 def reconstruct_with_prior(
     method: EdgePreservingMethod[ChoiceT],
-    problem: Problem,
+    problem: PriorProblem,
     *,
     iterations: int,
     tolerance: float,
     on_progress: OnProgress | None = None,
 ) -> Estimate:
-    """Choose what is open, and descend from a first image to the minimum of the objective.
+    """Choose the open parameters, and descend from a first image to the minimum of the objective.
 
     Parameters
     ----------
     iterations, tolerance
         The descent ends when its last iterations lower the objective by less than this share, or are used up.
     on_progress : callable, optional
-        Called with the share of the work that is done, after each iteration.
+        Called with the finished share of the work, after each iteration.
     """
     lines, noises, non_negative = problem.lines, problem.noises, problem.non_negative
-    # The choice of a single slice comes with an image that is nearer than continuation leads.
+    # The choice for a single slice gives an image nearer to the minimum than continuation's.
     has_near_image = method.choose is not None and len(lines) == 1
     continued = not (has_near_image or method.convex or method.as_published)
     block_cost = cost_of_images(len(lines))
@@ -185,7 +185,7 @@ def reconstruct_with_prior(
     near = choice.image[None] if choice is not None and has_near_image else None
     on_descent = phases.of("descent")
     if method.convex:
-        found = descend_by_levels(
+        minimum = descend_by_levels(
             Objective(problem.support.projector, lines, weights, settings.prior),
             near,
             non_negative=non_negative,
@@ -195,7 +195,7 @@ def reconstruct_with_prior(
             coupling=settings.coupling,
             on_progress=on_descent,
         )
-        found = replace(found, images=problem.support.embedded(found.images))
+        minimum = replace(minimum, images=problem.support.embedded(minimum.images))
     else:
         start = problem.first_images if near is None else near
         if continued:
@@ -206,7 +206,7 @@ def reconstruct_with_prior(
                 tolerance=tolerance,
                 on_iteration=phases.descent("continuation", CONTINUATION_ITERATIONS),
             )
-        found = descend_from_support(
+        minimum = descend_from_support(
             Objective(problem.projector, lines, weights, settings.prior),
             problem.support,
             start,
@@ -217,22 +217,22 @@ def reconstruct_with_prior(
             preconditioned=not method.as_published,
             on_progress=on_descent,
         )
-    misfit = data_misfit(problem.projector, found.images, lines, noises)
-    shape = found.images.shape if problem.is_block else found.images.shape[1:]
+    misfit = data_misfit(problem.projector, minimum.images, lines, noises)
+    shape = minimum.images.shape if problem.is_block else minimum.images.shape[1:]
     return Estimate(
-        image=found.images.reshape(shape),
-        iterations=found.iterations,
-        converged=found.converged,
+        image=minimum.images.reshape(shape),
+        iterations=minimum.iterations,
+        converged=minimum.converged,
         parameters=settings.parameters,
         noise=rms_noise(noises),
         misfit=misfit,
-        objective=found.values,
-        remarks=(() if method.as_published else found.remarks)
-        + remarks_on(problem.projector, found.images, misfit, lines, noises),
+        objective=minimum.values,
+        remarks=(() if method.as_published else minimum.remarks)
+        + remarks_on(problem.projector, minimum.images, misfit, lines, noises),
     )
 
 
-def _from_middle_slice(choose: Callable[..., ChoiceT], problem: Problem, on_progress: OnProgress) -> ChoiceT:
+def _from_middle_slice(choose: Callable[..., ChoiceT], problem: PriorProblem, on_progress: OnProgress) -> ChoiceT:
     middle = len(problem.lines) // 2
     noise = np.broadcast_to(problem.noises, problem.lines.shape)[middle]
     return choose(problem.support.projector, problem.lines[middle], noise=noise, on_progress=on_progress)

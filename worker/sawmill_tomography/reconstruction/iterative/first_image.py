@@ -1,4 +1,4 @@
-"""A first image of a slice, and the scale of its attenuation."""
+"""The first image of a slice, and the typical attenuation in it."""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from sawmill_tomography.reconstruction.iterative.descent import Floats, Images
 
 
 def mean_along_rays(projector: Projector, lines: Images) -> Images:
-    """A first image: each pixel the length-weighted mean, over its rays, of the mean attenuation along each.
+    """Compute a first image: each pixel is the mean, weighted by length, of the mean attenuation along its rays.
 
     (slices, views, detector) -> (slices, n, n), in attenuation; 0 where no ray passes.
     """
@@ -21,7 +21,7 @@ def mean_along_rays(projector: Projector, lines: Images) -> Images:
 
 
 def typical_attenuation(images: Images) -> Floats:
-    """The mass-weighted mean attenuation of each slice, sum x^2 / sum x, (slices,): of `mean_along_rays`.
+    """Return the mass-weighted mean attenuation of each slice, sum x^2 / sum x, (slices,), from `mean_along_rays`.
 
     Raises
     ------

@@ -22,22 +22,22 @@ from sawmill_tomography.reconstruction.iterative.descent import (
 )
 from sawmill_tomography.reconstruction.iterative.priors import Prior
 
-# The Cauchy density is not log-concave: descending with this multiple of its scale first leads to lower minima. Both
+# The Cauchy density is not log-concave: a first descent with this multiple of its scale leads to lower minima. Both
 # numbers were found on simulated logs (benchmarks/choosing.py, benchmarks/iterative.py).
 CONTINUATION_FACTOR = 8.0
 CONTINUATION_ITERATIONS = 15
-# Of the random image that shows the data's curvature: equal data give equal answers.
+# Seed of the random image that shows the data's curvature: equal data give equal answers.
 SEED = 22
 
 
 @dataclass(frozen=True, eq=False)
 class Objective:
-    """1/2 sum weights (A x - y)^2 + prior, for several images side by side.
+    """Objective 1/2 sum weights (A x - y)^2 + prior, for several images in parallel.
 
     Attributes
     ----------
     lines, weights : (images, views, detector) float32
-        The weights are 1 / sigma^2; 0 for a ray that is left out. Either may have one sinogram that serves all.
+        The weights are 1 / sigma^2; 0 for a ray that is left out. Either may have one sinogram for all images.
     """
 
     projector: Projector
@@ -46,14 +46,14 @@ class Objective:
     prior: Prior
 
     def only(self, index: int) -> "Objective":
-        """The objective of one image."""
+        """Return the objective of one image."""
         which = np.array([index])
         return replace(
             self, lines=_of(self.lines, which), weights=_of(self.weights, which), prior=self.prior.only(index)
         )
 
     def __call__(self, images: Images, which: Indices) -> tuple[Floats, Images]:
-        """Values (named,) and gradients (named, n, n)."""
+        """Return values (named,) and gradients (named, n, n)."""
         weighted = self.projector.forward(images)
         values = kernels.weigh(weighted, self.lines, self.weights, which)
         gradient = self.projector.adjoint(weighted)
@@ -63,8 +63,8 @@ class Objective:
 class InverseCurvature:
     """Preconditioner: the inverse curvature of a flat image, scaled at each pixel by the prior's own curvature there.
 
-    For a flat image of stiffness k the curvature is c / |w| + k |w|^2 at the frequency w: that of the data, whose
-    adjoint projection blurs by 1 / |w| (Natterer 2001, section 2.1), and that of the prior. c follows from the mean
+    For a flat image of stiffness k the curvature at the frequency w is c / |w| + k |w|^2: the data's part, as their
+    adjoint projection blurs by 1 / |w| (Natterer 2001, section 2.1), and the prior's part. c follows from the mean
     diagonal of A^T W A, estimated with an image of random signs.
     """
 
@@ -79,21 +79,21 @@ class InverseCurvature:
         self._inverse = self._inverse_of(*_flat_curvatures(n))
 
     def _inverse_of(self, blur: Floats, rough: Floats) -> Images:
-        """The inverse curvature at the frequencies of a real transform."""
+        """Return the inverse curvature at the frequencies of a real transform."""
         half = blur.shape[1] // 2 + 1
         curvature = np.multiply.outer(self._data, blur[:, :half]) + np.multiply.outer(self._stiffness, rough[:, :half])
         return np.asarray(1.0 / curvature, np.float32)
 
     def flat(self) -> Floats:
-        """The diagonal of the curvature where all is flat, (images,)."""
+        """Return the diagonal of the curvature of a flat image, (images,)."""
         return np.asarray(self._data + 4.0 * self._prior.stiffest())
 
     def scaling(self, images: Images, which: Indices) -> Images:
-        """Square root of how much softer each pixel is than in a flat image, (named, n, n)."""
+        """Return the square root of each pixel's softness relative to a flat image, (named, n, n)."""
         return self._prior.scaling(images, which, self._data)
 
     def smoothed(self, images: Images, which: Indices) -> Images:
-        """The inverse curvature of a flat image, applied to images (named, n, n)."""
+        """Apply the inverse curvature of a flat image to images (named, n, n)."""
         threads, shape = get_num_threads(), images.shape[1:]
         spectrum = scipy.fft.rfft2(images, workers=threads)
         spectrum *= self._inverse[which]
@@ -101,7 +101,7 @@ class InverseCurvature:
 
 
 class HalvedInverseCurvature(InverseCurvature):
-    """As `InverseCurvature` of images of even size, for a third of the time.
+    """Preconditioner like `InverseCurvature` for images of even size, in a third of the time.
 
     One step of the orthonormal Haar transform splits the image into means of four pixels and their differences. Each
     difference has one curvature, its mean over the frequencies, and only the means are transformed (Mallat 2009,
@@ -121,14 +121,14 @@ class HalvedInverseCurvature(InverseCurvature):
         size = len(blur) // 2
 
         def of_means(curvature: Floats) -> Floats:
-            # What a frequency of the means shows stands for four of the pixels'.
+            # A frequency of the means represents four frequencies of the pixels.
             shares = np.multiply.outer(mean, mean) * curvature
             return np.asarray(shares.reshape(2, size, 2, size).sum(axis=(0, 2)))
 
         return super()._inverse_of(of_means(blur), of_means(rough))
 
     def smoothed(self, images: Images, which: Indices) -> Images:
-        """The inverse curvature of a flat image, applied to images (named, n, n)."""
+        """Apply the inverse curvature of a flat image to images (named, n, n)."""
         size = images.shape[1] // 2
         means, out = np.empty((len(images), size, size), np.float32), np.empty_like(images)
         haar.means(images, means)
@@ -137,7 +137,7 @@ class HalvedInverseCurvature(InverseCurvature):
 
 
 def _flat_curvatures(n: int) -> tuple[Floats, Floats]:
-    """Curvature of data and of a prior over a flat image, at the frequencies of (n, n); each with its own unit."""
+    """Return the curvature of data and of a prior over a flat image, at the frequencies of (n, n); in own units."""
     angle = 2.0 * np.pi * scipy.fft.fftfreq(n)
     frequency = np.hypot(angle[:, None], angle)
     frequency[0, 0] = np.pi / n
@@ -184,7 +184,7 @@ def continuation(
     tolerance: float,
     on_iteration: OnIteration | None = None,
 ) -> Images:
-    """Some iterations with a multiple of the prior's scale, which smooths edges; the images (images, n, n)."""
+    """Run some iterations with a multiple of the prior's scale, which smooths edges; return images (images, n, n)."""
     smoother = replace(objective, prior=objective.prior.rescaled(CONTINUATION_FACTOR))
     return descend(
         smoother,

@@ -18,7 +18,7 @@ class Prior(ABC):
     Attributes
     ----------
     scale : (images,) float64
-        Of the differences, in the unit of attenuation.
+        Scale of the differences, in the unit of attenuation.
     strength : (images,) float64
     corner : (images,) float64
         Scale of the weak penalty on the corner pixel, which has no difference; in the unit of attenuation.
@@ -29,18 +29,18 @@ class Prior(ABC):
     corner: Floats
     # The curvature over a difference d is stiffest * (1 + |d|^2 / scale^2)^-power.
     power: ClassVar[float]
-    # The stiffness of even ground as a share of the stiffest, which makes a good preconditioner.
+    # The stiffness of flat regions as a share of the stiffest, which makes a good preconditioner.
     even_share: ClassVar[float] = 1.0
     # (images, scale, strength, gradient, values (images, bands)): adds the gradient, fills the values.
     kernel: ClassVar[Callable[..., Any]]
 
     @abstractmethod
     def stiffest(self) -> Floats:
-        """Curvature over a difference of 0, (images,)."""
+        """Return the curvature over a difference of 0, (images,)."""
 
     @abstractmethod
     def corner_strength(self) -> Floats:
-        """Of the penalty on the corner pixel, (images,); a pure number, as the objective is."""
+        """Return the strength of the penalty on the corner pixel, (images,); a pure number, as the objective is."""
 
     def add(self, images: Images, which: Indices, gradient: Images) -> Floats:
         """Add the gradient in place and return the values (named,), of images (named, n, n)."""
@@ -52,18 +52,18 @@ class Prior(ABC):
         return np.asarray(bands.sum(axis=1) + strength * np.log1p(corner**2 / square))
 
     def scaling(self, images: Images, which: Indices, data_curvature: Floats) -> Images:
-        """Square root of how much softer each pixel is than where all is flat, (named, n, n)."""
+        """Return the square root of each pixel's softness relative to a flat image, (named, n, n)."""
         out = np.empty_like(images)
         kernels.scaling(images, self.scale[which], self.stiffest()[which], data_curvature[which], self.power, out)
         return out
 
     def only(self, index: int) -> Self:
-        """The prior of one image."""
+        """Return the prior of one image."""
         one = slice(index, index + 1)
         return replace(self, scale=self.scale[one], strength=self.strength[one], corner=self.corner[one])
 
     def repeated(self, times: int) -> Self:
-        """The prior of several copies of each image, one after the other."""
+        """Return the prior of several copies of each image, one after the other."""
         return replace(
             self,
             scale=np.repeat(self.scale, times),
@@ -72,27 +72,27 @@ class Prior(ABC):
         )
 
     def rescaled(self, factor: float) -> Self:
-        """The same prior with its scales multiplied."""
+        """Return the same prior with its scales multiplied."""
         return replace(self, scale=self.scale * factor, corner=self.corner * factor)
 
 
 class CauchyPrior(Prior):
-    """strength * sum log(1 + |d|^2 / scale^2): not convex; flat wood, sharp edges (docs/reconstruction.md#methods)."""
+    """Prior strength * sum log(1 + |d|^2 / scale^2): not convex; flat wood, sharp edges (docs/reconstruction.md)."""
 
     power = 1.0
     kernel = staticmethod(kernels.cauchy)
 
     def stiffest(self) -> Floats:
-        """2 strength / scale^2."""
+        """Return 2 strength / scale^2."""
         return np.asarray(2.0 * self.strength / self.scale**2)
 
     def corner_strength(self) -> Floats:
-        """That of the differences."""
+        """Return the strength of the differences."""
         return self.strength
 
 
 class TotalVariationPrior(Prior):
-    """strength * scale * sum (sqrt(1 + |d|^2 / scale^2) - 1): convex (Rudin, Osher and Fatemi 1992, smoothed)."""
+    """Prior strength * scale * sum (sqrt(1 + |d|^2 / scale^2) - 1): convex (Rudin, Osher, Fatemi 1992, smoothed)."""
 
     power = 0.5
     # Few differences are as small as the smoothing: 1 / 16 to 1 / 64 halve the iterations of 1 (20 and 45 views).
@@ -100,9 +100,9 @@ class TotalVariationPrior(Prior):
     kernel = staticmethod(kernels.total_variation)
 
     def stiffest(self) -> Floats:
-        """Strength / scale."""
+        """Return strength / scale."""
         return np.asarray(self.strength / self.scale)
 
     def corner_strength(self) -> Floats:
-        """Strength times scale."""
+        """Return strength times scale."""
         return self.strength * self.scale

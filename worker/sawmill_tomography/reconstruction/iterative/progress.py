@@ -1,4 +1,4 @@
-"""How far a method has come: a share of the whole that only rises."""
+"""Progress of a method: a share of the whole that only rises."""
 
 import math
 from collections.abc import Callable
@@ -8,7 +8,7 @@ import numpy as np
 
 from sawmill_tomography.reconstruction.iterative.descent import OnIteration
 
-# Called with the share of the work that is done, from 0 to 1.
+# Called with the finished share of the work, from 0 to 1.
 OnProgress = Callable[[float], None]
 
 # The cost of each further image relative to the first, measured on 16 of 256 x 256 pixels (benchmarks/iterative.py).
@@ -16,7 +16,7 @@ FURTHER_IMAGE_COST = 0.6
 
 
 def part_of(on_progress: OnProgress | None, start: float, length: float) -> OnProgress:
-    """A callback for the share of a part that begins at `start` of the whole and is `length` of it."""
+    """Return a callback for the share of a part that starts at `start` of the whole and is `length` of the whole."""
 
     def report(share: float) -> None:
         if on_progress is not None:
@@ -33,7 +33,7 @@ class Phases:
     on_progress : callable or None
         Called with the share of the whole.
     costs
-        Of each phase, in any common unit.
+        Cost of each phase, in any common unit.
     """
 
     def __init__(self, on_progress: OnProgress | None, **costs: float) -> None:
@@ -44,29 +44,29 @@ class Phases:
         }
 
     def of(self, phase: str) -> OnProgress:
-        """A callback for the share of one phase."""
+        """Return a callback for the share of one phase."""
         return part_of(self._on_share, *self._parts[phase])
 
     def descent(self, phase: str, usual: int) -> OnIteration:
-        """A callback for the iterations of one phase, which mostly ends after the usual number of them."""
+        """Return a callback for the iterations of one phase, which mostly ends after the usual number of iterations."""
         return counting_iterations(self.of(phase), usual)
 
 
 def counting_iterations(on_progress: OnProgress, usual: int) -> OnIteration:
-    """A callback for the iterations of a descent, which mostly ends after the usual number of them."""
+    """Return a callback for the iterations of a descent, which mostly ends after the usual number of iterations."""
     return lambda done, most: on_progress(share_of_descent(done, most, usual))
 
 
 def cost_of_images(images: int) -> float:
-    """The cost of a block relative to that of one image: the images of a block share the lengths of the rays."""
+    """Return the cost of a block relative to one image: the images of a block share the lengths of the rays."""
     return 1.0 + FURTHER_IMAGE_COST * (images - 1)
 
 
 def share_of_descent(done: int, most: int, usual: int) -> float:
-    """The share of a descent of unknown length that `done` iterations are.
+    """Return the share that `done` iterations are of a descent of unknown length.
 
     The remaining iterations are predicted as the usual number at first and as fewer and fewer later, since a descent
     that takes longer mostly ends soon; never as more than are allowed. The share rises with every iteration.
     """
-    left = min(usual * math.exp(-done / usual), float(most - done))
-    return done / (done + left)
+    remaining = min(usual * math.exp(-done / usual), float(most - done))
+    return done / (done + remaining)

@@ -16,27 +16,28 @@ from sawmill_tomography.reconstruction.object_extent import object_radius_mm
 # The constants of this file were measured with benchmarks/iterative.py.
 # A support region with more than this share of all pixels saves nothing.
 SMALL_SHARE = 0.6
-# The share of the iterations that the descent on the support region may take: the air beside the log needs some too.
+# Largest share of the iterations for the descent on the support region: the air around the log needs some iterations
+# too.
 SUPPORT_ITERATION_SHARE = 2.0 / 3.0
 # Iterations on the full grid after which most images have converged when the support region has, and the cost of one
 # relative to an iteration on the support region.
 FULL_GRID_ITERATIONS, FULL_GRID_COST = 20, 0.8
-# Pixels kept around what the scan shows.
+# Pixels kept around the part that the scan shows.
 MARGIN = 2
 
 
 @dataclass(frozen=True, eq=False)
 class SupportRegion:
-    """The square of pixels that can hold the log; all others are air.
+    """The square of pixels that can hold the log; all pixels outside are air.
 
     Attributes
     ----------
     projector : Projector
-        On the support region alone.
+        Projector of the support region alone.
     part : (slice, slice)
-        Where the region lies in the full image.
+        Part of the full image that is the region.
     size : int
-        Of the full image.
+        Size of the full image.
     """
 
     projector: Projector
@@ -47,10 +48,10 @@ class SupportRegion:
     def of(
         cls, projector: Projector, lines: Images, *, non_negative: bool = True, multiple: int = 1
     ) -> "SupportRegion":
-        """The region that all slices (slices, views, detector) show, with a margin, in a size whose transform is fast.
+        """Return the region that all slices (slices, views, detector) show, with a margin, sized for a fast transform.
 
-        The full grid where a slice shows nothing but air, and where attenuation may be negative. Its size is a multiple
-        of the number given, where the full grid has room for it.
+        It is the full grid where a slice shows nothing but air, or attenuation may be negative. Its size is a multiple
+        of `multiple`, where the full grid has room for it.
         """
         if not non_negative:
             return cls.full_grid(projector)
@@ -80,17 +81,17 @@ class SupportRegion:
 
     @classmethod
     def full_grid(cls, projector: Projector) -> "SupportRegion":
-        """The region of all pixels."""
+        """Return the region of all pixels."""
         size = projector.grid.size
         return cls(projector, (slice(size), slice(size)), size)
 
     @property
     def is_small(self) -> bool:
-        """Whether the region is so small that a descent there first saves time."""
+        """True if the region is so small that a descent there first saves time."""
         return self.projector.grid.size**2 < SMALL_SHARE * self.size**2
 
     def embedded(self, images: Images) -> Images:
-        """Images of the region (images, n, n) as images of the full grid, air around them."""
+        """Return images of the region (images, n, n) as images of the full grid, air around them."""
         out = np.zeros((len(images), self.size, self.size), np.float32)
         out[:, *self.part] = images
         return out
@@ -108,7 +109,7 @@ def descend_from_support(
     preconditioned: bool = True,
     on_progress: OnProgress | None = None,
 ) -> Minimum:
-    """Minimise on the support region until that has converged, where it is small, and then on the full grid.
+    """Minimise on the support region until convergence, where it is small, and then on the full grid.
 
     The air around the log follows the log within some iterations and changes it little: most of the work needs the
     support region only.
@@ -116,13 +117,13 @@ def descend_from_support(
     Parameters
     ----------
     start : (images, n, n) float32
-        On the support region; the rest is air.
+        Start images on the support region; the rest is air.
     iterations : int
-        Limit of both descents together, the first at most SUPPORT_ITERATION_SHARE of them.
+        Limit of both descents together; the first takes at most SUPPORT_ITERATION_SHARE of the iterations.
     usual : int
         Iterations after which most logs have converged.
     on_progress : callable, optional
-        Called with the share of the work that is done.
+        Called with the finished share of the work.
     """
     preconditioner = InverseCurvature if preconditioned else None
     phases = Phases(on_progress, support=1.0 if support.is_small else 0.0, full_grid=FULL_GRID_COST)
@@ -138,7 +139,7 @@ def descend_from_support(
             on_iteration=phases.descent("support", usual),
         )
         start, spent = near.images, near.iterations
-    found = descend(
+    minimum = descend(
         objective,
         support.embedded(start),
         non_negative=non_negative,
@@ -147,4 +148,4 @@ def descend_from_support(
         preconditioner=preconditioner,
         on_iteration=phases.descent("full_grid", FULL_GRID_ITERATIONS if support.is_small else usual),
     )
-    return replace(found, iterations=spent + found.iterations)
+    return replace(minimum, iterations=spent + minimum.iterations)

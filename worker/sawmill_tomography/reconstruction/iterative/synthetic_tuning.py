@@ -12,7 +12,7 @@ from sawmill_tomography.reconstruction.iterative.descent import Floats, Images, 
 from sawmill_tomography.reconstruction.iterative.penalised import Objective, descend
 from sawmill_tomography.reconstruction.iterative.priors import Prior
 
-# From the reference image, which is near; both found on simulated logs (benchmarks/choosing.py).
+# Limits of the descents from the reference image, which is near; both found on simulated logs (benchmarks/choosing.py).
 ITERATIONS = 12
 TOLERANCE = 1e-3
 # The noise of the synthetic scan is part of the method: equal data give equal answers.
@@ -26,10 +26,10 @@ class TuningErrors:
     Attributes
     ----------
     errors : (candidates,) float64
-        Sum of the logarithms of the squared distances from the reference, of the real scan's image and of the synthetic
+        Sum of the logarithms of the squared distances from the reference, for the real scan's image and the synthetic
         scan's.
     images : (candidates, 2, n, n) float32
-        Of the real and of the synthetic scan.
+        Images of the real and of the synthetic scan.
     """
 
     errors: Floats
@@ -40,8 +40,8 @@ class TuningErrors:
 class SyntheticTuning:
     """A scan and its synthetic counterpart.
 
-    The real scan shows which settings come near to another method's image, with whatever errors the two methods have
-    in common. The synthetic scan shows which settings find a known image, though of flatter wood than any real log. The
+    The real scan shows which settings give nearly another method's image, with the common errors of both methods. The
+    synthetic scan shows which settings reproduce a known image, though of flatter wood than any real log. The
     best settings for the true log mostly lie between the two.
 
     Attributes
@@ -49,7 +49,7 @@ class SyntheticTuning:
     reference : (n, n) float32
         Another method's image of the scanned log: the truth of the synthetic scan.
     lines : (2, views, detector) float32
-        Of the real scan and of the synthetic one, which has noise of its own.
+        Line integrals of the real scan and of the synthetic one, which has its own noise.
     """
 
     projector: Projector
@@ -69,19 +69,19 @@ class SyntheticTuning:
     def errors(
         self, weights: Images, prior: Prior, start: Images | None = None, on_iteration: OnIteration | None = None
     ) -> TuningErrors:
-        """Reconstruct both scans with each candidate, side by side.
+        """Reconstruct both scans with each candidate, in parallel.
 
         Parameters
         ----------
         weights : (candidates, views, detector) float32
         prior : Prior
-            Of as many images.
+            Prior of as many images.
         start : (2, n, n) float32, optional
-            By default the reference.
+            Start images; by default the reference.
         """
         if start is None:
             start = np.stack([self.reference, self.reference])
-        found = descend(
+        minimum = descend(
             self._objective(weights, prior),
             np.tile(start, (len(weights), 1, 1)),
             non_negative=self.non_negative,
@@ -89,12 +89,12 @@ class SyntheticTuning:
             tolerance=TOLERANCE,
             on_iteration=on_iteration,
         )
-        images = found.images.reshape(len(weights), *start.shape)
+        images = minimum.images.reshape(len(weights), *start.shape)
         distances = np.square(images - self.reference, dtype=np.float64).sum(axis=(2, 3))
         return TuningErrors(np.log(distances).sum(axis=1), images)
 
     def _objective(self, weights: Images, prior: Prior) -> Objective:
-        """For each candidate the real and the synthetic scan, in turn."""
+        """Return the objective of the real and the synthetic scan in turn, for each candidate."""
         return Objective(
             self.projector,
             np.tile(self.lines, (len(weights), 1, 1)),
