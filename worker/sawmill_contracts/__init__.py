@@ -1,4 +1,4 @@
-"""What can be asked and what is answered: pydantic models that both sides import and that import neither.
+"""Contracts of requests and answers: pydantic models that service and worker import and that import neither.
 
 Every boundary name carries its unit. Unknown fields are refused.
 """

@@ -1,7 +1,7 @@
-"""What a kind of job declares: how it is asked for, answered, stored and limited, in one value a kind.
+"""Declaration of a kind of job: its request, answer, storage and limits, in one value for each kind.
 
-`JobKind` (`sawmill_contracts/jobs.py`) is the table: a line a kind, which names the kind and its plural. Everything
-else is found by these two names:
+`JobKind` (`sawmill_contracts/jobs.py`) is the table: one line names a kind and its plural. These two names give the
+places of everything else:
 
 contracts/<plural>.py    the contracts, and `DECLARATION`, an `AskedKind` or an `UploadedKind`
 jobs/<kind>.py           `run(attempt)`, which does the job, and `needs(attempt)`, its memory and its largest file
@@ -22,14 +22,15 @@ from sawmill_platform.contracts.base import Contract
 Ask = TypeVar("Ask", bound=Contract)
 Answer = TypeVar("Answer", bound=Contract)
 
-# Read in 5 s where 1.4 GB take 27 s (docs/performance.md); a packed one may hold several times as many samples.
+# Such a file is read in 5 s where 1.4 GB take 27 s (docs/performance.md); a packed one may hold several times as many
+# samples.
 SHORT_UPLOAD_BYTES = 256 * 2**20
 
 
 class Reference(StrEnum):
-    """What an ask refers to. It is looked up and must be usable; while a job makes it, the new job waits for that job.
+    """Resource that a request refers to. It must be usable; while a job makes it, the new job waits for that job.
 
-    Those that depend on others follow them in a declaration: a calibration its scan, a theta its scanner.
+    In a declaration a reference follows those that it depends on: a calibration its scan, a theta its scanner.
     """
 
     SCAN = "scan"
@@ -39,9 +40,9 @@ class Reference(StrEnum):
     PHANTOM = "phantom"
     """`phantom_id`, or the phantom that the scan names."""
     CALIBRATION = "calibration"
-    """`calibration_id`, or the active one of the scan's scanner; none where the ask gives a `theta`."""
+    """`calibration_id`, or the active one of the scan's scanner; none where the request gives a `theta`."""
     THETA = "theta"
-    """`theta`, or that of the scanner's active calibration."""
+    """`theta`, or the theta of the scanner's active calibration."""
 
 
 @dataclass(frozen=True)
@@ -55,29 +56,29 @@ class Operation:
 
 @dataclass(frozen=True, kw_only=True)
 class KindDeclaration:
-    """What every kind declares.
+    """Declarations of every kind of job.
 
     Attributes
     ----------
     kind : JobKind
-        Its line of the table.
+        Line of the table.
     noun : str
         What a job of this kind works on, in sentences and codes: `plan` gives `plan-not-found`.
     label : str
-        What people call the work, marked for the catalogues.
+        Name of the work for people, marked for the catalogues.
     result : type of Contract
-        What `run` answers with.
+        Contract of what `run` returns.
     processor_s : int
         Seconds of processor time for each core that a job may use.
     time_limit_s : int
         Seconds that an attempt may take.
     stall_s : int
-        Seconds for which its progress may stand still: several times the longest honest silence on a slow machine
-        (`docs/operations.md#time-and-progress`).
+        Seconds without progress after which an attempt is stopped: several times the longest normal pause on a slow
+        machine (`docs/operations.md#time-and-progress`).
     lighter : str
         What to do about a job that takes too long.
     upload : str or None
-        The name in sentences of the file that somebody sent and the job reads. None: there is none.
+        Name, in sentences, of the uploaded file that the job reads. None: there is none.
     """
 
     kind: JobKind
@@ -93,7 +94,7 @@ class KindDeclaration:
 
 @dataclass(frozen=True, kw_only=True)
 class UploadedKind(KindDeclaration):
-    """A job that reads a file that somebody sent, into a row of a table of its own."""
+    """A job that reads an uploaded file into a row of a table of its own."""
 
     upload: str
     processor_s: int = 3600
@@ -102,13 +103,13 @@ class UploadedKind(KindDeclaration):
     lighter: str = "give a smaller file"
 
     def is_short(self, size_bytes: int) -> bool:
-        """Whether reading a file of this size takes seconds."""
+        """Return whether reading a file of this size takes seconds."""
         return size_bytes <= SHORT_UPLOAD_BYTES
 
 
 @dataclass(frozen=True, kw_only=True)
 class AskedKind(KindDeclaration, Generic[Ask, Answer]):
-    """A job that somebody asks for, and whose answer is stored. The route of one with an upload is written by hand.
+    """A job that a client requests and whose answer is stored. A kind with an upload has a route written by hand.
 
     Attributes
     ----------
@@ -117,27 +118,27 @@ class AskedKind(KindDeclaration, Generic[Ask, Answer]):
     answer
         The contract of the stored thing, or a union of contracts.
     read : callable
-        From a stored record to the answer (`stored_as`).
+        Maps a stored record to the answer (`stored_as`).
     links : type of Contract
-        Where the answer and its files are: `self`, `job`, the names of `files`, and references such as `calibration`.
+        Links to the answer and its files: `self`, `job`, the names of `files`, and references such as `calibration`.
     files : mapping
         A link's name -> its path below /v1/<plural>/<id>/.
     result_file : str or None
         The file that each success leaves in its folder; the other `files` are drawn from it.
     references : tuple of Reference
-        What is looked up when it is asked for, in this order.
+        References of a request, which are resolved in this order.
     blocks_deletion : bool
-        Whether its scanner and its phantom stay as long as it is stored. A scan stays only until its job has ended.
+        Whether its scanner and its phantom cannot be deleted while it is stored. A scan can, once its job has ended.
     listed_by : tuple of str
-        What a list can be narrowed by: `state`, and references' ids.
+        Filters of a list: `state`, and ids of references.
     to_ask, to_list, to_get : Operation
         The routes' texts.
     is_short : callable
-        From the options to whether the job takes seconds: short jobs wait for no long one. By default none does.
+        Maps the options to whether the job takes seconds: short jobs wait for no long one. By default no job is short.
     needed_scope : callable
-        From the ask to what a key needs for it: work alone is asked for with `submit`.
+        Maps the request to the scope that a key needs for it: `submit` for work alone.
     asked_at : str or None
-        Where it is asked for, if not at /v1/<plural>; a reference's id may stand in the path.
+        Path of the request, if not /v1/<plural>; the path may contain a reference's id.
     tag : str or None
         The group of its routes, if not <plural>.
     """
@@ -166,7 +167,7 @@ class AskedKind(KindDeclaration, Generic[Ask, Answer]):
 
     @property
     def example_id(self) -> str:
-        """Return the id of the example: that of `to_get`, else `example`."""
+        """Id of the example: the one in `to_get`, else `example`."""
         return str(self.to_get.example.get(f"{self.noun}_id", "example"))
 
 
@@ -176,12 +177,12 @@ def stored_as(answer: type[Answer]) -> Callable[[Mapping[str, Any]], Answer]:
 
 
 def declaration_of(kind: JobKind) -> KindDeclaration:
-    """What a kind declares."""
+    """Return the declaration of a kind."""
     declaration: KindDeclaration = import_module(f"sawmill_contracts.{kind.plural}").DECLARATION
     return declaration
 
 
 def asked_kinds() -> list[AskedKind[Any, Any]]:
-    """The kinds that somebody asks for, in the table's order."""
+    """Return the declarations of the kinds that clients request, in the table's order."""
     declarations = (declaration_of(kind) for kind in JobKind)
     return [declaration for declaration in declarations if isinstance(declaration, AskedKind)]

@@ -1,4 +1,4 @@
-"""What a person does next with a calibration, in one sentence, and which of its reasons that is because of."""
+"""Next step of a person with a calibration, in one sentence, and the calibration's reason for that step."""
 
 from dataclasses import dataclass
 from enum import StrEnum
@@ -11,7 +11,7 @@ HALF_OF_IT_SIZE = 1.96 * 2.0**0.5
 
 
 class Action(StrEnum):
-    """In a word."""
+    """Next step, in a word."""
 
     NOTHING = "nothing"
     ACCEPT = "accept"
@@ -22,14 +22,14 @@ class Action(StrEnum):
 
 @dataclass(frozen=True)
 class NextStep:
-    """What to do.
+    """Next step of a person with a calibration.
 
     Attributes
     ----------
     message : str
-        A sentence; it ends in a colon where a reason follows.
+        Sentence that ends in a colon where a reason follows.
     reason : str or None
-        The answer's own sentence.
+        Sentence from the answer's reasons.
     """
 
     action: Action
@@ -38,7 +38,7 @@ class NextStep:
 
 
 def next_step(result: CalibrationResult, both: TwoQuestions, *, active: bool) -> NextStep:
-    """What to do with an answer; `active` where its scanner uses it already."""
+    """Select the next step with an answer; `active` where its scanner uses it already."""
     comparison, rays = result.comparison, both.rays.answer
     moved = None if comparison is None or comparison.within_tolerance else comparison.reason
     reason = next((each for each in result.reasons if each != moved), None)
@@ -63,7 +63,7 @@ def _not_to_be_used(*, active: bool) -> str:
 
 
 def _scale_step(result: CalibrationResult, both: TwoQuestions, in_use: str | None, reason: str | None) -> NextStep:
-    """Where the rays are right: by the answer to the second question."""
+    """Select the next step by the verdict on the millimetres, where the rays are right."""
     if both.millimetres.answer is not Answer.LOOK:
         accept = "Accept it."
         return NextStep(Action.NOTHING, in_use) if in_use else NextStep(Action.ACCEPT, accept)
@@ -74,6 +74,6 @@ def _scale_step(result: CalibrationResult, both: TwoQuestions, in_use: str | Non
 
 
 def _is_size(result: CalibrationResult) -> bool:
-    """Whether most of the scale's uncertainty is the phantom's size tolerance."""
+    """Return whether most of the scale's uncertainty is the phantom's size tolerance."""
     size = result.scale_uncertainty_mm / result.source_frame.source_distance_mm
     return (result.scale_uncertainty_percent or 0.0) <= 100.0 * HALF_OF_IT_SIZE * size

@@ -1,4 +1,4 @@
-"""What calibrations of one scanner differ by, against their error bars."""
+"""Differences between calibrations of one scanner, against their error bars."""
 
 from typing import Literal
 

@@ -1,4 +1,4 @@
-"""What is asked of a simulated scan, as numbers with bounds."""
+"""Options of a simulated scan, as numbers with bounds."""
 
 from typing import Annotated
 
@@ -9,7 +9,7 @@ from sawmill_vocabulary import LARGEST_MM
 
 
 class SimulationOptions(Contract):
-    """Of a simulated scan, apart from body, scanner, geometry and physics."""
+    """Options of a simulated scan, apart from body, scanner, geometry and physics."""
 
     views: Annotated[int, Field(ge=1, le=100_000)] = Field(360, description="Number of views.")
     rows: Annotated[int, Field(ge=1, le=100_000)] = Field(1, description="Rows of the stack.")

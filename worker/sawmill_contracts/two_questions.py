@@ -1,6 +1,6 @@
-"""The two questions that stand wherever a calibration's verdict stands: are the rays right, are the millimetres right.
+"""The two questions next to every verdict on a calibration: are the rays right, are the millimetres right.
 
-Each is answered by a number, its limit and a sentence. The sentences are texts to be translated; a page gives its own
+A number, its limit and a sentence answer each question. The sentences are texts to be translated; a page gives its own
 `gettext` and its own way of writing millimetres and per cent.
 """
 
@@ -20,7 +20,7 @@ Words = Callable[[str], str]
 Written = Callable[[float], str]
 
 
-# What a verdict means, in a sentence.
+# Meaning of a verdict, in a sentence.
 VERDICTS: Mapping[Verdict, str] = MappingProxyType(
     {
         "pass": "The geometry is known well enough to be used.",
@@ -31,7 +31,7 @@ VERDICTS: Mapping[Verdict, str] = MappingProxyType(
 
 
 class Answer(StrEnum):
-    """To one of the two questions."""
+    """Answer to one of the two questions."""
 
     YES = "yes"
     LOOK = "look"
@@ -40,32 +40,32 @@ class Answer(StrEnum):
 
 
 def in_mm(value_mm: float) -> str:
-    """Millimetres in English, to a thousandth, as of rays."""
+    """Write millimetres in English, to a thousandth, for ray errors."""
     return f"{value_mm:.3f} mm"
 
 
 def in_length(value_mm: float) -> str:
-    """Millimetres in English, to two digits that matter below 10 mm and to one mm above, as of a log."""
+    """Write millimetres in English, to two significant digits below 10 mm and to one mm above, for lengths of a log."""
     return f"{value_mm:.0f} mm" if value_mm >= 9.95 else f"{value_mm:.2g} mm"
 
 
 def in_percent(value: float) -> str:
-    """Per cent in English, to two digits that matter."""
+    """Write per cent in English, to two significant digits."""
     return f"{value:.2g} %"
 
 
 @dataclass(frozen=True)
 class RaysRight:
-    """Whether the rays are right among themselves: what makes an image sharp.
+    """Whether the rays agree with one another, which makes an image sharp.
 
     Attributes
     ----------
     upper_95_mm : float or None
-        The RMS ray error stays below this in 95 of 100 cases; None without error bars.
+        Upper 95 % limit of the RMS ray error; None without error bars.
     limit_mm : float or None
-        What is allowed; None where nobody recorded it.
+        Allowed value; None where nobody recorded it.
     verdict : Verdict
-        On the rays alone; of an answer of an earlier version on the whole.
+        Verdict on the rays alone; for an answer of an earlier version, on the whole calibration.
     """
 
     upper_95_mm: float | None
@@ -76,12 +76,12 @@ class RaysRight:
 
     @property
     def within(self) -> bool | None:
-        """Whether the number keeps its limit; None where either is not known."""
+        """True if the number is within its limit; None where either is not known."""
         return _within(self.upper_95_mm, self.limit_mm)
 
     @property
     def answer(self) -> Answer:
-        """In a word: by the verdict, which knows more than the number, unless the number is beyond its limit."""
+        """Answer in a word: by the verdict, which knows more than the number, unless the number is beyond its limit."""
         if self.verdict == "fail":
             return Answer.NO
         if self.upper_95_mm is None:
@@ -90,7 +90,7 @@ class RaysRight:
 
     @property
     def message(self) -> str:
-        """The sentence with its places: %(bound)s and %(limit)s, both in mm."""
+        """Sentence with its placeholders: %(bound)s and %(limit)s, both in mm."""
         if self.upper_95_mm is None and self.verdict == "fail":
             return N_("It has no error bars, and what is known speaks against it.")
         if self.upper_95_mm is None:
@@ -104,7 +104,7 @@ class RaysRight:
         return N_("By its number, %(bound)s where %(limit)s is allowed; but something else speaks against it.")
 
     def sentence(self, words: Words = str, mm: Written = in_mm) -> str:
-        """The answer in one sentence, in the language of `words`."""
+        """Write the answer in one sentence, in the language of `words`."""
         places = {"bound": self.upper_95_mm, "limit": self.limit_mm}
         return words(self.message) % {name: mm(value) for name, value in places.items() if value is not None}
 
@@ -116,13 +116,13 @@ class MillimetresRight:
     Attributes
     ----------
     percent_95 : float or None
-        Sizes in the image are right to this with 95 %; None where it is not known.
+        95 % uncertainty of sizes in the image; None where it is not known.
     limit_percent : float or None
-        What is allowed; None where nobody recorded it.
+        Allowed value; None where nobody recorded it.
     diameter_mm : float
-        Of the largest log: the disc in which ray errors are counted.
+        Diameter of the largest log: the disc in which ray errors are counted.
     contradicted : bool
-        The phantom's size and the scanner's constants do not go together.
+        Whether the phantom's size and the scanner's constants contradict each other.
     """
 
     percent_95: float | None
@@ -134,22 +134,22 @@ class MillimetresRight:
 
     @property
     def within(self) -> bool | None:
-        """Whether the number keeps its limit; None where either is not known."""
+        """True if the number is within its limit; None where either is not known."""
         return _within(self.percent_95, self.limit_percent)
 
     @property
     def on_diameter_mm(self) -> float | None:
-        """What the number is on the diameter of the largest log."""
+        """Scale uncertainty on the diameter of the largest log, mm."""
         return _share(self.percent_95, self.diameter_mm)
 
     @property
     def limit_on_diameter_mm(self) -> float | None:
-        """What the limit is on the diameter of the largest log."""
+        """Limit of the scale uncertainty on the diameter of the largest log, mm."""
         return _share(self.limit_percent, self.diameter_mm)
 
     @property
     def answer(self) -> Answer:
-        """In a word. An uncertain scale blurs nothing, so it asks for a look and stops nothing."""
+        """Answer in a word. An uncertain scale blurs nothing, so it calls for an inspection and stops nothing."""
         if self.contradicted:
             return Answer.NO
         if self.within is None:
@@ -158,7 +158,7 @@ class MillimetresRight:
 
     @property
     def message(self) -> str:
-        """The sentence with its places: %(percent)s, %(limit)s (per cent), %(error)s and %(diameter)s (lengths)."""
+        """Sentence with its placeholders: %(percent)s, %(limit)s (per cent), %(error)s and %(diameter)s (lengths)."""
         if self.contradicted:
             return N_("The phantom's size and the scanner's constants contradict each other: measure both.")
         if self.percent_95 is None:
@@ -170,7 +170,7 @@ class MillimetresRight:
         return N_("Sizes are right to %(percent)s: %(error)s on a log of %(diameter)s; %(limit)s is allowed.")
 
     def sentence(self, words: Words = str, length: Written = in_length, percent: Written = in_percent) -> str:
-        """The answer in one sentence, in the language of `words`."""
+        """Write the answer in one sentence, in the language of `words`."""
         lengths = {"error": self.on_diameter_mm, "diameter": self.diameter_mm}
         shares = {"percent": self.percent_95, "limit": self.limit_percent}
         places = {name: length(value) for name, value in lengths.items() if value is not None}
@@ -180,20 +180,20 @@ class MillimetresRight:
 
 @dataclass(frozen=True)
 class TwoQuestions:
-    """Of one calibration."""
+    """The answers to the two questions for one calibration."""
 
     rays: RaysRight
     millimetres: MillimetresRight
 
     @classmethod
     def of(cls, result: CalibrationResult, tolerances: Tolerances | None) -> Self:
-        """By an answer and the limits that it was held against.
+        """Answer both questions from a calibration's answer and its limits.
 
         Parameters
         ----------
         tolerances : Tolerances or None
-            The scanner's, for an answer of an earlier version, which does not have its limits; None where no scanner is
-            known.
+            The scanner's tolerances, for an answer of an earlier version, which does not have its limits; None where no
+            scanner is known.
         """
         predicted, status = result.predicted_ray_error_mm, result.status
         limits = result.limits or (None if tolerances is None else _limits(tolerances))
@@ -214,7 +214,7 @@ class TwoQuestions:
 
     @classmethod
     def of_plan(cls, planned: PlanResult, tolerances: Tolerances) -> Self:
-        """By what a plan promises and what its scanner allows: noise and the phantom's size alone can speak against."""
+        """Answer both questions from a plan and its scanner's tolerances; only noise and the phantom's size count."""
         predicted, limit_mm = planned.predicted_ray_error_mm, tolerances.predicted_ray_error_mm
         return cls(
             RaysRight(predicted.upper_95, limit_mm, "pass" if predicted.upper_95 <= limit_mm else "fail"),
