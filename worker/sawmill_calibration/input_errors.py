@@ -1,4 +1,4 @@
-"""One error for all input that cannot lead to a result."""
+"""The error of all input that cannot lead to a result."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -50,14 +50,14 @@ def options_of(contract: type[Options], given: object) -> Options:
     Raises
     ------
     InputError
-        An option is unknown, or its value is none that it may have.
+        An option is unknown, or its value is not allowed.
     """
     try:
         sent = to_json(given, inf_nan_mode="constants", fallback=_plain)
         options: Options = read_strictly(TypeAdapter(contract), sent)
     except ValidationError as error:
         raise InputError("options", placed_complaint(error)) from error
-    except ValueError as error:  # half a surrogate, or a list that holds itself
+    except ValueError as error:  # half a surrogate, or a list that contains itself
         raise InputError("options", f"an option cannot be read: {error}") from error
     return options
 

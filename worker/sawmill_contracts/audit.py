@@ -37,7 +37,7 @@ class AuditAction(StrEnum):
 
 
 class AuditEntry(Contract):
-    """One action of a person or a program."""
+    """An action of a person or a program."""
 
     number: int = Field(description="Number of the entry; it grows from entry to entry.", examples=[41])
     at: Time = Field(examples=["2026-03-02T05:30:00Z"])

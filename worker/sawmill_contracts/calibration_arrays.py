@@ -82,7 +82,7 @@ class CalibrationArrays:
 
     @classmethod
     def of(cls, arrays: Mapping[str, NDArray[Any]]) -> Self:
-        """Build the arrays from those of result.h5 by name; a number is an array of no dimensions.
+        """Build the arrays from result.h5's by name; a number is an array of no dimensions.
 
         Raises
         ------

@@ -204,7 +204,7 @@ class Residual(Contract):
 
 
 class Hypothesis(Contract):
-    """One of the four combinations of handedness and sense of rotation."""
+    """A hypothesis: one of the four combinations of handedness and sense of rotation."""
 
     handedness: Handedness = Field(
         description="From which end the phantom is seen in this hypothesis.", examples=["as-drawn"]
@@ -500,7 +500,7 @@ class CalibrationFile(CalibrationResult):
 
     @classmethod
     def of(cls, result: CalibrationResult) -> Self:
-        """Give an answer an id of its own."""
+        """Give an answer an id."""
         return cls(id=str(uuid4()), **dict(result))
 
     @classmethod
@@ -578,7 +578,7 @@ Calibration = TypeAliasType(
 
 
 def calibration_from(record: Mapping[str, Any]) -> CalibrationUnfinished | CalibrationSucceeded:
-    """Build a calibration from a stored record, in which a result's fields stand next to the header's."""
+    """Build a calibration from a stored record, in which a result's fields are next to the header's."""
     header = {name: record[name] for name in (*CalibrationHeader.model_fields, "state")}
     if record["state"] == "succeeded":
         return CalibrationSucceeded.model_validate({**header, **record["result"]})

@@ -184,7 +184,7 @@ class DriftResult(Contract):
     )
 
     def ended(self, at: datetime) -> Self:
-        """Return the result with the time of its end, and so with the age of its baseline."""
+        """Return the result with its time of end, and so with its baseline's age."""
         known = self.baseline
         if known is not None and known.last_at is not None:
             age_hours = (at - known.last_at).total_seconds() / 3600.0

@@ -25,7 +25,7 @@ class HistoryKind(StrEnum):
 
 
 class HistoryEntry(Contract):
-    """One entry of a scanner's history."""
+    """An entry of a scanner's history."""
 
     number: int = Field(description="Number of the entry.", examples=[12])
     at: Time = Field(description="Time of the entry; for a calibration or a drift check, when its job ended.")

@@ -20,7 +20,7 @@ FILE_KEPT = timedelta(days=1)
 
 
 class FileVerdict(StrEnum):
-    """Whether a file can be read as a scan."""
+    """Verdict on a file: whether it can be read as a scan."""
 
     READY = "ready"
     INCOMPLETE = "incomplete"
@@ -78,7 +78,7 @@ class ViewAngles(Contract):
 
 
 class InspectedReading(Contract):
-    """What would be read, from headers alone: no sample has been read yet."""
+    """Data that would be read, from headers alone: no sample has been read yet."""
 
     data: DataKind | None = Field(
         None, description="Kind of the numbers, as in the request: no file states it reliably.", examples=["counts"]

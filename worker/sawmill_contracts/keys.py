@@ -103,6 +103,6 @@ class KeyRotation(Given):
 
 
 class Keys(Contract):
-    """All keys."""
+    """List of all keys."""
 
     keys: list[Key] = Field(description="The newest first; revoked and expired ones stay listed.")

@@ -83,7 +83,7 @@ class SizeMeasurement(Contract):
 
 
 def _measured_tolerance(known: dict[str, Any]) -> float:
-    """Return the size tolerance of a drawing that states none: RMS of its measurements' relative uncertainties."""
+    """Return the size tolerance of a drawing that states none: RMS of the measurements' relative uncertainties."""
     measured: list[SizeMeasurement] = known.get("measurements", [])
     if not measured:
         return STANDARD_SIZE_TOLERANCE

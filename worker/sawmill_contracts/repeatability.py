@@ -34,7 +34,7 @@ class PairDifference(Contract):
 
 
 class RepeatabilityResult(Contract):
-    """All pairs of some calibrations of one scanner."""
+    """Differences of all pairs of some calibrations of one scanner."""
 
     pairs: list[PairDifference]
     worst_ray_difference_mm: float

@@ -125,7 +125,7 @@ class ScannerDrift(Contract):
 
 
 class CountedLook(NamedTuple):
-    """Measurement of a drift check, for the chart of its scanner.
+    """Measurement of a drift check, for the scanner's chart.
 
     Attributes
     ----------

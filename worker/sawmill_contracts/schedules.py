@@ -15,7 +15,7 @@ from sawmill_platform.contracts.given import Given
 
 
 class ScheduleSpec(Contract):
-    """When to recalibrate a scanner with its newest phantom scan, or to check its newest log for drift."""
+    """Times at which a scanner is recalibrated with its newest phantom scan, or its newest log is checked for drift."""
 
     scanner_id: Identifier = Field(examples=["example"], description="Id of the scanner.")
     kind: ScheduleKind = Field("recalibrate", description="Work at each due time.", examples=["recalibrate"])

@@ -56,7 +56,7 @@ def in_percent(value: float) -> str:
 
 @dataclass(frozen=True)
 class RaysRight:
-    """Whether the rays agree with one another, which makes an image sharp.
+    """Answer on the rays: whether they agree with one another, which makes an image sharp.
 
     Attributes
     ----------
@@ -111,7 +111,7 @@ class RaysRight:
 
 @dataclass(frozen=True)
 class MillimetresRight:
-    """Whether the image's millimetres are right: a common scale, for which the phantom's size is the ruler.
+    """Answer on the scale: whether the image's millimetres are right; a common scale, for which the phantom's size is the ruler.
 
     Attributes
     ----------

@@ -207,13 +207,13 @@ class WebhookRotation(Given):
 
 
 class Webhooks(Contract):
-    """All webhooks."""
+    """List of all webhooks."""
 
     webhooks: list[Webhook] = Field(description="Webhooks, the newest first.")
 
 
 class DeliveryState(StrEnum):
-    """Whether an event has reached a webhook."""
+    """State of a delivery: whether the event has reached the webhook."""
 
     DELIVERED = "delivered"
     RETRYING = "retrying"
@@ -221,7 +221,7 @@ class DeliveryState(StrEnum):
 
 
 class Delivery(Contract):
-    """One event that was sent to a webhook, or is to be sent."""
+    """An event that was sent to a webhook, or is to be sent."""
 
     number: int = Field(description="Number of the entry; it grows from event to event.", examples=[41])
     message_id: str = Field(

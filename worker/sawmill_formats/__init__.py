@@ -1,1 +1,1 @@
-"""The layout of our own files: what is written, and how it is read back."""
+"""The layout of our own files, their writers and readers, and the readers of uploads."""

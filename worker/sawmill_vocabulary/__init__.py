@@ -1,4 +1,4 @@
-"""What crosses walls: choices, values and outlines, each defined once.
+"""Types that all packages share: choices, values and outlines, each defined once.
 
 Science, contracts, pictures and service all import this package, and it imports the
 standard library and `annotated_types` alone.

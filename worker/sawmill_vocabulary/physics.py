@@ -1,7 +1,7 @@
-"""What a mill adds to an ideal scan, as sizes: of the beam, the detector, the motion and the wood. By default nothing.
+"""Effects that a mill adds to an ideal scan: of the beam, the detector, the motion and the wood. By default none.
 
 Each size is typed here once, with its unit and its bounds: the simulation computes with these classes, and a JSON file
-of them is read with the same fields.
+with them is read with the same fields.
 """
 
 from dataclasses import dataclass, field
@@ -24,7 +24,7 @@ def _direction(description: str) -> float:
 
 @dataclass(frozen=True)
 class BeamEffects(AsContract):
-    """Of the source, and of what the beam does on its way."""
+    """Effects of the source, and on the beam's way."""
 
     energy_spread: float = _size(
         "Three energies attenuate by 1 + s, 1 and 1 - s times the stated attenuation: the beam hardens.", 0, 0.6
@@ -42,7 +42,7 @@ class BeamEffects(AsContract):
 
 @dataclass(frozen=True)
 class DetectorEffects(AsContract):
-    """Of the detector's cells and its electronics."""
+    """Effects of the detector's cells and its electronics."""
 
     blur_mm: float = _size("Standard deviation of the scintillator's blur.", 0, 10)
     glare_share: float = _size("Share of a cell's light that spreads over the others, in flat fields too.", 0, 0.5)
@@ -67,7 +67,7 @@ class DetectorEffects(AsContract):
 
 @dataclass(frozen=True)
 class MotionEffects(AsContract):
-    """Of the turntable, its encoder, and the phantom on it."""
+    """Effects of the turntable, its encoder, and the phantom's mounting."""
 
     slip_mm: float = _size("How far the phantom slips.", 0, 50)
     slip_towards_deg: float = _direction("Direction of the slip in the image.")
@@ -88,7 +88,7 @@ class MotionEffects(AsContract):
 
 @dataclass(frozen=True)
 class WoodEffects(AsContract):
-    """How the phantom differs from its drawing."""
+    """Differences of the phantom from its drawing."""
 
     size_percent: float = _size("How much larger it is.", -10, 10)
     aspect_percent: float = _size("How much longer it is along x than along y.", -10, 10)
@@ -110,7 +110,7 @@ class WoodEffects(AsContract):
 
 @dataclass(frozen=True)
 class Physics(AsContract):
-    """All that a scan is beyond the ideal one; by default nothing."""
+    """Deviations of a scan from the ideal one; by default none."""
 
     beam: BeamEffects = field(default=BeamEffects(), metadata={"description": "Of the source and the beam."})
     detector: DetectorEffects = field(default=DetectorEffects(), metadata={"description": "Of the detector."})

@@ -1,4 +1,4 @@
-"""Files that are bags of named arrays (NPZ, MAT, HDF5 without a known layout): which one is what."""
+"""Files that are collections of named arrays (NPZ, MAT, HDF5 without a known layout), and the roles of the arrays."""
 
 import math
 import re
@@ -19,18 +19,18 @@ from sawmill_formats.input.wanted import Wanted
 PROJECTION_NAMES = ("projections", "sinogram", "data", "arr")
 OTHER_NAMES = frozenset({"angles_deg", "angles_rad", "flats", "darks"})
 DEVIATIONS = "deviations"
-# What these are by their names, as words that follow the shape; the others' shapes speak for themselves.
+# Roles of arrays by their names, as words that follow the shape; other arrays are described by their shapes.
 OF_OTHERS = {"flats": " of flat fields by its name", "darks": " of dark fields by its name"}
 MOST_NAMES_QUOTED = 12
 LONGEST_TEXT = 20
-# What bears such a name could serve, but only one who knows its meaning and unit can say so.
+# Arrays with such a name could be angles, but only a person who knows their meaning and unit can say so.
 ANGLES = re.compile("angle|theta", re.IGNORECASE)
 LENGTHS = re.compile("distance|pixel|pitch|spacing", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
 class ArrayInfo:
-    """What is known of an array before it is read; `kind` names its type where that is no number."""
+    """Properties of an array that are known before it is read; `kind` names its type where that is no number."""
 
     shape: tuple[int, ...]
     numeric: bool
@@ -39,20 +39,20 @@ class ArrayInfo:
 
 @dataclass(frozen=True)
 class NamedArrays:
-    """A bag of arrays.
+    """A collection of arrays.
 
     Attributes
     ----------
     format : str
-        What the file turned out to be.
+        Format of the file.
     infos : mapping of name to ArrayInfo
         Every array, in the axis order in which `load` gives it.
     load : function of a name
         Reads one array after having checked its type and its size.
     projections : function of a name
-        The same for the projections, which need not be read as a whole.
+        Reads the projections, which need not be read as a whole, after the same checks.
     text : function of a name
-        A short text, None where it is none.
+        Reads a short text; None where the array is none.
     """
 
     format: str
@@ -63,7 +63,7 @@ class NamedArrays:
 
 
 def read_named_arrays(arrays: NamedArrays, wanted: Wanted, remarks: tuple[str, ...] = ()) -> FileContents:
-    """Take the projections (the one named, or the only candidate) and what stands beside them by name.
+    """Read the projections (the one named, or the only candidate) and related arrays by their names.
 
     Raises
     ------
@@ -130,7 +130,7 @@ def _only_candidate(infos: Mapping[str, ArrayInfo], wanted: Wanted) -> str:
 
 
 def _unfit(info: ArrayInfo, least_views: int) -> str:
-    """Why an array cannot be projections, as words that follow its shape."""
+    """Return why an array cannot be projections, as words that follow its shape."""
     if not info.numeric:
         return f" of {info.kind or 'something else'}, not of real numbers"
     if len(info.shape) not in {2, 3}:
@@ -169,7 +169,7 @@ def _angles(arrays: NamedArrays) -> FileAngles:
 
 
 def _could_serve(arrays: NamedArrays, projections: str, meant: re.Pattern[str], size: int) -> list[str]:
-    """What bears such a name in such a number of values, or is a text, with its values: not ours to interpret."""
+    """Name the arrays with such a name that are texts or have `size` values, with their uninterpreted values."""
     names = (name for name in arrays.infos if name not in {projections, *OTHER_NAMES})
     named = (name for name in names if meant.search(name.rpartition("/")[2]))
     described = (_described(arrays, name) for name in named if _values_of(arrays.infos[name]) in {size, None})

@@ -1,4 +1,4 @@
-"""NumPy's own files, never with pickled objects, their headers held against what is really there."""
+"""NumPy's own files, never with pickled objects, their headers compared with the data that are there."""
 
 import io
 import math
@@ -20,18 +20,18 @@ from sawmill_formats.input.contents import FileContents, Projections, held
 from sawmill_formats.input.named_arrays import ArrayInfo, NamedArrays, read_named_arrays
 from sawmill_formats.input.wanted import Wanted
 
-# The formats of a header's own length, by the versions that hold plain arrays.
+# Format of a header's own length, for the versions that hold plain arrays.
 LENGTHS = {(1, 0): "<H", (2, 0): "<I"}
-# That of a plain array has some hundred; the parser of longer ones may run out of its stack.
+# A plain array's header has some hundred bytes; the parser may exhaust its stack on longer ones.
 LONGEST_HEADER_BYTES = 4096
 LONGEST_AXIS = 2**48
-# Of a file, mapped at a time.
+# Bytes of a file that are mapped at a time.
 PIECE_BYTES = 16 * 2**20
 
 
 @dataclass(frozen=True)
 class NpyHeader:
-    """What a NPY header declares."""
+    """Contents of a NPY header."""
 
     shape: tuple[int, ...]
     fortran_order: bool
@@ -39,7 +39,7 @@ class NpyHeader:
 
     @property
     def data_bytes(self) -> int:
-        """How many bytes of data must follow."""
+        """Number of bytes of data that must follow."""
         return math.prod(self.shape) * self.dtype.itemsize
 
 
@@ -77,7 +77,7 @@ def _projections(path: Path, header: NpyHeader, offset: int) -> Projections:
         for start in range(0, length, step):
             at = slice(start, min(start + step, length))
             parts[slowest] = slice(first + at.start, first + at.stop)
-            # Mapped anew for each piece: what was read stays in the process's memory as long as the mapping does.
+            # Mapped again for each piece: what was read stays in the process's memory as long as the mapping does.
             stored = np.memmap(path, header.dtype, "r", offset, shape, order)
             with np.errstate(over="ignore"):
                 block[(slice(None),) * slowest + (at,)] = stored[tuple(parts)]

@@ -23,7 +23,7 @@ KINDS = {"flat": FieldKind.FLATS, "dark": FieldKind.DARKS}
 
 
 def read_zip(path: Path, wanted: Wanted, bounds: Bounds, files: ExitStack) -> FileContents:
-    """Read a NPZ file or a ZIP of TIFF files, as the members' names show; the latter stays open for its views.
+    """Read a NPZ file or a ZIP of TIFF files, as the members' names show; a ZIP of TIFFs stays open for its views.
 
     Raises
     ------
@@ -42,7 +42,7 @@ def read_zip(path: Path, wanted: Wanted, bounds: Bounds, files: ExitStack) -> Fi
 
 
 def is_npz(infos: list[ZipInfo]) -> bool:
-    """Whether an archive holds arrays and nothing else."""
+    """Return whether an archive holds arrays and nothing else."""
     return bool(infos) and all(info.filename.endswith(".npy") for info in infos)
 
 

@@ -135,7 +135,7 @@ Item = TypeVar("Item")
 
 
 class Page(Contract, Generic[Item]):
-    """One page of a list, newest first; `next` is the cursor of the following page."""
+    """A page of a list, newest first; `next` is the cursor of the following page."""
 
     model_config = ConfigDict(json_schema_extra={"description": "One page of a list, newest first."})
 

@@ -1,4 +1,4 @@
-"""Any HDF5 file: which layout it has, and plain datasets where it has none (MATLAB 7.3 files among them)."""
+"""HDF5 files of any layout: its recognition, and plain datasets where it has no known layout (MATLAB 7.3 files among them)."""
 
 from contextlib import ExitStack
 from functools import partial
@@ -74,7 +74,7 @@ def _read_plain(file: h5py.File, wanted: Wanted, bounds: Bounds) -> FileContents
     found, dataset = dict(datasets(file, bounds.linked)), wanted.dataset
     named = None if dataset is None else find(file, f"/{dataset}", bounds.linked)
     if dataset is not None and isinstance(named, h5py.Dataset):
-        found[dataset.strip("/")] = named  # by the name it was asked for, which may be a link's
+        found[dataset.strip("/")] = named  # by the requested name, which may be a link's
     matlab = any("MATLAB_class" in node.attrs for node in found.values())
     arrays = NamedArrays(
         format="mat-v7.3" if matlab else "hdf5",
@@ -114,7 +114,7 @@ def _load(found: dict[str, h5py.Dataset], bounds: Bounds, name: str) -> NDArray[
 
 
 def _text(found: dict[str, h5py.Dataset], bounds: Bounds, name: str) -> str | None:
-    """A short text as MATLAB stores it: the codes of its characters."""
+    """Read a short text as MATLAB stores it, by character codes."""
     is_text = attribute_text(found[name], "MATLAB_class") == "char" and found[name].dtype.kind == "u"
     if not is_text or (found[name].size or LONGEST_TEXT + 1) > LONGEST_TEXT:
         return None

@@ -28,15 +28,15 @@ MOST_QUOTED = 10
 
 
 def read_folder(path: Path, wanted: Wanted, bounds: Bounds, _: ExitStack) -> FileContents:
-    """Read the TIFF files of a folder in natural order, each opened when its views are asked for.
+    """Read the TIFF files of a folder in natural order, each opened when its views are read.
 
-    Nothing is guessed from names: fields lie in another folder or file. Subfolders are not looked into.
+    Nothing is guessed from names: fields are in another folder or file. Subfolders are not read.
 
     Raises
     ------
     UnreadableScan
-        When there are no TIFF files, some that are called flat or dark fields beside others, or one that cannot be
-        read or is of another size.
+        When there are no TIFF files, some are named flat or dark fields and others not, or one cannot
+        be read or is of another size.
     """
     if wanted.dataset is not None:
         raise UnreadableScan("contradiction", f"a folder has no named arrays; leave out {quoted(wanted.dataset)!r}")
@@ -53,7 +53,7 @@ def read_folder(path: Path, wanted: Wanted, bounds: Bounds, _: ExitStack) -> Fil
 
 
 def folder_parts(path: Path, _: Bounds) -> Iterator[Part]:
-    """The files and subfolders; of TIFF files what their first pages are."""
+    """Yield the files and subfolders, TIFF files with the properties of their first pages."""
     for each in entries(path):
         name = quoted(each.name)
         if each.is_dir():
@@ -65,7 +65,7 @@ def folder_parts(path: Path, _: Bounds) -> Iterator[Part]:
 
 
 def entries(path: Path) -> list[Path]:
-    """Everything in a folder, view-2 before view-10.
+    """List everything in a folder, view-2 before view-10.
 
     Raises
     ------
@@ -83,7 +83,7 @@ def _is_image(path: Path) -> bool:
 
 
 def _size(path: Path) -> int:
-    """Bytes; 0 for a link that leads nowhere, which is then refused as what it is."""
+    """Return the size in bytes; 0 for a link to no file, which is refused later."""
     return path.stat().st_size if path.exists() else 0
 
 
@@ -107,7 +107,7 @@ def _image_part(path: Path, name: str) -> Part:
 
 
 def _check_kinds(paths: Sequence[Path]) -> None:
-    """Refuse what may be fields among the views."""
+    """Refuse a mixture of views and files that may be fields."""
     kinds = [image_kind(each.name) for each in paths]
     if len(set(kinds)) > 1:
         other = next(each.name for each, kind in zip(paths, kinds, strict=True) if kind != "view")
@@ -135,7 +135,7 @@ def _forms(names: Sequence[str]) -> Iterator[str]:
 
 
 def _gaps(names: Sequence[str]) -> Iterator[str]:
-    """Which numbers are left out, where one number alone tells the names of a sequence apart."""
+    """Find the missing numbers where one number alone distinguishes the names of a sequence."""
     columns = list(zip(*(map(int, re.findall(r"\d+", name)) for name in names), strict=False))
     varying = [sorted(set(column)) for column in columns if len(set(column)) > 1]
     if len(set(map(form_of, names))) > 1 or len(varying) != 1 or len(varying[0]) != len(names):
