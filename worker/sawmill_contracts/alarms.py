@@ -30,8 +30,8 @@ class Alarm(Contract):
         examples=["no-phantom-scan"],
     )
     since: Time = Field(
-        description="Time at which the limit was passed, RFC 3339, UTC; a day ends at midnight UTC. For a drift: "
-        "time of the drift check that showed it.",
+        description="Time at which the limit was passed, RFC 3339, UTC; a day ends at midnight UTC. An "
+        "alarm of drift has the time of the drift check that showed it.",
         examples=["2026-03-16T05:30:00Z"],
     )
     last_at: Time | None = Field(
@@ -57,7 +57,7 @@ class Alarm(Contract):
     )
 
     drift: DriftFinding | None = Field(
-        None, description="What the logs showed when the alarm was opened. Null: the alarm concerns no drift."
+        None, description="Finding from the logs when the alarm was opened. Null: the alarm concerns no drift."
     )
 
     @property

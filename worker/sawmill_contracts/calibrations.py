@@ -56,7 +56,7 @@ class PaperOptions(Contract):
     weighting: Weighting = Field("none", description="FBP weights; the published pipeline has none.", examples=["none"])
     correlation: PaperCorrelation = Field(
         "unnormalised",
-        description="What is correlated, images or sinograms: as published, or normalised.",
+        description="Correlation of images or sinograms: as published, or normalised.",
         examples=["unnormalised"],
     )
     stop: PaperStop = Field(
@@ -92,12 +92,12 @@ class CalibrationOptions(Contract):
     )
     handedness: Handedness | None = Field(
         None,
-        description="From which end the phantom was seen. Default: the scanner's handedness, else both are tried.",
+        description="Handedness, from which end the phantom was seen. Default: the scanner's, else both are tried.",
         examples=["as-drawn"],
     )
     rotation: Rotation | None = Field(
         None,
-        description="Which way the angles count. Default: the scanner's rotation, else both are tried.",
+        description="Sense of rotation, which way the angles count. Default: the scanner's, else both are tried.",
         examples=["as-given"],
     )
     method: CalibrationMethod = Field(
@@ -152,8 +152,8 @@ class CalibrationAsk(GivenCalibrationOptions, Given):
     )
     activate: bool = Field(
         default=False,
-        description="Make it the scanner's active calibration if its rays_verdict is pass: an uncertain scale blurs "
-        "nothing and does not stop it.",
+        description="Whether the calibration becomes the scanner's active one if its rays_verdict is pass: an "
+        "uncertain scale blurs nothing and does not stop it.",
         examples=[False],
     )
 
@@ -207,9 +207,11 @@ class Hypothesis(Contract):
     """A hypothesis: one of the four combinations of handedness and sense of rotation."""
 
     handedness: Handedness = Field(
-        description="From which end the phantom is seen in this hypothesis.", examples=["as-drawn"]
+        description="Handedness of this hypothesis, from which end the phantom is seen.", examples=["as-drawn"]
     )
-    rotation: Rotation = Field(description="Which way the view angles count in this hypothesis.", examples=["as-given"])
+    rotation: Rotation = Field(
+        description="Sense of rotation of this hypothesis, which way the view angles count.", examples=["as-given"]
+    )
     relative_residual: float = Field(
         description="RMS of the residual against that of the background-free sinogram, no unit.", examples=[0.012]
     )
@@ -232,7 +234,7 @@ class Search(Contract):
         description="The objective at the best geometry, in the objective's own unit.", examples=[0.0123]
     )
     converged: bool = Field(description="Whether the search converged.", examples=[True])
-    message: str = Field(description="How the search ended, in words.", examples=["converged"])
+    message: str = Field(description="End of the search, in words.", examples=["converged"])
 
 
 class Timing(Contract):
@@ -278,7 +280,7 @@ class Comparison(Contract):
         description="Whether nothing moved beyond the scanner's tolerances.", examples=[True]
     )
     reason: str = Field(
-        description="What the changes mean, in one sentence.", examples=["nothing moved beyond the tolerance"]
+        description="Meaning of the changes, in one sentence.", examples=["nothing moved beyond the tolerance"]
     )
 
 
@@ -295,7 +297,7 @@ class ColumnAndTilt(Contract):
 
 
 class SecondWitness(Contract):
-    """The log beside the phantom: by opposite rays or pairs of views its rows give u_c and the tilt too."""
+    """The log next to the phantom: its rows also give u_c and the tilt, by opposite rays or pairs of views."""
 
     log_rows: tuple[int, int] = Field(
         description="First row that shows the log and the one after the last.", examples=[[20, 28]]
@@ -303,11 +305,11 @@ class SecondWitness(Contract):
     log_rows_averaged: int = Field(
         description="Number of the log's rows that were averaged, evenly spaced.", examples=[8]
     )
-    log: ColumnAndTilt = Field(description="What the log's rows show.")
-    log_standard_deviation: ColumnAndTilt = Field(description="Standard deviations of what the log's rows show.")
-    phantom: ColumnAndTilt = Field(description="What the phantom's rows alone show.")
+    log: ColumnAndTilt = Field(description="Values from the log's rows.")
+    log_standard_deviation: ColumnAndTilt = Field(description="Standard deviations of the values from the log's rows.")
+    phantom: ColumnAndTilt = Field(description="Values from the phantom's rows alone.")
     phantom_standard_deviation: ColumnAndTilt = Field(
-        description="Standard deviations of what the phantom's rows show."
+        description="Standard deviations of the values from the phantom's rows."
     )
     difference: ColumnAndTilt = Field(description="The log's values less the phantom's.")
     difference_standard_deviation: ColumnAndTilt = Field(description="Standard deviations of the difference.")
@@ -325,21 +327,21 @@ class SecondWitness(Contract):
         examples=["agree"],
     )
     moved: MovedBody | None = Field(
-        description="Which body moved during the scan. Null: none did, or the scan does not tell which.",
+        description="Body that moved during the scan. Null: none did, or the scan does not tell which.",
         examples=["log"],
     )
     taken: WitnessTaken = Field(
-        description="Whose u_c and tilt are reported; both: combined by their covariances.", examples=["both"]
+        description="Source of the reported u_c and tilt; both: combined by their covariances.", examples=["both"]
     )
     log_jump_mm: float | None = Field(
-        description="The jump of the log that its opposite rays show, in noise or beyond it. Null: views in steps of "
-        "more than 3 degrees do not show it.",
+        description="Jump of the log during the scan, from its opposite rays, in noise or beyond it. Null: views in steps "
+        "of more than 3 degrees do not show it.",
         examples=[0.02],
     )
     log_jump_view: int | None = Field(
         description="The first view after the jump, counted from 0; null with log_jump_mm.", examples=[131]
     )
-    reason: str = Field(description="What the agreement means, in one sentence.", examples=["phantom and log agree"])
+    reason: str = Field(description="Meaning of the agreement, in one sentence.", examples=["phantom and log agree"])
 
 
 class CalibrationResult(Contract):
@@ -399,8 +401,10 @@ class CalibrationResult(Contract):
     predicted_ray_error_mm: PredictedRayError | None = Field(
         description="Predicted ray error. Null without error bars."
     )
-    handedness: Handedness = Field(description="From which end the phantom was seen.", examples=["as-drawn"])
-    rotation: Rotation = Field(description="Which way the view angles count.", examples=["as-given"])
+    handedness: Handedness = Field(
+        description="Handedness, from which end the phantom was seen.", examples=["as-drawn"]
+    )
+    rotation: Rotation = Field(description="Sense of rotation, which way the view angles count.", examples=["as-given"])
     hypotheses: list[Hypothesis] = Field(description="All hypotheses that were tried, best first.")
     phantom_position_mm: tuple[float, float] = Field(
         description="Position of the drawing's origin in the image, (x, y) in mm from the centre of rotation.",
@@ -415,7 +419,7 @@ class CalibrationResult(Contract):
         description="Background of the sinogram: a constant beside the phantom, in the unit of a line integral.",
         examples=[0.003],
     )
-    residual: Residual = Field(description="What the model leaves of the sinogram.")
+    residual: Residual = Field(description="Residual: the sinogram less the model.")
     beam_hardening: BeamHardening | None = Field(
         None,
         description="Beam hardening that was fitted; a reconstruction takes it out of a log's line integrals. Null: "
@@ -464,7 +468,7 @@ class CalibrationResult(Contract):
     rows: tuple[int, int] = Field(
         description="Detector rows that were averaged: the first one and the one after the last.", examples=[[0, 16]]
     )
-    search: Search = Field(description="How the solution was found.")
+    search: Search = Field(description="Search for the solution.")
     timing_s: Timing = Field(description="Seconds that the parts of the computation took.")
     software_version: str = Field(description="Version of the software that computed it.", examples=["0.15.0"])
     input_sha256: str = Field(
@@ -472,11 +476,11 @@ class CalibrationResult(Contract):
         examples=["9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08"],
     )
     comparison: Comparison | None = Field(
-        None, description="What changed since the scanner's active calibration. Null: there was none."
+        None, description="Changes since the scanner's active calibration. Null: there was none."
     )
     second_witness: SecondWitness | None = Field(
         None,
-        description="The log beside the phantom as a second witness for u_c and tilt; null where the scan shows none, "
+        description="The log next to the phantom as a second witness for u_c and tilt; null where the scan shows none, "
         "or has fewer than 8 views.",
     )
 
@@ -541,7 +545,7 @@ class CalibrationHeader(Stamped):
     scanner_id: Identifier = Field(description="Id of the scanner that is calibrated.", examples=["example"])
     scan_id: Identifier = Field(description="Id of the scan that shows the phantom.", examples=["example"])
     phantom_id: Identifier = Field(description="Id of the phantom.", examples=["l-shape"])
-    job_id: Identifier = Field(description="Id of the job that computes it.", examples=["example"])
+    job_id: Identifier = Field(description="Id of the job that computes the result.", examples=["example"])
     schedule_id: Identifier | None = Field(
         None, description="Id of the schedule that requested it. Null: a person or a program did.", examples=["example"]
     )
@@ -551,8 +555,8 @@ class CalibrationHeader(Stamped):
 class CalibrationUnfinished(CalibrationHeader):
     """A calibration that is waiting, running, or ended without an answer."""
 
-    state: UnfinishedState = Field(description="State of its job.", examples=["queued"])
-    failure: Failure | None = Field(None, description="Why it failed. Null: it has not.")
+    state: UnfinishedState = Field(description="State of the job.", examples=["queued"])
+    failure: Failure | None = Field(None, description="Reason of the failure. Null: the job has not failed.")
     links: CalibrationLinks | None = Field(None, description="Links to the calibration and its files.")
 
 
@@ -560,7 +564,7 @@ class CalibrationSucceeded(CalibrationHeader, CalibrationResult):
     """A calibration with its answer."""
 
     state: Literal["succeeded"] = Field(
-        "succeeded", description="State of its job, which has succeeded.", examples=["succeeded"]
+        "succeeded", description="State of the job, which has succeeded.", examples=["succeeded"]
     )
     links: CalibrationLinks | None = Field(None, description="Links to the calibration and its files.")
 

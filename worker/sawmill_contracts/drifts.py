@@ -61,7 +61,7 @@ class TurnDisturbance(Contract):
 class DriftResult(Contract):
     """Result of a drift check: what moved, how surely, and what cannot be seen."""
 
-    measured: DetectorGeometry = Field(description="What this scan shows of the geometry.")
+    measured: DetectorGeometry = Field(description="Measured values of the geometry.")
     standard_deviation: DetectorDeviation = Field(description="Standard deviations of the measured values.")
     covariance: Covariance = Field(
         description="Covariance of the measured values, (cor_column_mm, tilt_rad, source_to_detector_mm), in the "
@@ -161,7 +161,7 @@ class DriftResult(Contract):
     )
     adjustments: list[str] = Field(
         default_factory=list,
-        description="What was done to the scan before its use, a sentence each.",
+        description="Adjustments of the scan before its use, a sentence each.",
         examples=[["1 corrupt view was left out"]],
     )
     scanner: ScannerConstants = Field(description="The scanner's constants with which it was computed.")
@@ -198,23 +198,21 @@ class DriftLinks(Contract):
     self: str = Field(description="Path of the drift check.", examples=["/v1/drifts/example"])
     job: str = Field(description="Path of the drift check's job.", examples=["/v1/jobs/example"])
     calibration: str = Field(
-        description="Path of the calibration that it is compared with.", examples=["/v1/calibrations/example"]
+        description="Path of the calibration to compare with.", examples=["/v1/calibrations/example"]
     )
 
 
 class Drift(Stamped):
     """A drift check in its present state."""
 
-    state: JobState = Field(description="State of its job.", examples=["succeeded"])
+    state: JobState = Field(description="State of the job.", examples=["succeeded"])
     scanner_id: Identifier = Field(description="Id of the scanner.", examples=["example"])
     scan_id: Identifier = Field(description="Id of the scan.", examples=["example"])
-    calibration_id: Identifier = Field(
-        description="Id of the calibration that it is compared with.", examples=["example"]
-    )
-    job_id: Identifier = Field(description="Id of the job that computes it.", examples=["example"])
+    calibration_id: Identifier = Field(description="Id of the calibration to compare with.", examples=["example"])
+    job_id: Identifier = Field(description="Id of the job that computes the result.", examples=["example"])
     options: DriftOptions = Field(description="Options of the request.")
     result: DriftResult | None = Field(None, description="The answer. Null: there is none yet.")
-    failure: Failure | None = Field(None, description="Why it failed. Null: it has not.")
+    failure: Failure | None = Field(None, description="Reason of the failure. Null: the job has not failed.")
     links: DriftLinks | None = Field(None, description="Links to the drift check and related resources.")
 
 
@@ -233,15 +231,15 @@ DECLARATION = AskedKind(
     is_short=lambda _: True,
     listed_by=("scanner_id", "scan_id", "state"),
     to_ask=Operation(
-        "Look for drift without a phantom",
+        "Check for drift without a phantom",
         """\
 Find what moved since a calibration, from any scan of a log with 8 views or more.
 
 In a scan that goes all round in steps of 3 degrees or less every ray is measured twice, from either side. In any other
-one the views are compared two by two: weighted sums of their rays must be the same. Where they agree shows where the
+one the views are compared two by two: weighted sums of their rays must be the same. The agreement shows where the
 centre of rotation falls on the detector, and the detector's tilt. The source's distance and the first angle cannot be
 seen.
-The scan's stack is not needed: the mean of its rows, posted as a scan with `averaged_rows`, is enough.
+The stack of projections is not needed: the mean of its rows, posted as a scan with `averaged_rows`, is enough.
 The scan may still be read and the calibration still computed: the job waits for them.""",
         {"body": {"scan_id": "example"}},
     ),

@@ -66,7 +66,7 @@ class HistoryEntry(Contract):
         description="Kind of alarm. Null: the entry concerns no alarm.", examples=["no-phantom-scan"]
     )
     measured: Measurement | None = Field(
-        description="What a calibration or a drift check that succeeded measured. Null: any other entry."
+        description="Measurement of a calibration or a drift check that succeeded. Null: any other entry."
     )
 
 
@@ -75,14 +75,15 @@ class Activation(Contract):
 
     calibration_id: Identifier = Field(description="Id of the calibration.", examples=["example"])
     activated_at: str = Field(
-        description="When it became the active one, RFC 3339, UTC.", examples=["2026-03-02T05:31:04Z"]
+        description="Time at which the calibration became the active one, RFC 3339, UTC.",
+        examples=["2026-03-02T05:31:04Z"],
     )
     activated_by: str | None = Field(
         None,
         description="Name of the key; null: an entry from before there was an audit.",
         examples=["scanner software of line 2"],
     )
-    reason: str = Field(description="Who or what activated it.", examples=["checked by hand"])
+    reason: str = Field(description="Reason of the activation.", examples=["checked by hand"])
 
     @classmethod
     def of(cls, entry: HistoryEntry) -> Self:

@@ -116,7 +116,7 @@ class InspectedReading(Contract):
 class MissingPart(Contract):
     """Information that the file does not carry, and how to give it."""
 
-    what: str = Field(description="What is missing, in words.", examples=["what the numbers are"])
+    what: str = Field(description="Missing information, in words.", examples=["what the numbers are"])
     flag: str = Field(description="Flag of the command line that gives the information.", examples=["--data counts"])
     field: str | None = Field(
         None,
@@ -159,7 +159,7 @@ class InspectionResult(Contract):
         description="Why the list of parts is not complete. Null: it is complete.",
         examples=["the file is cut short"],
     )
-    reading: InspectedReading | None = Field(None, description="What would be read. Null: nothing can be read.")
+    reading: InspectedReading | None = Field(None, description="Data that would be read. Null: nothing can be read.")
     missing: list[MissingPart] = Field([], description="Information that the file does not carry.")
     refusal: Failure | None = Field(
         None, description="Reason why the file would be refused, with any options. Null: the file can be read."
@@ -200,7 +200,7 @@ class InspectionLinks(Contract):
 class Inspection(Stamped):
     """An inspection in its present state. It succeeds also for an unreadable file: its result has the reason."""
 
-    state: JobState = Field(description="State of its job.", examples=["succeeded"])
+    state: JobState = Field(description="State of the job.", examples=["succeeded"])
     job_id: Identifier = Field(description="Id of the job that inspects the file.", examples=["example"])
     options: InspectedFile = Field(description="The file, and how it would be read.")
     file_kept_until: Time = Field(
@@ -208,7 +208,7 @@ class Inspection(Stamped):
         examples=["2026-03-03T05:30:00Z"],
     )
     result: InspectionResult | None = Field(None, description="Result of the inspection. Null: there is none yet.")
-    failure: Failure | None = Field(None, description="Why it failed. Null: it has not.")
+    failure: Failure | None = Field(None, description="Reason of the failure. Null: the job has not failed.")
     links: InspectionLinks | None = Field(None, description="Links to the inspection and its job.")
 
 

@@ -46,8 +46,8 @@ class KeyAsk(Given):
     )
     display: bool = Field(
         default=False,
-        description="For a display on the wall: a page that the key has opened stays open as long as the key is "
-        "valid. Needs scope `read`.",
+        description="Whether the key is for a display on the wall: a page that the key has opened stays "
+        "open as long as the key is valid. Needs scope `read`.",
         examples=[False],
     )
 

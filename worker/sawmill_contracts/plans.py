@@ -105,13 +105,13 @@ class PlanLinks(Contract):
 class Plan(Stamped):
     """A plan in its present state."""
 
-    state: JobState = Field(description="State of its job.", examples=["succeeded"])
+    state: JobState = Field(description="State of the job.", examples=["succeeded"])
     phantom_id: Identifier = Field(description="Id of the phantom.", examples=["l-shape"])
     scanner_id: Identifier = Field(description="Id of the scanner.", examples=["example"])
-    job_id: Identifier = Field(description="Id of the job that computes it.", examples=["example"])
+    job_id: Identifier = Field(description="Id of the job that computes the result.", examples=["example"])
     options: PlanAsked = Field(description="Options of the request.")
     result: PlanResult | None = Field(None, description="The answer. Null: there is none yet.")
-    failure: Failure | None = Field(None, description="Why it failed. Null: it has not.")
+    failure: Failure | None = Field(None, description="Reason of the failure. Null: the job has not failed.")
     links: PlanLinks | None = Field(None, description="Links to the plan and related resources.")
 
 

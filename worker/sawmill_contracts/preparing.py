@@ -28,7 +28,7 @@ class PrepareOptions(Contract):
     )
     align_rows: RowAlignment = Field(
         RowAlignment.OFF,
-        description="Views lost rows at the top or bottom (NaN, in counts also zero): align them along the log by "
-        "their profile of row sums, or by features matched between views.",
+        description="Alignment of views that lost rows at the top or bottom (NaN, in counts also zero): along the log "
+        "by their profile of row sums, or by features matched between views.",
         examples=["off"],
     )

@@ -120,7 +120,7 @@ class ReconstructionOptions(Contract):
     )
     prefer: Annotated[Preference, OfAuto] = Field(
         Preference.QUALITY,
-        description="What `auto` prefers: quality, the lowest expected error within 100 ms a slice of 256 x 256 "
+        description="Preference of `auto`: quality, the lowest expected error within 100 ms a slice of 256 x 256 "
         "pixels on two cores, if need be from every second or third view; or speed, fbp from 90 views all round.",
         examples=["quality"],
     )
@@ -163,7 +163,7 @@ class ReconstructionOptions(Contract):
         examples=[40.0],
     )
     alpha_rule: Annotated[AlphaRule, OfTikhonov] = Field(
-        AlphaRule.CROSS_VALIDATION, description="How `tikhonov` chooses alpha.", examples=["cross-validation"]
+        AlphaRule.CROSS_VALIDATION, description="Rule by which `tikhonov` chooses alpha.", examples=["cross-validation"]
     )
     sigma: Annotated[Positive | None, OfCauchyMap] = Field(
         None,
@@ -318,7 +318,7 @@ class MetalReport(Contract):
 
 
 class MethodReport(Contract):
-    """The method's parameters, and how well its slices explain the data. For several slices, the median."""
+    """The method's parameters, and how well its slices explain the data; the median of several slices."""
 
     name: ReconstructionMethod = Field(
         description="Method used; never `auto`, but the method that `auto` chose.", examples=["fbp"]
@@ -393,7 +393,7 @@ class ReconstructionResult(Contract):
         description="0.1 and 99.9 percentile over the volume, in its unit.", examples=[[0.0, 0.031]]
     )
     theta: Theta = Field(description="Geometry of the reconstruction.")
-    rotation: Rotation = Field(description="Which way the view angles count.", examples=["as-given"])
+    rotation: Rotation = Field(description="Sense of rotation, which way the view angles count.", examples=["as-given"])
     handedness: Handedness = Field(
         description="Handedness, from which end the phantom was seen; recorded with the geometry.",
         examples=["as-drawn"],
@@ -458,16 +458,16 @@ class ReconstructionLinks(Contract):
 class Reconstruction(Stamped):
     """A reconstruction and its state."""
 
-    state: JobState = Field(description="State of its job.", examples=["succeeded"])
+    state: JobState = Field(description="State of the job.", examples=["succeeded"])
     scanner_id: Identifier = Field(description="Id of the scanner.", examples=["example"])
     scan_id: Identifier = Field(description="Id of the scan that is reconstructed.", examples=["example"])
     calibration_id: Identifier | None = Field(
         description="Id of the calibration. Null: a theta was given.", examples=["example"]
     )
-    job_id: Identifier = Field(description="Id of the job that computes it.", examples=["example"])
+    job_id: Identifier = Field(description="Id of the job that computes the result.", examples=["example"])
     options: ReconstructionAsked = Field(description="Options of the request.")
     result: ReconstructionResult | None = Field(None, description="The answer. Null: there is none yet.")
-    failure: Failure | None = Field(None, description="Why it failed. Null: it has not.")
+    failure: Failure | None = Field(None, description="Reason of the failure. Null: the job has not failed.")
     links: ReconstructionLinks | None = Field(None, description="Links to the reconstruction and its files.")
 
 

@@ -65,7 +65,9 @@ class ScannerSpec(Contract):
     )
     alarms: AlarmLimits = Field(AlarmLimits(), description="Times without scans after which an alarm opens.")
     handedness: Handedness | None = Field(
-        None, description="From which end a phantom is seen. Null: every calibration tries both.", examples=["as-drawn"]
+        None,
+        description="Handedness, from which end a phantom is seen. Null: every calibration tries both.",
+        examples=["as-drawn"],
     )
     rotation: Rotation | None = Field(
         None, description="Sense of rotation. Null: every calibration tries both.", examples=["as-given"]

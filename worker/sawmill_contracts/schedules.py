@@ -41,7 +41,7 @@ class ScheduleSpec(Contract):
     )
     on_pass: OnPass = Field(
         "report",
-        description="What `recalibrate` does with a calibration whose rays_verdict is pass and which has not moved.",
+        description="Action of `recalibrate` on a calibration whose rays_verdict is pass and which has not moved.",
         examples=["report"],
     )
     options: CalibrationOptions = Field(
@@ -77,7 +77,7 @@ class ScheduleRun(Contract):
     """Outcome of one due time."""
 
     due_at: datetime = Field(description="The due time, RFC 3339, UTC.", examples=["2026-03-02T05:30:00Z"])
-    outcome: ScheduleOutcome = Field(description="Whether a job was queued, and why not.", examples=["queued"])
+    outcome: ScheduleOutcome = Field(description="Whether a job was queued, else why not.", examples=["queued"])
     calibration_id: Identifier | None = Field(
         None,
         description="Id of the calibration that was queued. Null: no calibration was queued.",

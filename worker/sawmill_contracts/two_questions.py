@@ -111,7 +111,7 @@ class RaysRight:
 
 @dataclass(frozen=True)
 class MillimetresRight:
-    """Answer on the scale: whether the image's millimetres are right; a common scale, for which the phantom's size is the ruler.
+    """Answer on the image's millimetres: their common scale, for which the phantom's size is the ruler.
 
     Attributes
     ----------

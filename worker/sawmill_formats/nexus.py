@@ -59,7 +59,7 @@ def unit_of(name: str) -> str | None:
 
 
 def write_mapping(parent: h5py.Group, name: str, values: Mapping[str, Any], units: str | None = None) -> None:
-    """Write nested JSON-able values as groups of datasets, each with the unit that its name or its group's name ends in.
+    """Write nested JSON-able values as groups of datasets, each with the unit in its name or its group's name.
 
     Null becomes an empty dataset, a list of texts an array of them; any other list that is no array of one type
     becomes its JSON text.

@@ -21,7 +21,7 @@ class Handedness(StrEnum):
 
 
 class Rotation(StrEnum):
-    """Sense of rotation, which way the view angles count: as the scan gives them, or the other way (phi becomes -phi)."""
+    """Sense of rotation: view angles count as the scan gives them, or the other way (phi becomes -phi)."""
 
     AS_GIVEN = "as-given"
     REVERSED = "reversed"

@@ -1,4 +1,4 @@
-"""HDF5 files of any layout: its recognition, and plain datasets where it has no known layout (MATLAB 7.3 files among them)."""
+"""HDF5 files of any layout: its recognition, and plain datasets where there is none (MATLAB 7.3 files among them)."""
 
 from contextlib import ExitStack
 from functools import partial
