@@ -334,8 +334,8 @@ class SecondWitness(Contract):
         description="Source of the reported u_c and tilt; both: combined by their covariances.", examples=["both"]
     )
     log_jump_mm: float | None = Field(
-        description="Jump of the log during the scan, from its opposite rays, in noise or beyond it. Null: views in steps "
-        "of more than 3 degrees do not show it.",
+        description="Jump of the log during the scan, from its opposite rays, in noise or beyond it. Null: views in "
+        "steps of more than 3 degrees do not show it.",
         examples=[0.02],
     )
     log_jump_view: int | None = Field(

@@ -340,9 +340,9 @@ class MethodReport(Contract):
     noise: float = Field(description="Standard deviation of a line integral, in its unit.", examples=[0.01])
     data_misfit: float | None = Field(
         description="RMS of the residual (A x - y), relative to the noise, no unit: near 1 for an iterative method "
-        "with the right geometry, far above where the geometry is wrong. For a region of interest, only rays "
-        "through it count. `fbp` does not fit the data: with the right geometry the value is anything from 1 to 80, "
-        "and a remark tells where it shows a wrong geometry; null where the field does not hold all of the log.",
+        "with the right geometry, far above where the geometry is wrong. Only rays through the field "
+        "count in a region of interest. `fbp` does not fit the data: with the right geometry the value is anything "
+        "from 1 to 80, and a remark tells where it shows a wrong geometry; null where the field does not hold all of the log.",
         examples=[1.04],
     )
     worst_data_misfit: float | None = Field(
