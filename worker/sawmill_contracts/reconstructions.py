@@ -342,7 +342,8 @@ class MethodReport(Contract):
         description="RMS of the residual (A x - y), relative to the noise, no unit: near 1 for an iterative method "
         "with the right geometry, far above where the geometry is wrong. Only rays through the field "
         "count in a region of interest. `fbp` does not fit the data: with the right geometry the value is anything "
-        "from 1 to 80, and a remark tells where it shows a wrong geometry; null where the field does not hold all of the log.",
+        "from 1 to 80, and a remark tells where it shows a wrong geometry; null where the field does not hold "
+        "all of the log.",
         examples=[1.04],
     )
     worst_data_misfit: float | None = Field(
