@@ -299,7 +299,7 @@ def calibrate(
     )
     scan = scan.select(rows=chosen.rows, views=chosen.views)
     mean = mean_of_rows(scan.line_integrals)
-    given = CalibrationInput(
+    job_input = CalibrationInput(
         sinogram=mean.sinogram,
         angles_rad=scan.angles_rad[mean.views],
         rows=scan.rows,
@@ -313,14 +313,14 @@ def calibrate(
     )
     stack = scan.line_integrals
     with input_errors():
-        given, found = run_calibration(given, chosen, on_progress, stack=None if scan.rows_chosen else stack)
+        job_input, outcome = run_calibration(job_input, chosen, on_progress, stack=None if scan.rows_chosen else stack)
 
     def arrays() -> CalibrationArrays:
         from sawmill_worker.use_cases.calibration_files import report_arrays  # noqa: PLC0415 - as a command
 
-        return report_arrays(found, given, stack, scan.rows)
+        return report_arrays(outcome, job_input, stack, scan.rows)
 
-    return Calibration(calibration_result(found, given), arrays)
+    return Calibration(calibration_result(outcome, job_input), arrays)
 
 
 def reconstruct(
@@ -356,7 +356,7 @@ def reconstruct(
     else:
         theta, handedness = options_of(GivenTheta, vars(geometry)), Handedness.AS_DRAWN
         beam = NOTHING_FOUND
-    given = ReconstructionInput(
+    job_input = ReconstructionInput(
         read=lambda start, stop: scan.line_integrals[:, start:stop],
         angles_rad=scan.angles_rad,
         rows=scan.rows,
@@ -371,8 +371,8 @@ def reconstruct(
         beam=beam,
     )
     with input_errors():
-        made = reconstruct_in_memory(given, chosen, on_progress)
-    return Reconstruction(made.data, made.result, chosen.field_centre_mm)
+        reconstructed = reconstruct_in_memory(job_input, chosen, on_progress)
+    return Reconstruction(reconstructed.data, reconstructed.result, chosen.field_centre_mm)
 
 
 def drift(
@@ -405,22 +405,22 @@ def drift(
         `InputError`: the calibration is of another scanner, the scan's views cannot be compared, or an answer is not
         usable for a baseline.
     """
-    known: CalibrationResult | GivenGeometry
+    compared_with: CalibrationResult | GivenGeometry
     if isinstance(calibration, Calibration):
         _check_same_scanner(scan, calibration)
-        known = calibration.result
+        compared_with = calibration.result
     else:
-        known = GivenGeometry(scan.constants, options_of(GivenTheta, vars(calibration)), Rotation(rotation))
+        compared_with = GivenGeometry(scan.constants, options_of(GivenTheta, vars(calibration)), Rotation(rotation))
     if isinstance(baseline, (str, Path, Drift)):
         raise InputError("options", f"baseline must be a list of answers, not one of them: {baseline!r}")
     with input_errors():
-        baselines = baselines_of(_named_answers(baseline), known, scan.sha256) if baseline else ()
+        baselines = baselines_of(_named_answers(baseline), compared_with, scan.sha256) if baseline else ()
         mean = mean_of_common_rows(scan.line_integrals, scan.rows[0], scan.row_step, scan.deviations)
-    given = DriftInput(
+    job_input = DriftInput(
         mean=mean,
         angles_rad=scan.angles_rad,
         rows=scan.rows,
-        calibration=known,
+        calibration=compared_with,
         input_sha256=scan.sha256,
         tolerance_mm=tolerance_mm,
         averaged_rows=scan.averaged_rows,
@@ -428,7 +428,7 @@ def drift(
         baselines=baselines,
     )
     with input_errors():
-        return Drift(run_drift(given).ended(datetime.now(UTC)))
+        return Drift(run_drift(job_input).ended(datetime.now(UTC)))
 
 
 def _named_answers(answers: Sequence[Drift | str | Path]) -> Iterator[tuple[str, DriftResult]]:
@@ -442,10 +442,10 @@ def _named_answers(answers: Sequence[Drift | str | Path]) -> Iterator[tuple[str,
 def _check_same_scanner(scan: Scan, calibration: Calibration) -> None:
     """Refuse a calibration of another scanner."""
     for name, calibrated in vars(calibration.scanner).items():
-        given = getattr(scan.scanner, name)
-        if not math.isclose(given, calibrated, rel_tol=1e-6):
+        of_scan = getattr(scan.scanner, name)
+        if not math.isclose(of_scan, calibrated, rel_tol=1e-6):
             raise InputError(
                 "contradiction",
-                f"the calibration is of a scanner with {name} {calibrated:.9g} and the scan has {given:.9g}: "
+                f"the calibration is of a scanner with {name} {calibrated:.9g} and the scan has {of_scan:.9g}: "
                 "use the calibration of the same scanner",
             )

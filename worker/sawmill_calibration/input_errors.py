@@ -44,7 +44,7 @@ def input_errors() -> Iterator[None]:
         raise InputError(failure.code, failure.detail) from failure
 
 
-def options_of(contract: type[Options], given: object) -> Options:
+def options_of(contract: type[Options], raw_options: object) -> Options:
     """Read options as their contract, a model or a dataclass of pydantic, takes them in JSON: True is not 1 there.
 
     Raises
@@ -53,7 +53,7 @@ def options_of(contract: type[Options], given: object) -> Options:
         An option is unknown, or its value is not allowed.
     """
     try:
-        sent = to_json(given, inf_nan_mode="constants", fallback=_plain)
+        sent = to_json(raw_options, inf_nan_mode="constants", fallback=_plain)
         options: Options = read_strictly(TypeAdapter(contract), sent)
     except ValidationError as error:
         raise InputError("options", placed_complaint(error)) from error

@@ -98,14 +98,14 @@ class Scan:
         InputError
             The arrays do not agree with each other or with the scanner, or are not finite.
         """
-        given, angles = np.asarray(line_integrals, np.float32), np.asarray(angles_rad, np.float64)
-        stack = np.ascontiguousarray(given[:, np.newaxis] if given.ndim == 2 else given)
+        values, angles = np.asarray(line_integrals, np.float32), np.asarray(angles_rad, np.float64)
+        stack = np.ascontiguousarray(values[:, np.newaxis] if values.ndim == 2 else values)
         expected = (angles.size, scanner.num_detector_pixels)
         if stack.ndim != 3 or angles.ndim != 1 or (len(stack), stack.shape[2]) != expected or not stack.size:
             raise InputError(
                 "wrong-shape",
                 f"line_integrals must be (views, cells) or (views, rows, cells) with {expected[0]} views, as "
-                f"angles_rad has, and {expected[1]} cells, as the scanner has, not {given.shape}",
+                f"angles_rad has, and {expected[1]} cells, as the scanner has, not {values.shape}",
             )
         if not (np.isfinite(stack).all() and np.isfinite(angles).all()):
             raise InputError("not-finite", "line_integrals and angles_rad must be finite numbers")

@@ -128,11 +128,11 @@ def _scan_of(
     return Scan.from_arrays(stack, angles_rad, scanner, row_pitch_mm=row_pitch_mm)
 
 
-def _physics(given: Physics | Mapping[str, object] | str | Path) -> Physics:
-    if isinstance(given, str | Path):
+def _physics(physics: Physics | Mapping[str, object] | str | Path) -> Physics:
+    if isinstance(physics, str | Path):
         with input_errors():
-            return read_physics(Path(given))
-    return options_of(Physics, given)
+            return read_physics(Path(physics))
+    return options_of(Physics, physics)
 
 
 def _counted(

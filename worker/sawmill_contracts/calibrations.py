@@ -519,8 +519,8 @@ class CalibrationFile(CalibrationResult):
         document = json.loads(text)
         if not isinstance(document, dict) or document.get("state") != "succeeded":
             raise ValueError("it is not a calibration that succeeded")
-        known = {name: document[name] for name in CalibrationResult.model_fields if name in document}
-        return CalibrationResult.model_validate(known)
+        fields = {name: document[name] for name in CalibrationResult.model_fields if name in document}
+        return CalibrationResult.model_validate(fields)
 
 
 class CalibrationLinks(Contract):

@@ -185,11 +185,11 @@ class DriftResult(Contract):
 
     def ended(self, at: datetime) -> Self:
         """Return the result with its time of end, and so with its baseline's age."""
-        known = self.baseline
-        if known is not None and known.last_at is not None:
-            age_hours = (at - known.last_at).total_seconds() / 3600.0
-            known = known.model_copy(update={"age_hours": age_hours})
-        return self.model_copy(update={"at": at, "baseline": known})
+        baseline = self.baseline
+        if baseline is not None and baseline.last_at is not None:
+            age_hours = (at - baseline.last_at).total_seconds() / 3600.0
+            baseline = baseline.model_copy(update={"age_hours": age_hours})
+        return self.model_copy(update={"at": at, "baseline": baseline})
 
 
 class DriftLinks(Contract):

@@ -81,8 +81,8 @@ class GivenTheta(Theta):
 
     @model_validator(mode="before")
     @classmethod
-    def _of_stored(cls, given: object) -> object:
-        return vars(given) if isinstance(given, Theta) else given
+    def _of_stored(cls, stored: object) -> object:
+        return vars(stored) if isinstance(stored, Theta) else stored
 
 
 @dataclass(frozen=True)
@@ -93,9 +93,9 @@ class ReportedSourceFrame(SourceFrame):
 
     @model_validator(mode="before")
     @classmethod
-    def _of_five(cls, given: object) -> object:
+    def _of_five(cls, stored: object) -> object:
         """Select the five numbers; the magnification, which a stored answer carries, follows from them."""
-        fields = vars(given) if isinstance(given, SourceFrame) else given
+        fields = vars(stored) if isinstance(stored, SourceFrame) else stored
         if not isinstance(fields, dict):
             return fields
         return {name: value for name, value in fields.items() if name != "magnification"}

@@ -82,9 +82,9 @@ class SizeMeasurement(Contract):
         return self
 
 
-def _measured_tolerance(known: dict[str, Any]) -> float:
+def _measured_tolerance(values: dict[str, Any]) -> float:
     """Return the size tolerance of a drawing that states none: RMS of the measurements' relative uncertainties."""
-    measured: list[SizeMeasurement] = known.get("measurements", [])
+    measured: list[SizeMeasurement] = values.get("measurements", [])
     if not measured:
         return STANDARD_SIZE_TOLERANCE
     return math.hypot(*(each.relative_uncertainty for each in measured)) / math.sqrt(len(measured))
@@ -157,25 +157,25 @@ class PhantomDrawing(Contract):
         measured = {each.what: each for each in (*self.measurements, *new)}
         factors = [self._factor(axis, measured.get(axis)) for axis in ("x", "y")]
         shapes = [_stretched(shape, *factors) for shape in self.shapes] if stretched else self.shapes
-        anew = PhantomDrawing(
+        drawing = PhantomDrawing(
             name=self.name,
             shapes=shapes,
             measurements=list(measured.values()),
             true_axis=self.true_axis,
             follows=phantom_id,
         )
-        if anew.axis_as_drawn is None:
-            return anew
-        tolerance = math.hypot(anew._measured_share(), self._drawn_tolerance()) / math.sqrt(2)
-        return anew.model_copy(update={"size_tolerance": tolerance})
+        if drawing.axis_as_drawn is None:
+            return drawing
+        tolerance = math.hypot(drawing._measured_share(), self._drawn_tolerance()) / math.sqrt(2)
+        return drawing.model_copy(update={"size_tolerance": tolerance})
 
     @property
     def axis_as_drawn(self) -> TrueAxis | None:
         """The one of x and y that was not measured, where the other was and the size depends on both."""
         axes: tuple[TrueAxis, TrueAxis] = ("x", "y")
         measured = {each.what for each in self.measurements}
-        left = [axis for axis in axes if axis not in measured]
-        return left[0] if len(left) == 1 and self.true_axis in {None, left[0]} else None
+        unmeasured = [axis for axis in axes if axis not in measured]
+        return unmeasured[0] if len(unmeasured) == 1 and self.true_axis in {None, unmeasured[0]} else None
 
     def _measured_share(self) -> float:
         """Return the relative uncertainty along the one axis that was measured."""

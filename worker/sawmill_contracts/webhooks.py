@@ -52,14 +52,14 @@ def destination_of(url: str) -> Destination:
     ValueError
         A webhook may not have this URL.
     """
-    found = _URL.fullmatch(url)
-    if found is None or not 0 < int(found["port"] or _PORTS[found["scheme"]]) <= LARGEST_PORT:
+    match = _URL.fullmatch(url)
+    if match is None or not 0 < int(match["port"] or _PORTS[match["scheme"]]) <= LARGEST_PORT:
         msg = f"must be as in https://alarms.mill.example/sawmill, without a user and a fragment, not {url!r}"
         raise ValueError(msg)
-    host = found["host"].lower().strip("[]").rstrip(".")
-    target = found["target"] or "/"
+    host = match["host"].lower().strip("[]").rstrip(".")
+    target = match["target"] or "/"
     path = target if target.startswith("/") else f"/{target}"  # a query may follow the host at once
-    return Destination(found["scheme"], host, int(found["port"] or _PORTS[found["scheme"]]), path)
+    return Destination(match["scheme"], host, int(match["port"] or _PORTS[match["scheme"]]), path)
 
 
 def _check_url(url: str) -> str:
@@ -67,21 +67,21 @@ def _check_url(url: str) -> str:
     return url
 
 
-def kinds_of(wanted: Iterable[str]) -> frozenset[EventKind]:
+def kinds_of(names: Iterable[str]) -> frozenset[EventKind]:
     """Return the kinds of events with one of these names, or with one's beginning before the `*`."""
-    return frozenset(kind for name in wanted for kind in EventKind if _names(name, kind))
+    return frozenset(kind for name in names for kind in EventKind if _names(name, kind))
 
 
 def _names(name: str, kind: EventKind) -> bool:
     return kind.startswith(name[:-1]) if name.endswith("*") else kind == name
 
 
-def _check_events(wanted: list[str]) -> list[str]:
-    for name in wanted:
+def _check_events(names: list[str]) -> list[str]:
+    for name in names:
         if not kinds_of([name]):
             msg = f"must be names of events as /v1/events has them, or beginnings as alarm-* or *, not {name!r}"
             raise ValueError(msg)
-    return wanted
+    return names
 
 
 Url = Annotated[

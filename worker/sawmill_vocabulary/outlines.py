@@ -18,9 +18,9 @@ def fault_of_outline(corners: Sequence[Corner]) -> str | None:
     corners : sequence of (x, y)
         Corners of the closed polygon, at least three. Corner n is followed by corner n + 1, the last one by the first.
     """
-    known: dict[Corner, int] = {}
+    first_by_corner: dict[Corner, int] = {}
     for number, corner in enumerate(corners):
-        first = known.setdefault(corner, number)
+        first = first_by_corner.setdefault(corner, number)
         if first != number:
             at = f"({corner[0]:g}, {corner[1]:g})"
             return f"has the corner {at} twice, as corners {first} and {number}: give each corner once"
@@ -43,9 +43,9 @@ class _Sweep:
 
     def first_crossing(self) -> tuple[int, int] | None:
         for corner in sorted(range(self._count), key=self._corners.__getitem__):
-            found = self._turned_back(corner) or self._passed(corner)
-            if found is not None:
-                return found
+            crossing = self._turned_back(corner) or self._passed(corner)
+            if crossing is not None:
+                return crossing
         return None
 
     def _turned_back(self, corner: int) -> tuple[int, int] | None:
@@ -79,8 +79,8 @@ class _Sweep:
         low, high = 0, len(self._met)
         while low < high:
             middle = (low + high) // 2
-            left, right = self._sides[self._met[middle]]
-            low, high = (middle + 1, high) if _turn(left, right, point) > 0.0 else (low, middle)
+            left_end, right_end = self._sides[self._met[middle]]
+            low, high = (middle + 1, high) if _turn(left_end, right_end, point) > 0.0 else (low, middle)
         return low
 
     def _meeting(self, below: int, above: int) -> tuple[int, int] | None:

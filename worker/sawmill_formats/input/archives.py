@@ -39,14 +39,14 @@ class _Counted(io.FileIO):
     largest: float = LARGEST_DIRECTORY_BYTES
 
     def read(self, size: int | None = -1, /) -> bytes:
-        asked = -1 if size is None else size
-        if asked > self.largest:
+        length = -1 if size is None else size
+        if length > self.largest:
             raise UnreadableScan(
                 "too-large",
-                f"the archive's directory has {asked} bytes; at most {LARGEST_DIRECTORY_BYTES} and {MOST_MEMBERS} "
+                f"the archive's directory has {length} bytes; at most {LARGEST_DIRECTORY_BYTES} and {MOST_MEMBERS} "
                 "files are allowed",
             )
-        data = super().read(asked) or b""
+        data = super().read(length) or b""
         if self.largest < math.inf and data.count(DIRECTORY_ENTRY) > MOST_MEMBERS:
             raise _too_many(data.count(DIRECTORY_ENTRY))
         return data

@@ -26,8 +26,8 @@ def with_fields(contents: FileContents, flats: Path | None, darks: Path | None, 
     own = _Fields(contents.flats), _Fields(contents.darks)
     of_flats = _either(own[0], flats, FieldKind.FLATS, bounds.whole)
     of_darks = _either(own[1], darks, FieldKind.DARKS, bounds.whole)
-    others = (*contents.others, *of_flats.files, *of_darks.files)
-    return replace(contents, flats=of_flats.images, darks=of_darks.images, others=others)
+    files = (*contents.others, *of_flats.files, *of_darks.files)
+    return replace(contents, flats=of_flats.images, darks=of_darks.images, others=files)
 
 
 @dataclass(frozen=True, eq=False)

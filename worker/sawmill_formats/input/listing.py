@@ -17,15 +17,15 @@ from sawmill_formats.input.zipped import is_npz
 
 def mat5_parts(path: Path, bounds: Bounds) -> Iterator[Part]:
     """Yield the variables, and the fields of structs."""
-    for name, found in list_variables(path, bounds.array).items():
+    for name, variable in list_variables(path, bounds.array).items():
         yield Part(
             quoted(name),
             PartKind.VARIABLE,
-            shape=found.shape,
-            type=f"complex {found.kind}" if found.is_complex else found.kind,
+            shape=variable.shape,
+            type=f"complex {variable.kind}" if variable.is_complex else variable.kind,
             # For a field this is what the file stores of the whole struct.
-            stored_bytes=None if "/" in name else found.stored_bytes,
-            compression="deflate" if found.packed else None,
+            stored_bytes=None if "/" in name else variable.stored_bytes,
+            compression="deflate" if variable.packed else None,
         )
 
 

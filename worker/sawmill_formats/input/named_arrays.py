@@ -62,7 +62,7 @@ class NamedArrays:
     text: Callable[[str], str | None] = lambda _: None
 
 
-def read_named_arrays(arrays: NamedArrays, wanted: Wanted, remarks: tuple[str, ...] = ()) -> FileContents:
+def read_named_arrays(arrays: NamedArrays, selection: Wanted, remarks: tuple[str, ...] = ()) -> FileContents:
     """Read the projections (the one named, or the only candidate) and related arrays by their names.
 
     Raises
@@ -70,16 +70,20 @@ def read_named_arrays(arrays: NamedArrays, wanted: Wanted, remarks: tuple[str, .
     UnreadableScan
         `dataset-missing` or `dataset-ambiguous`, or whatever `load` refuses.
     """
-    name = _named(arrays.infos, wanted.dataset) if wanted.dataset is not None else _only_candidate(arrays.infos, wanted)
+    name = (
+        _named(arrays.infos, selection.dataset)
+        if selection.dataset is not None
+        else _only_candidate(arrays.infos, selection)
+    )
     shape = arrays.infos[name].shape
     check_scan_dimensions(repr(quoted(name)), shape)
-    if wanted.fields is not None:
+    if selection.fields is not None:
         return FileContents(format=arrays.format, projections=arrays.projections(name))
     angles = _angles(arrays)
-    views = shape[-1] if wanted.transpose else shape[0]
+    views = shape[-1] if selection.transpose else shape[0]
     lists = [] if angles.deg is not None else _could_serve(arrays, name, ANGLES, views)
-    others = (
-        [] if lists or angles.deg is not None or wanted.transpose else _could_serve(arrays, name, ANGLES, shape[-1])
+    possible_angles = (
+        [] if lists or angles.deg is not None or selection.transpose else _could_serve(arrays, name, ANGLES, shape[-1])
     )
     values = _could_serve(arrays, name, LENGTHS, 1)
     unused = ", ".join(values) if values else None
@@ -88,11 +92,11 @@ def read_named_arrays(arrays: NamedArrays, wanted: Wanted, remarks: tuple[str, .
         projections=arrays.projections(name),
         flats=_optional(arrays, "flats"),
         darks=_optional(arrays, "darks"),
-        deviations=_optional(arrays, DEVIATIONS) if wanted.deviations else None,
+        deviations=_optional(arrays, DEVIATIONS) if selection.deviations else None,
         angles_deg=angles.deg,
         angles_unit=angles.unit,
         angles_unusable=f"no name states meaning and unit of {', '.join(lists)}" if lists else None,
-        angles_of_last_axis=", ".join(others) if others else None,
+        angles_of_last_axis=", ".join(possible_angles) if possible_angles else None,
         unused=unused,
         remarks=remarks if unused is None else (*remarks, f"No name states meaning and unit of {unused}: not used."),
     )
@@ -107,11 +111,13 @@ def _named(infos: Mapping[str, ArrayInfo], dataset: str) -> str:
     return name
 
 
-def _only_candidate(infos: Mapping[str, ArrayInfo], wanted: Wanted) -> str:
-    if wanted.fields is not None and wanted.fields in infos:
-        return wanted.fields
-    others = OTHER_NAMES | {DEVIATIONS} if wanted.deviations else OTHER_NAMES
-    possible = [name for name, info in infos.items() if name not in others and not _unfit(info, wanted.least_images)]
+def _only_candidate(infos: Mapping[str, ArrayInfo], selection: Wanted) -> str:
+    if selection.fields is not None and selection.fields in infos:
+        return selection.fields
+    reserved_names = OTHER_NAMES | {DEVIATIONS} if selection.deviations else OTHER_NAMES
+    possible = [
+        name for name, info in infos.items() if name not in reserved_names and not _unfit(info, selection.least_images)
+    ]
     usual = [name for name in possible if name in PROJECTION_NAMES]
     candidates = usual or possible
     if not candidates:
@@ -154,24 +160,25 @@ def _optional(arrays: NamedArrays, name: str) -> NDArray[np.float32] | None:
 
 
 def _angles(arrays: NamedArrays) -> FileAngles:
-    given = [name for name in ("angles_deg", "angles_rad") if name in arrays.infos]
-    if not given:
+    angle_names = [name for name in ("angles_deg", "angles_rad") if name in arrays.infos]
+    if not angle_names:
         return FileAngles()
-    if len(given) == 2:
+    if len(angle_names) == 2:
         raise UnreadableScan("contradiction", "the file holds angles_deg and angles_rad; leave one of them out")
-    values = np.asarray(arrays.load(given[0]), dtype=np.float64)
+    values = np.asarray(arrays.load(angle_names[0]), dtype=np.float64)
     if values.size != max(values.shape, default=1):
         raise UnreadableScan(
-            "wrong-shape", f"{given[0]} has the shape {values.shape}; it must be a list with one angle for each view"
+            "wrong-shape",
+            f"{angle_names[0]} has the shape {values.shape}; it must be a list with one angle for each view",
         )
-    unit = given[0].removeprefix("angles_")
+    unit = angle_names[0].removeprefix("angles_")
     return FileAngles(to_degrees(values.reshape(-1), unit), unit)
 
 
-def _could_serve(arrays: NamedArrays, projections: str, meant: re.Pattern[str], size: int) -> list[str]:
+def _could_serve(arrays: NamedArrays, projections: str, pattern: re.Pattern[str], size: int) -> list[str]:
     """Name the arrays with such a name that are texts or have `size` values, with their uninterpreted values."""
     names = (name for name in arrays.infos if name not in {projections, *OTHER_NAMES})
-    named = (name for name in names if meant.search(name.rpartition("/")[2]))
+    named = (name for name in names if pattern.search(name.rpartition("/")[2]))
     described = (_described(arrays, name) for name in named if _values_of(arrays.infos[name]) in {size, None})
     return list(islice(filter(None, described), MOST_NAMES_QUOTED))
 

@@ -43,7 +43,7 @@ class NpyHeader:
         return math.prod(self.shape) * self.dtype.itemsize
 
 
-def read_npy(path: Path, wanted: Wanted, bounds: Bounds, _: ExitStack) -> FileContents:
+def read_npy(path: Path, selection: Wanted, bounds: Bounds, _: ExitStack) -> FileContents:
     """Read a NPY file.
 
     Raises
@@ -51,9 +51,9 @@ def read_npy(path: Path, wanted: Wanted, bounds: Bounds, _: ExitStack) -> FileCo
     UnreadableScan
         When it holds objects, fewer data than it declares, or no projections.
     """
-    if wanted.dataset is not None:
+    if selection.dataset is not None:
         raise UnreadableScan(
-            "contradiction", f"a NPY file has one array without a name; leave out dataset {quoted(wanted.dataset)!r}"
+            "contradiction", f"a NPY file has one array without a name; leave out dataset {quoted(selection.dataset)!r}"
         )
     with path.open("rb") as stream:
         header = read_header(stream)
@@ -86,7 +86,7 @@ def _projections(path: Path, header: NpyHeader, offset: int) -> Projections:
     return Projections(header.shape, read, (views, 1) if header.fortran_order else (1, 1))
 
 
-def read_npz(archive: ZipFile, infos: list[ZipInfo], wanted: Wanted, max_bytes: int) -> FileContents:
+def read_npz(archive: ZipFile, infos: list[ZipInfo], selection: Wanted, max_bytes: int) -> FileContents:
     """Read an archive of NPY files, checked by `members`; only the arrays that are needed are unpacked.
 
     Raises
@@ -108,7 +108,7 @@ def read_npz(archive: ZipFile, infos: list[ZipInfo], wanted: Wanted, max_bytes: 
         load=load,
         projections=lambda name: held(as_float32(load(name))),
     )
-    return read_named_arrays(arrays, wanted)
+    return read_named_arrays(arrays, selection)
 
 
 def read_header(stream: BinaryIO | Any) -> NpyHeader:  # noqa: ANN401 - a member of an archive is no BinaryIO

@@ -139,8 +139,8 @@ def reading_contents(
         if transpose:
             contents = _transposed(contents)
         _check_piece(contents.projections, bounds.piece)
-        others = contents.others if linked is None else (*contents.others, *linked.paths)
-        yield replace(contents, projections=_translated(contents.projections, recognised.name), others=others)
+        other_files = contents.others if linked is None else (*contents.others, *linked.paths)
+        yield replace(contents, projections=_translated(contents.projections, recognised.name), others=other_files)
 
 
 def reading_bounds(free_bytes: int | None, max_bytes: int = MAX_BYTES) -> Bounds:
@@ -229,7 +229,9 @@ def _translated(projections: Projections, what: str) -> Projections:
     return replace(projections, read=read)
 
 
-def agree_on_angles(contents: FileContents, given: AnglesGiven | None) -> tuple[NDArray[np.float64], tuple[str, ...]]:
+def agree_on_angles(
+    contents: FileContents, angles_given: AnglesGiven | None
+) -> tuple[NDArray[np.float64], tuple[str, ...]]:
     """Return the views' angles (views,) in degrees, from the file or as given, and remarks.
 
     Raises
@@ -238,10 +240,10 @@ def agree_on_angles(contents: FileContents, given: AnglesGiven | None) -> tuple[
         There are no angles, or the file's and the given ones differ, or their number is the number of cells.
     """
     _check_axis("the file carries", None if contents.angles_deg is None else contents.angles_deg.size, contents)
-    _check_axis("there are", len(given.values_deg) if isinstance(given, AngleList) else None, contents)
+    _check_axis("there are", len(angles_given.values_deg) if isinstance(angles_given, AngleList) else None, contents)
     swapped = contents.angles_of_last_axis
     hint = None if swapped is None else f"{swapped} fits the cells, not the views: {_transposing(contents)}"
-    if given is None:
+    if angles_given is None:
         if contents.angles_deg is None:
             reason = contents.angles_unusable or hint or "the file carries no angles"
             raise UnreadableScan(
@@ -250,7 +252,7 @@ def agree_on_angles(contents: FileContents, given: AnglesGiven | None) -> tuple[
                 "(angles_deg, on the command line --angles-deg or --angles-file)",
             )
         return contents.angles_deg, ()
-    angles = given.expand(contents.projections.shape[0])
+    angles = angles_given.expand(contents.projections.shape[0])
     if contents.angles_deg is not None:
         _check_same_angles(contents.angles_deg, angles)
         return contents.angles_deg, ()
@@ -279,30 +281,31 @@ def _transposing(contents: FileContents) -> str:
     )
 
 
-def _check_same_angles(in_file: NDArray[np.float64], given: NDArray[np.float64]) -> None:
-    if in_file.shape != given.shape:
+def _check_same_angles(in_file: NDArray[np.float64], angles_given: NDArray[np.float64]) -> None:
+    if in_file.shape != angles_given.shape:
         raise UnreadableScan(
-            "angles-mismatch", f"the file carries {in_file.size} angles for {given.size} views; each view needs its own"
+            "angles-mismatch",
+            f"the file carries {in_file.size} angles for {angles_given.size} views; each view needs its own",
         )
     # A file may keep its angles in single precision, which is coarser than the tolerance near 360 degrees.
-    different = ~(np.abs(in_file - given) <= ANGLE_TOLERANCE_DEG + SINGLE_PRECISION * np.abs(given))
+    different = ~(np.abs(in_file - angles_given) <= ANGLE_TOLERANCE_DEG + SINGLE_PRECISION * np.abs(angles_given))
     if different.any():
         view = int(np.argmax(different))
         raise UnreadableScan(
             "contradiction",
             f"the file says that view {view} is at {in_file[view]:.9g} degrees and the angles given say "
-            f"{given[view]:.9g}; leave the angles out or correct them",
+            f"{angles_given[view]:.9g}; leave the angles out or correct them",
         )
 
 
-def agree_on_pitch(name: str, in_file: float | None, given: float | None) -> float | None:
+def agree_on_pitch(name: str, in_file: float | None, given_mm: float | None) -> float | None:
     """Return a distance in mm, from the file or as given, or None; refuse two that differ."""
-    if in_file is None or given is None:
-        return in_file if given is None else given
-    if abs(in_file - given) > PITCH_TOLERANCE * abs(given):
+    if in_file is None or given_mm is None:
+        return in_file if given_mm is None else given_mm
+    if abs(in_file - given_mm) > PITCH_TOLERANCE * abs(given_mm):
         raise UnreadableScan(
             "contradiction",
-            f"the file says that {name} is {in_file:.9g} and {given:.9g} was given (by flag, or the "
+            f"the file says that {name} is {in_file:.9g} and {given_mm:.9g} was given (by flag, or the "
             "scanner's); correct one of them",
         )
     return in_file

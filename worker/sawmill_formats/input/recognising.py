@@ -70,9 +70,9 @@ def recognise(path: Path) -> Format:
         return HDF5
     if head[124:128] in MAT_VERSIONS:
         return MAT
-    for first_bytes, known in _BY_FIRST_BYTES:
+    for first_bytes, file_format in _BY_FIRST_BYTES:
         if head.startswith(first_bytes):
-            return known
+            return file_format
     raise UnreadableScan(
         "unknown-format",
         f"the file, which begins with {head[:BYTES_SHOWN]!r}, is none of HDF5 (NXtomo, Data Exchange), TIFF, ZIP of "

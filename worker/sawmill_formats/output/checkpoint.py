@@ -73,9 +73,11 @@ def read_checkpoint(path: Path, origin: Mapping[str, Any]) -> dict[str, NDArray[
         with np.load(file, allow_pickle=False) as stored:
             arrays = {name: stored[name] for name in stored.files}
     made_from = json.loads(arrays.pop(_ORIGIN).tobytes())
-    wanted = json.loads(_packed(origin).tobytes())
-    if made_from != wanted:
-        names = (made_from.keys() | wanted.keys()) - {name for name in made_from if made_from[name] == wanted.get(name)}
+    expected = json.loads(_packed(origin).tobytes())
+    if made_from != expected:
+        names = (made_from.keys() | expected.keys()) - {
+            name for name in made_from if made_from[name] == expected.get(name)
+        }
         raise UnusableCheckpoint(f"it was computed from another {', '.join(sorted(names))}")
     return arrays
 

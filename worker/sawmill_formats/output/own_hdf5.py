@@ -47,10 +47,10 @@ def reading_own(path: Path) -> Iterator[h5py.File]:
 
 def group_at(file: h5py.File, path: str) -> h5py.Group | None:
     """Find a group by hard links; None where there is nothing of this name."""
-    found = _found(file, path)
-    if found is not None and not isinstance(found, h5py.Group):
+    member = _found(file, path)
+    if member is not None and not isinstance(member, h5py.Group):
         raise NotAsWritten(f"{path} is no group")
-    return found
+    return member
 
 
 def dataset_at(
@@ -65,23 +65,23 @@ def dataset_at(
     filters
         Filters through which its chunks are stored; None: it is stored in one piece.
     """
-    found = _found(file, path)
-    if found is None:
+    member = _found(file, path)
+    if member is None:
         return None
-    if not isinstance(found, h5py.Dataset) or found.is_virtual:
+    if not isinstance(member, h5py.Dataset) or member.is_virtual:
         raise NotAsWritten(f"{path} is no dataset of its own")
-    if _check_stored(found) != filters:
+    if _check_stored(member) != filters:
         raise NotAsWritten(f"{path} is not stored as results are")
-    if shape is not None and (found.shape != shape or found.dtype.kind not in "iuf"):
-        raise NotAsWritten(f"{path} is {found.dtype} of shape {found.shape} and not numbers of shape {shape}")
-    return found
+    if shape is not None and (member.shape != shape or member.dtype.kind not in "iuf"):
+        raise NotAsWritten(f"{path} is {member.dtype} of shape {member.shape} and not numbers of shape {shape}")
+    return member
 
 
-def needed(found: Found | None, path: str) -> Found:
+def needed(member: Found | None, path: str) -> Found:
     """Return the object, or refuse the file without it."""
-    if found is None:
+    if member is None:
         raise NotAsWritten(f"it has no {path}")
-    return found
+    return member
 
 
 def values_at(file: h5py.File, path: str, shape: Shape | None = None) -> NDArray[Any] | None:
@@ -170,21 +170,21 @@ def check_members(file: h5py.File, path: Path, values_bytes: int) -> None:
         if members > MOST_MEMBERS:
             raise NotAsWritten(f"it has more than {MOST_MEMBERS} groups and datasets")
         for name in group:
-            found = _member(group, name)
-            address = h5py.h5o.get_info(found.id).addr
+            member = _member(group, name)
+            address = h5py.h5o.get_info(member.id).addr
             if address in seen:
                 continue
             seen.add(address)
-            if isinstance(found, h5py.Group):
-                groups.append(found)
-            elif not isinstance(found, h5py.Dataset):
-                raise NotAsWritten(f"{_name_of(found)} is neither a group nor a dataset")
-            elif found.is_virtual:
-                _check_sources(found)
+            if isinstance(member, h5py.Group):
+                groups.append(member)
+            elif not isinstance(member, h5py.Dataset):
+                raise NotAsWritten(f"{_name_of(member)} is neither a group nor a dataset")
+            elif member.is_virtual:
+                _check_sources(member)
             else:
-                _check_stored(found)
-                if found.chunks is not None:
-                    check_chunks(found)
+                _check_stored(member)
+                if member.chunks is not None:
+                    check_chunks(member)
 
 
 def _found(file: h5py.File, path: str) -> h5py.Group | h5py.Dataset | h5py.Datatype | None:
@@ -234,5 +234,5 @@ def _check_sources(dataset: h5py.Dataset) -> None:
             raise NotAsWritten(f"{_name_of(dataset)} takes its values from other files")
 
 
-def _name_of(found: h5py.Group | h5py.Dataset | h5py.Datatype) -> str:
-    return quoted(str(found.name).lstrip("/")) or "the file"
+def _name_of(member: h5py.Group | h5py.Dataset | h5py.Datatype) -> str:
+    return quoted(str(member.name).lstrip("/")) or "the file"

@@ -52,8 +52,8 @@ def parse_span(what: str, text: str) -> slice:
     ValueError
         The text has neither form, or the slice is empty.
     """
-    found = _SPAN.fullmatch(text)
-    first, last, step = (None if part is None else int(part) for part in found.groups()) if found else (0, 0, None)
+    match = _SPAN.fullmatch(text)
+    first, last, step = (None if part is None else int(part) for part in match.groups()) if match else (0, 0, None)
     if first is None or last is None or first >= last or step == 0:
         msg = f"{what} must be A:B with 0 <= A < B, as in 0:16, or A:B:STEP, as in 0:2500:10, not {text!r}"
         raise ValueError(msg)

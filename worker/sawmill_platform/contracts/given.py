@@ -39,8 +39,8 @@ def hidden_characters(sent: dict[str, Any] | list[Any]) -> Iterator[dict[str, An
         for name, value in within.items() if isinstance(within, dict) else enumerate(within):
             if isinstance(value, dict | list):
                 ahead.append(((*place, name), value))
-            elif isinstance(value, str) and (found := _NOT_SHOWN.search(value.strip())):
-                wrong = f"U+{ord(found[0]):04X} as in {value!r:.100}"
+            elif isinstance(value, str) and (hidden := _NOT_SHOWN.search(value.strip())):
+                wrong = f"U+{ord(hidden[0]):04X} as in {value!r:.100}"
                 message = f"must be without control characters and invisible ones, not with {wrong}"
                 yield {"type": "value_error", "loc": (*place, name), "msg": message, "input": value}
 
@@ -50,23 +50,23 @@ def shown(text: str) -> str:
     return _NOT_SHOWN.sub("", text).strip()
 
 
-def _as_day(given: object) -> date:
+def _as_day(value: object) -> date:
     """Read a day; pydantic would read a number, also in a text, as seconds since 1970."""
-    if isinstance(given, str) and _DAY.fullmatch(given.strip()):
-        return date.fromisoformat(given.strip())
-    if isinstance(given, date):
-        return given
-    msg = f"should be a valid date, not {given!r:.100}: write it as in 2026-03-31"
+    if isinstance(value, str) and _DAY.fullmatch(value.strip()):
+        return date.fromisoformat(value.strip())
+    if isinstance(value, date):
+        return value
+    msg = f"should be a valid date, not {value!r:.100}: write it as in 2026-03-31"
     raise ValueError(msg)
 
 
-def _as_time(given: object) -> object:
+def _as_time(value: object) -> object:
     """Read a time; pydantic would read a number, also in a text, as seconds since 1970."""
-    if isinstance(given, int | float) or (isinstance(given, str) and _NUMBER.fullmatch(given.strip())):
-        msg = f"must be a time with its offset, as in 2026-03-01T00:00:00+02:00, and not the number {given}"
+    if isinstance(value, int | float) or (isinstance(value, str) and _NUMBER.fullmatch(value.strip())):
+        msg = f"must be a time with its offset, as in 2026-03-01T00:00:00+02:00, and not the number {value}"
         raise ValueError(msg)
     # Strict JSON has no texts for a validator that follows this one.
-    return _TIME.validate_python(given)
+    return _TIME.validate_python(value)
 
 
 def _in_utc(moment: datetime) -> datetime:

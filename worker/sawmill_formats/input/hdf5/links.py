@@ -79,15 +79,15 @@ class LinkedFiles:
         UnreadableScan
             `linked-file-missing` where there is no such file.
         """
-        found = located(beside, name)
-        if found is None:
+        file = located(beside, name)
+        if file is None:
             raise UnreadableScan(
                 "linked-file-missing",
                 f"{where} leads to the file {quoted(name)!r}, which is not in the folder {str(beside.parent)!r}; put "
                 "it there",
             )
-        self._paths[found] = None
-        return found
+        self._paths[file] = None
+        return file
 
     def stored_bytes(self, where: str, dataset: h5py.Dataset, bounds: Bounds) -> int:
         """Return the bytes stored of a dataset whose data are in other files; all of these files are checked.
@@ -125,17 +125,17 @@ class LinkedFiles:
             _check_fixed(where, source)
             sources[source.file_name, source.dset_name].append(source)
         _check_number(len({name for name, _ in sources}), where)
-        taken = sum(source.vspace.get_select_npoints() for each in sources.values() for source in each)
-        if taken < math.prod(dataset.shape):
+        mapped = sum(source.vspace.get_select_npoints() for each in sources.values() for source in each)
+        if mapped < math.prod(dataset.shape):
             raise UnreadableScan(
                 "truncated-file",
-                f"{where} has {math.prod(dataset.shape)} values and takes {taken} from other datasets; the rest was "
+                f"{where} has {math.prod(dataset.shape)} values and takes {mapped} from other datasets; the rest was "
                 "never written",
             )
         return sum(self._of_source(where, dataset, *place, each, bounds) for place, each in sources.items())
 
     def _of_source(
-        self, where: str, dataset: h5py.Dataset, name: str, path: str, taken: list[_Taken], bounds: Bounds
+        self, where: str, dataset: h5py.Dataset, name: str, path: str, mappings: list[_Taken], bounds: Bounds
     ) -> int:
         own = Path(dataset.file.filename)
         place = own if name == "." else self.locate(own, name, where)
@@ -147,7 +147,7 @@ class LinkedFiles:
             check_dataset(what, source, replace(bounds, linked=self))
             if source.chunks is not None:
                 check_unpacked(source)
-            for each in taken:
+            for each in mappings:
                 _check_inside(what, each, source.shape)
             stored = int(min(source.id.get_storage_size(), file.id.get_filesize()))
             # A source that is itself virtual stores nothing, and was checked by its own sources.
@@ -173,12 +173,12 @@ def _check_fixed(where: str, source: _Taken) -> None:
         )
 
 
-def _check_inside(what: str, taken: _Taken, shape: tuple[int, ...]) -> None:
+def _check_inside(what: str, source_part: _Taken, shape: tuple[int, ...]) -> None:
     """Refuse a part that exceeds its source: the library would pad it."""
-    if taken.src_space.get_select_type() == h5py.h5s.SEL_ALL:
-        enough = math.prod(shape) >= taken.vspace.get_select_npoints()
+    if source_part.src_space.get_select_type() == h5py.h5s.SEL_ALL:
+        enough = math.prod(shape) >= source_part.vspace.get_select_npoints()
     else:
-        _, last = taken.src_space.get_select_bounds()
+        _, last = source_part.src_space.get_select_bounds()
         enough = len(last) == len(shape) and all(index < length for index, length in zip(last, shape, strict=True))
     if not enough:
         raise UnreadableScan("truncated-file", f"{what} has the shape {shape}, and more is taken of it")

@@ -103,8 +103,8 @@ class _Chunks:
 
 def _filters(dataset: h5py.Dataset) -> list[tuple[int, bytes]]:
     layout = dataset.id.get_create_plist()
-    found = (layout.get_filter(index) for index in range(layout.get_nfilters()))
-    return [(code, name) for code, _, _, name in found]
+    filters = (layout.get_filter(index) for index in range(layout.get_nfilters()))
+    return [(code, name) for code, _, _, name in filters]
 
 
 def filter_names(dataset: h5py.Dataset) -> list[str]:

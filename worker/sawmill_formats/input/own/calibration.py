@@ -56,7 +56,7 @@ def read_calibration_arrays(path: Path) -> dict[str, NDArray[Any]] | None:
         `dataset-missing` where an array is missing; the file is damaged, or an array is too large.
     """
     with library_errors_translated("HDF5"), open_hdf5(path) as file:
-        arrays = {name: found for name in (*NEEDED, *OF_A_LOG) if (found := _array(file, name)) is not None}
+        arrays = {name: values for name in (*NEEDED, *OF_A_LOG) if (values := _array(file, name)) is not None}
         texts = {name: read_text(file, f"{ARRAYS}/{name}") for name in TEXTS}
     if not arrays:
         return None
@@ -72,5 +72,5 @@ def read_time_of_writing(path: Path) -> str | None:
 
 
 def _array(file: h5py.File, name: str) -> NDArray[Any] | None:
-    found = numbers(file, f"{ARRAYS}/{name}", ARRAY)
-    return None if found is None else read_values(found)
+    dataset = numbers(file, f"{ARRAYS}/{name}", ARRAY)
+    return None if dataset is None else read_values(dataset)

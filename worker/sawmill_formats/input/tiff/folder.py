@@ -27,7 +27,7 @@ MOST_FILES = 100_000
 MOST_QUOTED = 10
 
 
-def read_folder(path: Path, wanted: Wanted, bounds: Bounds, _: ExitStack) -> FileContents:
+def read_folder(path: Path, selection: Wanted, bounds: Bounds, _: ExitStack) -> FileContents:
     """Read the TIFF files of a folder in natural order, each opened when its views are read.
 
     Nothing is guessed from names: fields are in another folder or file. Subfolders are not read.
@@ -38,16 +38,16 @@ def read_folder(path: Path, wanted: Wanted, bounds: Bounds, _: ExitStack) -> Fil
         When there are no TIFF files, some are named flat or dark fields and others not, or one cannot
         be read or is of another size.
     """
-    if wanted.dataset is not None:
-        raise UnreadableScan("contradiction", f"a folder has no named arrays; leave out {quoted(wanted.dataset)!r}")
-    found = entries(path)
-    paths = [each for each in found if _is_image(each)]
+    if selection.dataset is not None:
+        raise UnreadableScan("contradiction", f"a folder has no named arrays; leave out {quoted(selection.dataset)!r}")
+    members = entries(path)
+    paths = [each for each in members if _is_image(each)]
     if not paths:
         raise UnreadableScan("unknown-format", "the folder holds no TIFF files; give the folder that holds the views")
     _check_kinds(paths)
     checked = checked_files("the folder", [_file(each) for each in paths], bounds)
     names = [each.name for each in paths]
-    remarks = (*_ignored(found, paths), *_forms(names), *_gaps(names))
+    remarks = (*_ignored(members, paths), *_forms(names), *_gaps(names))
     projections = stacked(checked, checked[0].shape[1], bounds)
     return FileContents("folder-of-tiffs", projections, remarks=remarks, others=tuple(paths))
 
@@ -72,10 +72,10 @@ def entries(path: Path) -> list[Path]:
     UnreadableScan
         `too-large` for more files than are read.
     """
-    found = list(islice(path.iterdir(), MOST_FILES + 1))
-    if len(found) > MOST_FILES:
+    members = list(islice(path.iterdir(), MOST_FILES + 1))
+    if len(members) > MOST_FILES:
         raise UnreadableScan("too-large", f"the folder holds more than {MOST_FILES} files; give one of views alone")
-    return sorted(found, key=lambda each: natural_key(each.name))
+    return sorted(members, key=lambda each: natural_key(each.name))
 
 
 def _is_image(path: Path) -> bool:
@@ -118,8 +118,8 @@ def _check_kinds(paths: Sequence[Path]) -> None:
         )
 
 
-def _ignored(found: Sequence[Path], taken: Sequence[Path]) -> Iterator[str]:
-    rest = set(found) - set(taken)
+def _ignored(members: Sequence[Path], images: Sequence[Path]) -> Iterator[str]:
+    rest = set(members) - set(images)
     folders = sum(each.is_dir() for each in rest)
     if folders:
         yield f"{folders} subfolders were not looked into."

@@ -61,7 +61,7 @@ class TiffPages:
         return block
 
 
-def read_tiff(path: Path, wanted: Wanted, bounds: Bounds, files: ExitStack) -> FileContents:
+def read_tiff(path: Path, selection: Wanted, bounds: Bounds, files: ExitStack) -> FileContents:
     """Read a TIFF file, which stays open for its pages; a single page is the sinogram of one row.
 
     Raises
@@ -69,9 +69,9 @@ def read_tiff(path: Path, wanted: Wanted, bounds: Bounds, files: ExitStack) -> F
     UnreadableScan
         When a page cannot be an image of numbers.
     """
-    if wanted.dataset is not None:
+    if selection.dataset is not None:
         raise UnreadableScan(
-            "contradiction", f"a TIFF file has no named arrays; leave out dataset {quoted(wanted.dataset)!r}"
+            "contradiction", f"a TIFF file has no named arrays; leave out dataset {quoted(selection.dataset)!r}"
         )
     pages = files.enter_context(open_pages(path, "the file", path.stat().st_size, bounds))
     count, rows, _ = pages.shape

@@ -70,17 +70,17 @@ def checked_files(
     UnreadableScan
         A file cannot be read, or is of another size.
     """
-    found: list[CheckedTiff] = []
+    checked: list[CheckedTiff] = []
     before = 0
     for file in files:
         with file.opened(replace(bounds, array=bounds.array - before)) as pages:
             member = CheckedTiff(file, pages.shape)
-        _check_like(member, (found or [member])[0], rows_missing=rows_missing)
-        found.append(member)
+        _check_like(member, (checked or [member])[0], rows_missing=rows_missing)
+        checked.append(member)
         before += 4 * math.prod(member.shape)
     stored = sum(file.stored_bytes for file in files)
     check_size(what, (before // 4,), 4, stored_bytes=stored, max_bytes=bounds.array)
-    return found
+    return checked
 
 
 def _check_like(member: CheckedTiff, first: CheckedTiff, *, rows_missing: bool) -> None:
@@ -99,15 +99,19 @@ def stacked(files: Sequence[CheckedTiff], rows: int, bounds: Bounds) -> Projecti
     ends = np.cumsum([member.shape[0] for member in files])
     cells = files[0].shape[2]
 
-    def read(views: slice, wanted: slice) -> NDArray[np.float32]:
-        block = np.full((views.stop - views.start, wanted.stop - wanted.start, cells), np.nan, np.float32)
+    def read(views: slice, rows_of_views: slice) -> NDArray[np.float32]:
+        block = np.full((views.stop - views.start, rows_of_views.stop - rows_of_views.start, cells), np.nan, np.float32)
         for member, end in zip(files, ends.tolist(), strict=True):
             first = end - member.shape[0]
-            start, stop, end_row = max(first, views.start), min(end, views.stop), min(wanted.stop, member.shape[1])
-            if start < stop and wanted.start < end_row:
+            start, stop, end_row = (
+                max(first, views.start),
+                min(end, views.stop),
+                min(rows_of_views.stop, member.shape[1]),
+            )
+            if start < stop and rows_of_views.start < end_row:
                 with member.file.opened(bounds) as pages:
-                    part = pages.read(slice(start - first, stop - first), slice(wanted.start, end_row))
-                block[start - views.start : stop - views.start, : end_row - wanted.start] = part
+                    part = pages.read(slice(start - first, stop - first), slice(rows_of_views.start, end_row))
+                block[start - views.start : stop - views.start, : end_row - rows_of_views.start] = part
         return block
 
     return Projections((int(ends[-1]), rows, cells), read, (max(member.shape[0] for member in files), rows))
