@@ -42,7 +42,7 @@ class Alarm(Contract):
     )
     limit_hours: float | None = Field(
         None,
-        description="The scanner's limit, hours. Null: the alarm concerns a phantom or a drift.",
+        description="The scanner's limit, number of hours. Null: the alarm concerns a phantom or a drift.",
         examples=[336.0],
     )
     phantom_id: Identifier | None = Field(

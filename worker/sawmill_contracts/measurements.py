@@ -120,7 +120,7 @@ class Measurement(Contract):
         examples=[50],
     )
     baseline_age_hours: float | None = Field(
-        None, description="Age of the baseline, hours. Null: there was no baseline.", examples=[31.5]
+        None, description="Age of the baseline, number of hours. Null: there was no baseline.", examples=[31.5]
     )
     cor_column_baseline_change_mm: float | None = Field(
         None, description="Change of u_c against the baseline, mm. Null: there was no baseline.", examples=[0.01]
