@@ -102,17 +102,18 @@ class UnregisteredScanOptions(ScanFileOptions):
     """Options of reading a file without a service; a service knows the pitches and takes one file a scan."""
 
     detector_pitch_mm: PositiveMm | None = Field(
-        None, description="Distance between detector cells; needed where the file does not carry it."
+        None, description="Distance between detector cells; needed where the file does not carry the distance."
     )
     row_pitch_mm: PositiveMm | None = Field(None, description="Distance between detector rows.")
     follow_links: bool = Field(
-        default=False, description="Of HDF5: read also what its links, virtual datasets and raw data lead to."
+        default=False,
+        description="Whether HDF5 files are read that links, virtual datasets and raw data of the file lead to.",
     )
     flats: Path | None = Field(
-        None, description="Of counts: flat fields, a file or a folder, where the scan carries none."
+        None, description="File or folder with the flat fields of counts, where the scan's file carries none."
     )
     darks: Path | None = Field(
-        None, description="Of counts: dark fields, a file or a folder, where the scan carries none."
+        None, description="File or folder with the dark fields of counts, where the scan's file carries none."
     )
 
 

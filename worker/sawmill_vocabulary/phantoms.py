@@ -27,8 +27,8 @@ SMALLEST_DENSITY, LARGEST_DENSITY = 1e-6, 1000.0
 # Most corners of a polygon.
 MOST_CORNERS = 2000
 _DENSITY = {
-    "description": "Adds to what lies beneath, no unit: 1 is wood, -1 cuts a hole into wood. 0, or at least "
-    f"{SMALLEST_DENSITY:g} in size.",
+    "description": "Density that is added to the shapes before this one, no unit: 1 is wood, -1 cuts a hole into wood. "
+    f"0, or at least {SMALLEST_DENSITY:g} in size.",
     "examples": [1.0],
     "json_schema_extra": {
         "minimum": -LARGEST_DENSITY,
