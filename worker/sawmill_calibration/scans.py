@@ -61,7 +61,7 @@ class Scan:
     sha256 : str
         Checksum of the file, or of the array.
     remarks : tuple of str
-        What was done to the data on reading.
+        Changes that were made to the data on reading.
     averaged_rows : int or None
         Number of rows, for a scan whose one row came as a mean of rows.
     deviations : (views, rows, cells) float32, or None

@@ -45,7 +45,7 @@ class CanonicalScan:
     format : str
         Format of the file.
     remarks : tuple of str
-        What was done to the data on reading, one sentence each.
+        Changes that were made to the data on reading, one sentence each.
     rows_missing : bool
         Whether views may lack rows at the top or the bottom: NaN in every cell.
     unused : str or None

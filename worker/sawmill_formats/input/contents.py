@@ -99,7 +99,7 @@ class FileContents:
     unused : str or None
         Values that could serve as pitch or distance, where the file does not state what they are.
     remarks : tuple of str
-        What was done to the data, one sentence each.
+        Changes that were made to the data, one sentence each.
     others : tuple of Path
         Further files that were read: of the fields, in a folder, behind links.
     """

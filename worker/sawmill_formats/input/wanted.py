@@ -13,7 +13,7 @@ class FieldKind(StrEnum):
 
 @dataclass(frozen=True)
 class Wanted:
-    """Parts of a file that a reader looks for.
+    """Arrays of a file that a reader reads.
 
     Attributes
     ----------
