@@ -63,12 +63,12 @@ from sawmill_store.store import Store
 from sawmill_vocabulary.version import VERSION
 
 DESCRIPTION = """\
-Finds the geometry of a sawmill's X-ray log scanner from one scan of a wooden phantom, watches it for drift, and
-reconstructs logs with it.
+Finds the geometry of a sawmill's X-ray log scanner from one scan of a wooden phantom, watches the scanner for drift,
+and reconstructs logs with the geometry.
 
-Long work answers **202** with `Location` and `Retry-After`; its job can be polled or streamed. Jobs wait for what they
-need, so a scan can be uploaded and its calibration and reconstruction asked for at once.
-Errors are `application/problem+json` (RFC 9457) with a stable `code`. Units stand in the names.
+Long work answers **202** with `Location` and `Retry-After`; its job can be polled or streamed. Jobs wait for other jobs
+that they need, so a scan can be uploaded and its calibration and reconstruction requested at once.
+Errors are `application/problem+json` (RFC 9457) with a stable `code`. Names contain units.
 """
 TAGS = [
     {"name": "scanners", "description": "Known constants, search bounds, tolerances, the active calibration, history."},
@@ -76,19 +76,22 @@ TAGS = [
         "name": "phantoms",
         "description": "Wooden bodies of known size: built in, drawn in mm, or traced from a picture.",
     },
-    {"name": "uploads", "description": "Files that come in parts, and go on where a connection broke."},
-    {"name": "inspections", "description": "What is in a file, and what is missing, before it becomes a scan."},
+    {
+        "name": "uploads",
+        "description": "Files that arrive in parts; an upload can be resumed after a broken connection.",
+    },
+    {"name": "inspections", "description": "Contents of a file, and what is missing, before it becomes a scan."},
     {"name": "scans", "description": "Projection stacks, uploaded as files and read by a job."},
     {"name": "calibrations", "description": "Theta from a scan of a phantom, with everything known about it."},
     {"name": "reconstructions", "description": "Slices of a log with a calibrated geometry."},
-    {"name": "drifts", "description": "What moved since a calibration, from a log's scan alone."},
+    {"name": "drifts", "description": "Changes since a calibration, from a log's scan alone."},
     {"name": "jobs", "description": "All long work: state, queue, progress, cancelling."},
-    {"name": "events", "description": "What happens, as it happens."},
+    {"name": "events", "description": "Stream of all events."},
     {"name": "schedules", "description": "Recalibration and drift checks at fixed times."},
-    {"name": "webhooks", "description": "What happens, sent to where the settings allow."},
-    {"name": "retention", "description": "How long what is kept, and what would go."},
-    {"name": "keys", "description": "Who may do what, and who did."},
-    {"name": "operation", "description": "Health and metrics, for those who run the service."},
+    {"name": "webhooks", "description": "Events posted to URLs that the settings allow."},
+    {"name": "retention", "description": "Rules for how long data are kept, and previews of them."},
+    {"name": "keys", "description": "Keys with their scopes, and the audit."},
+    {"name": "operation", "description": "Health and metrics, for operators of the service."},
 ]
 ROUTERS = (
     *(scanners, phantoms, uploads, inspections, scans, scan_forms, calibrations, reconstructions, volumes),

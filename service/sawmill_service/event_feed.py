@@ -22,7 +22,7 @@ LastEventId = Annotated[
         ge=0,
         le=LARGEST_NUMBER,
         description="The `id` of the last event that the client has seen, as browsers send it by themselves: the "
-        "stream goes on from there. Without it, it begins with now.",
+        "stream continues from there. Without this header the stream starts now.",
         examples=[0],
     ),
 ]

@@ -22,12 +22,12 @@ _APART = ThreadPoolExecutor(2, "forms-and-repeats")
 
 InspectionId = Annotated[
     Identifier | None,
-    Field(description="Takes the file of this inspection: the body is empty, and nothing is sent again."),
+    Field(description="Id of an inspection whose file is used: the body is empty, and nothing is sent again."),
 ]
 
 UploadId = Annotated[
     Identifier | None,
-    Field(description="Takes this upload, which came in parts: the body is empty, and the upload is used up."),
+    Field(description="Id of an upload in parts that is used: the body is empty, and the upload is used up."),
 ]
 
 

@@ -68,7 +68,7 @@ def test_bounds_are_a_contract_s(contract, name, words):
 
 def test_all_that_is_missing_is_named_at_once(wrong_use, scan):
     assert (
-        "Missing option '--data' <counts|line-integrals> (What the numbers are; never guessed), "
+        "Missing option '--data' <counts|line-integrals> (Kind of the numbers; never guessed), "
         "option '--source-to-cor-mm' <float range> (r_S, source to centre of rotation, mm) and "
         "option '--phantom' NAME|FILE (l-shape, rectangle-with-hole, a drawing FILE.json"
     ) in wrong_use("calibrate", scan)

@@ -44,7 +44,7 @@ __all__ = [
     "simulate_phantom_scan",
 ]
 
-# No module here bears a public name: importing it would hide that name.
+# No module here has a public name: its import would hide that name.
 _MODULES = {
     "sawmill_calibration.answers": (
         *("Calibration", "Drift", "Reconstruction"),
@@ -63,7 +63,7 @@ _MODULE_OF = {name: module for module, names in _MODULES.items() for name in nam
 if not TYPE_CHECKING:  # so that a type checker sees a wrong name
 
     def __getattr__(name: str) -> object:
-        """The public name, imported now."""
+        """Import a public name when it is first used."""
         if name not in _MODULE_OF:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
         return getattr(import_module(_MODULE_OF[name]), name)

@@ -1,4 +1,4 @@
-"""Calibrating, reconstructing, looking for drift: the use cases of the command line on scans in memory."""
+"""Calibration, reconstruction and drift checks: the use cases of the command line on scans in memory."""
 
 import json
 import math
@@ -52,7 +52,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """A calibration: the whole answer is `result` (docs/http.md has its fields), the most used stand beside it.
+    """A calibration: the whole answer is `result` (docs/http.md has its fields); properties give the most used fields.
 
     Attributes
     ----------
@@ -65,12 +65,12 @@ class Calibration:
 
     @property
     def theta(self) -> Theta:
-        """The calibrated five."""
+        """The five calibrated numbers."""
         return self.result.theta
 
     @property
     def source_frame(self) -> SourceFrame:
-        """The same geometry with the source on the axis."""
+        """The geometry with the source on the axis."""
         return self.result.source_frame
 
     @property
@@ -80,7 +80,7 @@ class Calibration:
 
     @property
     def rotation(self) -> Rotation:
-        """Which way the view angles count."""
+        """Sense of rotation, which way the view angles count."""
         return self.result.rotation
 
     @property
@@ -90,7 +90,7 @@ class Calibration:
 
     @property
     def reasons(self) -> list[str]:
-        """Why it is not a pass, or what to know of it, a sentence each."""
+        """Reasons why the verdict is not pass, and further remarks, a sentence each."""
         return self.result.reasons
 
     @property
@@ -100,21 +100,21 @@ class Calibration:
 
     @property
     def scale_uncertainty_percent(self) -> float | None:
-        """The image's millimetres are right to this with 95 %; None from an answer of an earlier version."""
+        """95 % uncertainty of the image's millimetres, per cent; None from an answer of an earlier version."""
         return self.result.scale_uncertainty_percent
 
     @property
     def covariance(self) -> FloatArray | None:
-        """(5, 5) of (psi, R, SDD, u_c, tau) in rad and mm; None without error bars."""
+        """Covariance (5, 5) of (psi, R, SDD, u_c, tau) in rad and mm; None without error bars."""
         return None if self.result.covariance is None else np.array(self.result.covariance)
 
     def save(self, path: str | Path) -> None:
-        """Write RESULT.json as `sawmill calibrate --json` prints it; `read_calibration` reads it."""
+        """Write RESULT.json as `sawmill calibrate --json` prints it; `read_calibration` reads the file."""
         document = CalibrationFile.of(self.result).model_dump(mode="json")
         Path(path).write_text(json.dumps(document, indent=2) + "\n", encoding="utf-8")
 
     def plot(self) -> "Figure":
-        """The report on one page, as report.png shows it.
+        """Draw the report on one page, as report.png shows it.
 
         Raises
         ------
@@ -130,7 +130,7 @@ class Calibration:
     def report(self, path: str | Path) -> None:
         """Write the report as one HTML page that prints on A4, as `sawmill report` does.
 
-        A calibration that was read from a file has no pictures of its scan here; the page says so.
+        A calibration that was read from a file has no pictures of the scan; the page says so.
         """
         from sawmill_worker.pictures.report_page import About, report_html  # noqa: PLC0415 - few need it
 
@@ -152,7 +152,7 @@ class Reconstruction:
     Attributes
     ----------
     volume : (slices, x, y) float32
-        In `result.unit`.
+        Values in `result.unit`.
     """
 
     volume: NDArray[np.float32] = field(repr=False)
@@ -161,12 +161,12 @@ class Reconstruction:
 
     @property
     def image(self) -> NDArray[np.float32]:
-        """(x, y) float32: the middle slice."""
+        """Middle slice, (x, y) float32."""
         middle: NDArray[np.float32] = self.volume[len(self.volume) // 2]
         return middle
 
     def plot(self, number: int | None = None) -> "Figure":
-        """One slice, counted from 0: the middle one by default, in the grey window of the volume."""
+        """Draw one slice, counted from 0: the middle one by default, in the grey window of the volume."""
         from sawmill_worker.pictures.figures import slice_figure  # noqa: PLC0415 - matplotlib is slow to import
 
         shown = range(len(self.volume))[len(self.volume) // 2 if number is None else number]
@@ -198,32 +198,32 @@ class Reconstruction:
 
 @dataclass(frozen=True, eq=False)
 class Drift:
-    """A drift check: the whole answer is `result`, the most used fields stand beside it."""
+    """A drift check: the whole answer is `result`; properties give the most used fields."""
 
     result: DriftResult
 
     @property
     def moved(self) -> bool:
-        """Whether any change is beyond three standard deviations."""
+        """True if any change is beyond three standard deviations."""
         return self.result.moved
 
     @property
     def within_tolerance(self) -> bool | None:
-        """None: the scan is too uncertain to decide."""
+        """True if nothing moved beyond the tolerance; None where the scan is too uncertain to decide."""
         return self.result.within_tolerance
 
     @property
     def ray_change_mm(self) -> float:
-        """RMS distance between the rays inside the log's disc."""
+        """RMS distance between the rays inside the log's disc, mm."""
         return self.result.ray_change_mm
 
     @property
     def reason(self) -> str:
-        """A likely cause and what to do, in one sentence."""
+        """Likely cause and what to do, in one sentence."""
         return self.result.reason
 
     def plot(self) -> "Figure":
-        """Each parameter's change with its uncertainty."""
+        """Draw each parameter's change with its uncertainty."""
         from sawmill_worker.pictures.figures import drift_figure  # noqa: PLC0415 - matplotlib is slow to import
 
         return drift_figure(self.result)
@@ -244,12 +244,12 @@ class Drift:
 
 
 def read_calibration(path: str | Path) -> Calibration:
-    """A calibration that `save`, `sawmill calibrate --json` or the service wrote (RESULT.json or result.h5).
+    """Read a calibration that `save`, `sawmill calibrate --json` or the service wrote (RESULT.json or result.h5).
 
     Raises
     ------
     ValueError
-        `InputError`: the file holds none.
+        `InputError`: the file holds no calibration.
     """
     with input_errors():
         return Calibration(read_result(Path(path)))
@@ -272,15 +272,15 @@ def calibrate(
     ----------
     phantom : Phantom, or the name of a built-in one, or the path of a drawing in JSON or of a picture (PNG)
     phantom_width_mm : float, optional
-        Of a picture: its whole width.
+        Whole width of a picture.
     tolerance_mm : float
-        The calibration passes where its predicted ray error is below this with 95 %.
+        Limit of the predicted ray error: the calibration passes where it is below the limit with 95 %.
     scale_tolerance_percent : float
-        And where the image's millimetres are right to this with 95 %.
+        Limit of the 95 % uncertainty of the image's millimetres.
     log_radius_mm : float, optional
-        Of the disc in which ray errors are counted; by default the phantom's, at most 150 mm.
+        Radius of the disc in which ray errors are counted; by default the phantom's, at most 150 mm.
     **options
-        As docs/http.md lists them for a calibration: `method`, `seed`, `handedness`, `rotation`, `rows`, `views`,
+        Options of a calibration, as in docs/http.md: `method`, `seed`, `handedness`, `rotation`, `rows`, `views`,
         `without`, `rays_per_cell`, `size_tolerance_percent`, `true_axis`, `paper`.
 
     Raises
@@ -299,7 +299,7 @@ def calibrate(
     )
     scan = scan.select(rows=chosen.rows, views=chosen.views)
     mean = mean_of_rows(scan.line_integrals)
-    given = CalibrationInput(
+    job_input = CalibrationInput(
         sinogram=mean.sinogram,
         angles_rad=scan.angles_rad[mean.views],
         rows=scan.rows,
@@ -313,14 +313,14 @@ def calibrate(
     )
     stack = scan.line_integrals
     with input_errors():
-        given, found = run_calibration(given, chosen, on_progress, stack=None if scan.rows_chosen else stack)
+        job_input, outcome = run_calibration(job_input, chosen, on_progress, stack=None if scan.rows_chosen else stack)
 
     def arrays() -> CalibrationArrays:
         from sawmill_worker.use_cases.calibration_files import report_arrays  # noqa: PLC0415 - as a command
 
-        return report_arrays(found, given, stack, scan.rows)
+        return report_arrays(outcome, job_input, stack, scan.rows)
 
-    return Calibration(calibration_result(found, given), arrays)
+    return Calibration(calibration_result(outcome, job_input), arrays)
 
 
 def reconstruct(
@@ -337,9 +337,9 @@ def reconstruct(
     ----------
     geometry : Calibration or Theta
     rotation : str
-        With a Theta: which way the angles count. A calibration carries its own.
+        Sense of rotation for a Theta: which way the angles count. A calibration carries its own.
     **options
-        As docs/http.md lists them for a reconstruction: `method` (fbp by default), `size`, `field_mm`, `rows`, `views`,
+        Options of a reconstruction, as in docs/http.md: `method` (fbp by default), `size`, `field_mm`, `rows`, `views`,
         `filter`, `alpha`, and more.
 
     Raises
@@ -356,7 +356,7 @@ def reconstruct(
     else:
         theta, handedness = options_of(GivenTheta, vars(geometry)), Handedness.AS_DRAWN
         beam = NOTHING_FOUND
-    given = ReconstructionInput(
+    job_input = ReconstructionInput(
         read=lambda start, stop: scan.line_integrals[:, start:stop],
         angles_rad=scan.angles_rad,
         rows=scan.rows,
@@ -371,8 +371,8 @@ def reconstruct(
         beam=beam,
     )
     with input_errors():
-        made = reconstruct_in_memory(given, chosen, on_progress)
-    return Reconstruction(made.data, made.result, chosen.field_centre_mm)
+        reconstructed = reconstruct_in_memory(job_input, chosen, on_progress)
+    return Reconstruction(reconstructed.data, reconstructed.result, chosen.field_centre_mm)
 
 
 def drift(
@@ -383,44 +383,44 @@ def drift(
     baseline: Sequence[Drift | str | Path] = (),
     tolerance_mm: float = 0.5,
 ) -> Drift:
-    """What moved since a calibration, from any scan of a log with 8 views or more, as `sawmill drift` does.
+    """Find what moved since a calibration, from any scan of a log with 8 views or more, as `sawmill drift` does.
 
     Parameters
     ----------
     calibration : Calibration or Theta
-        With a Theta of nominal distances the answer is where the centre of rotation is, and `result.theta` is the one
-        to reconstruct with.
+        Geometry to compare with. For a Theta of nominal distances the answer is where the centre of rotation is, and
+        `result.theta` is the geometry to reconstruct with.
     rotation : str
-        With a Theta: which way the angles count. A calibration carries its own.
+        Sense of rotation for a Theta: which way the angles count. A calibration carries its own.
     baseline : sequence of Drift, or of paths
-        The answers of earlier checks that are zero for the change: what this function gave, or files that
-        `sawmill drift --json` or the service wrote. Of three checks or more against this calibration, each of another
-        scan; those of this scan's method count.
+        Answers of earlier drift checks, whose mean is the zero of the change: results of this function, or files that
+        `sawmill drift --json` or the service wrote. Three checks or more against this calibration, each of another
+        scan; only checks by this scan's method count.
     tolerance_mm : float
         RMS ray distance up to which nothing moved.
 
     Raises
     ------
     ValueError
-        `InputError`: the calibration is of another scanner, the scan's views cannot be compared, or an answer is none
-        for a baseline.
+        `InputError`: the calibration is of another scanner, the scan's views cannot be compared, or an answer is not
+        usable for a baseline.
     """
-    known: CalibrationResult | GivenGeometry
+    compared_with: CalibrationResult | GivenGeometry
     if isinstance(calibration, Calibration):
         _check_same_scanner(scan, calibration)
-        known = calibration.result
+        compared_with = calibration.result
     else:
-        known = GivenGeometry(scan.constants, options_of(GivenTheta, vars(calibration)), Rotation(rotation))
+        compared_with = GivenGeometry(scan.constants, options_of(GivenTheta, vars(calibration)), Rotation(rotation))
     if isinstance(baseline, (str, Path, Drift)):
         raise InputError("options", f"baseline must be a list of answers, not one of them: {baseline!r}")
     with input_errors():
-        baselines = baselines_of(_named_answers(baseline), known, scan.sha256) if baseline else ()
+        baselines = baselines_of(_named_answers(baseline), compared_with, scan.sha256) if baseline else ()
         mean = mean_of_common_rows(scan.line_integrals, scan.rows[0], scan.row_step, scan.deviations)
-    given = DriftInput(
+    job_input = DriftInput(
         mean=mean,
         angles_rad=scan.angles_rad,
         rows=scan.rows,
-        calibration=known,
+        calibration=compared_with,
         input_sha256=scan.sha256,
         tolerance_mm=tolerance_mm,
         averaged_rows=scan.averaged_rows,
@@ -428,7 +428,7 @@ def drift(
         baselines=baselines,
     )
     with input_errors():
-        return Drift(run_drift(given).ended(datetime.now(UTC)))
+        return Drift(run_drift(job_input).ended(datetime.now(UTC)))
 
 
 def _named_answers(answers: Sequence[Drift | str | Path]) -> Iterator[tuple[str, DriftResult]]:
@@ -442,10 +442,10 @@ def _named_answers(answers: Sequence[Drift | str | Path]) -> Iterator[tuple[str,
 def _check_same_scanner(scan: Scan, calibration: Calibration) -> None:
     """Refuse a calibration of another scanner."""
     for name, calibrated in vars(calibration.scanner).items():
-        given = getattr(scan.scanner, name)
-        if not math.isclose(given, calibrated, rel_tol=1e-6):
+        of_scan = getattr(scan.scanner, name)
+        if not math.isclose(of_scan, calibrated, rel_tol=1e-6):
             raise InputError(
                 "contradiction",
-                f"the calibration is of a scanner with {name} {calibrated:.9g} and the scan has {given:.9g}: "
+                f"the calibration is of a scanner with {name} {calibrated:.9g} and the scan has {of_scan:.9g}: "
                 "use the calibration of the same scanner",
             )

@@ -16,7 +16,7 @@ def html_of(
     sentences: Sequence[str] = (),
     png: bytes | None = None,
 ) -> str:
-    """A title with a verdict, sentences, a table of labels and values, and a picture; all text is escaped."""
+    """Return a title with a verdict, sentences, a table of labels and values, and a picture; all text is escaped."""
     picture = None if png is None else b64encode(png).decode("ascii")
     page = TEMPLATES.get_template("result.html")
     return page.render(title=title, rows=rows, verdict=verdict, sentences=sentences, picture=picture)

@@ -1,4 +1,4 @@
-"""One error for all input that cannot lead to a result."""
+"""The error of all input that cannot lead to a result."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -45,20 +45,20 @@ def input_errors() -> Iterator[None]:
         raise InputError(failure.code, failure.detail) from failure
 
 
-def options_of(contract: type[Options], given: object) -> Options:
+def options_of(contract: type[Options], raw_options: object) -> Options:
     """Read options as their contract, a model or a dataclass of pydantic, takes them in JSON: True is not 1 there.
 
     Raises
     ------
     InputError
-        An option is unknown, or its value is none that it may have.
+        An option is unknown, or its value is not allowed.
     """
     try:
-        sent = to_json(given, inf_nan_mode="constants", fallback=_plain)
+        sent = to_json(raw_options, inf_nan_mode="constants", fallback=_plain)
         options: Options = read_strictly(TypeAdapter(contract), sent)
     except ValidationError as error:
         raise InputError("options", placed_complaint(error)) from error
-    except ValueError as error:  # half a surrogate, or a list that holds itself
+    except ValueError as error:  # half a surrogate, or a list that contains itself
         raise InputError("options", f"an option cannot be read: {error}") from error
     return options
 

@@ -1,4 +1,4 @@
-"""Which phantom is meant."""
+"""Drawings of phantoms by name, from a file, or from a picture."""
 
 from pathlib import Path
 
@@ -15,12 +15,12 @@ from sawmill_worker.use_cases.phantom_picture import traced_drawing
 
 
 def drawing_of(phantom: Phantom | str | Path, width_mm: float | None = None) -> PhantomDrawing:
-    """The drawing of a phantom, of a built-in one by its name, in a JSON file, or in a picture of a given width.
+    """Return a phantom's drawing: a built-in one by its name, from a JSON file, or from a picture of a given width.
 
     Raises
     ------
     InputError
-        It is none of these.
+        The argument is none of these.
     """
     if width_mm is not None:
         if isinstance(phantom, Phantom) or not Path(phantom).is_file():

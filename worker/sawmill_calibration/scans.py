@@ -1,4 +1,4 @@
-"""Scans in memory: read from a file, or made of arrays."""
+"""Scans in memory: read from a file, or made from arrays."""
 
 import hashlib
 from collections.abc import Sequence
@@ -35,17 +35,17 @@ if TYPE_CHECKING:
 
 
 def unreported(_: Progress) -> None:
-    """Progress that nobody asked for."""
+    """Ignore progress."""
 
 
 def bare_scanner(constants: ScannerConstants) -> Scanner:
-    """The three constants without the rows' pitch: a dataclass equals only one of its own class."""
+    """Return the three constants without the rows' pitch: a dataclass equals only one of the same class."""
     return Scanner(constants.source_to_cor_mm, constants.num_detector_pixels, constants.detector_pitch_mm)
 
 
 @dataclass(frozen=True, eq=False)
 class Scan:
-    """Line integrals in memory with each view's angle; axes and signs are those of docs/conventions.md.
+    """Line integrals in memory with each view's angle; axes and signs as in docs/conventions.md.
 
     Attributes
     ----------
@@ -53,17 +53,17 @@ class Scan:
         NaN in every cell of rows that a view lacks, which only a file that was read with `align_rows` has.
     angles_rad : (views,) float64
     rows, row_step
-        The rows of the file that are held: the first, the one after the last, and every which of them.
+        Rows of the file that are held: the first, the one after the last, and the step.
     rows_chosen : bool
-        Whether somebody chose them: a calibration then averages them all, and else finds the phantom's rows.
+        Whether the user chose the rows: a calibration then averages all of them, and else finds the phantom's rows.
     from_counts : bool
-        Whether the line integrals were made of counts: volumes are then in 1/mm.
+        Whether the line integrals were made from counts: volumes are then in 1/mm.
     sha256 : str
-        Of the file, or of the array.
+        Checksum of the file, or of the array.
     remarks : tuple of str
-        What was done to the data on reading.
+        Changes that were made to the data on reading.
     averaged_rows : int or None
-        Of a scan whose one row came as the mean of rows: their number.
+        Number of rows, for a scan whose one row came as a mean of rows.
     deviations : (views, rows, cells) float32, or None
         Standard deviations of the line integrals, where they came with them.
     """
@@ -91,21 +91,21 @@ class Scan:
         row_pitch_mm: float | None = None,
         from_counts: bool = False,
     ) -> Self:
-        """A scan of (views, rows, cells) line integrals, or of one sinogram (views, cells).
+        """Make a scan of (views, rows, cells) line integrals, or of one sinogram (views, cells).
 
         Raises
         ------
         InputError
             The arrays do not agree with each other or with the scanner, or are not finite.
         """
-        given, angles = np.asarray(line_integrals, np.float32), np.asarray(angles_rad, np.float64)
-        stack = np.ascontiguousarray(given[:, np.newaxis] if given.ndim == 2 else given)
+        values, angles = np.asarray(line_integrals, np.float32), np.asarray(angles_rad, np.float64)
+        stack = np.ascontiguousarray(values[:, np.newaxis] if values.ndim == 2 else values)
         expected = (angles.size, scanner.num_detector_pixels)
         if stack.ndim != 3 or angles.ndim != 1 or (len(stack), stack.shape[2]) != expected or not stack.size:
             raise InputError(
                 "wrong-shape",
                 f"line_integrals must be (views, cells) or (views, rows, cells) with {expected[0]} views, as "
-                f"angles_rad has, and {expected[1]} cells, as the scanner has, not {given.shape}",
+                f"angles_rad has, and {expected[1]} cells, as the scanner has, not {values.shape}",
             )
         if not (np.isfinite(stack).all() and np.isfinite(angles).all()):
             raise InputError("not-finite", "line_integrals and angles_rad must be finite numbers")
@@ -120,13 +120,13 @@ class Scan:
 
     @property
     def sinogram(self) -> FloatArray:
-        """(views, cells) float64: the mean over the rows that each view has; NaN where it has none."""
+        """Mean over the rows that each view has, (views, cells) float64; NaN where a view has none."""
         mean, sinogram = mean_of_rows(self.line_integrals), np.full(self.line_integrals[:, 0].shape, np.nan)
         sinogram[mean.views] = mean.sinogram
         return sinogram
 
     def select(self, *, rows: str | None = None, views: int | None = None) -> "Scan":
-        """A part: rows `A:B` or `A:B:STEP`, counted within this scan, and every (total / views)-th view.
+        """Select a part: rows `A:B` or `A:B:STEP`, counted within this scan, and every (total / views)-th view.
 
         Raises
         ------
@@ -149,7 +149,7 @@ class Scan:
         )
 
     def plot(self, row: int | None = None) -> "Figure":
-        """The sinogram of one row, counted within this scan, or the mean over the rows."""
+        """Draw the sinogram of one row, counted within this scan, or the mean over the rows."""
         from sawmill_worker.pictures.figures import sinogram_figure  # noqa: PLC0415 - matplotlib is slow to import
 
         sinogram = self.sinogram if row is None else self.line_integrals[:, row]
@@ -198,11 +198,11 @@ def read_scan(
     Parameters
     ----------
     data : str
-        `counts` or `line-integrals`; this is never guessed.
+        Kind of the numbers, `counts` or `line-integrals`; never guessed.
     source_to_cor_mm : float
         r_S, source to centre of rotation.
     angles_deg : str or sequence of float, optional
-        `START:STEP` in degrees, or every view's angle; where the file carries none.
+        View angles: `START:STEP` in degrees, or every view's angle; for a file that carries none.
     detector_pitch_mm, row_pitch_mm : float, optional
         Distances between cells and between rows, where the file does not carry them.
     dataset : str, optional
@@ -210,22 +210,22 @@ def read_scan(
     follow_links : bool
         Whether HDF5 may lead into other files, by links, as virtual datasets or as raw data.
     flats, darks : str or Path, optional
-        Of counts: files or folders of the flat and the dark fields, where the scan carries none.
+        Files or folders of the flat and the dark fields of counts, where the scan's file carries none.
     rows : str, optional
-        `A:B` or `A:B:STEP`; all by default.
+        Rows `A:B` or `A:B:STEP`; all by default.
     views : int, optional
-        Use every (total / views)-th view.
+        Number of views to use: every (total / views)-th.
     averaged_rows : int, optional
         The number of detector rows whose line integrals were averaged into the file's one row.
     transpose : bool
         Whether the axes are in reverse order: (cells, views), as MATLAB's radon writes, or (cells, rows, views).
     air, faulty_cells, rings, align_rows : str
-        What is done to the data (docs/preparing.md).
+        Corrections of the data (docs/preparing.md).
 
     Raises
     ------
     ValueError
-        `InputError`: the file, or what is given about it, cannot be used.
+        `InputError`: the file, or a parameter, cannot be used.
     """
     options = options_of(
         UnregisteredScanOptions,

@@ -40,29 +40,29 @@ def simulate_phantom_scan(
     photons: float = 30_000.0,
     seed: int = 1,
 ) -> Scan:
-    """A scan of a phantom that stands at `position_mm`, the same in each row.
+    """Simulate a scan of a phantom at `position_mm`, the same in each row.
 
     Parameters
     ----------
     phantom : Phantom, or the name of a built-in one, or the path of a drawing in JSON
     views : int, optional
-        A full turn of 360 by default, from half a step on.
+        Number of views of a full turn, 360 by default, starting at half a step.
     angles_deg : (views,), optional
         Every view's angle, instead of `views`.
     noise : float
         Standard deviation, relative to the RMS of the noise-free sinogram.
     background : float
-        Added everywhere.
+        Constant that is added to all line integrals.
     physics : mapping, or the path of a JSON file, optional
-        What a mill adds, by the fields of docs/simulating.md: the scan is then made as counts with ten flat and dark
+        Effects of a mill, with the fields in docs/simulating.md: the scan is then made as counts with ten flat and dark
         fields, read as a file of counts is, and has no other noise or background.
     photons : float
-        With physics: in air, a cell and view.
+        Number of photons in air, a cell and view; used with physics.
 
     Raises
     ------
     ValueError
-        No such phantom, geometry or physics can be.
+        The phantom, the geometry or the physics is impossible.
     """
     _check(rows=rows, noise=noise, background=background, photons=photons, seed=seed)
     drawn = to_phantom(drawing_of(phantom))
@@ -90,7 +90,7 @@ def simulate_log_scan(
     background: float = 0.0,
     seed: int = 1,
 ) -> Scan:
-    """A scan of a synthetic log with knots, whose rows are `row_pitch_mm` apart; else as `simulate_phantom_scan`."""
+    """Simulate a scan of a synthetic log with knots, rows `row_pitch_mm` apart; else as `simulate_phantom_scan`."""
     _check(rows=rows, noise=noise, background=background, seed=seed)
     slices = log_slices(rows, row_pitch_mm=row_pitch_mm, seed=seed)
     angles = _angles_rad(views, angles_deg)
@@ -102,7 +102,7 @@ def _check(**numbers: float) -> None:
 
 
 def _angles_rad(views: int | None, angles_deg: ArrayLike | None) -> FloatArray:
-    """The angles as `sawmill simulate` has them; giving both is wrong use."""
+    """Return the angles as `sawmill simulate` has them; giving both is wrong use."""
     if angles_deg is not None:
         if views is not None:
             raise InputError("options", "give views or angles_deg, not both")
@@ -128,11 +128,11 @@ def _scan_of(
     return Scan.from_arrays(stack, angles_rad, scanner, row_pitch_mm=row_pitch_mm)
 
 
-def _physics(given: Physics | Mapping[str, object] | str | Path) -> Physics:
-    if isinstance(given, str | Path):
+def _physics(physics: Physics | Mapping[str, object] | str | Path) -> Physics:
+    if isinstance(physics, str | Path):
         with input_errors():
-            return read_physics(Path(given))
-    return options_of(Physics, given)
+            return read_physics(Path(physics))
+    return options_of(Physics, physics)
 
 
 def _counted(
@@ -143,7 +143,7 @@ def _counted(
     photons: float,
     seed: int,
 ) -> Scan:
-    """The scan of wood, by way of a file of counts: it is read as a scanner's is."""
+    """Simulate a scan of wood through a file of counts, which is read as a scanner's is."""
     wood = [body.of_density(SAPWOOD_PER_MM) for body in slices]
     with input_errors(), TemporaryDirectory(prefix="sawmill-") as folder:
         stack = simulate_stack(wood, geometry, physics, photons=photons, seed=seed)

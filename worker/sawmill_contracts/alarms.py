@@ -1,4 +1,4 @@
-"""Alarms: what should have come from a scanner by now and has not, and logs that show that it moved."""
+"""Alarms: expected scans or measurements of a scanner that are overdue, and drift that its logs together show."""
 
 from datetime import date
 from enum import StrEnum
@@ -10,7 +10,7 @@ from sawmill_platform.contracts.base import Contract, Identifier, Time
 
 
 class AlarmKind(StrEnum):
-    """What is missing, or was seen."""
+    """Kind of an alarm."""
 
     NO_PHANTOM_SCAN = "no-phantom-scan"
     PHANTOM_EXPIRED = "phantom-expired"
@@ -19,44 +19,49 @@ class AlarmKind(StrEnum):
 
 
 class Alarm(Contract):
-    """Something that a scanner waits for; it is closed by itself when that has come."""
+    """An overdue scan or measurement, or a drift of a scanner; the alarm closes by itself when its cause has gone."""
 
     scanner_id: Identifier = Field(description="Id of the scanner.", examples=["example"])
     what: AlarmKind = Field(
-        description="`no-phantom-scan`: none since `last_at`, for longer than `limit_hours`. `scanner-quiet`: no scan "
-        "at all for longer than that. `phantom-expired`: the phantom of the newest phantom scan was to be measured "
-        "again by `expired_on`. `drift`: logs together show a jump or a trend, and no calibration was activated since.",
+        description="`no-phantom-scan`: no phantom scan since `last_at`, for longer than `limit_hours`. "
+        "`scanner-quiet`: no scan of any kind for longer than `limit_hours`. `phantom-expired`: the phantom of the "
+        "newest phantom scan was due for a new measurement by `expired_on`. `drift`: the scanner's logs together "
+        "show a jump or a trend, and no calibration was activated since.",
         examples=["no-phantom-scan"],
     )
     since: Time = Field(
-        description="When the limit was passed, RFC 3339, UTC; a day ends at midnight UTC. Of a drift when the log was "
-        "looked at that showed it.",
+        description="Time at which the limit was passed, RFC 3339, UTC; a day ends at midnight UTC. An "
+        "alarm of drift has the time of the drift check that showed it.",
         examples=["2026-03-16T05:30:00Z"],
     )
     last_at: Time | None = Field(
         None,
-        description="When the last one came that is known or, if none is, the scanner was added. Null: it is of a "
-        "phantom or a drift.",
+        description="Time of the last known scan of this kind or, if there is none, of the scanner's registration. "
+        "Null: the alarm concerns a phantom or a drift.",
         examples=["2026-03-02T05:30:00Z"],
     )
     limit_hours: float | None = Field(
         None,
-        description="The scanner's limit, a number of hours. Null: it is of a phantom or a drift.",
+        description="The scanner's limit, number of hours. Null: the alarm concerns a phantom or a drift.",
         examples=[336.0],
     )
     phantom_id: Identifier | None = Field(
-        None, description="Id of the phantom that was to be measured again. Null: it is of no phantom.", examples=[None]
+        None,
+        description="Id of the phantom that is due for a new measurement. Null: the alarm concerns no phantom.",
+        examples=[None],
     )
     expired_on: date | None = Field(
-        None, description="The last day of its measurement. Null: it is of no phantom.", examples=[None]
+        None,
+        description="Last day on which the phantom's measurement was valid. Null: the alarm concerns no phantom.",
+        examples=[None],
     )
 
     drift: DriftFinding | None = Field(
-        None, description="What the logs showed when it was opened. Null: it is of no drift."
+        None, description="Finding from the logs when the alarm was opened. Null: the alarm concerns no drift."
     )
 
 
 class AlarmList(Contract):
     """The alarms that are open."""
 
-    alarms: list[Alarm] = Field(description="By scanner; those that were closed are among the events.")
+    alarms: list[Alarm] = Field(description="Open alarms by scanner; closed ones are among the events.")

@@ -1,4 +1,4 @@
-"""The arrays behind a calibration's answer: result.h5 keeps them, and the pictures show them."""
+"""The arrays behind a calibration's answer: result.h5 stores them, and the pictures show them."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,14 +12,14 @@ from sawmill_vocabulary import ReconstructionMethod
 
 
 class LogBefore(StrEnum):
-    """With which geometry a log is reconstructed before a calibration."""
+    """Geometry of a log's reconstruction from before a calibration."""
 
     ACTIVE = "active"
     UNSHIFTED = "unshifted"
 
     @property
     def phrase(self) -> str:
-        """For a title in English."""
+        """Phrase for a title in English."""
         if self is LogBefore.ACTIVE:
             return "with the calibration that was active"
         return "uncalibrated: nothing shifted, nothing tilted"
@@ -27,7 +27,11 @@ class LogBefore(StrEnum):
 
 @dataclass(frozen=True)
 class LogImages:
-    """A row of the scan that shows a log: reconstructions (x, y) float32 with this calibration and as it was before.
+    """Reconstructions (x, y) float32 of a row that shows a log: with this calibration, and with the geometry before.
+
+    `field_mm` is the side of both images. `before_with` is the geometry of `before`: the calibration that was active
+    or, where there was none, the scanner's constants with the calibrated detector distance, neither shifted nor
+    tilted. `before` is None where such a geometry does not reconstruct.
 
     `field_mm` is the side of both images. `before_with` is the geometry of `before`: of the calibration that was active
     or, where there was none, of the scanner's constants with the detector as far away as it was found and neither
@@ -43,7 +47,7 @@ class LogImages:
 
 @dataclass(frozen=True)
 class CalibrationArrays:
-    """What docs/formats.md lists.
+    """Arrays of result.h5, as docs/formats.md lists them.
 
     Attributes
     ----------
@@ -56,7 +60,7 @@ class CalibrationArrays:
     phantom_field_mm : float
         Side of that image.
     phantom_image_method : ReconstructionMethod
-        What it was made with: FBP, or total variation where the views do not go all round.
+        Method of that image: FBP, or total variation where the views do not go all round.
     phantom_outlines_mm : (point, 2) float64
         The drawing's outlines where the phantom stood, each closed, a row of NaN between two.
     search_history : (step, 2) float64
@@ -78,12 +82,12 @@ class CalibrationArrays:
 
     @classmethod
     def of(cls, arrays: Mapping[str, NDArray[Any]]) -> Self:
-        """From the arrays of result.h5 by name; a number is an array of no dimensions.
+        """Build the arrays from result.h5's by name; a number is an array of no dimensions.
 
         Raises
         ------
         ValueError
-            A number is none, a name is not known, or an array has other axes than it should.
+            A number is missing, a name is unknown, or an array has the wrong axes.
         """
         for name, axes in _AXES.items():
             values = arrays.get(name)
@@ -129,12 +133,12 @@ def _number(arrays: Mapping[str, NDArray[Any]], name: str) -> float:
 
 
 def _method(arrays: Mapping[str, NDArray[Any]]) -> ReconstructionMethod:
-    """By its name; an earlier version had FBP alone."""
+    """Read the method by its name; an earlier version had FBP alone."""
     name = arrays.get("phantom_image_method")
     return ReconstructionMethod.FBP if name is None else ReconstructionMethod(name.item().decode("ascii"))
 
 
 def log_before_with(arrays: Mapping[str, NDArray[Any]]) -> LogBefore:
-    """The geometry of `log_before` in result.h5, by its name; an earlier version had the active calibration's alone."""
+    """Read the name of `log_before`'s geometry in result.h5; an earlier version had only the active calibration's."""
     name = arrays.get("log_before_with")
     return LogBefore.ACTIVE if name is None else LogBefore(name.item().decode("ascii"))

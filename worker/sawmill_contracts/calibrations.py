@@ -1,4 +1,4 @@
-"""Calibrations: what can be asked, and the answer with everything that is known about it."""
+"""Calibrations: options of the request, and the answer with everything that is known about the geometry."""
 
 import json
 from collections.abc import Mapping
@@ -56,7 +56,9 @@ class PaperOptions(Contract):
     )
     weighting: Weighting = Field("none", description="FBP weights; the published pipeline has none.", examples=["none"])
     correlation: PaperCorrelation = Field(
-        "unnormalised", description="Of images or sinograms: as published, or normalised.", examples=["unnormalised"]
+        "unnormalised",
+        description="Correlation of images or sinograms: as published, or normalised.",
+        examples=["unnormalised"],
     )
     stop: PaperStop = Field(
         "published", description="SciPy's default stop, or one that waits for convergence.", examples=["published"]
@@ -70,33 +72,33 @@ class PaperOptions(Contract):
 
 
 class CalibrationOptions(Contract):
-    """How to calibrate, apart from what."""
+    """Options of a calibration, apart from scan and phantom."""
 
     rows: Rows | None = Field(
         None,
-        description="Detector rows A:B to average, the first included, the last not. By default the scan's phantom "
-        "rows, else they are found.",
+        description="Detector rows A:B to average, the first included, the last not. Default: the scan's phantom "
+        "rows, else the rows in which the phantom is found.",
         examples=["0:16"],
     )
     log_rows: Rows | None = Field(
         None,
-        description="Detector rows A:B that show a log beside the phantom, the second witness for u_c and tilt. By "
-        "default they are looked for.",
+        description="Detector rows A:B that show a log beside the phantom, the second witness for u_c and tilt. "
+        "Default: the rows in which a log is found.",
         examples=["20:28"],
     )
     views: Annotated[int, Field(ge=3)] | None = Field(
         None,
-        description="Number of views to use: every (total / views)-th, each with its own angle. By default all.",
+        description="Number of views to use: every (total / views)-th, each with its own angle. Default: all.",
         examples=[180],
     )
     handedness: Handedness | None = Field(
         None,
-        description="From which end the phantom was seen. By default the scanner's, else both are tried.",
+        description="Handedness, from which end the phantom was seen. Default: the scanner's, else both are tried.",
         examples=["as-drawn"],
     )
     rotation: Rotation | None = Field(
         None,
-        description="Which way the angles count. By default the scanner's, else both are tried.",
+        description="Sense of rotation, which way the angles count. Default: the scanner's, else both are tried.",
         examples=["as-given"],
     )
     method: CalibrationMethod = Field(
@@ -107,8 +109,8 @@ class CalibrationOptions(Contract):
     )
     rays_per_cell: Annotated[int, Field(ge=1, le=64)] | None = Field(
         None,
-        description="Rays a cell in the model, a count. By default the average over the whole cell, as of a real "
-        "detector.",
+        description="Number of rays for each cell in the model. Default: the average over the whole cell, as in a "
+        "real detector.",
         examples=[4],
     )
     without: list[Adjustment] = Field(
@@ -119,13 +121,13 @@ class CalibrationOptions(Contract):
     )
     size_tolerance_percent: SizeTolerancePercent | None = Field(
         None,
-        description="Relative standard uncertainty of the phantom's size, in per cent. By default that of its drawing, "
-        f"{100 * STANDARD_SIZE_TOLERANCE:g} where nobody stated one.",
+        description="Relative standard uncertainty of the phantom's size, in per cent. Default: that of its drawing, "
+        f"or {100 * STANDARD_SIZE_TOLERANCE:g} where the drawing states none.",
         examples=[0.15],
     )
     true_axis: Axis | None = Field(
         None,
-        description="Axis of the drawing along which the phantom's size is right. By default the drawing's, else "
+        description="Axis of the drawing along which the phantom's size is right. Default: the drawing's, else "
         "neither: half the difference between the two is then added to the scale's uncertainty.",
         examples=["x"],
     )
@@ -135,7 +137,7 @@ class CalibrationOptions(Contract):
 
 
 class GivenCalibrationOptions(CalibrationOptions, Given):
-    """How to calibrate, as somebody asks for it; an earlier version took what is refused here."""
+    """Options of a calibration in a request; an earlier version accepted values that are refused here."""
 
     views: ChosenViews | None = Field(
         None, description=CalibrationOptions.model_fields["views"].description, examples=[180]
@@ -151,32 +153,32 @@ class CalibrationAsk(GivenCalibrationOptions, Given):
     )
     activate: bool = Field(
         default=False,
-        description="Make it the scanner's active calibration if its rays_verdict is pass: an uncertain scale blurs "
-        "nothing and does not stop it.",
+        description="Whether the calibration becomes the scanner's active one if its rays_verdict is pass: an "
+        "uncertain scale blurs nothing and does not stop it.",
         examples=[False],
     )
 
 
 class CalibrationLimits(Contract):
-    """What an answer is held against, where no scanner is registered that has tolerances."""
+    """Limits of a verdict where no scanner with tolerances is registered."""
 
-    tolerance_mm: PositiveMm = Field(0.1, description="What the predicted ray error may be, mm.", examples=[0.1])
+    tolerance_mm: PositiveMm = Field(0.1, description="Limit of the predicted ray error, mm.", examples=[0.1])
     scale_tolerance_percent: Annotated[float, Field(gt=0, le=100)] = Field(
-        0.5, description="What the image's millimetres may be off by, per cent.", examples=[0.5]
+        0.5, description="Limit of the scale uncertainty, per cent.", examples=[0.5]
     )
     log_radius_mm: PositiveMm | None = Field(
         None,
-        description="Radius of the disc in which ray errors are counted, mm. Null: that of the smallest disc which "
+        description="Radius of the disc in which ray errors are counted, mm. Null: radius of the smallest disc that "
         "holds the phantom.",
         examples=[150.0],
     )
 
 
 class StandardDeviation(Contract):
-    """Of theta and of the source frame."""
+    """Standard deviations of theta and of the source frame."""
 
-    theta: ThetaDeviation = Field(description="Of theta.")
-    source_frame: SourceFrameDeviation = Field(description="Of the source frame.")
+    theta: ThetaDeviation = Field(description="Standard deviations of theta.")
+    source_frame: SourceFrameDeviation = Field(description="Standard deviations of the source frame.")
 
 
 class PredictedRayError(Contract):
@@ -187,39 +189,43 @@ class PredictedRayError(Contract):
     upper_95: float = Field(description="The RMS ray error stays below this, mm, in 95 of 100 cases.", examples=[0.04])
     interval_95: tuple[float, float] | None = Field(
         None,
-        description="It lies between these, mm, in 95 of 100 cases. Null: an answer of an earlier version.",
+        description="Two-sided 95 % interval of the RMS ray error, mm. Null: an answer of an earlier version.",
         examples=[[0.012, 0.041]],
     )
-    radius_mm: float = Field(description="Of the disc in which rays are compared.", examples=[150.0])
+    radius_mm: float = Field(description="Radius of the disc in which rays are compared, mm.", examples=[150.0])
 
 
 class Residual(Contract):
-    """What the model leaves of the sinogram."""
+    """Misfit of the model to the sinogram."""
 
-    rms: float = Field(description="In the unit of the sinogram.", examples=[0.03])
+    rms: float = Field(description="RMS of the residual, in the unit of the sinogram.", examples=[0.03])
     relative: float = Field(
         description="RMS of the residual against that of the background-free sinogram, no unit.", examples=[0.012]
     )
 
 
 class Hypothesis(Contract):
-    """One of the four: handedness and sense of rotation."""
+    """A hypothesis: one of the four combinations of handedness and sense of rotation."""
 
-    handedness: Handedness = Field(description="From which end the phantom is seen in it.", examples=["as-drawn"])
-    rotation: Rotation = Field(description="Which way the view angles count in it.", examples=["as-given"])
+    handedness: Handedness = Field(
+        description="Handedness of this hypothesis, from which end the phantom is seen.", examples=["as-drawn"]
+    )
+    rotation: Rotation = Field(
+        description="Sense of rotation of this hypothesis, which way the view angles count.", examples=["as-given"]
+    )
     relative_residual: float = Field(
         description="RMS of the residual against that of the background-free sinogram, no unit.", examples=[0.012]
     )
     log_likelihood_behind: float | None = Field(
         None,
-        description="How far its logarithmic likelihood is behind the best one's, no unit; below 10 the scan does "
+        description="Logarithmic likelihood of the best hypothesis less this one's, no unit; below 10 the scan does "
         "not decide. Null without error bars.",
         examples=[0.0],
     )
 
 
 class Search(Contract):
-    """How the basin was found."""
+    """The search for the basin of the best fit."""
 
     method: str = Field(description="The search's name.", examples=["default"])
     seed: int = Field(description="Seed of the search's random numbers, no unit.", examples=[7])
@@ -229,7 +235,7 @@ class Search(Contract):
         description="The objective at the best geometry, in the objective's own unit.", examples=[0.0123]
     )
     converged: bool = Field(description="Whether the search converged.", examples=[True])
-    message: str = Field(description="How the search ended, in words.", examples=["converged"])
+    message: str = Field(description="End of the search, in words.", examples=["converged"])
 
 
 class Timing(Contract):
@@ -242,7 +248,7 @@ class Timing(Contract):
 
 
 class Comparison(Contract):
-    """Against the scanner's active calibration."""
+    """Change against the scanner's active calibration."""
 
     calibration_id: Identifier = Field(description="Id of the calibration that was active.", examples=["example"])
     ray_change_mm: float = Field(
@@ -257,7 +263,7 @@ class Comparison(Contract):
     )
     scale_change_uncertainty_percent: float | None = Field(
         None,
-        description="Of the change of scale, 95 %, from both covariances; null without error bars.",
+        description="95 % uncertainty of the change of scale, from both covariances; null without error bars.",
         examples=[0.4],
     )
     angle_change_deg: float = Field(description="Change of the first angle.", examples=[0.01])
@@ -269,18 +275,18 @@ class Comparison(Contract):
     )
     tilt_change_deg: float = Field(description="Change of tau, the detector's tilt, degrees.", examples=[0.01])
     tolerance_mm: float | None = Field(
-        None, description="What `ray_change_mm` may be. Null: an answer of an earlier version.", examples=[0.5]
+        None, description="Limit of `ray_change_mm`. Null: an answer of an earlier version.", examples=[0.5]
     )
     within_tolerance: bool = Field(
         description="Whether nothing moved beyond the scanner's tolerances.", examples=[True]
     )
     reason: str = Field(
-        description="What the changes mean, in one sentence.", examples=["nothing moved beyond the tolerance"]
+        description="Meaning of the changes, in one sentence.", examples=["nothing moved beyond the tolerance"]
     )
 
 
 class ColumnAndTilt(Contract):
-    """What the phantom's rows and the log's rows both show."""
+    """Place of the COR on the detector, and tilt: what the phantom's rows and the log's rows both show."""
 
     cor_column_mm: float = Field(
         description="u_c, where the centre of rotation falls on the detector, mm from its middle.", examples=[-209.1]
@@ -292,27 +298,29 @@ class ColumnAndTilt(Contract):
 
 
 class SecondWitness(Contract):
-    """The log beside the phantom: by opposite rays or pairs of views its rows give u_c and the tilt too."""
+    """The log next to the phantom: its rows also give u_c and the tilt, by opposite rays or pairs of views."""
 
     log_rows: tuple[int, int] = Field(
         description="First row that shows the log and the one after the last.", examples=[[20, 28]]
     )
-    log_rows_averaged: int = Field(description="The number of them that was averaged, evenly spaced.", examples=[8])
-    log: ColumnAndTilt = Field(description="What the log's rows show.")
-    log_standard_deviation: ColumnAndTilt = Field(description="Standard deviations of what the log's rows show.")
-    phantom: ColumnAndTilt = Field(description="Of the phantom's rows alone.")
-    phantom_standard_deviation: ColumnAndTilt = Field(
-        description="Standard deviations of what the phantom's rows show."
+    log_rows_averaged: int = Field(
+        description="Number of the log's rows that were averaged, evenly spaced.", examples=[8]
     )
-    difference: ColumnAndTilt = Field(description="The log's less the phantom's.")
+    log: ColumnAndTilt = Field(description="Values from the log's rows.")
+    log_standard_deviation: ColumnAndTilt = Field(description="Standard deviations of the values from the log's rows.")
+    phantom: ColumnAndTilt = Field(description="Values from the phantom's rows alone.")
+    phantom_standard_deviation: ColumnAndTilt = Field(
+        description="Standard deviations of the values from the phantom's rows."
+    )
+    difference: ColumnAndTilt = Field(description="The log's values less the phantom's.")
     difference_standard_deviation: ColumnAndTilt = Field(description="Standard deviations of the difference.")
-    reported: ColumnAndTilt = Field(description="What follows from both, as source_frame has it.")
-    reported_standard_deviation: ColumnAndTilt = Field(description="Standard deviations of what is reported.")
+    reported: ColumnAndTilt = Field(description="Combined values, as in source_frame.")
+    reported_standard_deviation: ColumnAndTilt = Field(description="Standard deviations of the combined values.")
     chi_squared: float = Field(
         description="Chi squared of the difference, with 2 degrees of freedom, no unit.", examples=[1.3]
     )
     ray_change_mm: float = Field(
-        description="RMS distance that the difference makes to the rays in the log's disc.", examples=[0.03]
+        description="RMS distance between the rays in the log's disc that the difference causes.", examples=[0.03]
     )
     agreement: Agreement = Field(
         description="agree: chi_squared is below 5.99 (95 %). strained: below 13.8 (99.9 %), combined and widened. "
@@ -320,25 +328,25 @@ class SecondWitness(Contract):
         examples=["agree"],
     )
     moved: MovedBody | None = Field(
-        description="Which body moved during the scan. Null: none did, or the scan does not tell which.",
+        description="Body that moved during the scan. Null: none did, or the scan does not tell which.",
         examples=["log"],
     )
     taken: WitnessTaken = Field(
-        description="Whose u_c and tilt are reported; both: combined by their covariances.", examples=["both"]
+        description="Source of the reported u_c and tilt; both: combined by their covariances.", examples=["both"]
     )
     log_jump_mm: float | None = Field(
-        description="The jump of the log that its opposite rays show, in noise or beyond it. Null: views in steps of "
-        "more than 3 degrees do not show it.",
+        description="Jump of the log during the scan, from its opposite rays, in noise or beyond it. Null: views in "
+        "steps of more than 3 degrees do not show it.",
         examples=[0.02],
     )
     log_jump_view: int | None = Field(
-        description="The first view after it, counted from 0; null with log_jump_mm.", examples=[131]
+        description="The first view after the jump, counted from 0; null with log_jump_mm.", examples=[131]
     )
-    reason: str = Field(description="What the agreement means, in one sentence.", examples=["phantom and log agree"])
+    reason: str = Field(description="Meaning of the agreement, in one sentence.", examples=["phantom and log agree"])
 
 
 class CalibrationResult(Contract):
-    """The answer; also RESULT.json of the command line, which alone is enough to reconstruct."""
+    """A calibration's answer; also RESULT.json of the command line, which alone is enough to reconstruct."""
 
     theta: Theta = Field(description="The geometry that was found.")
     theta_twin: Theta | None = Field(
@@ -347,7 +355,9 @@ class CalibrationResult(Contract):
     source_frame: ReportedSourceFrame = Field(
         description="The geometry with the source on the axis: what the data can see."
     )
-    standard_deviation: StandardDeviation | None = Field(description="Null from a method that has no error bars.")
+    standard_deviation: StandardDeviation | None = Field(
+        description="Standard deviations of the geometry. Null from a method that has no error bars."
+    )
     covariance: Covariance | None = Field(
         description="Covariance of (psi_rad, source_distance_mm, source_to_detector_mm, cor_column_mm, tilt_rad), in "
         "the products of their units; the row of a parameter that the scan does not determine is zero. Null without "
@@ -372,29 +382,33 @@ class CalibrationResult(Contract):
         ],
     )
     unconstrained_source_distance_mm: float = Field(
-        description="R before it was held at source_to_cor_mm, if it was.", examples=[917.1]
+        description="R before it was held at source_to_cor_mm; the same as R where it was not held.", examples=[917.1]
     )
     scale_uncertainty_mm: float = Field(
-        description="What R inherits from the phantom's size tolerance: a systematic share.", examples=[1.37]
+        description="Systematic uncertainty of R, mm, from the phantom's size tolerance.", examples=[1.37]
     )
     scale_ray_error_mm: float = Field(
-        description="What the rays inherit from the phantom's size tolerance (RMS, systematic); no residual shows it.",
+        description="Systematic uncertainty of the rays (RMS), mm, from the phantom's size tolerance; no residual "
+        "shows it.",
         examples=[0.08],
     )
     scale_uncertainty_percent: float | None = Field(
         None,
-        description="The image's millimetres are right to this with 95 %: 1.96 times the standard uncertainties of the "
-        "phantom's size and of R/SDD, in quadrature, and half the phantom's aspect. "
-        "Null: an answer of an earlier version.",
+        description="95 % uncertainty of the image's millimetres, per cent: 1.96 times the standard uncertainties "
+        "of the phantom's size and of R/SDD, in quadrature, and half the phantom's aspect. Null: an answer of an "
+        "earlier version.",
         examples=[0.3],
     )
-    predicted_ray_error_mm: PredictedRayError | None = Field(description="Null without error bars.")
-    handedness: Handedness = Field(description="From which end the phantom was seen.", examples=["as-drawn"])
-    rotation: Rotation = Field(description="Which way the view angles count.", examples=["as-given"])
-    hypotheses: list[Hypothesis] = Field(description="All that were tried, best first.")
+    predicted_ray_error_mm: PredictedRayError | None = Field(
+        description="Predicted ray error. Null without error bars."
+    )
+    handedness: Handedness = Field(
+        description="Handedness, from which end the phantom was seen.", examples=["as-drawn"]
+    )
+    rotation: Rotation = Field(description="Sense of rotation, which way the view angles count.", examples=["as-given"])
+    hypotheses: list[Hypothesis] = Field(description="All hypotheses that were tried, best first.")
     phantom_position_mm: tuple[float, float] = Field(
-        description="Where the phantom's drawing lies in the image, (x, y) of its origin in mm from the centre of "
-        "rotation.",
+        description="Position of the drawing's origin in the image, (x, y) in mm from the centre of rotation.",
         examples=[[3.2, -1.4]],
     )
     gain: float = Field(
@@ -406,7 +420,7 @@ class CalibrationResult(Contract):
         description="Background of the sinogram: a constant beside the phantom, in the unit of a line integral.",
         examples=[0.003],
     )
-    residual: Residual = Field(description="What the model leaves of the sinogram.")
+    residual: Residual = Field(description="Residual: the sinogram less the model.")
     beam_hardening: BeamHardening | None = Field(
         None,
         description="Beam hardening that was fitted; a reconstruction takes it out of a log's line integrals. Null: "
@@ -419,7 +433,7 @@ class CalibrationResult(Contract):
     )
     adjustments: list[str] = Field(
         [],
-        description="What was found in the scan beyond the plain model, and done.",
+        description="Adjustments: what was found in the scan beyond the plain model, and what was done about it.",
         examples=[["3 faulty cells were bridged"]],
     )
     status: CalibrationStatus | None = Field(
@@ -429,23 +443,24 @@ class CalibrationResult(Contract):
         examples=["calibrated"],
     )
     verdict: Verdict = Field(
-        description="pass: the predicted ray error's upper_95 and scale_uncertainty_percent are within the scanner's "
-        "tolerances, and nothing speaks against the answer. watch: only the ray error's RMS is, or the scale is not, "
-        "or a reason asks for a look. fail: not even the RMS is, or the fit did not converge.",
+        description="pass: the predicted ray error's upper_95 and scale_uncertainty_percent are within the "
+        "scanner's tolerances, and nothing speaks against the answer. watch: only the RMS of the ray error is "
+        "within tolerance, or the scale is not, or a reason calls for an inspection. fail: not even the RMS is "
+        "within tolerance, or the fit did not converge.",
         examples=["pass"],
     )
     rays_verdict: Verdict | None = Field(
         None,
-        description="The verdict on the rays alone, whether they are right among themselves up to a common scale. "
-        "Null: an answer of an earlier version.",
+        description="The verdict on the rays alone, whether they agree with one another up to a common scale. Null: "
+        "an answer of an earlier version.",
         examples=["pass"],
     )
     limits: CalibrationLimits | None = Field(
         None,
-        description="What the verdict was held against. Null: an answer of an earlier version, which did not keep it.",
+        description="Limits of the verdict. Null: an answer of an earlier version, which did not store them.",
     )
     reasons: list[str] = Field(
-        description="Why the verdict is not pass, and what else to know, a sentence each.",
+        description="Reasons why the verdict is not pass, and further remarks, a sentence each.",
         examples=[["the phantom's size is known to 0.15 % only"]],
     )
     scanner: ScannerConstants = Field(description="The scanner's constants with which it was computed.")
@@ -454,7 +469,7 @@ class CalibrationResult(Contract):
     rows: tuple[int, int] = Field(
         description="Detector rows that were averaged: the first one and the one after the last.", examples=[[0, 16]]
     )
-    search: Search = Field(description="How the solution was found.")
+    search: Search = Field(description="Search for the solution.")
     timing_s: Timing = Field(description="Seconds that the parts of the computation took.")
     software_version: str = Field(description="Version of the software that computed it.", examples=["0.15.0"])
     input_sha256: str = Field(
@@ -462,40 +477,40 @@ class CalibrationResult(Contract):
         examples=["9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08"],
     )
     comparison: Comparison | None = Field(
-        None, description="What changed since the scanner's active calibration. Null: there was none."
+        None, description="Changes since the scanner's active calibration. Null: there was none."
     )
     second_witness: SecondWitness | None = Field(
         None,
-        description="The log beside the phantom as a second witness for u_c and tilt; null where the scan shows none, "
+        description="The log next to the phantom as a second witness for u_c and tilt; null where the scan shows none, "
         "or has fewer than 8 views.",
     )
 
     @property
     def beam(self) -> BeamCorrection:
-        """What a reconstruction takes out of a log's line integrals."""
+        """Corrections that a reconstruction applies to a log's line integrals."""
         return BeamCorrection(self.beam_hardening, self.scattered_radiation)
 
     @property
     def radius_mm(self) -> float:
-        """Of the disc in which ray errors are counted with this geometry, where its scanner names none."""
+        """Radius of the disc, mm, in which ray errors are counted with this geometry, where its scanner names none."""
         predicted = self.predicted_ray_error_mm
         return LARGEST_ASSUMED_LOG_RADIUS_MM if predicted is None else predicted.radius_mm
 
 
 class CalibrationFile(CalibrationResult):
-    """What the command line prints: an answer that belongs to no service."""
+    """A calibration as the command line prints it, without ids of a service."""
 
     id: str
     state: Literal["succeeded"] = "succeeded"
 
     @classmethod
     def of(cls, result: CalibrationResult) -> Self:
-        """An answer with an id of its own."""
+        """Give an answer an id."""
         return cls(id=str(uuid4()), **dict(result))
 
     @classmethod
     def read(cls, text: str) -> CalibrationResult:
-        """The answer in RESULT.json, whether the command line or the service wrote it.
+        """Read the answer from RESULT.json, whether the command line or the service wrote the file.
 
         Raises
         ------
@@ -505,15 +520,15 @@ class CalibrationFile(CalibrationResult):
         document = json.loads(text)
         if not isinstance(document, dict) or document.get("state") != "succeeded":
             raise ValueError("it is not a calibration that succeeded")
-        known = {name: document[name] for name in CalibrationResult.model_fields if name in document}
-        return CalibrationResult.model_validate(known)
+        fields = {name: document[name] for name in CalibrationResult.model_fields if name in document}
+        return CalibrationResult.model_validate(fields)
 
 
 class CalibrationLinks(Contract):
-    """Where its files are."""
+    """Links to a calibration's files."""
 
-    self: str = Field(description="Its own path.", examples=["/v1/calibrations/example"])
-    job: str = Field(description="Path of its job.", examples=["/v1/jobs/example"])
+    self: str = Field(description="Path of the calibration.", examples=["/v1/calibrations/example"])
+    job: str = Field(description="Path of the calibration's job.", examples=["/v1/jobs/example"])
     report: str = Field(description="Path of the report picture.", examples=["/v1/calibrations/example/report.png"])
     overlay: str = Field(
         description="Path of the picture of the phantom with its outline.",
@@ -526,46 +541,49 @@ class CalibrationLinks(Contract):
 
 
 class CalibrationHeader(Stamped):
-    """What every calibration carries from the moment it was asked for."""
+    """Fields of every calibration, from the request on."""
 
     scanner_id: Identifier = Field(description="Id of the scanner that is calibrated.", examples=["example"])
     scan_id: Identifier = Field(description="Id of the scan that shows the phantom.", examples=["example"])
     phantom_id: Identifier = Field(description="Id of the phantom.", examples=["l-shape"])
-    job_id: Identifier = Field(description="Id of the job that computes it.", examples=["example"])
+    job_id: Identifier = Field(description="Id of the job that computes the result.", examples=["example"])
     schedule_id: Identifier | None = Field(
-        None, description="Id of the schedule that asked for it. Null: a person or a program did.", examples=["example"]
+        None, description="Id of the schedule that requested it. Null: a person or a program did.", examples=["example"]
     )
-    options: CalibrationOptions = Field(description="How it was asked for, apart from the scan and the phantom.")
+    options: CalibrationOptions = Field(description="Options of the request, apart from the scan and the phantom.")
 
 
 class CalibrationUnfinished(CalibrationHeader):
-    """Waiting, running, or ended without an answer."""
+    """A calibration that is waiting, running, or ended without an answer."""
 
-    state: UnfinishedState = Field(description="State of its job.", examples=["queued"])
-    failure: Failure | None = Field(None, description="Why it failed. Null: it has not.")
-    links: CalibrationLinks | None = Field(None, description="Where it and its files are.")
+    state: UnfinishedState = Field(description="State of the job.", examples=["queued"])
+    failure: Failure | None = Field(None, description="Reason of the failure. Null: the job has not failed.")
+    links: CalibrationLinks | None = Field(None, description="Links to the calibration and its files.")
 
 
 class CalibrationSucceeded(CalibrationHeader, CalibrationResult):
-    """With its answer."""
+    """A calibration with its answer."""
 
     state: Literal["succeeded"] = Field(
-        "succeeded", description="State of its job: there is an answer.", examples=["succeeded"]
+        "succeeded", description="State of the job, which has succeeded.", examples=["succeeded"]
     )
-    links: CalibrationLinks | None = Field(None, description="Where it and its files are.")
+    links: CalibrationLinks | None = Field(None, description="Links to the calibration and its files.")
 
 
 Calibration = TypeAliasType(
     "Calibration",
     Annotated[
         CalibrationUnfinished | CalibrationSucceeded,
-        Field(discriminator="state", description="A calibration as it stands: with its answer once it has succeeded."),
+        Field(
+            discriminator="state",
+            description="A calibration in its present state: with its answer once it has succeeded.",
+        ),
     ],
 )
 
 
 def calibration_from(record: Mapping[str, Any]) -> CalibrationUnfinished | CalibrationSucceeded:
-    """Put a stored record together: a result's fields stand beside the header's."""
+    """Build a calibration from a stored record, in which a result's fields are next to the header's."""
     header = {name: record[name] for name in (*CalibrationHeader.model_fields, "state")}
     if record["state"] == "succeeded":
         return CalibrationSucceeded.model_validate({**header, **record["result"]})
@@ -598,6 +616,6 @@ Find theta from a scan of a phantom.
 The scan may still be read: the job waits for it. `GET` the calibration, or stream its job's events, until it ends.""",
         {"body": {"scan_id": "example"}},
     ),
-    to_list=Operation("List calibrations, newest first", "All of them, or those of one scanner, or in one state."),
-    to_get=Operation("Get a calibration", "Its state, and the whole answer once there is one."),
+    to_list=Operation("List calibrations, newest first", "All calibrations, or a selection by scanner or by state."),
+    to_get=Operation("Get a calibration", "State of the calibration, and the whole answer once there is one."),
 )

@@ -12,7 +12,7 @@ Verdict = TypeAliasType(
     "Verdict",
     Annotated[
         vocabulary.Verdict,
-        Field(description="pass: within tolerance, nothing speaks against it. watch: look at it. fail: do not use it."),
+        Field(description="pass: within tolerance, nothing speaks against it. watch: inspect it. fail: do not use it."),
     ],
 )
 Weighting = TypeAliasType(
@@ -22,17 +22,18 @@ Weighting = TypeAliasType(
     ],
 )
 PaperObjective = TypeAliasType(
-    "PaperObjective", Annotated[vocabulary.PaperObjective, Field(description="What the published search compares.")]
+    "PaperObjective",
+    Annotated[vocabulary.PaperObjective, Field(description="Quantity that the published search compares.")],
 )
 PaperCorrelation = TypeAliasType(
     "PaperCorrelation",
-    Annotated[vocabulary.PaperCorrelation, Field(description="Whether the published search's correlation is normed.")],
+    Annotated[vocabulary.PaperCorrelation, Field(description="Normalisation of the published search's correlation.")],
 )
 PaperStop = TypeAliasType(
-    "PaperStop", Annotated[vocabulary.PaperStop, Field(description="When the published search ends.")]
+    "PaperStop", Annotated[vocabulary.PaperStop, Field(description="Stopping rule of the published search.")]
 )
 WitnessTaken = TypeAliasType(
-    "WitnessTaken", Annotated[vocabulary.WitnessTaken, Field(description="Whose u_c and tilt are reported.")]
+    "WitnessTaken", Annotated[vocabulary.WitnessTaken, Field(description="Source of the reported u_c and tilt.")]
 )
 MetalTreatment = TypeAliasType(
     "MetalTreatment",
@@ -53,9 +54,9 @@ DriftMethod = TypeAliasType(
     Annotated[
         Literal["opposite-rays", "view-pairs"],
         Field(
-            description="opposite-rays: every ray against the one from the other side, in dense scans all round. "
-            "view-pairs: what any two views have in common, in scans of 8 views or more, and opposite rays as far as "
-            "those views have them."
+            description="opposite-rays: each ray is compared with its conjugate ray, in dense scans all round. "
+            "view-pairs: any two views are compared in what they have in common, in scans of 8 views or more, and "
+            "conjugate rays as far as the views contain them."
         ),
     ],
 )
@@ -64,9 +65,9 @@ DriftReference = TypeAliasType(
     Annotated[
         Literal["calibration", "baseline", "given-geometry"],
         Field(
-            description="calibration: changes are absolute, counted from the calibration. baseline: they are counted "
-            "from what the first logs after it measured. given-geometry: from nominal distances, which have no error "
-            "bars; the service compares with calibrations alone."
+            description="calibration: changes are absolute, counted from the calibration. baseline: changes are "
+            "counted from the mean of the first logs after it. given-geometry: changes are counted from nominal "
+            "distances, which have no error bars; the service compares with calibrations alone."
         ),
     ],
 )
@@ -76,14 +77,15 @@ DriftFindingKind = TypeAliasType(
         Literal["learning", "quiet", "jump", "trend"],
         Field(
             description="learning: the baseline is not complete. quiet: nothing speaks against an unchanged scanner. "
-            "jump: it moved at one time. trend: it has been moving since."
+            "jump: the scanner moved at one time. trend: the scanner has been moving since."
         ),
     ],
 )
 OnPass = TypeAliasType(
     "OnPass",
     Annotated[
-        Literal["report", "activate"], Field(description="report: nothing more is done. activate: it becomes active.")
+        Literal["report", "activate"],
+        Field(description="report: nothing more is done. activate: the calibration becomes active."),
     ],
 )
 ScheduleKind = TypeAliasType(
@@ -91,8 +93,8 @@ ScheduleKind = TypeAliasType(
     Annotated[
         Literal["recalibrate", "check-drift"],
         Field(
-            description="recalibrate: with the newest phantom scan that no schedule has used. check-drift: on the "
-            "newest log scan that no drift check has looked at."
+            description="recalibrate: calibrate with the newest phantom scan that no schedule has used. check-drift: "
+            "check the newest log scan that has no drift check."
         ),
     ],
 )
@@ -101,8 +103,8 @@ ScheduleOutcome = TypeAliasType(
     Annotated[
         Literal["queued", "no-new-phantom-scan", "no-new-log-scan", "no-active-calibration"],
         Field(
-            description="A job was queued, or there was no new scan for it, or no active calibration to compare a log "
-            "with."
+            description="A job was queued, or there was no new scan to process, or no active calibration to compare a "
+            "log with."
         ),
     ],
 )
@@ -110,6 +112,6 @@ UnfinishedState = TypeAliasType(
     "UnfinishedState",
     Annotated[
         Literal["queued", "running", "failed", "cancelled"],
-        Field(description="A job's states but `succeeded`: those in which there is no answer."),
+        Field(description="States of a job that has no answer: all but `succeeded`."),
     ],
 )

@@ -15,21 +15,22 @@ class DetectorGeometry(Contract):
         description="tau, tilt of the detector against the ray through the centre of rotation.", examples=[-0.083]
     )
     source_to_detector_mm: float = Field(
-        description="SDD along that ray; only weakly seen, and held where it is not.", examples=[1619.3]
+        description="SDD along the ray through the centre of rotation; only weakly determined, and held where it is "
+        "not determined.",
+        examples=[1619.3],
     )
 
 
 class DetectorDeviation(Contract):
-    """A standard deviation of each, or how many of them; null for the distance where the scan does not show it."""
+    """Standard deviations, or multiples of them; null for the distance where the scan does not show it."""
 
     cor_column_mm: float = Field(
-        description="Of u_c, where the centre of rotation falls on the detector, mm, or a number of standard "
-        "deviations.",
+        description="Value for u_c, where the centre of rotation falls on the detector, mm, or in standard deviations.",
         examples=[0.05],
     )
     tilt_rad: float = Field(
-        description="Of tau, the detector's tilt, radians, or a number of standard deviations.", examples=[0.0004]
+        description="Value for tau, the detector's tilt, radians, or in standard deviations.", examples=[0.0004]
     )
     source_to_detector_mm: float | None = Field(
-        description="Of SDD, mm, or a number of standard deviations. Null: the scan does not show it.", examples=[12.0]
+        description="Value for SDD, mm, or in standard deviations. Null: the scan does not show it.", examples=[12.0]
     )

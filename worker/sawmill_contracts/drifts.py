@@ -1,4 +1,4 @@
-"""Drift: what an ordinary log scan says of a calibration, without a phantom."""
+"""Drift checks: an ordinary log scan against a calibration, without a phantom."""
 
 from datetime import datetime
 from typing import Self
@@ -19,63 +19,72 @@ from sawmill_vocabulary.texts import N_
 
 
 class DriftOptions(Contract):
-    """Which part of the scan is looked at."""
+    """The part of the scan that is used."""
 
     rows: Rows | None = Field(
         None,
-        description="Detector rows A:B to average, the first included, the last not. By default all of them. A scan "
-        "that came as the mean of rows has no others.",
+        description="Detector rows A:B to average, the first included, the last not. Default: all. A scan that was "
+        "posted as the mean of rows has only that mean.",
         examples=["0:16"],
     )
 
 
 class DriftAsk(DriftOptions, Given):
-    """Ask whether a scanner has moved since a calibration. The scan needs 8 views or more, of any log."""
+    """Request to find whether a scanner has moved since a calibration. The scan needs 8 views or more, of any log."""
 
-    scan_id: Identifier = Field(examples=["example"], description="Id of the scan to look at.")
+    scan_id: Identifier = Field(examples=["example"], description="Id of the scan.")
     calibration_id: Identifier | None = Field(
-        None, description="To compare with; null: the scanner's active calibration.", examples=["example"]
+        None,
+        description="Id of the calibration to compare with; null: the scanner's active calibration.",
+        examples=["example"],
     )
 
 
 class TurnDisturbance(Contract):
-    """A harmonic of the turn itself, fitted with the geometry: it is neither drift nor part of the change."""
+    """A harmonic of the turn itself, fitted with the geometry: neither drift nor part of the change."""
 
     part: DisturbedPart = Field(
         description="`encoder`: the angles run ahead and behind. `bearing`: the log swings across the beam.",
         examples=["encoder"],
     )
-    times_a_turn: int = Field(description="Number of its periods a turn.", examples=[1])
-    amplitude_deg: float | None = Field(None, description="Of the encoder.", examples=[0.05])
+    times_a_turn: int = Field(description="Number of the harmonic's periods a turn.", examples=[1])
+    amplitude_deg: float | None = Field(
+        None, description="Amplitude of the encoder's error, degrees. Null: the bearing is disturbed.", examples=[0.05]
+    )
     amplitude_mm: float | None = Field(
-        None, description="Of the bearing, across the beam at the centre of rotation.", examples=[0.3]
+        None,
+        description="Amplitude of the bearing's swing across the beam at the centre of rotation, mm. Null: the "
+        "encoder is disturbed.",
+        examples=[0.3],
     )
 
 
 class DriftResult(Contract):
-    """The answer: what moved, how surely, and what cannot be seen."""
+    """Result of a drift check: what moved, how surely, and what cannot be seen."""
 
-    measured: DetectorGeometry = Field(description="What this scan shows of the geometry.")
-    standard_deviation: DetectorDeviation = Field(description="Of what was measured.")
+    measured: DetectorGeometry = Field(description="Measured values of the geometry.")
+    standard_deviation: DetectorDeviation = Field(description="Standard deviations of the measured values.")
     covariance: Covariance = Field(
-        description="Covariance of what was measured, (cor_column_mm, tilt_rad, source_to_detector_mm), in the "
+        description="Covariance of the measured values, (cor_column_mm, tilt_rad, source_to_detector_mm), in the "
         "products of their units.",
         examples=[[[0.0025, 0, 0], [0, 1.6e-07, 0], [0, 0, 0]]],
     )
-    calibrated: DetectorGeometry = Field(description="What the calibration has of it.")
-    change: DetectorGeometry = Field(description="Measured less calibrated, with a baseline too.")
+    calibrated: DetectorGeometry = Field(description="The calibration's values.")
+    change: DetectorGeometry = Field(
+        description="Measured values less calibrated ones, also where there is a baseline."
+    )
     change_standard_deviation: DetectorDeviation = Field(
-        description="From this scan's errors and, where they are known, the calibration's."
+        description="Standard deviations of the change, from this scan's errors and, where known, the calibration's."
     )
     significance: DetectorDeviation = Field(description="Each change in units of its standard deviation.")
     reference: DriftReference = Field(
         "calibration",
-        description="What `moved`, `ray_change_mm`, `scale_change_percent`, `within_tolerance` and `reason` are "
-        "counted from: the baseline where there is one, else the calibration.",
+        description="Zero of `moved`, `ray_change_mm`, `scale_change_percent`, `within_tolerance` and `reason`: the "
+        "baseline where there is one, else the calibration.",
         examples=["calibration"],
     )
     baseline: DriftBaseline | None = Field(
-        None, description="What counts as zero, and the change from it. Null: there is no baseline."
+        None, description="The baseline, which counts as zero, and the change from it. Null: there is no baseline."
     )
     theta: Theta | None = Field(
         None,
@@ -98,13 +107,14 @@ class DriftResult(Contract):
     )
     scale_change_percent: float | None = Field(
         None,
-        description="Change of the image's size, which the ray change leaves out. Null: from an earlier version.",
+        description="Change of the image's size, per cent, which the ray change leaves out. Null: an answer of an "
+        "earlier version.",
         examples=[0.05],
     )
     scale_change_uncertainty_percent: float | None = Field(
-        None, description="Of the change of scale, 95 %.", examples=[0.4]
+        None, description="95 % uncertainty of the change of scale, per cent.", examples=[0.4]
     )
-    radius_mm: float = Field(description="Of the disc in which rays are compared.", examples=[150.0])
+    radius_mm: float = Field(description="Radius of the disc in which rays are compared, mm.", examples=[150.0])
     tolerance_mm: float = Field(gt=0, description="RMS ray distance up to which nothing moved.", examples=[0.5])
     within_tolerance: bool | None = Field(
         description="False: a change beyond chance moved the rays, or the image's size, by more than is allowed. Null: "
@@ -115,50 +125,56 @@ class DriftResult(Contract):
         description="A likely cause and what to do, in one sentence.", examples=["nothing moved beyond the tolerance"]
     )
     method: DriftMethod | None = Field(
-        None, description="How the views were compared. Null: from an earlier version.", examples=["opposite-rays"]
+        None,
+        description="How the views were compared. Null: an answer of an earlier version.",
+        examples=["opposite-rays"],
     )
     not_seen: list[str] = Field(
-        description="What no scan without a phantom can show.",
+        description="Parameters that no scan without a phantom can show.",
         examples=[["R, the distance from the source to the centre of rotation"]],
     )
     rotation: Rotation = Field(description="The sense of rotation in which rays agree.", examples=["as-given"])
     rotation_ratio: float = Field(
-        description="How many times worse they agree in the other sense, no unit.", examples=[60.0]
+        description="Ratio of the rays' disagreement in the other sense of rotation to that in this one, no unit.",
+        examples=[60.0],
     )
     rotation_decided: bool = Field(
-        description="False: a log too round and centred to tell; the calibration's is kept.", examples=[True]
+        description="False: the log is too round and centred to tell; the calibration's rotation is kept.",
+        examples=[True],
     )
     relative_residual: float = Field(
-        description="What opposite rays differ by, against what changes with the view; or what sums of pairs of views "
-        "differ by, against the sums. No unit.",
+        description="RMS difference of opposite rays, relative to what changes with the view; or of sums of pairs "
+        "of views, relative to the sums. No unit.",
         examples=[0.01],
     )
     disturbances: list[TurnDisturbance] = Field(
         default_factory=list,
-        description="What disturbs the turn beyond chance. What is not found widens the standard deviations.",
+        description="Disturbances of the turn beyond chance. Undetected ones are allowed for in the standard "
+        "deviations.",
     )
     encoder_bound_mm: float | None = Field(
         None,
-        description="The most that an encoder that is wrong by 0.1 degrees once a turn still moves `cor_column_mm` of "
-        "this log, one way or the other as the log lies; the standard deviations include it. Null: opposite rays were "
-        "compared, with which an encoder is one of `disturbances`, or from an earlier version.",
+        description="Largest remaining change of `cor_column_mm` of this log from an encoder error of 0.1 degrees "
+        "once a turn, either sign, depending on the log's position; the standard deviations include it. Null: "
+        "opposite rays were compared, with which an encoder is one of `disturbances`, or an answer of an earlier "
+        "version.",
         examples=[0.004],
     )
     adjustments: list[str] = Field(
         default_factory=list,
-        description="What was done to the scan before it was used, a sentence each.",
+        description="Adjustments of the scan before its use, a sentence each.",
         examples=[["1 corrupt view was left out"]],
     )
     scanner: ScannerConstants = Field(description="The scanner's constants with which it was computed.")
     views: int = Field(description="Number of views of the scan.", examples=[360])
     rows: tuple[int, int] = Field(
-        description="First row and the one after the last; [0, 1] of a scan that came as a mean of rows, of which "
-        "`adjustments` has the number.",
+        description="First row and the one after the last; [0, 1] for a scan that was posted as a mean of rows, of "
+        "which `adjustments` has the number.",
         examples=[[0, 16]],
     )
     at: Time | None = Field(
         None,
-        description="When it ended. Null: from an earlier version.",
+        description="When the drift check ended. Null: an answer of an earlier version.",
         examples=["2026-03-02T05:31:04Z"],
     )
     time_s: float = Field(description="Seconds that the computation took.", examples=[3.2])
@@ -169,38 +185,36 @@ class DriftResult(Contract):
     )
 
     def ended(self, at: datetime) -> Self:
-        """The same with the time of its end, and so with the age of its baseline."""
-        known = self.baseline
-        if known is not None and known.last_at is not None:
-            age_hours = (at - known.last_at).total_seconds() / 3600.0
-            known = known.model_copy(update={"age_hours": age_hours})
-        return self.model_copy(update={"at": at, "baseline": known})
+        """Return the result with its time of end, and so with its baseline's age."""
+        baseline = self.baseline
+        if baseline is not None and baseline.last_at is not None:
+            age_hours = (at - baseline.last_at).total_seconds() / 3600.0
+            baseline = baseline.model_copy(update={"age_hours": age_hours})
+        return self.model_copy(update={"at": at, "baseline": baseline})
 
 
 class DriftLinks(Contract):
-    """Where it hangs together."""
+    """Links to related resources."""
 
-    self: str = Field(description="Its own path.", examples=["/v1/drifts/example"])
-    job: str = Field(description="Path of its job.", examples=["/v1/jobs/example"])
+    self: str = Field(description="Path of the drift check.", examples=["/v1/drifts/example"])
+    job: str = Field(description="Path of the drift check's job.", examples=["/v1/jobs/example"])
     calibration: str = Field(
-        description="Path of the calibration that it is compared with.", examples=["/v1/calibrations/example"]
+        description="Path of the calibration to compare with.", examples=["/v1/calibrations/example"]
     )
 
 
 class Drift(Stamped):
-    """A drift check as it stands."""
+    """A drift check in its present state."""
 
-    state: JobState = Field(description="State of its job.", examples=["succeeded"])
+    state: JobState = Field(description="State of the job.", examples=["succeeded"])
     scanner_id: Identifier = Field(description="Id of the scanner.", examples=["example"])
-    scan_id: Identifier = Field(description="Id of the scan that is looked at.", examples=["example"])
-    calibration_id: Identifier = Field(
-        description="Id of the calibration that it is compared with.", examples=["example"]
-    )
-    job_id: Identifier = Field(description="Id of the job that computes it.", examples=["example"])
-    options: DriftOptions = Field(description="How it was asked for.")
+    scan_id: Identifier = Field(description="Id of the scan.", examples=["example"])
+    calibration_id: Identifier = Field(description="Id of the calibration to compare with.", examples=["example"])
+    job_id: Identifier = Field(description="Id of the job that computes the result.", examples=["example"])
+    options: DriftOptions = Field(description="Options of the request.")
     result: DriftResult | None = Field(None, description="The answer. Null: there is none yet.")
-    failure: Failure | None = Field(None, description="Why it failed. Null: it has not.")
-    links: DriftLinks | None = Field(None, description="Where it is, and what it refers to.")
+    failure: Failure | None = Field(None, description="Reason of the failure. Null: the job has not failed.")
+    links: DriftLinks | None = Field(None, description="Links to the drift check and related resources.")
 
 
 DECLARATION = AskedKind(
@@ -219,22 +233,21 @@ DECLARATION = AskedKind(
     is_short=lambda _: True,
     listed_by=("scanner_id", "scan_id", "state"),
     to_ask=Operation(
-        "Look for drift without a phantom",
+        "Check for drift without a phantom",
         """\
-What moved since a calibration, from any scan of a log with 8 views or more.
+Find what moved since a calibration, from any scan of a log with 8 views or more.
 
 In a scan that goes all round in steps of 3 degrees or less every ray is measured twice, from either side. In any other
-one the views are compared two by two: weighted sums of their rays must be the same. Where they agree shows where the
+one the views are compared two by two: weighted sums of their rays must be the same. The agreement shows where the
 centre of rotation falls on the detector, and the detector's tilt. The source's distance and the first angle cannot be
 seen.
-The scan's stack is not needed: the mean of its rows, posted as a scan with `averaged_rows`, is enough.
+The stack of projections is not needed: the mean of its rows, posted as a scan with `averaged_rows`, is enough.
 The scan may still be read and the calibration still computed: the job waits for them.""",
         {"body": {"scan_id": "example"}},
     ),
-    to_list=Operation(
-        "List drift checks, newest first", "All of them, or those of one scanner or scan, or in one state."
-    ),
+    to_list=Operation("List drift checks, newest first", "All drift checks, or a selection by scanner, scan or state."),
     to_get=Operation(
-        "Get a drift check", "Its state, and what moved, how surely and where to look once that is known."
+        "Get a drift check",
+        "State of the drift check, and once it is known what moved, how surely and what to inspect.",
     ),
 )

@@ -1,6 +1,6 @@
-"""The codes of failures, in one closed list: whatever counts by them has no more values than this.
+"""The closed list of failure codes: a metric labelled by code has no more values than this list.
 
-`tests/jobs/test_failure_codes.py` compares it with the codes that the sources name.
+`tests/jobs/test_failure_codes.py` compares the list with the codes that the sources name.
 """
 
 OTHER = "other"
@@ -36,7 +36,7 @@ FILES = frozenset(
         "wrong-type",
     }
 )
-# What was asked for does not fit what it was asked of.
+# The request does not fit the data to which it applies.
 ASKS = frozenset(
     {
         "baseline",
@@ -80,5 +80,5 @@ CODES = DEFECTS | LOSSES | OUTAGES | LIMITS | FILES | ASKS
 
 
 def counted_as(code: str | None) -> str:
-    """The code itself where the list has it, else `other`: of an older version, say."""
+    """Return the code where the list has it, else `other`, for instance for a code of an older version."""
     return code if code in CODES else OTHER

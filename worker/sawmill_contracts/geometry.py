@@ -1,4 +1,4 @@
-"""The geometry's values as they are given and answered, where that differs from the vocabulary's."""
+"""The geometry's values in requests and answers, where these differ from the vocabulary's."""
 
 from dataclasses import field, fields
 from typing import Annotated
@@ -9,7 +9,7 @@ from pydantic.dataclasses import dataclass
 from sawmill_platform.contracts.base import Contract, PositiveMm, check_range
 from sawmill_vocabulary import LARGEST_MM, CoordinateMm, Scanner, SourceFrame, Theta, ThetaBounds
 
-# A detector's cell is larger than the wavelength of light, and the source stands outside of any log.
+# A detector's cell is larger than the wavelength of light, and the source is outside of any log.
 SMALLEST_MM = {"source_to_cor_mm": 1.0, "detector_pitch_mm": 1e-3, "row_pitch_mm": 1e-3}
 # The contract states these bounds, and `ScannerAsk` checks them: earlier versions have stored smaller values.
 _SourceMm = Annotated[
@@ -24,7 +24,7 @@ _SCANNER = {one.name: one.metadata for one in fields(Scanner)}
 
 @dataclass(frozen=True)
 class ScannerConstants(Scanner):
-    """What is known of a scanner without calibrating it."""
+    """Known constants of a scanner, which no calibration determines."""
 
     source_to_cor_mm: _SourceMm = field(metadata=_SCANNER["source_to_cor_mm"])
     detector_pitch_mm: _PitchMm = field(metadata=_SCANNER["detector_pitch_mm"])
@@ -37,12 +37,12 @@ class ScannerConstants(Scanner):
     )
 
 
-# What the vocabulary's fields carry, for types with tighter bounds.
+# Bounds of the vocabulary's fields, for types with tighter bounds.
 _BOUNDS = {one.name: one.metadata for one in fields(ThetaBounds)}
 _THETA = {one.name: one.metadata for one in fields(Theta)}
 
 Slope = Annotated[float, Field(ge=-10, le=10)]
-# Ranges that `ThetaBounds` may have where they are given.
+# Ranges that `ThetaBounds` may have in a request.
 CoordinateRange = Annotated[tuple[CoordinateMm, CoordinateMm], AfterValidator(check_range)]
 DistanceRange = Annotated[tuple[Annotated[float, Field(ge=0, le=LARGEST_MM)], PositiveMm], AfterValidator(check_range)]
 SlopeRange = Annotated[tuple[Slope, Slope], AfterValidator(check_range)]
@@ -50,7 +50,7 @@ SlopeRange = Annotated[tuple[Slope, Slope], AfterValidator(check_range)]
 
 @dataclass(frozen=True)
 class GivenThetaBounds(ThetaBounds):
-    """Where somebody wants theta to be searched: within what a scanner can be."""
+    """Bounds of theta in a request: within what a scanner can be."""
 
     detector_to_cor_mm: DistanceRange = field(
         default=ThetaBounds.detector_to_cor_mm, metadata=_BOUNDS["detector_to_cor_mm"]
@@ -64,14 +64,14 @@ class GivenThetaBounds(ThetaBounds):
 
 @dataclass(frozen=True)
 class GivenTheta(Theta):
-    """A theta as somebody gives it: within what a scanner can be, source and detector on either side of the COR."""
+    """A theta in a request: within what a scanner can be, source and detector on either side of the COR."""
 
     initial_angle_rad: Annotated[float, Field(ge=-1000, le=1000)] = field(
         metadata={"description": "alpha0, rad; counts modulo 2 pi.", "examples": [2.55]}
     )
     detector_to_cor_mm: PositiveMm = field(
         metadata={
-            "description": "r_D, detector to centre of rotation, mm; the source stands on the other side.",
+            "description": "r_D, detector to centre of rotation, mm; the source is on the other side.",
             "examples": [714.7],
         }
     )
@@ -81,8 +81,8 @@ class GivenTheta(Theta):
 
     @model_validator(mode="before")
     @classmethod
-    def _of_stored(cls, given: object) -> object:
-        return vars(given) if isinstance(given, Theta) else given
+    def _of_stored(cls, stored: object) -> object:
+        return vars(stored) if isinstance(stored, Theta) else stored
 
 
 @dataclass(frozen=True)
@@ -93,9 +93,9 @@ class ReportedSourceFrame(SourceFrame):
 
     @model_validator(mode="before")
     @classmethod
-    def _of_five(cls, given: object) -> object:
-        """The five numbers; the magnification, which a stored answer carries, follows from them."""
-        fields = vars(given) if isinstance(given, SourceFrame) else given
+    def _of_five(cls, stored: object) -> object:
+        """Select the five numbers; the magnification, which a stored answer carries, follows from them."""
+        fields = vars(stored) if isinstance(stored, SourceFrame) else stored
         if not isinstance(fields, dict):
             return fields
         return {name: value for name, value in fields.items() if name != "magnification"}
@@ -104,19 +104,23 @@ class ReportedSourceFrame(SourceFrame):
 class ThetaDeviation(Contract):
     """Standard deviations of theta; null where the source shift is not resolved."""
 
-    initial_angle_rad: float | None = Field(description="Of alpha0, radians.", examples=[0.0001])
-    detector_to_cor_mm: float | None = Field(description="Of r_D, mm.", examples=[0.35])
-    source_shift_mm: float | None = Field(description="Of h_S, mm.", examples=[0.8])
-    detector_shift_mm: float | None = Field(description="Of h_D, mm.", examples=[0.1])
-    detector_tilt: float | None = Field(description="Of alpha_D, a slope without unit.", examples=[0.0002])
+    initial_angle_rad: float | None = Field(description="Standard deviation of alpha0, radians.", examples=[0.0001])
+    detector_to_cor_mm: float | None = Field(description="Standard deviation of r_D, mm.", examples=[0.35])
+    source_shift_mm: float | None = Field(description="Standard deviation of h_S, mm.", examples=[0.8])
+    detector_shift_mm: float | None = Field(description="Standard deviation of h_D, mm.", examples=[0.1])
+    detector_tilt: float | None = Field(
+        description="Standard deviation of alpha_D, a slope without unit.", examples=[0.0002]
+    )
 
 
 class SourceFrameDeviation(Contract):
     """Standard deviations of the source frame; null for a parameter that the scan does not determine."""
 
-    psi_rad: float | None = Field(description="Of psi, radians.", examples=[0.0001])
-    source_distance_mm: float | None = Field(description="Of R, mm.", examples=[0.2])
-    source_to_detector_mm: float | None = Field(description="Of SDD, mm.", examples=[0.35])
-    cor_column_mm: float | None = Field(description="Of u_c, mm.", examples=[0.02])
-    tilt_rad: float | None = Field(description="Of tau, radians.", examples=[0.0002])
-    magnification: float | None = Field(description="Of the magnification, no unit.", examples=[0.0004])
+    psi_rad: float | None = Field(description="Standard deviation of psi, radians.", examples=[0.0001])
+    source_distance_mm: float | None = Field(description="Standard deviation of R, mm.", examples=[0.2])
+    source_to_detector_mm: float | None = Field(description="Standard deviation of SDD, mm.", examples=[0.35])
+    cor_column_mm: float | None = Field(description="Standard deviation of u_c, mm.", examples=[0.02])
+    tilt_rad: float | None = Field(description="Standard deviation of tau, radians.", examples=[0.0002])
+    magnification: float | None = Field(
+        description="Standard deviation of the magnification, no unit.", examples=[0.0004]
+    )

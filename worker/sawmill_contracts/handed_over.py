@@ -1,6 +1,6 @@
-"""What an attempt works on, handed to its process by the worker: rows as they are at its start, and two paths.
+"""Input of an attempt, which the worker hands to the attempt's process: rows as stored at its start, and two paths.
 
-The process reads strangers' files, so it has neither the database nor the data folder.
+The process reads untrusted files, so it has access neither to the database nor to the data folder.
 """
 
 from sawmill_contracts.calibrations import Calibration
@@ -12,18 +12,18 @@ from sawmill_platform.contracts.attempts import AttemptInput
 
 
 class HandedOver(AttemptInput):
-    """Rows that the job's own one refers to; null: it refers to none.
+    """Rows that the job's own row refers to; null where it refers to none.
 
     Attributes
     ----------
     asked_json
         The job's row, of the contract that its kind answers with; null: the job reads an upload.
     picture
-        What came with the picture that the job traces.
+        Name and size of the picture that the job traces.
     active
         The scanner's active calibration, for a job on a scan that names none.
     baselines
-        What the first logs after the calibration measured, for a drift check; of each method none or one.
+        Baselines of the calibration, for a drift check; at most one for each method.
     file
         The upload, or the scan that was made of one; null: the job reads none, or the scan was refused.
     """

@@ -1,4 +1,4 @@
-"""A scanner's history: what became of it, when, by whom and why, in rows that outlast what they are about."""
+"""A scanner's history: what happened, when, by whom and why, in rows that outlast their subjects."""
 
 from datetime import datetime
 from enum import StrEnum
@@ -13,7 +13,7 @@ from sawmill_platform.contracts.event_kinds import EventKind
 
 
 class HistoryKind(StrEnum):
-    """What an entry is about."""
+    """Kind of an entry."""
 
     CALIBRATION = "calibration"
     DRIFT_CHECK = "drift-check"
@@ -25,66 +25,69 @@ class HistoryKind(StrEnum):
 
 
 class HistoryEntry(Contract):
-    """One thing that happened to a scanner."""
+    """An entry of a scanner's history."""
 
     number: int = Field(description="Number of the entry.", examples=[12])
-    at: Time = Field(description="When it happened; of a calibration or a drift check, when its job ended.")
+    at: Time = Field(description="Time of the entry; for a calibration or a drift check, when its job ended.")
     kind: HistoryKind = Field(
-        description="`calibration`, `drift-check`: one that ended. `activation`: from then on a calibration was the "
-        "active one. `alarm`: one was opened or closed. `settings`: of the scanner. `schedule`: one was made, "
-        "changed or deleted, or a due time was missed. `scan`: one was refused.",
+        description="`calibration`, `drift-check`: a job that ended. `activation`: a calibration became the active "
+        "one. `alarm`: an alarm was opened or closed. `settings`: the scanner's description was changed. "
+        "`schedule`: a schedule was made, changed or deleted, or a due time was missed. `scan`: a scan was refused.",
         examples=["calibration"],
     )
     what: EventKind = Field(
-        description="What happened, as in events: `succeeded`, `failed` or `cancelled` of a calibration or a drift "
+        description="Kind of event, as in events: `succeeded`, `failed` or `cancelled` of a calibration or a drift "
         "check, `calibration-rolled-back` of an activation, `alarm-opened`, `scanner-changed`, and so on.",
         examples=["succeeded"],
     )
     subject: str = Field(
-        description="What `subject_id` names: `calibration`, `drift`, `scanner`, `schedule` or `scan`.",
+        description="Type of `subject_id`: `calibration`, `drift`, `scanner`, `schedule` or `scan`.",
         examples=["calibration"],
     )
-    subject_id: Identifier = Field(description="What it happened to.", examples=["example"])
+    subject_id: Identifier = Field(description="Id of the subject.", examples=["example"])
     link: str | None = Field(
-        description="Path of what it happened to. Null: that was deleted since.",
+        description="Path of the subject. Null: the subject was deleted since.",
         examples=["/v1/calibrations/example"],
     )
     who: str | None = Field(
-        description="Of a calibration or a drift check who asked for it, of a cancelled one who cancelled it; else who "
-        "did it. The name of a key, `schedule` and its id, or `the service`. Null: an earlier version did not keep it.",
+        description="Who requested a calibration or a drift check, or cancelled it; for other entries who acted. "
+        "The name of a key, `schedule` and its id, or `the service`. Null: an earlier version did not store it.",
         examples=["scanner software of line 2"],
     )
-    key_id: Identifier | None = Field(description="Id of that key. Null: it was none.", examples=["0f8b4c6d0d8a4b0e"])
+    key_id: Identifier | None = Field(
+        description="Id of the key in `who`. Null: `who` names no key.", examples=["0f8b4c6d0d8a4b0e"]
+    )
     why: str | None = Field(
-        description="In English: the reason given with an activation, what a calibration or a drift check says, why "
-        "one failed, what is missing, what was changed and from what. Null: nothing is known.",
+        description="English reason: given with an activation, reported by a calibration or a drift check, of a "
+        "failure, what is missing, or what was changed and from what. Null: nothing is known.",
         examples=["checked by hand"],
     )
     alarm: AlarmKind | None = Field(
-        description="Which alarm. Null: the entry is of none.", examples=["no-phantom-scan"]
+        description="Kind of alarm. Null: the entry concerns no alarm.", examples=["no-phantom-scan"]
     )
     measured: Measurement | None = Field(
-        description="What a calibration or a drift check that succeeded measured. Null: any other entry."
+        description="Measurement of a calibration or a drift check that succeeded. Null: any other entry."
     )
 
 
 class Activation(Contract):
-    """An entry of kind `activation`, as version 0.1.0 had it: from then on this calibration was the active one."""
+    """An entry of kind `activation`, as version 0.1.0 had it: the time from which a calibration was the active one."""
 
     calibration_id: Identifier = Field(description="Id of the calibration.", examples=["example"])
     activated_at: str = Field(
-        description="When it became the active one, RFC 3339, UTC.", examples=["2026-03-02T05:31:04Z"]
+        description="Time at which the calibration became the active one, RFC 3339, UTC.",
+        examples=["2026-03-02T05:31:04Z"],
     )
     activated_by: str | None = Field(
         None,
-        description="The name of the key; null: an entry from before there was an audit.",
+        description="Name of the key; null: an entry from before there was an audit.",
         examples=["scanner software of line 2"],
     )
-    reason: str = Field(description="Who or what activated it.", examples=["checked by hand"])
+    reason: str = Field(description="Reason of the activation.", examples=["checked by hand"])
 
     @classmethod
     def of(cls, entry: HistoryEntry) -> Self:
-        """That of an entry of its kind."""
+        """Build the activation from an entry of this kind."""
         return cls(
             calibration_id=entry.subject_id,
             activated_at=entry.at.isoformat(),
@@ -94,7 +97,7 @@ class Activation(Contract):
 
 
 class HistoryMark(NamedTuple):
-    """What a chart marks of an entry; the fields are those of `HistoryEntry`."""
+    """Mark of an entry in a chart; the fields are those in `HistoryEntry`."""
 
     at: datetime
     kind: HistoryKind

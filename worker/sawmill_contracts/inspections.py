@@ -1,4 +1,4 @@
-"""Inspections: what is in a file, what of it would be read, and what is missing."""
+"""Inspections: what is in a file, what of the file would be read, and what is missing."""
 
 from collections.abc import Mapping
 from datetime import timedelta
@@ -16,12 +16,12 @@ from sawmill_platform.contracts.jobs import Failure, JobState
 from sawmill_vocabulary import DataKind
 from sawmill_vocabulary.texts import N_
 
-# A day's work: whoever comes back after it sends the file again.
+# A working day: after this time the client sends the file again.
 FILE_KEPT = timedelta(days=1)
 
 
 class FileVerdict(StrEnum):
-    """Whether a file can be read as a scan."""
+    """Verdict on a file: whether it can be read as a scan."""
 
     READY = "ready"
     INCOMPLETE = "incomplete"
@@ -29,68 +29,76 @@ class FileVerdict(StrEnum):
 
 
 class FilePart(Contract):
-    """A group, dataset, link, variable, array, page or file, from its header; of several that are alike, all."""
+    """A group, dataset, link, variable, array, page or file, described by its header; similar parts are one entry."""
 
     name: str = Field(
-        description="Where it is; of several that are alike, the first and the last.", examples=["/entry/data/data"]
+        description="Path in the file; for several similar parts, the first and the last.",
+        examples=["/entry/data/data"],
     )
     kind: str = Field(
-        description="What it is, as a group, a dataset, a link, an array or a page.", examples=["dataset"]
+        description="Type of the part, as a group, a dataset, a link, an array or a page.", examples=["dataset"]
     )
     count: int = Field(
-        1, description="The number of parts, which are alike but for the numbers in their names.", examples=[1]
+        1, description="Number of parts, which are alike but for the numbers in their names.", examples=[1]
     )
-    shape: list[int] | None = Field(None, description="In the axis order of the file.", examples=[[360, 16, 768]])
-    type: str | None = Field(None, description="Of its numbers, or what it is instead.", examples=["uint16"])
+    shape: list[int] | None = Field(
+        None, description="Lengths in the axis order of the file. Null: the part has none.", examples=[[360, 16, 768]]
+    )
+    type: str | None = Field(
+        None, description="Type of the part's numbers, or what the part is instead.", examples=["uint16"]
+    )
     unit: str | None = Field(
-        None, description="Its unit, as the file states it. Null: the file states none.", examples=["counts"]
+        None, description="Unit, as the file states it. Null: the file states none.", examples=["counts"]
     )
     stored_bytes: int | None = Field(
-        None, description="Bytes that it takes in the file. Null: not known from its header.", examples=[8847360]
+        None, description="Bytes that the part takes in the file. Null: not known from its header.", examples=[8847360]
     )
     compression: str | None = Field(
-        None, description="The filters through which it is stored; null: none.", examples=["gzip"]
+        None, description="Filters through which the part is stored; null: none.", examples=["gzip"]
     )
     leads_to: str | None = Field(
         None,
-        description="Where a link leads, or where data lie that are elsewhere.",
+        description="Target of a link, or the file with data that are stored outside. Null: neither.",
         examples=["/entry/instrument/detector/data"],
     )
 
 
 class ViewAngles(Contract):
-    """The angles that the views would have."""
+    """Angles that the views would have."""
 
     first_deg: float = Field(description="The first view's angle, degrees.", examples=[0.0])
     last_deg: float = Field(description="The last view's angle, degrees.", examples=[359.0])
-    from_file: bool = Field(description="Whether the file carries them; else they are those given.", examples=[True])
+    from_file: bool = Field(
+        description="Whether the file carries the angles; else they are those in the request.", examples=[True]
+    )
     file_unit: str | None = Field(
         None,
-        description="The unit in which the file carries them. Null: it carries none, or states no unit.",
+        description="Unit in which the file carries the angles. Null: the file carries no angles, or states no unit.",
         examples=["deg"],
     )
 
 
 class InspectedReading(Contract):
-    """What would be read, no sample of it being looked at yet."""
+    """Data that would be read, from headers alone: no sample has been read yet."""
 
     data: DataKind | None = Field(
-        None, description="What the numbers are, as given: no file states it reliably.", examples=["counts"]
+        None, description="Kind of the numbers, as in the request: no file states it reliably.", examples=["counts"]
     )
     shape: ScanShape = Field(description="Size of the projection stack.")
-    flats: int | None = Field(None, description="The number of flat fields; null: none.", examples=[10])
-    darks: int | None = Field(None, description="The number of dark fields; null: none.", examples=[10])
+    flats: int | None = Field(None, description="Number of flat fields; null: none.", examples=[10])
+    darks: int | None = Field(None, description="Number of dark fields; null: none.", examples=[10])
     angles: ViewAngles | None = Field(
         None, description="The angles that the views would have. Null: the file carries none and none were given."
     )
     detector_pitch_mm: float | None = Field(
         None,
-        description="Distance between neighbouring detector cells that the file states, mm. Null: it states none.",
+        description="Distance between neighbouring detector cells that the file states, mm. Null: the file states "
+        "none.",
         examples=[1.5],
     )
     row_pitch_mm: float | None = Field(
         None,
-        description="Distance between detector rows that the file states, mm. Null: it states none.",
+        description="Distance between detector rows that the file states, mm. Null: the file states none.",
         examples=[2.0],
     )
     unused: str | None = Field(
@@ -100,68 +108,78 @@ class InspectedReading(Contract):
     )
     other_files: list[str] = Field([], description="Further files that would be read.", examples=[["mill-flats.h5"]])
     remarks: list[str] = Field(
-        [], description="What would be done to the data on reading.", examples=[["one invalid frame would be left out"]]
+        [],
+        description="Changes that would be made to the data on reading.",
+        examples=[["one invalid frame would be left out"]],
     )
 
 
 class MissingPart(Contract):
-    """What the file does not carry, and how to give it."""
+    """Information that the file does not carry, and how to give it."""
 
-    what: str = Field(description="What is missing, in words.", examples=["what the numbers are"])
-    flag: str = Field(description="Of the command line, which gives it.", examples=["--data counts"])
+    what: str = Field(description="Missing information, in words.", examples=["what the numbers are"])
+    flag: str = Field(description="Flag of the command line that gives the information.", examples=["--data counts"])
     field: str | None = Field(
         None,
-        description="What gives it to the service: a parameter of `POST /v1/scans`, or for a pitch or a distance one "
-        "of the scanner's constants. Null: nothing does, and the file must carry it.",
+        description="Field that gives the information to the service: a parameter of `POST /v1/scans`, or for a "
+        "pitch or a distance one of the scanner's constants. Null: there is none, and the file must carry the "
+        "information.",
         examples=["data"],
     )
-    why: str = Field(description="Why it must be given, in words.", examples=["no file states it reliably"])
+    why: str = Field(
+        description="Reason why the information must be given, in words.", examples=["no file states it reliably"]
+    )
     needed: bool = Field(
-        default=True, description="Whether nothing can be read, or calibrated, without it.", examples=[True]
+        default=True,
+        description="Whether nothing can be read, or calibrated, without the information.",
+        examples=[True],
     )
 
 
 class InspectionResult(Contract):
-    """All that is said of one file."""
+    """Result of a file's inspection."""
 
     file: str = Field(description="The file's name.", examples=["mill.h5"])
-    size_bytes: int = Field(description="Of the file; of a folder, of all files in it.", examples=[8861696])
+    size_bytes: int = Field(
+        description="Size of the file, bytes; for a folder, of all files in it.", examples=[8861696]
+    )
     format: str | None = Field(
-        None, description="What the file turned out to be; null: nothing that can be read.", examples=["hdf5-nxtomo"]
+        None, description="Format of the file; null: no readable format.", examples=["hdf5-nxtomo"]
     )
     own_kind: str | None = Field(
         None,
-        description="scan, volume or calibration, where this product wrote the file. Null: it did not.",
+        description="scan, volume or calibration, where this product wrote the file. Null: another program wrote "
+        "the file.",
         examples=["scan"],
     )
     verdict: FileVerdict = Field(description="Whether the file can be read as a scan.", examples=["ready"])
-    parts: list[FilePart] = Field(description="What is in the file.")
+    parts: list[FilePart] = Field(description="Parts of the file.")
     parts_left_out: int = Field(0, description="Number of parts beyond the most that are listed.", examples=[0])
     listing_ended: str | None = Field(
         None,
         description="Why the list of parts is not complete. Null: it is complete.",
         examples=["the file is cut short"],
     )
-    reading: InspectedReading | None = Field(None, description="What would be read. Null: nothing can be read.")
-    missing: list[MissingPart] = Field([], description="What the file does not carry.")
+    reading: InspectedReading | None = Field(None, description="Data that would be read. Null: nothing can be read.")
+    missing: list[MissingPart] = Field([], description="Information that the file does not carry.")
     refusal: Failure | None = Field(
-        None, description="Why the file would be refused, however it is read. Null: it can be read."
+        None, description="Reason why the file would be refused, with any options. Null: the file can be read."
     )
 
 
 class InspectionOptions(Contract):
-    """How the file would be read, as far as it is known: as for a scan, and nothing of it is needed."""
+    """Known options of reading the file, as for a scan; none is required."""
 
-    data: DataKind | None = Field(None, description="What the numbers are; null: not given.", examples=["counts"])
+    data: DataKind | None = Field(None, description="Kind of the numbers; null: not given.", examples=["counts"])
     dataset: Dataset = None
     angles_deg: AnglesText = None
     transpose: Transpose = False
 
 
 class InspectedFile(InspectionOptions):
-    """The file beside them."""
+    """Options of reading the file, with the file's name, size and checksum."""
 
-    name: Name = Field("file", description="The name under which it was sent.", examples=["mill.h5"])
+    name: Name = Field("file", description="Name under which the file was sent.", examples=["mill.h5"])
     size_bytes: int = Field(description="Size of the file, bytes.", examples=[8861696])
     sha256: str = Field(
         description="SHA-256 of the file, in hexadecimal digits.",
@@ -174,24 +192,25 @@ class InspectionAsk(InspectedFile, Given):
 
 
 class InspectionLinks(Contract):
-    """Where it hangs together."""
+    """Links to related resources."""
 
-    self: str = Field(description="Its own path.", examples=["/v1/inspections/example"])
-    job: str = Field(description="Path of its job.", examples=["/v1/jobs/example"])
+    self: str = Field(description="Path of the inspection.", examples=["/v1/inspections/example"])
+    job: str = Field(description="Path of the inspection's job.", examples=["/v1/jobs/example"])
 
 
 class Inspection(Stamped):
-    """An inspection as it stands. It succeeds for a file that cannot be read too: its result has the reason."""
+    """An inspection in its present state. It succeeds also for an unreadable file: its result has the reason."""
 
-    state: JobState = Field(description="State of its job.", examples=["succeeded"])
-    job_id: Identifier = Field(description="Id of the job that looks at the file.", examples=["example"])
+    state: JobState = Field(description="State of the job.", examples=["succeeded"])
+    job_id: Identifier = Field(description="Id of the job that inspects the file.", examples=["example"])
     options: InspectedFile = Field(description="The file, and how it would be read.")
     file_kept_until: Time = Field(
-        description="Until then scans can be made of its file.", examples=["2026-03-03T05:30:00Z"]
+        description="Time until which scans can be made from the file, RFC 3339, UTC.",
+        examples=["2026-03-03T05:30:00Z"],
     )
-    result: InspectionResult | None = Field(None, description="What was found. Null: nothing yet.")
-    failure: Failure | None = Field(None, description="Why it failed. Null: it has not.")
-    links: InspectionLinks | None = Field(None, description="Where it and its job are.")
+    result: InspectionResult | None = Field(None, description="Result of the inspection. Null: there is none yet.")
+    failure: Failure | None = Field(None, description="Reason of the failure. Null: the job has not failed.")
+    links: InspectionLinks | None = Field(None, description="Links to the inspection and its job.")
 
 
 def _read(record: Mapping[str, Any]) -> Inspection:
@@ -217,13 +236,13 @@ DECLARATION = AskedKind(
     to_ask=Operation(
         "Inspect a file before it becomes a scan",
         """\
-Send the file's bytes as the body; a job finds out what is in it, what of it would be read, and what is missing.
+Send the file's bytes as the body; a job finds out what is in the file, what of it would be read, and what is missing.
 
-What is missing stands there with the `field` of `POST /v1/scans` that gives it. Then `POST /v1/scans?inspection_id=…`
-with an empty body makes a scan of the file, which is not sent again; so does `POST /v1/inspections?inspection_id=…`
-to inspect it with another option. The file is kept for a day.
+Each missing item is listed with the `field` of `POST /v1/scans` that gives it. Then `POST /v1/scans?inspection_id=…`
+with an empty body makes a scan of the file, which is not sent again; `POST /v1/inspections?inspection_id=…` inspects
+the file again with other options. The file is kept for a day.
 [A file to try](/examples/phantom-scan.npz).""",
     ),
-    to_list=Operation("List inspections, newest first", "All of them, or those in one state."),
-    to_get=Operation("Get an inspection", "Its state, and what was found once it has succeeded."),
+    to_list=Operation("List inspections, newest first", "All inspections, or a selection by state."),
+    to_get=Operation("Get an inspection", "State of the inspection, and its result once it has succeeded."),
 )

@@ -16,9 +16,9 @@ Answer = TypeVar("Answer", bound=Contract)
 
 
 class Reference(StrEnum):
-    """What an ask refers to. It is looked up and must be usable; while a job makes it, the new job waits for that job.
+    """Resource that a request refers to. It must be usable; while a job makes it, the new job waits for that job.
 
-    Those that depend on others follow them in a declaration: a calibration its scan, a theta its scanner.
+    In a declaration a reference follows those that it depends on: a calibration its scan, a theta its scanner.
     """
 
     SCAN = "scan"
@@ -28,9 +28,9 @@ class Reference(StrEnum):
     PHANTOM = "phantom"
     """`phantom_id`, or the phantom that the scan names."""
     CALIBRATION = "calibration"
-    """`calibration_id`, or the active one of the scan's scanner; none where the ask gives a `theta`."""
+    """`calibration_id`, or the active one of the scan's scanner; none where the request gives a `theta`."""
     THETA = "theta"
-    """`theta`, or that of the scanner's active calibration."""
+    """`theta`, or the theta of the scanner's active calibration."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Operation:
 
 @dataclass(frozen=True, kw_only=True)
 class AskedKind(KindDeclaration, Generic[Ask, Answer]):
-    """A job that somebody asks for, and whose answer is stored. The route of one with an upload is written by hand.
+    """A job that a client requests and whose answer is stored. A kind with an upload has a route written by hand.
 
     Attributes
     ----------
@@ -53,25 +53,25 @@ class AskedKind(KindDeclaration, Generic[Ask, Answer]):
     answer
         The contract of the stored thing, or a union of contracts.
     read : callable
-        From a stored record to the answer (`stored_as`).
+        Maps a stored record to the answer (`stored_as`).
     links : type of Contract
-        Where the answer and its files are: `self`, `job`, the names of `files`, and references such as `calibration`.
+        Links to the answer and its files: `self`, `job`, the names of `files`, and references such as `calibration`.
     files : mapping
         A link's name -> its path below /v1/<plural>/<id>/.
     references : tuple of Reference
-        What is looked up when it is asked for, in this order.
+        References of a request, which are resolved in this order.
     blocks_deletion : bool
-        Whether its scanner and its phantom stay as long as it is stored. A scan stays only until its job has ended.
+        Whether its scanner and its phantom cannot be deleted while it is stored. A scan can, once its job has ended.
     listed_by : tuple of str
-        What a list can be narrowed by: `state`, and references' ids.
+        Filters of a list: `state`, and ids of references.
     to_ask, to_list, to_get : Operation
         The routes' texts.
     is_short : callable
-        From the options to whether the job takes seconds: short jobs wait for no long one. By default none does.
+        Maps the options to whether the job takes seconds: short jobs wait for no long one. By default no job is short.
     needed_scope : callable
-        From the ask to what a key needs for it: work alone is asked for with `submit`.
+        Maps the request to the scope that a key needs for it: `submit` for work alone.
     asked_at : str or None
-        Where it is asked for, if not at /v1/<plural>; a reference's id may stand in the path.
+        Path of the request, if not /v1/<plural>; the path may contain a reference's id.
     tag : str or None
         The group of its routes, if not <plural>.
     """
@@ -99,7 +99,7 @@ class AskedKind(KindDeclaration, Generic[Ask, Answer]):
 
     @property
     def example_id(self) -> str:
-        """Return the id of the example: that of `to_get`, else `example`."""
+        """Id of the example: the one in `to_get`, else `example`."""
         return str(self.to_get.example.get(f"{self.noun}_id", "example"))
 
 

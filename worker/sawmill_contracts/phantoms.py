@@ -18,13 +18,13 @@ from sawmill_vocabulary import STANDARD_SIZE_TOLERANCE, Disc, Point, Shape, True
 from sawmill_vocabulary.phantoms import LARGEST_DENSITY, SMALLEST_DENSITY, SMALLEST_RADIUS_MM
 from sawmill_vocabulary.texts import N_
 
-# The smallest polygon that can be drawn: the science squares it.
+# The smallest polygon that can be drawn; the science squares this area.
 SMALLEST_AREA_MM2 = 0.01
 # The least sum of density times area, against the largest single shape's, that is more than rounding.
 ROUNDING = 1e-9
 
 
-# What a drawing holds: its `kind` tells which.
+# A shape of a drawing; its `kind` gives the type.
 DrawnShape = Annotated[Shape, Field(discriminator="kind")]
 
 
@@ -34,33 +34,36 @@ SizeTolerancePercent = Annotated[float, Field(ge=0, lt=100 * LARGEST_SIZE_TOLERA
 
 
 class SizeMeasurement(Contract):
-    """A length of a phantom, as it was measured."""
+    """A measured length of a phantom."""
 
     what: Name = Field(
         description="x or y: the drawing's extent along that axis. Any other words: another length.", examples=["x"]
     )
-    measured_mm: PositiveMm = Field(description="The length that was measured, mm.", examples=[200.1])
+    measured_mm: PositiveMm = Field(description="Measured length, mm.", examples=[200.1])
     standard_uncertainty_mm: PositiveMm = Field(
         description="Standard uncertainty of the measured length, mm.", examples=[0.05]
     )
-    nominal_mm: PositiveMm | None = Field(
-        None, description="The length that it was meant to have, mm. Null: not stated.", examples=[200.0]
-    )
+    nominal_mm: PositiveMm | None = Field(None, description="Nominal length, mm. Null: not stated.", examples=[200.0])
     measured_on: GivenDay | None = Field(
-        None, description="The day of the measurement. Null: not stated.", examples=["2025-11-02"]
+        None, description="Day of the measurement. Null: not stated.", examples=["2025-11-02"]
     )
     instrument: Name | None = Field(
-        None, examples=["caliper 12"], description="What it was measured with. Null: not stated."
+        None, examples=["caliper 12"], description="Instrument of the measurement. Null: not stated."
     )
     moisture_percent: Annotated[float, Field(ge=0, le=200)] | None = Field(
-        None, description="Of the wood when it was measured, against its dry weight.", examples=[11.0]
+        None,
+        description="Moisture of the wood at the measurement, against its dry weight, per cent. Null: not stated.",
+        examples=[11.0],
     )
     expires_on: GivenDay | None = Field(
-        None, description="After this day an answer asks for a new measurement.", examples=["2027-11-02"]
+        None,
+        description="Last day on which the measurement is valid; after it an answer requests a new measurement. "
+        "Null: it does not expire.",
+        examples=["2027-11-02"],
     )
 
     def expired(self, today: date) -> bool:
-        """Whether it should have been repeated before this day."""
+        """Return whether the measurement expired before this day."""
         return self.expires_on is not None and self.expires_on < today
 
     @property
@@ -79,16 +82,16 @@ class SizeMeasurement(Contract):
         return self
 
 
-def _measured_tolerance(known: dict[str, Any]) -> float:
-    """What the measurements of a drawing say of its size, where it states no tolerance: RMS of their uncertainties."""
-    measured: list[SizeMeasurement] = known.get("measurements", [])
+def _measured_tolerance(values: dict[str, Any]) -> float:
+    """Return the size tolerance of a drawing that states none: RMS of the measurements' relative uncertainties."""
+    measured: list[SizeMeasurement] = values.get("measurements", [])
     if not measured:
         return STANDARD_SIZE_TOLERANCE
     return math.hypot(*(each.relative_uncertainty for each in measured)) / math.sqrt(len(measured))
 
 
 def _until_tomorrow(measurements: list[SizeMeasurement]) -> list[SizeMeasurement]:
-    """As they are given: none of a day to come. Tomorrow has begun in other time zones."""
+    """Check that no measurement is of a future day. Tomorrow is accepted: it has started in other time zones."""
     last = datetime.now(UTC).date() + timedelta(days=1)
     for each in measurements:
         if each.measured_on is not None and each.measured_on > last:
@@ -100,50 +103,50 @@ def _until_tomorrow(measurements: list[SizeMeasurement]) -> list[SizeMeasurement
 class PhantomDrawing(Contract):
     """A phantom by its drawing, the rotation centre at the origin."""
 
-    name: Name = Field(examples=["our cross"], description="What people call it.")
+    name: Name = Field(examples=["our cross"], description="Name for people.")
     shapes: list[DrawnShape] = Field(
         min_length=1,
         max_length=200,
-        description="Polygons and discs, mm; a later one adds its density to what lies beneath.",
+        description="Polygons and discs, mm; each adds its density to the shapes before it.",
     )
     measurements: list[SizeMeasurement] = Field(
-        [], max_length=100, description="Where its size comes from; the shapes are drawn as measured."
+        [], max_length=100, description="Measurements of the phantom's size; the shapes are drawn as measured."
     )
     size_tolerance: SizeTolerance = Field(
         default_factory=_measured_tolerance,
-        description="Relative standard uncertainty of the stated size, no unit; the scanner's scale inherits it. By "
-        "default the "
-        f"RMS of the measurements' relative uncertainties, {STANDARD_SIZE_TOLERANCE:g} without any.",
+        description="Relative standard uncertainty of the stated size, no unit; the scanner's scale inherits it. "
+        f"Default: the RMS of the measurements' relative uncertainties, {STANDARD_SIZE_TOLERANCE:g} without any.",
         examples=[0.0015],
     )
     true_axis: Axis | None = Field(
         None,
-        description="Axis along which the size is right, where the phantom may differ along the other.",
+        description="Axis along which the size is right, where the phantom may differ along the other. Null: both.",
         examples=["x"],
     )
     follows: Identifier | None = Field(
         None,
-        description="The stored phantom that was measured anew to make this one; it stays for what refers to it.",
+        description="Id of the stored phantom whose new measurement made this one; the earlier phantom stays for "
+        "what refers to it. Null: none.",
         examples=["l-shape"],
     )
 
     @property
     def extent_mm(self) -> tuple[float, float]:
-        """Of the wood along x and y, mm."""
+        """Extent of the wood along x and y, mm."""
         low_x, low_y, high_x, high_y = extent_of_wood(self.shapes)
         return high_x - low_x, high_y - low_y
 
     def measured_anew(self, phantom_id: str, new: list[SizeMeasurement], *, stretched: bool) -> "PhantomDrawing":
-        """With new measurements, each in the place of an earlier one of the same length.
+        """Return the drawing with new measurements, each in place of an earlier one of the same length.
 
         Parameters
         ----------
         phantom_id
-            Under which this drawing is stored: what the new one follows.
+            Id under which this drawing is stored; the new drawing follows it.
         new
-            What was measured.
+            The new measurements.
         stretched
-            Whether the shapes are stretched along x and y, from the rotation centre, to what was measured there. A disc
+            Whether the shapes are stretched along x and y, from the rotation centre, to the measured lengths. A disc
             stays one: its radius grows by the geometric mean of both.
 
         Raises
@@ -154,32 +157,32 @@ class PhantomDrawing(Contract):
         measured = {each.what: each for each in (*self.measurements, *new)}
         factors = [self._factor(axis, measured.get(axis)) for axis in ("x", "y")]
         shapes = [_stretched(shape, *factors) for shape in self.shapes] if stretched else self.shapes
-        anew = PhantomDrawing(
+        drawing = PhantomDrawing(
             name=self.name,
             shapes=shapes,
             measurements=list(measured.values()),
             true_axis=self.true_axis,
             follows=phantom_id,
         )
-        if anew.axis_as_drawn is None:
-            return anew
-        tolerance = math.hypot(anew._measured_share(), self._drawn_tolerance()) / math.sqrt(2)
-        return anew.model_copy(update={"size_tolerance": tolerance})
+        if drawing.axis_as_drawn is None:
+            return drawing
+        tolerance = math.hypot(drawing._measured_share(), self._drawn_tolerance()) / math.sqrt(2)
+        return drawing.model_copy(update={"size_tolerance": tolerance})
 
     @property
     def axis_as_drawn(self) -> TrueAxis | None:
         """The one of x and y that was not measured, where the other was and the size depends on both."""
         axes: tuple[TrueAxis, TrueAxis] = ("x", "y")
         measured = {each.what for each in self.measurements}
-        left = [axis for axis in axes if axis not in measured]
-        return left[0] if len(left) == 1 and self.true_axis in {None, left[0]} else None
+        unmeasured = [axis for axis in axes if axis not in measured]
+        return unmeasured[0] if len(unmeasured) == 1 and self.true_axis in {None, unmeasured[0]} else None
 
     def _measured_share(self) -> float:
-        """The relative uncertainty along the one axis that was measured."""
+        """Return the relative uncertainty along the one axis that was measured."""
         return next(each.relative_uncertainty for each in self.measurements if each.what in {"x", "y"})
 
     def _drawn_tolerance(self) -> float:
-        """How well the size is known along an axis that was not measured; the standard where the drawing states none.
+        """Return the size tolerance along an axis that was not measured; the standard where the drawing states none.
 
         A phantom that was measured along one axis holds the RMS of both.
         """
@@ -191,7 +194,7 @@ class PhantomDrawing(Contract):
         return math.sqrt(max(squared, 0.0))
 
     def _factor(self, axis: str, measured: SizeMeasurement | None) -> float:
-        """What was measured along an axis against what is drawn; 1 where nothing was."""
+        """Return the measured extent along an axis over the drawn one; 1 where nothing was measured."""
         if measured is None:
             return 1.0
         drawn_mm = self.extent_mm["xy".index(axis)]
@@ -205,13 +208,13 @@ class PhantomDrawing(Contract):
 
 
 class MeasurementsAsk(Given):
-    """A stored phantom's sides, measured anew."""
+    """New measurements of a stored phantom's sides."""
 
-    measurements: list[SizeMeasurement] = Field(
-        min_length=1, max_length=100, description="The lengths that were measured."
-    )
+    measurements: list[SizeMeasurement] = Field(min_length=1, max_length=100, description="Measured lengths.")
     stretch_drawing: bool = Field(
-        default=True, description="Stretch the shapes along x and y to what was measured there.", examples=[True]
+        default=True,
+        description="Whether the shapes are stretched along x and y to the measured lengths.",
+        examples=[True],
     )
 
     _of_days_that_were = field_validator("measurements")(_until_tomorrow)
@@ -221,13 +224,13 @@ def _state_newness(schema: dict[str, Any]) -> None:
     schema["properties"]["follows"] = {
         "type": "null",
         "title": "Follows",
-        "description": "To be left out: measuring a stored phantom anew sets it.",
+        "description": "Set by the service where a stored phantom is measured again; to be left out.",
         "examples": [None],
     }
 
 
 class PhantomAsk(PhantomDrawing, Given):
-    """A phantom as somebody draws it, every shape with an inside. Also the JSON file of `--phantom FILE.json`."""
+    """A phantom's drawing in a request, every shape with an interior. Also the JSON file of `--phantom FILE.json`."""
 
     model_config = ConfigDict(json_schema_extra=_state_newness)
 
@@ -250,12 +253,12 @@ class PhantomAsk(PhantomDrawing, Given):
 
 
 def faults_of(shapes: Mapping[int, Shape]) -> Iterator[tuple[int | None, str]]:
-    """Why shapes are no body, and what would be right: the number of the shape, null for all of them, and a sentence.
+    """Find why shapes are no body: the shape's number (None for all of them), and a sentence with what would be right.
 
     Parameters
     ----------
     shapes
-        By their numbers, counted from 0.
+        Shapes by their numbers, counted from 0.
     """
     for number, shape in shapes.items():
         if (fault := _fault(shape)) is not None:
@@ -268,7 +271,7 @@ def faults_of(shapes: Mapping[int, Shape]) -> Iterator[tuple[int | None, str]]:
 
 
 def extent_of_wood(shapes: Iterable[Shape]) -> tuple[float, float, float, float]:
-    """Least x and y, largest x and y of the shapes that give wood, mm; of all where none does."""
+    """Return least x and y, largest x and y of the shapes that give wood, mm; of all shapes where none gives wood."""
     every = list(shapes)
     wood = [shape.extent_mm for shape in every if shape.density > 0.0] or [shape.extent_mm for shape in every]
     low_x, low_y, high_x, high_y = zip(*wood, strict=True)
@@ -276,7 +279,7 @@ def extent_of_wood(shapes: Iterable[Shape]) -> tuple[float, float, float, float]
 
 
 def _stretched(shape: Shape, along_x: float, along_y: float) -> Shape:
-    """To a tenth of a micrometre."""
+    """Stretch a shape along x and y, to a tenth of a micrometre."""
 
     def moved(point: Point) -> Point:
         return round(point[0] * along_x, 4), round(point[1] * along_y, 4)
@@ -288,14 +291,14 @@ def _stretched(shape: Shape, along_x: float, along_y: float) -> Shape:
 
 
 def _unclosed(shape: Shape) -> Shape:
-    """A polygon without a last corner that repeats the first, as other programs close theirs; others as they are."""
+    """Remove a polygon's last corner that repeats the first, as other programs close polygons; keep other shapes."""
     if isinstance(shape, Disc) or len(shape.vertices_mm) == 3 or shape.vertices_mm[0] != shape.vertices_mm[-1]:
         return shape
     return replace(shape, vertices_mm=shape.vertices_mm[:-1])
 
 
 def _fault(shape: Shape) -> str | None:
-    """Why a shape cannot be drawn, and what would be right."""
+    """Return why a shape cannot be drawn, and what would be right."""
     if abs(shape.density) > LARGEST_DENSITY:
         return f"has density {shape.density:.4g}: give one within ±{LARGEST_DENSITY:g}, wood being 1"
     if 0.0 < abs(shape.density) < SMALLEST_DENSITY:
@@ -315,7 +318,7 @@ def _fault(shape: Shape) -> str | None:
 
 
 def _holes_outside(shapes: Mapping[int, Shape]) -> Iterator[tuple[int, str]]:
-    """A sentence on each shape that takes wood away beyond the extent of all that give it."""
+    """Find each shape that takes wood away beyond the extent of all shapes that give it: its number and a sentence."""
     if not any(shape.density > 0.0 for shape in shapes.values()):
         return
     extent = extent_of_wood(shapes.values())
@@ -335,10 +338,10 @@ def _holes_outside(shapes: Mapping[int, Shape]) -> Iterator[tuple[int, str]]:
 
 
 class PhantomPicture(Contract):
-    """What a phantom's PNG does not show, beside it; a job traces it."""
+    """Properties that a phantom's PNG does not show; a job traces the picture."""
 
-    name: Name = Field(examples=["our cross"], description="What people call it.")
-    width_mm: PositiveMm = Field(description="Of the whole picture, mm.", examples=[400.0])
+    name: Name = Field(examples=["our cross"], description="Name for people.")
+    width_mm: PositiveMm = Field(description="Width of the whole picture, mm.", examples=[400.0])
     size_tolerance: SizeTolerance = Field(
         STANDARD_SIZE_TOLERANCE,
         description="Relative standard uncertainty of the stated size, no unit.",
@@ -347,7 +350,7 @@ class PhantomPicture(Contract):
 
 
 class PhantomState(StrEnum):
-    """A picture is traced by a job; everything else is ready at once."""
+    """State of a phantom: a picture is traced by a job first, a drawing is ready at once."""
 
     TRACING = "tracing"
     READY = "ready"
@@ -357,17 +360,23 @@ class PhantomState(StrEnum):
 class StoredPhantom(Stamped):
     """A phantom that scans can be calibrated against."""
 
-    name: Name = Field(description="What people call it.", examples=["L-shape"])
-    built_in: bool = Field(description="Whether it came with the software, and so cannot be deleted.", examples=[True])
-    state: PhantomState = Field(description="Whether it can be used.", examples=["ready"])
+    name: Name = Field(description="Name for people.", examples=["L-shape"])
+    built_in: bool = Field(
+        description="Whether the phantom came with the software, and so cannot be deleted.", examples=[True]
+    )
+    state: PhantomState = Field(description="Whether the phantom can be used.", examples=["ready"])
     reason: str | None = Field(
         None,
-        description="Why a picture was refused, in one sentence. Null: it was not.",
+        description="Reason why the picture was refused, in one sentence. Null: it was not refused.",
         examples=["the picture shows no wood"],
     )
-    drawing: PhantomDrawing | None = Field(description="Null until a picture has been traced.")
+    drawing: PhantomDrawing | None = Field(
+        description="Drawing of the phantom. Null until its picture has been traced."
+    )
     job_id: Identifier | None = Field(
-        None, description="Id of the job that traces its picture. Null: it was drawn.", examples=["example"]
+        None,
+        description="Id of the job that traces the phantom's picture. Null: the phantom was drawn.",
+        examples=["example"],
     )
 
 

@@ -1,4 +1,4 @@
-"""Plans: how well a phantom will calibrate a scanner, before it is made."""
+"""Plans: how well a phantom will calibrate a scanner, before the phantom is made."""
 
 from typing import Annotated
 
@@ -17,7 +17,7 @@ from sawmill_vocabulary.texts import N_
 
 
 class PlanOptions(Contract):
-    """The scan that is planned, apart from the phantom and the scanner."""
+    """The planned scan, apart from the phantom and the scanner."""
 
     views: Annotated[int, Field(ge=3, le=3600)] = Field(
         360, description="Number of views, equidistant over a full turn.", examples=[360]
@@ -29,34 +29,34 @@ class PlanOptions(Contract):
     )
     size_tolerance_percent: SizeTolerancePercent | None = Field(
         None,
-        description="Relative standard uncertainty of the phantom's size, in per cent. By default its drawing's.",
+        description="Relative standard uncertainty of the phantom's size, in per cent. Default: that of its drawing.",
         examples=[0.15],
     )
 
 
 class PlanAsked(PlanOptions):
-    """What was asked, as it is kept: an earlier version took what `PlanAsk` refuses."""
+    """Request of a plan as it is stored: an earlier version accepted what `PlanAsk` refuses."""
 
     scanner_id: Identifier = Field(description="Id of the scanner that is to be calibrated.", examples=["example"])
     theta: Theta | None = Field(
-        None, description="The nominal geometry; null: that of the scanner's active calibration."
+        None, description="Nominal geometry; null: the theta of the scanner's active calibration."
     )
 
 
 class PlanAsk(PlanAsked, Given):
-    """Ask what precision a phantom will give on a scanner."""
+    """Request for the precision that a phantom will give on a scanner."""
 
     theta: GivenTheta | None = Field(
-        None, description="The nominal geometry; null: that of the scanner's active calibration."
+        None, description="Nominal geometry; null: the theta of the scanner's active calibration."
     )
 
 
 class PlanResult(Contract):
-    """The precision to expect: the Cramér-Rao bound, with position, gain and background of the phantom unknown."""
+    """Expected precision: the Cramér-Rao bound, with position, gain and background of the phantom unknown."""
 
-    theta: Theta = Field(description="The geometry that it is planned for.")
+    theta: Theta = Field(description="Geometry of the plan.")
     source_frame: ReportedSourceFrame = Field(description="The geometry with the source on the axis.")
-    standard_deviation: StandardDeviation = Field(description="The standard deviations that one scan will have.")
+    standard_deviation: StandardDeviation = Field(description="Expected standard deviations from one scan.")
     covariance: Covariance = Field(
         description="Covariance of (psi, R, SDD, u_c, tau) in rad and mm, in the products of their units.",
         examples=[
@@ -69,15 +69,16 @@ class PlanResult(Contract):
             ]
         ],
     )
-    predicted_ray_error_mm: PredictedRayError = Field(description="From noise alone.")
+    predicted_ray_error_mm: PredictedRayError = Field(description="Predicted ray error, from noise alone.")
     scale_uncertainty_mm: float = Field(
-        description="What R inherits from the phantom's size tolerance beside it.", examples=[1.37]
+        description="Systematic uncertainty of R, mm, from the phantom's size tolerance, besides that from noise.",
+        examples=[1.37],
     )
     scale_ray_error_mm: float = Field(description="RMS ray error from the phantom's size tolerance.", examples=[0.08])
     scale_uncertainty_percent: float | None = Field(
         None,
-        description="The image's millimetres will be right to this with 95 %: from the size tolerance and the noise of "
-        "R/SDD. Null: a plan of an earlier version.",
+        description="Expected 95 % uncertainty of the image's millimetres, per cent: from the size tolerance and "
+        "the noise of R/SDD. Null: a plan of an earlier version.",
         examples=[0.3],
     )
     noise_mm: float = Field(description="The noise's standard deviation, in mm of wood.", examples=[2.1])
@@ -95,24 +96,24 @@ class PlanResult(Contract):
 
 
 class PlanLinks(Contract):
-    """Where it hangs together."""
+    """Links to related resources."""
 
-    self: str = Field(description="Its own path.", examples=["/v1/plans/example"])
-    job: str = Field(description="Path of its job.", examples=["/v1/jobs/example"])
+    self: str = Field(description="Path of the plan.", examples=["/v1/plans/example"])
+    job: str = Field(description="Path of the plan's job.", examples=["/v1/jobs/example"])
     phantom: str = Field(description="Path of the phantom.", examples=["/v1/phantoms/l-shape"])
 
 
 class Plan(Stamped):
-    """A plan as it stands."""
+    """A plan in its present state."""
 
-    state: JobState = Field(description="State of its job.", examples=["succeeded"])
+    state: JobState = Field(description="State of the job.", examples=["succeeded"])
     phantom_id: Identifier = Field(description="Id of the phantom.", examples=["l-shape"])
     scanner_id: Identifier = Field(description="Id of the scanner.", examples=["example"])
-    job_id: Identifier = Field(description="Id of the job that computes it.", examples=["example"])
-    options: PlanAsked = Field(description="What was asked.")
+    job_id: Identifier = Field(description="Id of the job that computes the result.", examples=["example"])
+    options: PlanAsked = Field(description="Options of the request.")
     result: PlanResult | None = Field(None, description="The answer. Null: there is none yet.")
-    failure: Failure | None = Field(None, description="Why it failed. Null: it has not.")
-    links: PlanLinks | None = Field(None, description="Where it is, and what it refers to.")
+    failure: Failure | None = Field(None, description="Reason of the failure. Null: the job has not failed.")
+    links: PlanLinks | None = Field(None, description="Links to the plan and related resources.")
 
 
 DECLARATION = AskedKind(
@@ -135,9 +136,9 @@ DECLARATION = AskedKind(
     to_ask=Operation(
         "Plan a calibration with a phantom",
         """\
-The precision that one scan of the phantom will give on a scanner, before the phantom is made.
+Predict the precision that one scan of the phantom will give on a scanner, before the phantom is made.
 
-The geometry is a nominal theta, or that of the scanner's active calibration.""",
+The geometry is a nominal theta, or the theta of the scanner's active calibration.""",
         {
             "phantom_id": "l-shape",
             "body": {
@@ -154,8 +155,8 @@ The geometry is a nominal theta, or that of the scanner's active calibration."""
             },
         },
     ),
-    to_list=Operation("List plans, newest first", "All of them, or those with one phantom."),
+    to_list=Operation("List plans, newest first", "All plans, or those with one phantom."),
     to_get=Operation(
-        "Get a plan", "Its state, and standard deviations and the predicted ray error once they are there."
+        "Get a plan", "State of the plan, and once it has succeeded standard deviations and the predicted ray error."
     ),
 )

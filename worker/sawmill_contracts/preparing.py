@@ -1,4 +1,4 @@
-"""How a scan is prepared when it is read: from the raw stack to the sinograms that everything else uses."""
+"""Preparation of a scan on reading: from the raw stack to the sinograms that everything else uses."""
 
 from pydantic import Field
 
@@ -7,12 +7,12 @@ from sawmill_vocabulary import AirCorrection, FaultyCells, RingRemoval, RowAlign
 
 
 class PrepareOptions(Contract):
-    """What is done to the data on reading. Counts are prepared; declared line integrals are used as they are."""
+    """Corrections of the data on reading. Counts are prepared; declared line integrals are used as they are."""
 
     air: AirCorrection = Field(
         AirCorrection.AUTO,
-        description="Level of the air at the detector's ends: one constant a row (background), or each view's where it "
-        "drifts (views). auto: views for counts, off for line integrals.",
+        description="Level of the air at the detector's ends: one constant a row (background), or one for each view "
+        "where the level drifts (views). auto: views for counts, off for line integrals.",
         examples=["auto"],
     )
     faulty_cells: FaultyCells = Field(
@@ -28,7 +28,7 @@ class PrepareOptions(Contract):
     )
     align_rows: RowAlignment = Field(
         RowAlignment.OFF,
-        description="Views lost rows at the top or bottom (NaN, in counts also zero): align them along the log by "
-        "their profile of row sums, or by features matched between views.",
+        description="Alignment of views that lost rows at the top or bottom (NaN, in counts also zero): along the log "
+        "by their profile of row sums, or by features matched between views.",
         examples=["off"],
     )

@@ -45,7 +45,7 @@ Positive = Annotated[float, Field(gt=0)]
 
 
 def _coupling_as_text(value: object) -> object:
-    """A command's flag is one text, whether a word or a number; JSON may have the number as itself."""
+    """Return a coupling as text; a command's flag is a text, whether a word or a number, and JSON may have a number."""
     text = f"{value:.6f}" if isinstance(value, int | float) and not isinstance(value, bool) else value
     if isinstance(text, str) and not re.fullmatch(patterns.COUPLING, text.strip()):
         msg = f"coupling must be auto, none, or a number from 0 to below 100 as in 0.4, not {text!r:.100}"
@@ -58,9 +58,9 @@ Coupling = Annotated[
     str,
     BeforeValidator(_coupling_as_text, json_schema_input_type=_CouplingGiven),
     Field(
-        description="Of `total_variation`: how neighbouring slices help each other. `auto` chooses it, and whether at "
-        "all, by cross-validation on slices in the middle. `none`: each slice by itself. A number is the weight of a "
-        "difference along the axis relative to one in the plane, no unit, below 100.",
+        description="Coupling of neighbouring slices, for `total_variation`. `auto`: cross-validation on slices in "
+        "the middle chooses whether to couple, and the weight. `none`: each slice is reconstructed alone. A number "
+        "is the weight of a difference along the axis relative to one in the plane, no unit, below 100.",
         examples=["auto"],
     ),
 ]
@@ -68,7 +68,7 @@ Coupling = Annotated[
 
 @dataclass(frozen=True)
 class OptionOf:
-    """Marks an option that belongs to some methods: with any other it must be left out.
+    """Mark of an option that belongs to some methods: with any other method it must be left out.
 
     A method's class in `sawmill_tomography` has a field of the same name (docs/adding.md).
     """
@@ -77,7 +77,7 @@ class OptionOf:
 
     @classmethod
     def on(cls, field: FieldInfo) -> "OptionOf | None":
-        """The mark of a field; None for an option of all methods."""
+        """Return the mark of a field; None for an option of all methods."""
         return next((mark for mark in field.metadata if isinstance(mark, cls)), None)
 
 
@@ -92,7 +92,7 @@ OfEdgePreserving = OptionOf((ReconstructionMethod.CAUCHY_MAP, ReconstructionMeth
 EARLIER_DEFAULTS = {"alpha_rule": AlphaRule.DISCREPANCY, "coupling": "none"}
 
 
-# Of what is squared and divided by: float32 holds no more. A field of 10 micrometres shows nothing.
+# Bounds of values that are squared and divided by: float32 holds no more. A field of 10 micrometres shows nothing.
 _SQUARED = (1e-9, 1e9)
 COMPUTABLE = dict.fromkeys(("alpha", "sigma", "beta", "weight"), _SQUARED) | {"field_mm": (1e-2, LARGEST_MM)}
 
@@ -100,18 +100,18 @@ COMPUTABLE = dict.fromkeys(("alpha", "sigma", "beta", "weight"), _SQUARED) | {"f
 class ReconstructionOptions(Contract):
     """The rows, the grid, the method and its options."""
 
-    # A stored request may hold what is refused now.
+    # A stored request may hold values that are refused now.
     is_stored: ClassVar[bool] = False
 
     rows: SteppedRows | None = Field(
         None,
         description="Detector rows to reconstruct, one slice each: A:B, the first included, the last not, or every "
-        "STEP-th of them, A:B[:STEP]. By default all.",
+        "STEP-th of them, A:B[:STEP]. Default: all.",
         examples=["0:16"],
     )
     views: Annotated[int, Field(ge=3)] | None = Field(
         None,
-        description="Number of views to use: every (total / views)-th, each with its own angle. By default all.",
+        description="Number of views to use: every (total / views)-th, each with its own angle. Default: all.",
         examples=[180],
     )
     method: ReconstructionMethod = Field(
@@ -121,8 +121,8 @@ class ReconstructionOptions(Contract):
     )
     prefer: Annotated[Preference, OfAuto] = Field(
         Preference.QUALITY,
-        description="Of `auto`: quality, the lowest expected error within 100 ms a slice of 256 x 256 pixels on two "
-        "cores, if need be from every second or third view; or speed, fbp from 90 views all round.",
+        description="Preference of `auto`: quality, the lowest expected error within 100 ms a slice of 256 x 256 "
+        "pixels on two cores, if need be from every second or third view; or speed, fbp from 90 views all round.",
         examples=["quality"],
     )
     filter: Annotated[FilterName, OfFbp] = Field(FilterName.HANN, description="Window on the ramp.", examples=["hann"])
@@ -130,7 +130,9 @@ class ReconstructionOptions(Contract):
         1.0, description="Cut-off as a fraction of the Nyquist frequency, no unit.", examples=[1.0]
     )
     weighting: Annotated[Weighting, OfFbp] = Field(
-        "exact", description="`none` is the published pipeline's: no cosine, no distance weight.", examples=["exact"]
+        "exact",
+        description="`none` is the published pipeline's weighting: no cosine, no distance weight.",
+        examples=["exact"],
     )
     size: Annotated[int, Field(ge=16, le=4096), OneNumber] = Field(
         256, description="Pixels along each side.", examples=[256]
@@ -138,55 +140,60 @@ class ReconstructionOptions(Contract):
     field_mm: Annotated[PositiveMm, OneNumber] = Field(400.0, description="Side of the square field.", examples=[400.0])
     field_centre_mm: tuple[CoordinateMm, CoordinateMm] = Field(
         (0.0, 0.0),
-        description="(x, y) of the field's centre; that of a region of interest is not the rotation centre.",
+        description="(x, y) of the field's centre, mm; a region of interest need not be centred on the rotation "
+        "centre.",
         examples=[[0.0, 0.0]],
     )
     metal: MetalHandling = Field(
         MetalHandling.AUTO,
-        description="Rays through nails and other metal, where a first image shows any. `auto`: `cauchy_map` and "
-        "`total_variation` leave them out, other methods take values interpolated along the detector; the metal is "
-        "put back into the slices. `interpolate`: every method does. `none`: all rays as they are.",
+        description="Treatment of rays through nails and other metal, where a first image shows any. `auto`: "
+        "`cauchy_map` and `total_variation` leave these rays out, other methods take values interpolated along the "
+        "detector; the metal is put back into the slices. `interpolate`: every method takes interpolated values. "
+        "`none`: all rays are used as they are.",
         examples=["auto"],
     )
     hardening: HardeningHandling = Field(
         HardeningHandling.AUTO,
-        description="Beam hardening and scattered radiation that the calibration found. `auto`: they are taken out of "
-        "the line integrals before these are reconstructed. `none`: neither is taken out.",
+        description="Treatment of beam hardening and scattered radiation that the calibration found. `auto`: both "
+        "are taken out of the line integrals before reconstruction. `none`: neither is taken out.",
         examples=["auto"],
     )
     alpha: Annotated[Positive | None, OfTikhonov] = Field(
         None,
-        description="Of `tikhonov`: regularisation weight, in mm². By default chosen by alpha_rule.",
+        description="Regularisation weight of `tikhonov`, mm². Default: chosen by alpha_rule.",
         examples=[40.0],
     )
     alpha_rule: Annotated[AlphaRule, OfTikhonov] = Field(
-        AlphaRule.CROSS_VALIDATION, description="How `tikhonov` chooses alpha.", examples=["cross-validation"]
+        AlphaRule.CROSS_VALIDATION, description="Rule by which `tikhonov` chooses alpha.", examples=["cross-validation"]
     )
     sigma: Annotated[Positive | None, OfCauchyMap] = Field(
         None,
-        description="Of `cauchy_map`: standard deviation of a line integral, in its unit. By default a multiple of "
-        "the noise in air, chosen by tuning on a synthetic scan of the same log.",
+        description="Standard deviation of a line integral for `cauchy_map`, in the unit of a line integral. "
+        "Default: a multiple of the noise in air, chosen by tuning on a synthetic scan of the same log.",
         examples=[0.02],
     )
     beta: Annotated[Positive | None, OfCauchyMap] = Field(
         None,
-        description="Of `cauchy_map`: scale of the differences between neighbouring pixels, in the volume's unit. "
-        "By default chosen with sigma, or a usual share of the wood's attenuation where sigma is given.",
+        description="Scale of the differences between neighbouring pixels for `cauchy_map`, in the volume's unit. "
+        "Default: chosen with sigma, or a usual share of the wood's attenuation where sigma is given.",
         examples=[0.0004],
     )
     preset: Annotated[Literal["paper"] | None, OfCauchyMap] = Field(
         None,
-        description="Of `cauchy_map`: the published settings (arXiv 2206.14444), instead of sigma and beta.",
+        description="Published settings (arXiv 2206.14444) of `cauchy_map`, instead of sigma and beta.",
         examples=["paper"],
     )
     weight: Annotated[Positive | None, OfTotalVariation] = Field(
         None,
-        description="Of `total_variation`, in 1 / attenuation. By default chosen by cross-validation.",
+        description="Weight of the penalty in `total_variation`, in 1 / attenuation. Default: chosen by "
+        "cross-validation.",
         examples=[0.5],
     )
     coupling: Annotated[Coupling, OfTotalVariation] = "auto"
     non_negative: Annotated[bool, OfEdgePreserving] = Field(
-        default=True, description="Of `cauchy_map` and `total_variation`: no attenuation below zero.", examples=[True]
+        default=True,
+        description="Constraint of `cauchy_map` and `total_variation`: no attenuation below zero.",
+        examples=[True],
     )
     uncertainty: Annotated[bool, OutOfUse("0.2.0", "2026-11-22", gone_in="0.3.0", instead="leave it out")] = Field(
         default=False,
@@ -238,14 +245,16 @@ class ReconstructionAsked(ReconstructionOptions):
     coupling: Annotated[Coupling, OfTotalVariation] = "none"
     scan_id: Identifier = Field(examples=["example"], description="Id of the scan to reconstruct.")
     calibration_id: Identifier | None = Field(
-        None, description="Null: the scanner's active calibration, unless theta is given.", examples=["example"]
+        None,
+        description="Id of the calibration to use. Null: the scanner's active calibration, unless theta is given.",
+        examples=["example"],
     )
-    theta: Theta | None = Field(None, description="A geometry of your own, instead of a calibration.")
+    theta: Theta | None = Field(None, description="Geometry to use instead of a calibration.")
     rotation: Rotation | None = Field(
-        None, description="With theta: which way the angles count.", examples=["as-given"]
+        None, description="Sense of rotation, with theta: which way the angles count.", examples=["as-given"]
     )
     handedness: Handedness | None = Field(
-        None, description="With theta: recorded in the result.", examples=["as-drawn"]
+        None, description="Handedness, with theta: recorded in the result.", examples=["as-drawn"]
     )
 
     @model_validator(mode="after")
@@ -260,7 +269,7 @@ class ReconstructionAsked(ReconstructionOptions):
 
 
 def _state_conditions(schema: Schema, ask: type[ReconstructionOptions]) -> None:
-    """What goes with what, as the validators above have it."""
+    """State in the schema which options go together, as the validators above check them."""
     bounded(schema, COMPUTABLE)
     for name, field in ask.model_fields.items():
         mark = OptionOf.on(field)
@@ -278,7 +287,7 @@ def _state_conditions(schema: Schema, ask: type[ReconstructionOptions]) -> None:
 
 
 class ReconstructionAsk(ReconstructionAsked, Given):
-    """Ask for a reconstruction with a calibration (the scanner's active one unless named) or with a theta."""
+    """Request for a reconstruction with a calibration (the scanner's active one unless named) or with a theta."""
 
     model_config = ConfigDict(json_schema_extra=_state_conditions)
 
@@ -288,7 +297,7 @@ class ReconstructionAsk(ReconstructionAsked, Given):
         None, description=ReconstructionOptions.model_fields["views"].description, examples=[180]
     )
     coupling: Annotated[Coupling, OfTotalVariation] = "auto"
-    theta: GivenTheta | None = Field(None, description="A geometry of your own, instead of a calibration.")
+    theta: GivenTheta | None = Field(None, description="Geometry to use instead of a calibration.")
 
 
 class MetalReport(Contract):
@@ -296,77 +305,88 @@ class MetalReport(Contract):
 
     slices: int = Field(description="Number of slices that show metal.", examples=[3])
     samples: int = Field(
-        description="Number of line integrals of these slices whose rays cross metal or pass beside it.",
+        description="Number of line integrals of these slices whose rays cross metal or pass close to metal.",
         examples=[1200],
     )
     share_of_samples: float = Field(
-        description="Their share of all line integrals of these slices, no unit.", examples=[0.002]
+        description="Share of these line integrals among all of the slices with metal, no unit.", examples=[0.002]
     )
-    treatment: MetalTreatment = Field(description="What was done about these rays.", examples=["interpolated"])
+    treatment: MetalTreatment = Field(description="Treatment of these rays.", examples=["interpolated"])
     source: str = Field(
-        description="The name of the method that deals with them, and where it was published.",
+        description="Name of the method that treats metal, and where it was published.",
         examples=["linear interpolation (Kalender 1987)"],
     )
 
 
 class MethodReport(Contract):
-    """The method's parameters, and how well its slices explain the data. Of several slices, the median."""
+    """The method's parameters, and how well its slices explain the data; the median of several slices."""
 
     name: ReconstructionMethod = Field(
-        description="The method used; never `auto`, but the one that it chose.", examples=["fbp"]
+        description="Method used; never `auto`, but the method that `auto` chose.", examples=["fbp"]
     )
     reason: str | None = Field(
         None,
-        description="Why `auto` chose it. Null: `auto` was not asked for.",
+        description="Reason of the choice of `auto`. Null: `auto` was not requested.",
         examples=["360 views all round suffice for fbp"],
     )
     expected_error: float | None = Field(
         None,
-        description="With `auto`: the relative error, no unit, of simulated logs from as many views, with as much "
+        description="Expected relative error of `auto`, no unit: of simulated logs from as many views, with as much "
         "noise. Null where the views do not go all round.",
         examples=[0.08],
     )
-    view_step: int = Field(1, description="With `auto`: every view_step-th of the views was used.", examples=[1])
+    view_step: int = Field(
+        1, description="Step of the views that `auto` chose: every view_step-th was used.", examples=[1]
+    )
     noise: float = Field(description="Standard deviation of a line integral, in its unit.", examples=[0.01])
     data_misfit: float | None = Field(
         description="RMS of the residual (A x - y), relative to the noise, no unit: near 1 for an iterative method "
-        "with the "
-        "right geometry, far above where the geometry is wrong. `fbp` does not fit the data: with the right geometry "
-        "anything from 1 to 80, and a remark where it shows a wrong one; null where the field does not hold all of "
-        "the log. Of a region of interest: of the rays through it.",
+        "with the right geometry, far above where the geometry is wrong. Only rays through the field "
+        "count in a region of interest. `fbp` does not fit the data: with the right geometry the value is anything "
+        "from 1 to 80, and a remark tells where it shows a wrong geometry; null where the field does not hold "
+        "all of the log.",
         examples=[1.04],
     )
     worst_data_misfit: float | None = Field(
-        description="The largest `data_misfit` of all slices, no unit; for `fbp`, of five. Null with it.",
+        description="The largest `data_misfit` of all slices, no unit; for `fbp`, of five slices. Null where "
+        "`data_misfit` is null.",
         examples=[1.2],
     )
-    alpha: float | None = Field(None, description="Used by `tikhonov`, in mm². Null: another method.", examples=[40.0])
+    alpha: float | None = Field(
+        None, description="Regularisation weight that `tikhonov` used, mm². Null: another method.", examples=[40.0]
+    )
     sigma: float | None = Field(
-        None, description="Used by `cauchy_map`, in the unit of a line integral. Null: another method.", examples=[0.02]
+        None,
+        description="Standard deviation that `cauchy_map` used, in the unit of a line integral. Null: another method.",
+        examples=[0.02],
     )
     beta: float | None = Field(
-        None, description="Used by `cauchy_map`, in the volume's unit. Null: another method.", examples=[0.0004]
+        None, description="Scale that `cauchy_map` used, in the volume's unit. Null: another method.", examples=[0.0004]
     )
     weight: float | None = Field(
-        None, description="Used by `total_variation`, in 1 / attenuation. Null: another method.", examples=[0.5]
+        None,
+        description="Weight that `total_variation` used, in 1 / attenuation. Null: another method.",
+        examples=[0.5],
     )
     coupling: float | None = Field(
         None,
-        description="Used by `total_variation`: the weight of a difference along the axis relative to one in the "
-        "plane, no unit. 0: each slice by itself. Null: another method.",
+        description="Coupling that `total_variation` used: the weight of a difference along the axis relative to "
+        "one in the plane, no unit. 0: each slice alone. Null: another method.",
         examples=[0.5],
     )
-    metal: MetalReport | None = Field(None, description="Null: none was found, or it was not looked for.")
+    metal: MetalReport | None = Field(
+        None, description="Metal in the log. Null: none was found, or the search for metal was off."
+    )
     unconverged_slices: int = Field(
         0, description="Number of slices that had not converged when the iterations ran out.", examples=[0]
     )
     remarks: list[str] = Field(
-        [], description="What to know of the data and the fit.", examples=[["the log leaves the field in 3 slices"]]
+        [], description="Remarks on the data and the fit.", examples=[["the log leaves the field in 3 slices"]]
     )
 
 
 class ReconstructionResult(Contract):
-    """The result beside the volume."""
+    """Properties of a reconstructed volume."""
 
     shape: tuple[int, int, int] = Field(description="Number of values along (slice, x, y).", examples=[[16, 256, 256]])
     pixel_mm: float = Field(description="Side of a pixel, mm.", examples=[1.5625])
@@ -374,15 +394,17 @@ class ReconstructionResult(Contract):
     value_range: tuple[float, float] = Field(
         description="0.1 and 99.9 percentile over the volume, in its unit.", examples=[[0.0, 0.031]]
     )
-    theta: Theta = Field(description="The geometry that it was made with.")
-    rotation: Rotation = Field(description="Which way the view angles count.", examples=["as-given"])
+    theta: Theta = Field(description="Geometry of the reconstruction.")
+    rotation: Rotation = Field(description="Sense of rotation, which way the view angles count.", examples=["as-given"])
     handedness: Handedness = Field(
-        description="From which end the phantom was seen; recorded with the geometry.", examples=["as-drawn"]
+        description="Handedness, from which end the phantom was seen; recorded with the geometry.",
+        examples=["as-drawn"],
     )
     views: int = Field(description="Number of views of the scan.", examples=[360])
     fewest_views: int | None = Field(
         None,
-        description="Number of views of the slice that fewest views show, where views lost rows. Null: none did.",
+        description="Number of views of the slice with the fewest views, where views lost rows. Null: no view lost "
+        "rows.",
         examples=[350],
     )
     rows: tuple[int, int] = Field(
@@ -400,20 +422,20 @@ class ReconstructionResult(Contract):
         [], description="The steps that prepared the scan's data.", examples=[["flat and dark fields were applied"]]
     )
     method: MethodReport | None = Field(
-        None, description="Null for a result of an earlier version, whose method was fbp."
+        None, description="Report of the method. Null for a result of an earlier version, whose method was fbp."
     )
     has_deviation: bool = Field(
         default=False,
-        description="Of an earlier version's result: each pixel's standard deviation is in the volume.",
+        description="Whether each pixel's standard deviation is in the volume, as in results of an earlier version.",
         examples=[False],
     )
 
 
 class ReconstructionLinks(Contract):
-    """Links to its files."""
+    """Links to a reconstruction's files."""
 
-    self: str = Field(description="Its own path.", examples=["/v1/reconstructions/example"])
-    job: str = Field(description="Path of its job.", examples=["/v1/jobs/example"])
+    self: str = Field(description="Path of the reconstruction.", examples=["/v1/reconstructions/example"])
+    job: str = Field(description="Path of the reconstruction's job.", examples=["/v1/jobs/example"])
     volume: str = Field(description="Path of the volume as HDF5.", examples=["/v1/reconstructions/example/volume.h5"])
     first_slice: str = Field(
         description="Path of the picture of the first slice.", examples=["/v1/reconstructions/example/slices/0.png"]
@@ -438,24 +460,25 @@ class ReconstructionLinks(Contract):
 class Reconstruction(Stamped):
     """A reconstruction and its state."""
 
-    state: JobState = Field(description="State of its job.", examples=["succeeded"])
+    state: JobState = Field(description="State of the job.", examples=["succeeded"])
     scanner_id: Identifier = Field(description="Id of the scanner.", examples=["example"])
     scan_id: Identifier = Field(description="Id of the scan that is reconstructed.", examples=["example"])
     calibration_id: Identifier | None = Field(
-        description="Id of the calibration that it is made with. Null: a theta was given.", examples=["example"]
+        description="Id of the calibration. Null: a theta was given.", examples=["example"]
     )
-    job_id: Identifier = Field(description="Id of the job that computes it.", examples=["example"])
-    options: ReconstructionAsked = Field(description="What was asked.")
+    job_id: Identifier = Field(description="Id of the job that computes the result.", examples=["example"])
+    options: ReconstructionAsked = Field(description="Options of the request.")
     result: ReconstructionResult | None = Field(None, description="The answer. Null: there is none yet.")
-    failure: Failure | None = Field(None, description="Why it failed. Null: it has not.")
-    links: ReconstructionLinks | None = Field(None, description="Where it and its files are.")
+    failure: Failure | None = Field(None, description="Reason of the failure. Null: the job has not failed.")
+    links: ReconstructionLinks | None = Field(None, description="Links to the reconstruction and its files.")
 
 
 DECLARATION = AskedKind(
     kind=job_kinds.RECONSTRUCT,
     noun="reconstruction",
     label=N_("Reconstruction of a log"),
-    # A fitted method reports each iteration, and needs fifty or more of them within its day: half an hour at most.
+    # A fitted method reports each iteration, and needs fifty or more iterations within its day: half an hour each at
+    # most.
     stall_s=2 * 3600,
     ask=ReconstructionAsk,
     options=ReconstructionAsked,
@@ -478,14 +501,16 @@ DECLARATION = AskedKind(
     to_ask=Operation(
         "Ask for a reconstruction",
         """\
-Slices of a log, with the scanner's active calibration, another one, or a theta of your own.
+Reconstruct slices of a log, with the scanner's active calibration, another one, or a theta of your own.
 
 The scan may still be read and the calibration still computed: the job waits for them.""",
         {"body": {"scan_id": "example"}},
     ),
     to_list=Operation(
         "List reconstructions, newest first",
-        "All of them, or those of one scanner, in one state, or of a span of time.",
+        "All reconstructions, or a selection by scanner, state or span of time.",
     ),
-    to_get=Operation("Get a reconstruction", "Its state, and its shape and range once it is there."),
+    to_get=Operation(
+        "Get a reconstruction", "State of the reconstruction, and its shape and range once it has succeeded."
+    ),
 )

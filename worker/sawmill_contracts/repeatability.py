@@ -1,4 +1,4 @@
-"""What calibrations of one scanner differ by, against their error bars."""
+"""Differences between calibrations of one scanner, against their error bars."""
 
 from typing import Literal
 
@@ -8,33 +8,37 @@ from sawmill_platform.contracts.base import Contract
 
 
 class PairDifference(Contract):
-    """The second calibration less the first."""
+    """Difference of a pair: the second calibration less the first."""
 
     first: str
     second: str
-    ray_difference_mm: float = Field(description="RMS inside the log's disc, over one common rotation and scale.")
+    ray_difference_mm: float = Field(
+        description="RMS distance between the rays inside the log's disc, up to one common rotation and scale."
+    )
     expected_95_mm: float = Field(
-        description="What both error bars leave it below in 95 of 100 cases, in this pair alone."
+        description="Upper 95 % limit of the ray difference by both error bars, for this pair alone."
     )
     allowed_mm: float = Field(
-        description="What error bars leave it below, as of all pairs and their scales, in 95 of 100 comparisons."
+        description="Limit of the ray difference by the error bars of all pairs and their scales, 95 %."
     )
     scale_difference_percent: float
-    scale_difference_deviation_percent: float = Field(description="Noise alone: the phantom's size is common to both.")
+    scale_difference_deviation_percent: float = Field(
+        description="Standard deviation from noise alone: the phantom's size is common to both."
+    )
     scale_allowed_percent: float = Field(
-        description="Largest difference of scale of a pair that agrees, as `allowed_mm`."
+        description="Limit of the difference of scale, as `allowed_mm` is of the ray difference."
     )
     cor_column_difference_mm: float
     cor_column_deviation_mm: float
     tilt_difference_deg: float
     tilt_deviation_deg: float
     within_error_bars: bool = Field(
-        description="The rays within `allowed_mm`, the scale within `scale_allowed_percent`."
+        description="Whether the rays are within `allowed_mm` and the scale within `scale_allowed_percent`."
     )
 
 
 class RepeatabilityResult(Contract):
-    """All pairs of some calibrations of one scanner."""
+    """Differences of all pairs of some calibrations of one scanner."""
 
     pairs: list[PairDifference]
     worst_ray_difference_mm: float

@@ -1,4 +1,4 @@
-"""What the drift checks of a scanner say together: pooled, and by a chart that tells a jump from a slow trend."""
+"""Drift of a scanner from its drift checks together: pooled values, and a chart that tells a jump from a slow trend."""
 
 from collections.abc import Callable
 from datetime import datetime
@@ -10,37 +10,54 @@ from sawmill_contracts.choices import DriftFindingKind, DriftMethod
 from sawmill_contracts.drift_baselines import KnownBaseline
 from sawmill_platform.contracts.base import Contract, Identifier, Time
 
-# Looks that the pooled line takes together: 36 minutes of a day of 2 000 logs.
+# Number of drift checks that the pooled line takes together: 36 minutes of a day of 2 000 logs.
 POOLED_LOOKS = 50
 
 
 class DriftFinding(Contract):
-    """What the chart of a scanner finds."""
+    """Finding of a scanner's drift chart."""
 
-    kind: DriftFindingKind = Field(description="What it is.", examples=["jump"])
-    evidence: float = Field(description="Chi-squared of the change that has most of it, no unit.", examples=[61.0])
-    limit: float = Field(description="Evidence above this is a jump or a trend, no unit.", examples=[40.0])
+    kind: DriftFindingKind = Field(description="Kind of the finding.", examples=["jump"])
+    evidence: float = Field(description="Largest chi-squared of a change, no unit.", examples=[61.0])
+    limit: float = Field(
+        description="Limit of the evidence; above it the finding is a jump or a trend. No unit.", examples=[40.0]
+    )
     scatter: float = Field(
-        description="How many times farther checks scatter than their errors say, at least 1, no unit.", examples=[1.0]
+        description="Scatter of the drift checks relative to their error bars, at least 1, no unit.", examples=[1.0]
     )
     began_at: Time | None = Field(
         None,
-        description="When it moved, or began to. Null: it is learning or quiet.",
+        description="Time of the jump, or when the trend started. Null: the finding is learning or quiet.",
         examples=["2026-03-09T14:10:00Z"],
     )
     began_between: tuple[Time, Time] | None = Field(
         None,
-        description="Where that time lies with 95 %. Null: as before.",
+        description="95 % interval of `began_at`. Null: the finding is learning or quiet.",
         examples=[["2026-03-09T13:40:00Z", "2026-03-09T14:30:00Z"]],
     )
     cor_column_change_mm: float | None = Field(
-        None, description="Of a jump the change of u_c, mm; of a trend the change a day, mm.", examples=[0.12]
+        None,
+        description="Change of u_c: of a jump in mm; of a trend in mm a day. Null: the finding is learning or quiet.",
+        examples=[0.12],
     )
-    cor_column_standard_deviation_mm: float | None = Field(None, description="Of that, mm.", examples=[0.01])
+    cor_column_standard_deviation_mm: float | None = Field(
+        None,
+        description="Standard deviation of the change of u_c, in the same unit. Null: the finding is learning or "
+        "quiet.",
+        examples=[0.01],
+    )
     tilt_change_deg: float | None = Field(
-        None, description="Of a jump the change of tau, degrees; of a trend the change a day, degrees.", examples=[0.01]
+        None,
+        description="Change of tau: of a jump in degrees; of a trend in degrees a day. Null: the finding is "
+        "learning or quiet.",
+        examples=[0.01],
     )
-    tilt_standard_deviation_deg: float | None = Field(None, description="Of that, degrees.", examples=[0.005])
+    tilt_standard_deviation_deg: float | None = Field(
+        None,
+        description="Standard deviation of the change of tau, in the same unit. Null: the finding is learning or "
+        "quiet.",
+        examples=[0.005],
+    )
 
     @model_validator(mode="after")
     def _change_is_whole(self) -> Self:
@@ -53,7 +70,7 @@ class DriftFinding(Contract):
 
     @property
     def sentence(self) -> str:
-        """What moved, and what to do, in English."""
+        """English sentence on what moved and what to do."""
         if self.began_at is None or self.cor_column_change_mm is None or self.tilt_change_deg is None:
             return "the logs show no change of the geometry"
         began = f"about {self.began_at:%Y-%m-%d %H:%M} UTC"
@@ -67,46 +84,59 @@ class DriftFinding(Contract):
 
 
 class PooledDrift(Contract):
-    """Drift checks of a scanner by one method since its active calibration, together."""
+    """Drift checks of a scanner by one method since its active calibration, taken together."""
 
-    method: DriftMethod = Field(description="By which they compared views.", examples=["view-pairs"])
+    method: DriftMethod = Field(description="Method by which the drift checks compared views.", examples=["view-pairs"])
     calibration_id: Identifier = Field(description="Id of the active calibration.", examples=["example"])
-    since: Time = Field(description="When that became the active one.", examples=["2026-03-02T05:31:04Z"])
+    since: Time = Field(
+        description="Time at which this calibration became the active one.", examples=["2026-03-02T05:31:04Z"]
+    )
     looks: int = Field(description="Number of drift checks in the chart, no unit.", examples=[2412])
-    last_at: Time = Field(description="When the newest of them ended.", examples=["2026-03-09T14:51:04Z"])
-    baseline: KnownBaseline | None = Field(description="What the first of them measured: zero. Null: not complete.")
-    baseline_cor_column_mm: float | None = Field(description="u_c of the zero, mm. Null as before.", examples=[-209.02])
-    baseline_tilt_deg: float | None = Field(description="tau of the zero, degrees. Null as before.", examples=[-4.761])
-    pooled_looks: int = Field(description="Number of the newest of them that are pooled, no unit.", examples=[50])
-    pooled_cor_column_mm: float = Field(description="u_c, as these see it together, mm.", examples=[-209.02])
-    pooled_cor_column_standard_deviation_mm: float = Field(description="Of that, mm.", examples=[0.006])
-    pooled_tilt_deg: float = Field(description="tau, as these see it together, degrees.", examples=[-4.761])
-    pooled_tilt_standard_deviation_deg: float = Field(description="Of that, degrees.", examples=[0.004])
-    finding: DriftFinding = Field(description="What the chart finds now.")
+    last_at: Time = Field(description="Time at which the newest drift check ended.", examples=["2026-03-09T14:51:04Z"])
+    baseline: KnownBaseline | None = Field(
+        description="Mean of the first drift checks, the zero of the chart. Null: not complete."
+    )
+    baseline_cor_column_mm: float | None = Field(
+        description="u_c of the zero, mm. Null: the baseline is not complete.", examples=[-209.02]
+    )
+    baseline_tilt_deg: float | None = Field(
+        description="tau of the zero, degrees. Null: the baseline is not complete.", examples=[-4.761]
+    )
+    pooled_looks: int = Field(description="Number of the newest drift checks that are pooled, no unit.", examples=[50])
+    pooled_cor_column_mm: float = Field(description="u_c from the pooled drift checks, mm.", examples=[-209.02])
+    pooled_cor_column_standard_deviation_mm: float = Field(
+        description="Standard deviation of the pooled u_c, mm.", examples=[0.006]
+    )
+    pooled_tilt_deg: float = Field(description="tau from the pooled drift checks, degrees.", examples=[-4.761])
+    pooled_tilt_standard_deviation_deg: float = Field(
+        description="Standard deviation of the pooled tau, degrees.", examples=[0.004]
+    )
+    finding: DriftFinding = Field(description="Present finding of the chart.")
     alarm: DriftFinding | None = Field(
-        description="What it found first; the alarm stays open until another calibration is active. Null: nothing."
+        description="First finding of a jump or a trend; its alarm stays open until another calibration is active. "
+        "Null: there was none."
     )
 
 
 class ScannerDrift(Contract):
     """The charts of a scanner since its active calibration."""
 
-    charts: list[PooledDrift] = Field(description="By method; none before the first drift check that counts.")
+    charts: list[PooledDrift] = Field(description="Charts by method; none before the first drift check that counts.")
 
 
 class CountedLook(NamedTuple):
-    """What a drift check measured, for the chart of its scanner.
+    """Measurement of a drift check, for the scanner's chart.
 
     Attributes
     ----------
     days
-        Since the calibration became the active one.
+        Days since the calibration became the active one.
     cor_column_mm, tilt_rad
-        As measured.
+        Measured values.
     cor_column_change_mm, tilt_change_rad
-        Less calibrated.
+        Measured values less calibrated ones.
     covariance
-        Of (u_c, tilt), in mm and radians.
+        Covariance of (u_c, tilt), in mm and radians.
     """
 
     at: datetime
@@ -119,7 +149,7 @@ class CountedLook(NamedTuple):
 
 
 class Pool(NamedTuple):
-    """Some looks as one: their number, u_c and tau with their standard deviations."""
+    """Mean of some drift checks: their number, u_c and tau with their standard deviations."""
 
     looks: int
     cor_column_mm: float
@@ -129,16 +159,16 @@ class Pool(NamedTuple):
 
 
 class Followed(NamedTuple):
-    """What a chart says after some looks more.
+    """State of a chart after further drift checks.
 
     Attributes
     ----------
     state
-        What JSON keeps of the chart.
+        State of the chart, as JSON.
     pools
-        For each of the new looks, in their order: it and those before it together.
+        Pooled values at each of the new drift checks, in their order: this one and those before it.
     alarm
-        The first of the findings that was a jump or a trend, and when the look ended that showed it.
+        First finding that is a jump or a trend, and the time at which its drift check ended.
     """
 
     state: dict[str, Any]
@@ -148,6 +178,6 @@ class Followed(NamedTuple):
     pools: list[Pool]
 
 
-# What continues a chart: its state (empty: it begins), by which method, the newest looks that it has (`POOLED_LOOKS`),
-# and the next ones, oldest first. None: it cannot read the state.
+# Function that continues a chart, from its state (empty: a new chart), the method, the newest drift checks that it has
+# (`POOLED_LOOKS`), and the next ones, oldest first. None: the function cannot read the state.
 Follow = Callable[[dict[str, Any], DriftMethod, list[CountedLook], list[CountedLook]], Followed | None]

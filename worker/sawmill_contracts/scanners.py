@@ -11,32 +11,34 @@ from sawmill_vocabulary import Handedness, Rotation, ThetaBounds
 
 
 class Tolerances(Contract):
-    """What the mill accepts. A calibration beyond one of them is not a pass."""
+    """Tolerances of the mill. A calibration beyond one of them is not a pass."""
 
     predicted_ray_error_mm: PositiveMm = Field(
         0.1,
-        description="A calibration passes where its predicted ray error is below this with 95 % (`upper_95`), and is "
-        "to be watched where only the RMS is.",
+        description="Limit of the predicted ray error, mm: a calibration passes where `upper_95` is below the "
+        "limit, and is to be watched where only the RMS is.",
         examples=[0.1],
     )
     scale_percent: Annotated[float, Field(gt=0, le=100)] = Field(
         0.5,
-        description="What the image's millimetres may be off by: a calibration whose `scale_uncertainty_percent` "
-        "(95 %) is beyond it is to be watched, and a change of scale between two calibrations beyond it is a movement.",
+        description="Limit of the scale uncertainty, per cent: a calibration whose `scale_uncertainty_percent` (95 "
+        "%) is beyond the limit is to be watched, and a larger change of scale between two calibrations is a "
+        "movement.",
         examples=[0.5],
     )
     ray_change_mm: PositiveMm = Field(
-        0.5, description="RMS ray distance between two calibrations up to which nothing moved.", examples=[0.5]
+        0.5, description="RMS ray distance between two calibrations up to which nothing moved, mm.", examples=[0.5]
     )
     angle_change_deg: Annotated[float, Field(gt=0, le=180)] | None = Field(
         None,
-        description="Change of the first angle up to which nothing moved; null: it turns with the phantom's mounting.",
+        description="Change of the first angle up to which nothing moved, degrees; null: no limit, as the angle "
+        "turns with the phantom's mounting.",
         examples=[0.5],
     )
 
 
 class AlarmLimits(Contract):
-    """After how long something that has not come opens an alarm. An expired phantom needs no limit."""
+    """Times without scans after which an alarm opens. An expired phantom needs no limit."""
 
     phantom_scan_every_days: Annotated[float, Field(gt=0, le=3660)] | None = Field(
         None, description="Number of days without a phantom scan. Null: no alarm.", examples=[14.0]
@@ -47,32 +49,36 @@ class AlarmLimits(Contract):
 
 
 class ScannerSpec(Contract):
-    """A scanner as its owner describes it."""
+    """Description of a scanner by its owner."""
 
-    name: Name = Field(examples=["Line 2"], description="What people call it.")
-    constants: ScannerConstants = Field(description="What is known of the scanner without calibrating it.")
+    name: Name = Field(examples=["Line 2"], description="Name for people.")
+    constants: ScannerConstants = Field(description="Known constants of the scanner, which no calibration determines.")
     bounds: ThetaBounds | None = Field(
-        None, description="Where theta is searched; null: wherever the phantom can be seen."
+        None, description="Search bounds of theta; null: wherever the phantom can be seen."
     )
-    tolerances: Tolerances = Field(Tolerances(), description="What a calibration may be off by.")
+    tolerances: Tolerances = Field(Tolerances(), description="Tolerances of a calibration.")
     log_radius_mm: PositiveMm | None = Field(
         None,
-        description="Radius of the largest log: the disc around the rotation centre in which ray errors are counted. "
-        "Null: that of the smallest which holds the phantom where it stood, at most 150 mm.",
+        description="Radius of the largest log, mm: the disc around the rotation centre in which ray errors are "
+        "counted. Null: radius of the smallest disc that holds the phantom at its measured position, at most 150 mm.",
         examples=[150.0],
     )
-    alarms: AlarmLimits = Field(AlarmLimits(), description="When its silence is an alarm.")
+    alarms: AlarmLimits = Field(AlarmLimits(), description="Times without scans after which an alarm opens.")
     handedness: Handedness | None = Field(
-        None, description="Null: every calibration tries both.", examples=["as-drawn"]
+        None,
+        description="Handedness, from which end a phantom is seen. Null: every calibration tries both.",
+        examples=["as-drawn"],
     )
-    rotation: Rotation | None = Field(None, description="Null: every calibration tries both.", examples=["as-given"])
+    rotation: Rotation | None = Field(
+        None, description="Sense of rotation. Null: every calibration tries both.", examples=["as-given"]
+    )
 
 
 class ScannerAsk(ScannerSpec, Given):
-    """A scanner that is to be taken in; an earlier version took what is refused here."""
+    """A scanner in a request; an earlier version accepted what is refused here."""
 
     bounds: GivenThetaBounds | None = Field(
-        None, description="Where theta is searched; null: wherever the phantom can be seen."
+        None, description="Search bounds of theta; null: wherever the phantom can be seen."
     )
 
     @model_validator(mode="after")
@@ -97,5 +103,7 @@ class StoredScanner(Stamped, ScannerSpec):
     """A scanner as it is stored."""
 
     active_calibration_id: Identifier | None = Field(
-        None, description="The calibration that reconstructions use unless another is given.", examples=["example"]
+        None,
+        description="Id of the calibration that reconstructions use unless they name another. Null: none yet.",
+        examples=["example"],
     )

@@ -15,12 +15,12 @@ from sawmill_platform.contracts.kinds import UploadedKind
 from sawmill_vocabulary import DataKind, RowAlignment
 from sawmill_vocabulary.texts import N_
 
-# Of any detector, or of all rows of a log along its length.
+# Number of rows of any detector, or of all rows of a log along its length.
 MOST_AVERAGED_ROWS = 100_000
 
 
 class ScanState(StrEnum):
-    """An upload is read by a job before it can be used."""
+    """State of a scan: a job reads the upload before it can be used."""
 
     INGESTING = "ingesting"
     READY = "ready"
@@ -39,7 +39,8 @@ _Angles = Annotated[str, StringConstraints(max_length=100_000, strip_whitespace=
 AnglesText = Annotated[
     _Angles | None,
     Field(
-        description="START:STEP in degrees, or every view's angle separated by commas; where the file carries none.",
+        description="View angles: START:STEP in degrees, or every view's angle separated by commas; for a file that "
+        "carries none.",
         examples=["0.5:1"],
         json_schema_extra={"pattern": patterns.LINE},
     ),
@@ -49,17 +50,17 @@ AnglesText = Annotated[
 Transpose = Annotated[
     bool,
     Field(
-        description="The file's axes are in reverse order: (detector, views) as MATLAB's radon writes a sinogram, or "
-        "(detector, rows, views). The same holds for its flat and dark fields and `deviations`.",
+        description="Whether the file's axes are in reverse order: (detector, views) as MATLAB's radon writes a "
+        "sinogram, or (detector, rows, views). The same holds for its flat and dark fields and `deviations`.",
         examples=[False],
     ),
 ]
 
 
 class ScanFileOptions(PrepareOptions):
-    """How a file is read. What the file itself carries needs no repeating, and may not be contradicted."""
+    """Options of reading a file. What the file itself carries needs no repeating, and may not be contradicted."""
 
-    data: DataKind = Field(description="What the numbers are; never guessed.", examples=["counts"])
+    data: DataKind = Field(description="Kind of the numbers; never guessed.", examples=["counts"])
     dataset: Dataset = None
     angles_deg: AnglesText = None
     transpose: Transpose = False
@@ -67,9 +68,9 @@ class ScanFileOptions(PrepareOptions):
         None,
         ge=1,
         le=MOST_AVERAGED_ROWS,
-        description="The file is (views, detector): each line integral is the mean over this number of detector rows. "
-        "NaN masks a ray; an array `deviations` beside them, in NPZ, MAT or HDF5, has their standard deviations. Null: "
-        "rows as they were measured.",
+        description="Number of detector rows that each line integral is the mean of; the file is (views, detector). "
+        "NaN masks a ray; an array `deviations` next to the line integrals, in NPZ, MAT or HDF5, has their standard "
+        "deviations. Null: rows as they were measured.",
         examples=[1000],
     )
 
@@ -92,44 +93,45 @@ class ScanFileOptions(PrepareOptions):
 
 
 def state_what_is_averaged(schema: Schema) -> None:
-    """What goes with `averaged_rows`, in the schema of a body that has these options."""
+    """State which options go with `averaged_rows`, in the schema of a body that has these options."""
     for condition in (one_of("data", ["line-integrals"]), one_of("align_rows", ["off"], default="off")):
         require(schema, "averaged_rows", without("averaged_rows"), condition)
 
 
 class UnregisteredScanOptions(ScanFileOptions):
-    """How a file is read without a service, which knows the pitches from the scanner and takes one file a scan."""
+    """Options of reading a file without a service; a service knows the pitches and takes one file a scan."""
 
     detector_pitch_mm: PositiveMm | None = Field(
-        None, description="Distance between detector cells; needed where the file does not carry it."
+        None, description="Distance between detector cells; needed where the file does not carry the distance."
     )
     row_pitch_mm: PositiveMm | None = Field(None, description="Distance between detector rows.")
     follow_links: bool = Field(
-        default=False, description="Of HDF5: read also what its links, virtual datasets and raw data lead to."
+        default=False,
+        description="Whether HDF5 files are read that links, virtual datasets and raw data of the file lead to.",
     )
     flats: Path | None = Field(
-        None, description="Of counts: flat fields, a file or a folder, where the scan carries none."
+        None, description="File or folder with the flat fields of counts, where the scan's file carries none."
     )
     darks: Path | None = Field(
-        None, description="Of counts: dark fields, a file or a folder, where the scan carries none."
+        None, description="File or folder with the dark fields of counts, where the scan's file carries none."
     )
 
 
 class ScanSpec(ScanFileOptions):
-    """A file as its uploader describes it."""
+    """Description of a file by the client that uploads it."""
 
-    scanner_id: Identifier = Field(description="Id of the scanner that made it.", examples=["example"])
-    name: Name = Field("scan", description="What people call it.", examples=["phantom of week 10"])
+    scanner_id: Identifier = Field(description="Id of the scanner that made the scan.", examples=["example"])
+    name: Name = Field("scan", description="Name for people.", examples=["phantom of week 10"])
     phantom_id: Identifier | None = Field(
-        None, description="The phantom in this scan; null for a scan without one.", examples=["l-shape"]
+        None, description="Id of the phantom in this scan; null for a scan without one.", examples=["l-shape"]
     )
     phantom_rows: Rows | None = Field(
-        None, description="The rows that show the phantom; null: they are found.", examples=["0:16"]
+        None, description="Rows that show the phantom; null: they are found.", examples=["0:16"]
     )
 
 
 class ScanShape(Contract):
-    """Of the projection stack (view, row, detector)."""
+    """Lengths of the projection stack (view, row, detector)."""
 
     views: int = Field(description="Number of views.", examples=[360])
     rows: int = Field(description="Number of detector rows.", examples=[16])
@@ -137,41 +139,40 @@ class ScanShape(Contract):
 
     @property
     def lengths(self) -> tuple[int, int, int]:
-        """Return the number of views, rows and cells, as an array of the stack has them."""
+        """Number of views, rows and cells, in the axis order of the stack."""
         return self.views, self.rows, self.detector
 
 
 UsableRows = Annotated[
     tuple[int, int] | None,
     Field(
-        description="The rows that enough views have, the first and the one after the last, where views lost some; "
-        "null: all rows.",
+        description="First usable row and the one after the last, where views lost rows; null: all rows.",
         examples=[(2, 14)],
     ),
 ]
 
 
 class ScanReading(Contract):
-    """What the job that read an upload found in it."""
+    """Result of the job that read an upload."""
 
-    format: str = Field(description="What the file turned out to be.", examples=["hdf5-nxtomo"])
+    format: str = Field(description="Format of the file.", examples=["hdf5-nxtomo"])
     shape: ScanShape = Field(description="Size of the projection stack.")
     angular_range_deg: tuple[float, float] = Field(
         description="First and last view's angle, degrees.", examples=[[0.0, 359.0]]
     )
     usable_rows: UsableRows = None
     remarks: list[str] = Field(
-        [], description="What was done to the data on reading.", examples=[["one invalid frame left out"]]
+        [], description="Changes that were made to the data on reading.", examples=[["one invalid frame left out"]]
     )
 
 
 class Scan(Stamped, ScanSpec):
-    """A scan as it stands."""
+    """A scan in its present state."""
 
-    state: ScanState = Field(description="Whether it can be used.", examples=["ready"])
+    state: ScanState = Field(description="Whether the scan can be used.", examples=["ready"])
     reason: str | None = Field(
         None,
-        description="Why the file was refused, in one sentence. Null: it was not.",
+        description="Reason why the file was refused, in one sentence. Null: it was not refused.",
         examples=["no angles: the file carries none and none were given"],
     )
     size_bytes: int = Field(description="Size of the file, bytes.", examples=[8861696])
@@ -180,7 +181,7 @@ class Scan(Stamped, ScanSpec):
         examples=["9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08"],
     )
     format: str | None = Field(
-        None, description="What the file turned out to be. Null: it has not been read.", examples=["hdf5-nxtomo"]
+        None, description="Format of the file. Null: it has not been read.", examples=["hdf5-nxtomo"]
     )
     shape: ScanShape | None = Field(None, description="Size of the projection stack. Null: it has not been read.")
     angular_range_deg: tuple[float, float] | None = Field(
@@ -188,9 +189,9 @@ class Scan(Stamped, ScanSpec):
     )
     usable_rows: UsableRows = None
     remarks: list[str] = Field(
-        [], description="What was done to the data on reading.", examples=[["one invalid frame left out"]]
+        [], description="Changes that were made to the data on reading.", examples=[["one invalid frame left out"]]
     )
-    job_id: Identifier = Field(description="Id of the job that reads it.", examples=["example"])
+    job_id: Identifier = Field(description="Id of the job that reads the file.", examples=["example"])
 
 
 DECLARATION = UploadedKind(

@@ -15,40 +15,40 @@ from sawmill_platform.contracts.given import Given
 
 
 class ScheduleSpec(Contract):
-    """When to recalibrate a scanner with its newest phantom scan, or to look for drift on its newest log."""
+    """Times at which a scanner is recalibrated with its newest phantom scan, or its newest log is checked for drift."""
 
-    scanner_id: Identifier = Field(
-        examples=["example"], description="Id of the scanner that is recalibrated or looked at."
-    )
-    kind: ScheduleKind = Field("recalibrate", description="What is done at each due time.", examples=["recalibrate"])
+    scanner_id: Identifier = Field(examples=["example"], description="Id of the scanner.")
+    kind: ScheduleKind = Field("recalibrate", description="Work at each due time.", examples=["recalibrate"])
     cron: str = Field(
         max_length=100,
-        description="Five fields of cron, by the clocks of `time_zone`: minute, hour, day of the month, month, day of "
-        "the week. Lists, ranges and steps, names of months and days, L and LW for the month's last day and working "
-        "day.",
+        description="Five fields of cron, in `time_zone`: minute, hour, day of the month, month, day of the week. "
+        "Lists, ranges and steps, names of months and days, L and LW for the month's last day and working day.",
         examples=["30 5 * * 1-6"],
         json_schema_extra={"pattern": patterns.CRON},
     )
     time_zone: str = Field(
         default="UTC",
         max_length=64,
-        description="The time zone of `cron`, by its name in the tz database. On the days when its clocks are put "
-        "forward or back, an hour that `cron` names comes once; `*` stands for each hour that passes.",
+        description="Time zone of `cron`, by its name in the tz database. On the days when the clocks change, an "
+        "hour that `cron` names comes once; `*` represents each hour that passes.",
         examples=["Europe/Helsinki"],
         json_schema_extra={"pattern": patterns.TIME_ZONE},
     )
-    enabled: bool = Field(default=True, description="False: nothing is due until it is enabled.", examples=[True])
+    enabled: bool = Field(
+        default=True,
+        description="Whether the schedule runs; false: nothing is due until it is enabled.",
+        examples=[True],
+    )
     on_pass: OnPass = Field(
         "report",
-        description="Of `recalibrate`: what to do with a calibration whose rays_verdict is pass and which has not "
-        "moved.",
+        description="Action of `recalibrate` on a calibration whose rays_verdict is pass and which has not moved.",
         examples=["report"],
     )
     options: CalibrationOptions = Field(
-        CalibrationOptions(), description="How it calibrates; `check-drift` does not use it."
+        CalibrationOptions(), description="Options of its calibrations; `check-drift` does not use them."
     )
     drift_options: DriftOptions = Field(
-        DriftOptions(), description="How it looks for drift; `recalibrate` does not use it."
+        DriftOptions(), description="Options of its drift checks; `recalibrate` does not use them."
     )
 
 
@@ -57,12 +57,12 @@ def _state_what_activates(schema: Schema) -> None:
 
 
 class ScheduleAsk(ScheduleSpec, Given):
-    """A schedule that is to be kept."""
+    """A schedule to be stored."""
 
     model_config = ConfigDict(json_schema_extra=_state_what_activates)
 
     options: GivenCalibrationOptions = Field(
-        GivenCalibrationOptions(), description="How it calibrates; `check-drift` does not use it."
+        GivenCalibrationOptions(), description="Options of its calibrations; `check-drift` does not use them."
     )
 
     @model_validator(mode="after")
@@ -74,20 +74,26 @@ class ScheduleAsk(ScheduleSpec, Given):
 
 
 class ScheduleRun(Contract):
-    """The outcome of one due time."""
+    """Outcome of one due time."""
 
     due_at: datetime = Field(description="The due time, RFC 3339, UTC.", examples=["2026-03-02T05:30:00Z"])
-    outcome: ScheduleOutcome = Field(description="Whether a job was queued, and why not.", examples=["queued"])
+    outcome: ScheduleOutcome = Field(description="Whether a job was queued, else why not.", examples=["queued"])
     calibration_id: Identifier | None = Field(
-        None, description="Id of the calibration that was queued. Null: none was.", examples=["example"]
+        None,
+        description="Id of the calibration that was queued. Null: no calibration was queued.",
+        examples=["example"],
     )
     drift_id: Identifier | None = Field(
-        None, description="Id of the drift check that was queued. Null: none was.", examples=["example"]
+        None,
+        description="Id of the drift check that was queued. Null: no drift check was queued.",
+        examples=["example"],
     )
 
 
 class Schedule(Stamped, ScheduleSpec):
-    """A schedule as it stands."""
+    """A schedule in its present state."""
 
-    next_due_at: datetime | None = Field(description="Null when disabled.", examples=["2026-03-03T05:30:00Z"])
-    last_run: ScheduleRun | None = Field(None, description="The outcome of the last due time. Null: none has come.")
+    next_due_at: datetime | None = Field(
+        description="Next due time, RFC 3339, UTC. Null when disabled.", examples=["2026-03-03T05:30:00Z"]
+    )
+    last_run: ScheduleRun | None = Field(None, description="Outcome of the last due time. Null: there has been none.")

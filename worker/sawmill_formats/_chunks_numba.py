@@ -1,4 +1,4 @@
-"""LZF data unpacked within the bounds of what they may unpack to.
+"""Unpacking of LZF data, which writes no more than the destination holds.
 
 A byte below 32 is followed by as many literals and one more; any other one repeats (its upper three bits, and the
 next byte where they are 7) + 2 bytes from as far back as its lower five bits and the next byte tell (M. Lehmann,
@@ -10,7 +10,7 @@ from numba import njit
 
 @njit(cache=True)
 def unpack_lzf(packed, unpacked):
-    """Unpack LZF data into `unpacked`; return the number of bytes, more than it has where they do not fit, or -1."""
+    """Unpack LZF data into `unpacked`; return the number of bytes, more than its size where they do not fit, or -1."""
     at, to = 0, 0
     while at < packed.size:
         token = int(packed[at])

@@ -1,4 +1,4 @@
-"""How a file is refused, and the one place where the error of a library becomes a sentence.
+"""Refusals of files, and the one place where a library's error becomes a sentence.
 
 FileError
   UnreadableScan  a file that cannot be used
@@ -19,21 +19,21 @@ from pathlib import Path
 from sawmill_platform.files.whole_files import DISK_AWAY, DISK_FULL
 
 LONGEST_QUOTE = 200
-# Of a sentence that lists what a file holds, its beginning and its end; the end says what to do.
+# Characters kept at the beginning and at the end of a sentence that lists what a file holds; the end says what to do.
 LONGEST_SENTENCE, SENTENCE_END = 1000, 250
-# What goes wrong in a parser that believed the file: its words are about the parser.
+# Errors of a parser that trusted the file: their texts are about the parser.
 OF_THE_PROGRAM = (ArithmeticError, AssertionError, AttributeError, LookupError, NameError, TypeError, struct.error)
 OF_NO_USE = ("pickle", " object at 0x")  # no advice to trust a file, no addresses
 FULL_PATH = re.compile(r"(?<![\w.])(?:/[^\s/'\":;,()]+){2,}")
 
-# The machine's troubles, not the file's: another attempt may do better.
+# Faults of the machine, not of the file: another attempt may succeed.
 MACHINE_ERRORS = (
     DISK_FULL | DISK_AWAY | {errno.EACCES, errno.EFBIG, errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.EPERM}
 )
 
 
 class FileError(Exception):
-    """What is wrong with a file, in a sentence of bounded length; `code` is stable, for programs."""
+    """A file's fault, in a sentence of bounded length; `code` is stable, for programs."""
 
     def __init__(self, code: str, message: str) -> None:
         if len(message) > LONGEST_SENTENCE:
@@ -43,7 +43,7 @@ class FileError(Exception):
 
 
 class UnreadableScan(FileError):  # noqa: N818 - it names the thing that cannot be read
-    """A file, or what was given beside it, that cannot be used as a scan.
+    """A file, or a parameter given with it, that cannot be used as a scan.
 
     Attributes
     ----------
@@ -60,11 +60,11 @@ class OutOfRange(FileError):  # noqa: N818 - an outcome's name, as in `storage.e
 
 
 class NotStored(FileError):  # noqa: N818
-    """Something that a file of ours may hold and this one does not."""
+    """A part that a file of ours may hold and this file does not."""
 
 
 class DamagedResult(FileError):  # noqa: N818
-    """A file of ours that is damaged, or is another one than the job wrote; `reason` is what is wrong with it."""
+    """A file of ours that is damaged, or another one than the job wrote; `reason` says what is wrong with it."""
 
     def __init__(self, name: str, reason: str) -> None:
         sentence = f"{name} is damaged, or is another file than the job wrote ({reason})"
@@ -74,7 +74,7 @@ class DamagedResult(FileError):  # noqa: N818
 
 
 class NotAsWritten(ValueError):  # noqa: N818
-    """What is wrong with a file of ours; `damage_reported` makes a sentence of it."""
+    """A fault in a file of ours; `damage_reported` makes a sentence of it."""
 
 
 def check_index(name: str, index: int, length: int) -> None:
@@ -93,8 +93,8 @@ def check_index(name: str, index: int, length: int) -> None:
 def library_errors_translated(what: str) -> Iterator[None]:
     """Turn whatever a parsing library raises on a damaged file into `UnreadableScan`, the cause chained.
 
-    The libraries document no closed list of exceptions for hostile input, so all of them are taken, apart from those
-    that tell of the machine (memory, disk) and nothing about the file.
+    The libraries document no closed list of exceptions for hostile input, so all exceptions are caught, apart from
+    those that tell of the machine (memory, disk) and nothing about the file.
     """
     try:
         yield
@@ -124,7 +124,7 @@ def damage_reported(name: str) -> Iterator[None]:
 
 
 def _reason(error: Exception) -> str:
-    """What a library says of a file, where it speaks of the file: not of itself, of paths or of trust in pickles."""
+    """Return a library's message where it is about the file: not about the library, paths or trust in pickles."""
     text = str(error)
     if not text or isinstance(error, OF_THE_PROGRAM) or any(words in text for words in OF_NO_USE):
         return "its structure makes no sense"
@@ -132,34 +132,34 @@ def _reason(error: Exception) -> str:
 
 
 def quoted(text: str) -> str:
-    """Shorten foreign text to one printable line, fit to stand inside a sentence."""
+    """Shorten foreign text to one printable line, fit for use inside a sentence."""
     line = " ".join("".join(c if c.isprintable() else " " for c in text).split())
     return line if len(line) <= LONGEST_QUOTE else line[: LONGEST_QUOTE - 3] + "..."
 
 
 def check_regular(path: Path) -> None:
-    """Refuse what is no file on a disk: a pipe would be waited for without end, and a device has none.
+    """Refuse what is no file on a disk: reading a pipe would wait without end, and a device has no end.
 
     Raises
     ------
     UnreadableScan
         `broken-file`.
     OSError
-        There is nothing, or nothing that may be looked at.
+        There is no file, or access is denied.
     """
     if not stat.S_ISREG(path.stat().st_mode):
         raise UnreadableScan("broken-file", f"{path.name!r} is a pipe, a device or a folder: give a file")
 
 
 def regular_status(path: Path) -> os.stat_result:
-    """The status of a result's file.
+    """Return the status of a result's file.
 
     Raises
     ------
     DamagedResult
         It is a link, a pipe, a device or a folder.
     FileNotFoundError
-        There is nothing.
+        There is no file.
     """
     status = path.lstat()
     if not stat.S_ISREG(status.st_mode):

@@ -1,4 +1,4 @@
-"""How our HDF5 files are opened: for writing, whole or not at all; for reading, on shared folders too."""
+"""Opening of our HDF5 files: for writing, whole or not at all; for reading, on shared folders too."""
 
 import io
 from collections.abc import Iterator
@@ -22,12 +22,12 @@ def open_hdf5(path: Path) -> h5py.File:
 
 @contextmanager
 def whole_hdf5(path: Path) -> Iterator[h5py.File]:
-    """Yield a new HDF5 file beside the target; flush it to the disk and rename it when the block ends well.
+    """Yield a new HDF5 file next to the target; flush and rename it when the block ends without an error.
 
     Raises
     ------
     OSError
-        When it cannot be written, as on a full disk; then nothing is left behind and an older file stays as it was.
+        When it cannot be written, as on a full disk; then nothing is left behind and an older file stays unchanged.
     """
     temporary = path.with_name(f".{path.name}.{uuid4().hex}.part")
     with renamed(temporary, path), flushed(_DeafFile(temporary, "x+")) as disk:
@@ -35,7 +35,7 @@ def whole_hdf5(path: Path) -> Iterator[h5py.File]:
             with h5py.File(disk, "w") as file:
                 yield file
         except Exception:
-            # What was read back after a failed write is wrong: the write is what there is to tell of.
+            # Data read back after a failed write are wrong: the failed write is the error to report.
             disk.complain(path.name)
             raise
         disk.complain(path.name)
@@ -43,10 +43,10 @@ def whole_hdf5(path: Path) -> Iterator[h5py.File]:
 
 
 class _DeafFile(io.FileIO):
-    """A file that keeps its first failure to itself and from then on only pretends to write.
+    """A file that stores its first failure and from then on only pretends to write.
 
     The HDF5 library ends the process when a write fails under it (measured with HDF5 2.0, natively and through Python
-    file objects), so it must not hear of it before it has closed the file.
+    file objects), so the failure is kept from it until it has closed the file.
     """
 
     failure: OSError | None = None
@@ -69,6 +69,6 @@ class _DeafFile(io.FileIO):
             return self.tell() if size is None else size
 
     def complain(self, name: str) -> None:
-        """Speak up about the failure, if there was one."""
+        """Raise the failure, if there was one."""
         if self.failure is not None:
             raise OSError(self.failure.errno, f"{name} could not be written: {self.failure.strerror}")

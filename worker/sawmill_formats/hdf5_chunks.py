@@ -1,6 +1,6 @@
 """Values of HDF5 datasets that are stored in chunks, unpacked here and not by the library.
 
-What a chunk does not fill of the library's buffer stays as it was, so that the library reads a chunk that is stored
+The library leaves the part of its buffer that a chunk does not fill as it was, so it reads a chunk that is stored
 shorter than it declares as memory of this process. Here a chunk has exactly the bytes that it declares, or is refused.
 """
 
@@ -20,12 +20,12 @@ from sawmill_formats.errors import UnreadableScan, quoted
 from sawmill_formats.packing import fletcher32
 
 CHECKSUM_BYTES = 4
-# szip data begin with the number of bytes that they unpack to (HDF5, H5Zszip.c).
+# szip data start with the number of bytes that they unpack to (HDF5, H5Zszip.c).
 SZIP_CLAIM_BYTES = 4
-# Blocks of szip that are not packed take less than this times what they unpack to.
+# Blocks that szip does not pack take less than this times what they unpack to.
 SZIP_GROWTH = 3
 
-# Stored bytes, and how many they may unpack to: what they unpack to, cut off somewhere beyond that number.
+# Takes stored bytes, and a limit; returns the unpacked bytes, cut off somewhere beyond the limit.
 Unpack = Callable[[NDArray[np.uint8], int], NDArray[np.uint8]]
 
 
@@ -57,9 +57,9 @@ class Chunks:
             `truncated-file` where it is missing or shorter than it declares, `too-large` where it is longer.
         """
         try:
-            # To ask where it lies (H5Dget_chunk_info_by_coord) would go through all chunks before it.
+            # H5Dget_chunk_info_by_coord would go through all earlier chunks to find this one's place.
             skipped, stored = self._dataset.id.read_direct_chunk(offset)
-        except RuntimeError as error:  # so the library says that no place in the file is given for it
+        except RuntimeError as error:  # raised where the file gives no place for the chunk
             raise UnreadableScan(
                 "truncated-file", f"{self._where(offset)} was never written; export the file again"
             ) from error
@@ -97,7 +97,7 @@ class Chunks:
 
 
 def check_unpacked(dataset: h5py.Dataset) -> None:
-    """Unpack every chunk of a checked dataset once, before the library does: that of a virtual dataset's source.
+    """Unpack every chunk of a checked dataset once, before the library does, as for a source of a virtual dataset.
 
     Raises
     ------
@@ -110,7 +110,7 @@ def check_unpacked(dataset: h5py.Dataset) -> None:
 
 
 def load_kernels() -> None:
-    """Load or compile what unpacks LZF, so that no reading waits for it."""
+    """Load or compile the LZF kernel, so that no reading waits for it."""
     _of_lzf(np.frombuffer(b"\0\0", np.uint8), 1)
 
 
@@ -123,11 +123,11 @@ def read_chunked(
     ----------
     dataset : h5py.Dataset
     into : (images, parts of the other axes)
-        Where they are put, in whichever type; what this type cannot hold becomes infinite.
+        Destination, of any type; values that the type cannot hold become infinite.
     images : (n,) integers
         Rising indices along the first axis.
     parts : tuple of slice
-        Of the second axis and those behind it, each with its start and stop inside the shape; all of the axes left out.
+        Slices of the second and later axes, each with its start and stop inside the shape; omitted axes are read whole.
 
     Raises
     ------
@@ -151,7 +151,7 @@ def read_chunked(
 
 
 def _as_slice(rising: NDArray[np.intp]) -> slice | NDArray[np.intp]:
-    """Make a slice of indices without gaps, which copies nothing."""
+    """Turn indices without gaps into a slice, which copies nothing."""
     first, last = int(rising[0]), int(rising[-1])
     return slice(first, last + 1) if last - first + 1 == len(rising) else rising
 
@@ -171,7 +171,7 @@ def _unpack(dataset: h5py.Dataset, code: int, values: tuple[int, ...]) -> Unpack
 
 
 def _unshuffled(itemsize: int, data: NDArray[np.uint8], _: int) -> NDArray[np.uint8]:
-    """Undo the shuffle: the first bytes of all values came first, then the second ones; odd bytes at the end stay."""
+    """Undo the shuffle: first bytes of all values come first, then the second ones; surplus bytes at the end stay."""
     count = data.size // itemsize * itemsize
     together = np.stack(list(data[:count].reshape(itemsize, -1)), axis=1).reshape(-1)
     return together if count == data.size else np.concatenate([together, data[count:]])
@@ -180,7 +180,7 @@ def _unshuffled(itemsize: int, data: NDArray[np.uint8], _: int) -> NDArray[np.ui
 def _inflated(data: NDArray[np.uint8], most: int) -> NDArray[np.uint8]:
     inflater = zlib.decompressobj()
     inflated = inflater.decompress(data.data, most + 1)
-    # A stream without its end has no checksum: nothing of it counts.
+    # A stream without its end has no checksum, so all of it is discarded.
     ended = inflater.eof or len(inflated) > most
     return np.frombuffer(inflated if ended else b"", np.uint8)
 
@@ -208,7 +208,7 @@ def _checked(data: NDArray[np.uint8], _: int) -> NDArray[np.uint8]:
 
 
 class _Szip:
-    """szip, which the library alone unpacks: in a file in memory, data filled up so that they never end too soon.
+    """szip, which only the library unpacks: in a file in memory, with data padded so that they never end too early.
 
     Parameters
     ----------
@@ -233,8 +233,8 @@ class _Szip:
         if claimed != self._bytes:
             return np.zeros(min(claimed, most + 1), np.uint8)
         ones, zeros = (self._filled_up(data, byte) for byte in (b"\xff", b"\0"))
-        # Ones go on as blocks that are not packed, and fill whatever is missing. Where other bytes give something else,
-        # the data ended before.
+        # The padding's bits 1 continue the data as blocks that are not packed, and fill whatever is missing. If padding
+        # with other bytes gives another result, the data ended too early.
         return ones if np.array_equal(ones, zeros) else ones[:0]
 
     def _filled_up(self, data: NDArray[np.uint8], byte: bytes) -> NDArray[np.uint8]:

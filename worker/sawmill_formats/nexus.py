@@ -12,14 +12,14 @@ from numpy.typing import ArrayLike
 
 CHUNK_BYTES = 16 * 2**20
 PROGRAM = "sawmill-calibration"
-# Lossless, and of the filters that every HDF5 library has.
+# Lossless, and filters that every HDF5 library has.
 PACKED = MappingProxyType({"compression": "gzip", "compression_opts": 1, "shuffle": True})
 
 UNIT_SUFFIXES = frozenset({"mm", "rad", "deg", "s"})
 
 
 def new_entry(file: h5py.File, definition: str | None = None) -> h5py.Group:
-    """The NXentry of a new file, with its definition and the time of writing."""
+    """Make the NXentry of a new file, with its definition and the time of writing."""
     file.attrs["default"] = "entry"
     entry = new_group(file, "entry", "NXentry")
     if definition is not None:
@@ -29,14 +29,14 @@ def new_entry(file: h5py.File, definition: str | None = None) -> h5py.Group:
 
 
 def new_group(parent: h5py.Group, name: str, nx_class: str) -> h5py.Group:
-    """A group of a NeXus class."""
+    """Make a group of a NeXus class."""
     group = parent.create_group(name)
     group.attrs["NX_class"] = nx_class
     return group
 
 
 def write_process(entry: h5py.Group, name: str, software_version: str, input_sha256: str) -> h5py.Group:
-    """Which program wrote a file, when, and from which scan."""
+    """Write which program wrote a file, when, and from which scan."""
     process = new_group(entry, name, "NXprocess")
     process["program"], process["version"] = PROGRAM, software_version
     process["date"] = datetime.now(UTC).isoformat(timespec="seconds")
@@ -45,13 +45,13 @@ def write_process(entry: h5py.Group, name: str, software_version: str, input_sha
 
 
 def write_scalar(group: h5py.Group, name: str, value: ArrayLike, units: str) -> None:
-    """A number or a short list of numbers with its unit."""
+    """Write a number or a short list of numbers with its unit."""
     group[name] = value
     group[name].attrs["units"] = units
 
 
 def unit_of(name: str) -> str | None:
-    """The unit that a name ends in, as `detector_pitch_mm` does; None where it ends in none."""
+    """Return the unit at the end of a name, as in `detector_pitch_mm`; None where there is none."""
     if name.endswith("_per_mm"):
         return "1/mm"
     _, separator, suffix = name.rpartition("_")
@@ -59,7 +59,7 @@ def unit_of(name: str) -> str | None:
 
 
 def write_mapping(parent: h5py.Group, name: str, values: Mapping[str, Any], units: str | None = None) -> None:
-    """Nested JSON-able values as groups of datasets, each with the unit that its name, or its group's name, ends in.
+    """Write nested JSON-able values as groups of datasets, each with the unit in its name or its group's name.
 
     Null becomes an empty dataset, a list of texts an array of them; any other list that is no array of one type
     becomes its JSON text.

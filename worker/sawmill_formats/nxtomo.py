@@ -1,4 +1,4 @@
-"""NXtomo's names and keys, by which scans are written and read.
+"""NXtomo's names and keys, with which scans are written and read.
 
 Layout: manual.nexusformat.org, application definition NXtomo. Paths are below the entry.
 """
@@ -12,5 +12,5 @@ CELL_PITCH = f"{DETECTOR}/x_pixel_size"
 ROW_PITCH = f"{DETECTOR}/y_pixel_size"
 ANGLES = "sample/rotation_angle"
 
-# What an image of the stack is, by its image key.
+# Kind of an image of the stack, by its image key.
 PROJECTION, FLAT, DARK, INVALID = 0, 1, 2, 3

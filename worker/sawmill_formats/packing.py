@@ -1,4 +1,4 @@
-"""Packing whole chunks as the HDF5 library's own filters would, in half their time and outside the library's lock.
+"""Packing of whole chunks as the HDF5 library's filters would, in half their time and outside the library's lock.
 
 The stream is plain deflate, so every reader unpacks it; only the search for repeats is left out, which finds nothing in
 the noise of a reconstruction: runs and the frequencies of bytes are what there is to save.
@@ -12,12 +12,12 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-# Of the checksum, whose sums are those of blocks.
+# Words a block of the checksum, whose sums are computed from the blocks' sums.
 WORDS_AT_ONCE = 4096
 
 
 def pack(chunk: NDArray[Any]) -> bytes:
-    """A chunk of a dataset made with shuffle, gzip and fletcher32, as `write_direct_chunk` takes it."""
+    """Pack a chunk of a dataset made with shuffle, gzip and fletcher32, as `write_direct_chunk` takes it."""
     values = np.ascontiguousarray(chunk)
     planes = np.ascontiguousarray(values.view(np.uint8).reshape(-1, values.itemsize).T)
     deflate = zlib.compressobj(1, zlib.DEFLATED, zlib.MAX_WBITS, zlib.DEF_MEM_LEVEL, zlib.Z_RLE)
@@ -31,9 +31,9 @@ def write_chunk(dataset: h5py.Dataset, index: int, packed: bytes) -> None:
 
 
 def fletcher32(data: bytes) -> int:
-    """The HDF5 library's checksum: two sums of big-endian 16-bit words modulo 65535, an odd byte padded with zero."""
+    """Compute HDF5's checksum: two sums of big-endian 16-bit words modulo 65535, an odd byte padded with zero."""
     odd = len(data) % 2
-    # Zeros in front add nothing to either sum, of which the second counts places from the end.
+    # Zeros in front add nothing to either sum, as the second sum counts places from the end.
     words = np.frombuffer(b"\0" * (-(len(data) + odd) % (2 * WORDS_AT_ONCE)) + data + b"\0" * odd, ">u2")
     if not words.any():
         return 0

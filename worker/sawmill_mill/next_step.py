@@ -27,9 +27,9 @@ class NextStep:
     Attributes
     ----------
     message : str
-        A sentence; it ends in a colon where a reason follows.
+        Sentence that ends in a colon where a reason follows.
     reason : str or None
-        The answer's own sentence.
+        Sentence from the answer's reasons.
     """
 
     action: Action

@@ -1,6 +1,6 @@
 """The two questions next to every verdict of a calibration: are the rays right, are the millimetres right.
 
-Each is answered by a number, its limit and a sentence. The sentences are texts to be translated; a page gives its own
+A number, its limit and a sentence answer each question. The sentences are texts to be translated; a page gives its own
 `gettext` and its own way of writing millimetres and per cent.
 """
 
@@ -20,7 +20,7 @@ Words = Callable[[str], str]
 Written = Callable[[float], str]
 
 
-# What a verdict means, in a sentence.
+# Meaning of a verdict, in a sentence.
 VERDICTS: Mapping[Verdict, str] = MappingProxyType(
     {
         "pass": "The geometry is known well enough to be used.",
@@ -40,17 +40,17 @@ class Answer(StrEnum):
 
 
 def in_mm(value_mm: float) -> str:
-    """Millimetres in English, to a thousandth, as of rays."""
+    """Write millimetres in English, to a thousandth, for ray errors."""
     return f"{value_mm:.3f} mm"
 
 
 def in_length(value_mm: float) -> str:
-    """Millimetres in English, to two digits that matter below 10 mm and to one mm above, as of a log."""
+    """Write millimetres in English, to two significant digits below 10 mm and to one mm above, for lengths of a log."""
     return f"{value_mm:.0f} mm" if value_mm >= 9.95 else f"{value_mm:.2g} mm"
 
 
 def in_percent(value: float) -> str:
-    """Per cent in English, to two digits that matter."""
+    """Write per cent in English, to two significant digits."""
     return f"{value:.2g} %"
 
 
@@ -61,7 +61,7 @@ class RaysRight:
     Attributes
     ----------
     upper_95_mm : float or None
-        The RMS ray error stays below this in 95 of 100 cases; None without error bars.
+        Upper 95 % limit of the RMS ray error; None without error bars.
     limit_mm : float or None
         The largest allowed value; None where nobody recorded it.
     verdict : Verdict
@@ -90,7 +90,7 @@ class RaysRight:
 
     @property
     def message(self) -> str:
-        """The sentence with its places: %(bound)s and %(limit)s, both in mm."""
+        """Sentence with its placeholders: %(bound)s and %(limit)s, both in mm."""
         if self.upper_95_mm is None and self.verdict == "fail":
             return N_("It has no error bars, and what is known speaks against it.")
         if self.upper_95_mm is None:
@@ -116,7 +116,7 @@ class MillimetresRight:
     Attributes
     ----------
     percent_95 : float or None
-        Sizes in the image are right to this with 95 %; None where it is not known.
+        95 % uncertainty of sizes in the image; None where it is not known.
     limit_percent : float or None
         The largest allowed value; None where nobody recorded it.
     diameter_mm : float
@@ -158,7 +158,7 @@ class MillimetresRight:
 
     @property
     def message(self) -> str:
-        """The sentence with its places: %(percent)s, %(limit)s (per cent), %(error)s and %(diameter)s (lengths)."""
+        """Sentence with its placeholders: %(percent)s, %(limit)s (per cent), %(error)s and %(diameter)s (lengths)."""
         if self.contradicted:
             return N_("The phantom's size and the scanner's constants contradict each other: measure both.")
         if self.percent_95 is None:
@@ -192,8 +192,8 @@ class TwoQuestions:
         Parameters
         ----------
         tolerances : Tolerances or None
-            The scanner's, for an answer of an earlier version, which does not have its limits; None where no scanner is
-            known.
+            The scanner's tolerances, for an answer of an earlier version, which does not have its limits; None where no
+            scanner is known.
         """
         predicted, status = result.predicted_ray_error_mm, result.status
         limits = result.limits or (None if tolerances is None else _limits(tolerances))

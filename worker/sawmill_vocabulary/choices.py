@@ -1,4 +1,4 @@
-"""What can be chosen and what can be answered: the enums and literals of both sides."""
+"""Choices in requests and answers: the enums and literals of both sides."""
 
 from enum import StrEnum
 from typing import Literal, Protocol, Self, TypeVar
@@ -14,32 +14,32 @@ _Angles = TypeVar("_Angles", bound=_Negatable)
 
 
 class Handedness(StrEnum):
-    """From which end the phantom was looked at: as drawn, or from behind (y becomes -y)."""
+    """Handedness, from which end the phantom was seen: as drawn, or from behind (y becomes -y)."""
 
     AS_DRAWN = "as-drawn"
     FROM_BEHIND = "from-behind"
 
 
 class Rotation(StrEnum):
-    """Which way the view angles count: as the scan gives them, or the other way (phi becomes -phi)."""
+    """Sense of rotation: view angles count as the scan gives them, or the other way (phi becomes -phi)."""
 
     AS_GIVEN = "as-given"
     REVERSED = "reversed"
 
     def apply(self, angles_rad: _Angles) -> _Angles:
-        """View angles as this sense of rotation reads them; a float or an array."""
+        """Return view angles in this sense of rotation; a float or an array."""
         return angles_rad if self is Rotation.AS_GIVEN else -angles_rad
 
 
 class DataKind(StrEnum):
-    """What the numbers of a scan are. Never guessed."""
+    """Kind of the numbers of a scan. Never guessed."""
 
     COUNTS = "counts"
     LINE_INTEGRALS = "line-integrals"
 
 
 class AirCorrection(StrEnum):
-    """What the air at the detector's ends takes out of the line integrals.
+    """Correction of the line integrals by the air at the detector's ends.
 
     `background` is one constant for a row. `views` is each view's level where it drifts, else the constant. `auto` is
     `views` for counts and `off` for line integrals.
@@ -52,7 +52,7 @@ class AirCorrection(StrEnum):
 
 
 class FaultyCells(StrEnum):
-    """What becomes of dead and hot detector cells."""
+    """Treatment of dead and hot detector cells."""
 
     AUTO = "auto"
     KEEP = "keep"
@@ -60,14 +60,14 @@ class FaultyCells(StrEnum):
 
 
 class RingRemoval(StrEnum):
-    """How rings are taken out."""
+    """Method of removing rings."""
 
     OFF = "off"
     SORTING = "sorting"
 
 
 class RowAlignment(StrEnum):
-    """How views that lost rows are aligned along the log."""
+    """Alignment along the log of views that lost rows."""
 
     OFF = "off"
     PROFILE = "profile"
@@ -75,14 +75,14 @@ class RowAlignment(StrEnum):
 
 
 class CalibrationMethod(StrEnum):
-    """`default` is what users want; `paper` is the published search."""
+    """Search of a calibration: `default` is the product's, `paper` is the published one."""
 
     DEFAULT = "default"
     PAPER = "paper"
 
 
 class Adjustment(StrEnum):
-    """What a calibration does by itself about a scan that is not as the plain model has it; each can be left out."""
+    """Adjustment that a calibration makes to a scan that the plain model does not fit; each can be left out."""
 
     FAULTY_CELLS = "faulty-cells"
     CORRUPT_VIEWS = "corrupt-views"
@@ -109,7 +109,7 @@ class Adjustment(StrEnum):
 
 
 class CalibrationStatus(StrEnum):
-    """How far an answer may be relied on; `reasons` hold the cure."""
+    """Status of an answer, how far it may be relied on; `reasons` hold the cure."""
 
     CALIBRATED = "calibrated"
     IMPRECISE = "imprecise"
@@ -124,7 +124,7 @@ Verdict = Literal["pass", "watch", "fail"]
 
 
 class Agreement(StrEnum):
-    """Whether the phantom and the log beside it give the same u_c and tilt: within 95 %, within 99.9 %, or not."""
+    """Agreement of the phantom and the log next to it in u_c and tilt: within 95 %, within 99.9 %, or not."""
 
     AGREE = "agree"
     STRAINED = "strained"
@@ -132,26 +132,26 @@ class Agreement(StrEnum):
 
 
 class MovedBody(StrEnum):
-    """What moved alone during a scan, or that both did."""
+    """Body that alone moved during a scan, or both."""
 
     PHANTOM = "phantom"
     LOG = "log"
     BOTH = "both"
 
 
-# Whose u_c and tilt are reported.
+# Source of the reported u_c and tilt.
 WitnessTaken = Literal["both", "log", "phantom"]
 
-# Of the published search (arXiv 2206.14444).
+# Objective of the published search (arXiv 2206.14444).
 PaperObjective = Literal["image", "projection"]
 PaperCorrelation = Literal["unnormalised", "normalised"]
 PaperStop = Literal["published", "tight"]
 
 
 class ReconstructionMethod(StrEnum):
-    """Filtered back-projection, the iterative methods, or whichever of them suits the scan's views and noise."""
+    """Filtered back-projection, the iterative methods, or the choice by the scan's views and noise."""
 
-    # A line a method: its name, what pages call it, and when to use it.
+    # One line for each method: its name, its name on pages, and when to use it.
     FBP = "fbp", N_("Filtered back-projection"), N_("The fastest, for scans with many views all round.")
     TIKHONOV = "tikhonov", N_("Tikhonov"), N_("A smooth picture, to compare the others with.")
     CAUCHY_MAP = "cauchy_map", N_("Cauchy MAP"), N_("Keeps edges from as few as 20 views; takes the longest.")
@@ -173,17 +173,17 @@ class ReconstructionMethod(StrEnum):
 
 
 class HardeningHandling(StrEnum):
-    """What becomes of hardening and scatter that a calibration found: `auto` takes them out, `none` neither."""
+    """Treatment of hardening and scatter that a calibration found: `auto` takes both out, `none` neither."""
 
     AUTO = "auto"
     NONE = "none"
 
 
 class MetalHandling(StrEnum):
-    """What becomes of rays through metal in a log.
+    """Treatment of rays through metal in a log.
 
-    `auto` leaves them out where a method can do without rays, and interpolates them for the others. `interpolate` does
-    so for every method. `none` takes them as they are.
+    `auto` leaves the rays out where a method can do without, and interpolates them for other methods. `interpolate`
+    interpolates them for every method. `none` takes them as they are.
     """
 
     AUTO = "auto"
@@ -192,7 +192,7 @@ class MetalHandling(StrEnum):
 
 
 class Preference(StrEnum):
-    """What `auto` goes by.
+    """Preference of `auto`.
 
     quality: the lowest expected error within a price in time. speed: filtered back-projection wherever views suffice.
     """
@@ -216,7 +216,7 @@ Weighting = Literal["exact", "none"]
 
 
 class AlphaRule(StrEnum):
-    """How Tikhonov's alpha is chosen where it is not given.
+    """Rule by which Tikhonov's alpha is chosen where it is not given.
 
     cross-validation: the alpha whose image predicts views that were left out best (Stone 1974). discrepancy: the
     largest alpha that explains the data to their noise (Morozov). gcv: generalised cross-validation (Golub, Heath
@@ -230,7 +230,7 @@ class AlphaRule(StrEnum):
 
 
 class ColorMap(StrEnum):
-    """How a picture shows values, from low to high."""
+    """Colours of values in a picture, from low to high."""
 
     GREY = "grey"
     VIRIDIS = "viridis"

@@ -2,7 +2,7 @@
 
 Each field is typed here once, with its unit, its description and its bounds. The science computes with these classes,
 and the contracts take them as field types: pydantic reads the fields' metadata. Bounds in the metadata hold
-where a value crosses a boundary, those of `__post_init__` everywhere.
+where a value crosses a boundary, the checks of `__post_init__` everywhere.
 
 Axes, signs and formulas: docs/conventions.md#source-frame.
 """
@@ -15,13 +15,13 @@ from typing import Self
 from sawmill_vocabulary.as_contract import AsContract
 
 TAU = 2.0 * math.pi
-# Of any length at a scanner, in mm.
+# Largest length at a scanner, mm.
 LARGEST_MM = 1e5
-# Between views farther apart than this the sinogram of a log is not sampled well enough for its rays to be paired; an
-# encoder may scatter a step by 2 %.
+# Between views farther apart than this the sinogram of a log is not sampled well enough to pair its rays; an encoder
+# may scatter a step by 2 %.
 WIDEST_STEP_DEG = 3.0
 WIDEST_MEASURED_STEP_DEG = 1.02 * WIDEST_STEP_DEG
-# Views of which any two are compared, however far apart, for drift.
+# Fewest views of which any two are compared for drift, however far apart.
 FEWEST_PAIRED_VIEWS = 8
 
 
@@ -30,26 +30,26 @@ class GeometryError(ValueError):
 
 
 def wrap_angle(angle_rad: float) -> float:
-    """The angle in [0, 2 pi)."""
+    """Wrap an angle to [0, 2 pi)."""
     wrapped = math.fmod(angle_rad, TAU)
     wrapped = wrapped + TAU if wrapped < 0.0 else wrapped
     return 0.0 if wrapped >= TAU else wrapped
 
 
 def angle_difference(a_rad: float, b_rad: float) -> float:
-    """The signed difference a - b in [-pi, pi]."""
+    """Return the signed difference a - b in [-pi, pi]."""
     return math.remainder(a_rad - b_rad, TAU)
 
 
 def _rotate(angle_rad: float, x: float, y: float) -> tuple[float, float]:
-    """Rot(angle) (x, y), counter-clockwise."""
+    """Rotate (x, y) by Rot(angle), counter-clockwise."""
     c, s = math.cos(angle_rad), math.sin(angle_rad)
     return c * x - s * y, s * x + c * y
 
 
 @dataclass(frozen=True)
 class Scanner(AsContract):
-    """What is known of a scanner without calibrating it."""
+    """Known constants of a scanner, which no calibration determines."""
 
     source_to_cor_mm: float = field(
         metadata={
@@ -99,22 +99,26 @@ class SourceFrame(AsContract):
         }
     )
     tilt_rad: float = field(
-        metadata={"description": "tau, tilt of the detector against that ray's normal, rad.", "examples": [-0.083]}
+        metadata={
+            "description": "tau, tilt of the detector against the normal of the ray through the centre of rotation, "
+            "rad.",
+            "examples": [-0.083],
+        }
     )
 
     @property
     def magnification(self) -> float:
-        """M = SDD / R."""
+        """Magnification M = SDD / R."""
         return self.source_to_detector_mm / self.source_distance_mm
 
     @classmethod
     def from_vector(cls, vector: Iterable[float]) -> Self:
-        """From (psi, R, SDD, u_c, tau); the inverse of `tomography.geometry.to_vector`."""
+        """Build the frame from (psi, R, SDD, u_c, tau); the inverse of `tomography.geometry.to_vector`."""
         psi, r, sdd, u_c, tau = (float(value) for value in vector)
         return cls(psi, r, sdd, u_c, tau)
 
     def theta(self, source_to_cor_mm: float, *, source_shift_sign: int = 1) -> "Theta":
-        """The theta of this frame with h_S of the given sign.
+        """Return the theta of this frame with h_S of the given sign.
 
         Raises
         ------
@@ -167,12 +171,12 @@ class Theta(AsContract):
 
     @classmethod
     def from_vector(cls, vector: Iterable[float]) -> Self:
-        """From (alpha0, r_D, h_S, h_D, alpha_D); the inverse of `tomography.geometry.to_vector`."""
+        """Build theta from (alpha0, r_D, h_S, h_D, alpha_D); the inverse of `tomography.geometry.to_vector`."""
         alpha0, r_d, h_s, h_d, alpha_d = (float(value) for value in vector)
         return cls(alpha0, r_d, h_s, h_d, alpha_d)
 
     def source_frame(self, source_to_cor_mm: float) -> SourceFrame:
-        """(psi, R, SDD, u_c, tau) of this theta.
+        """Return the source frame (psi, R, SDD, u_c, tau) of this theta.
 
         Raises
         ------
@@ -194,7 +198,7 @@ class Theta(AsContract):
         return SourceFrame(wrap_angle(self.initial_angle_rad + delta), r, r + distance, u_c, tau)
 
     def twin(self, source_to_cor_mm: float) -> "Theta":
-        """The other theta with exactly the same sinogram: h_S -> -h_S."""
+        """Return the other theta with exactly the same sinogram: h_S -> -h_S."""
         delta = math.atan2(self.source_shift_mm, source_to_cor_mm)
         x, y = _rotate(-2.0 * delta, -self.detector_shift_mm, self.detector_to_cor_mm)
         return Theta(
@@ -206,7 +210,7 @@ class Theta(AsContract):
         )
 
     def read_backwards(self) -> "Theta":
-        """The theta of the same scan from a detector read backwards, with the rotation reversed, seen from behind."""
+        """Return the theta of this scan with the detector read backwards, the rotation reversed, seen from behind."""
         return Theta(
             initial_angle_rad=wrap_angle(math.pi - self.initial_angle_rad),
             detector_to_cor_mm=self.detector_to_cor_mm,
@@ -218,9 +222,9 @@ class Theta(AsContract):
 
 @dataclass(frozen=True)
 class ThetaBounds(AsContract):
-    """Where theta is searched; the published bounds by default. The first angle is free over the full turn."""
+    """Search bounds of theta; the published bounds by default. The first angle is free over the full turn."""
 
-    # Of arXiv 2206.14444.
+    # Bounds in arXiv 2206.14444.
     detector_to_cor_mm: tuple[float, float] = field(
         default=(500.0, 1000.0), metadata={"description": "Lowest and highest r_D, mm.", "examples": [(500.0, 1000.0)]}
     )
@@ -242,5 +246,5 @@ class ThetaBounds(AsContract):
                 raise GeometryError(f"the bounds of {name} must be (low, high) with low < high, not ({low}, {high})")
 
     def contain(self, theta: Theta) -> bool:
-        """Whether theta lies inside; the first angle is free."""
+        """Return whether theta is within the bounds; the first angle is free."""
         return all(low <= getattr(theta, name) <= high for name, (low, high) in vars(self).items())

@@ -7,7 +7,7 @@ from sawmill_vocabulary.as_contract import AsContract
 
 @dataclass(frozen=True)
 class BeamHardening(AsContract):
-    """A line integral p of the unhardened beam is measured as ln(1 + spread p) / spread.
+    """Beam hardening: a line integral p of the unhardened beam is measured as ln(1 + spread p) / spread.
 
     Formula and source: docs/reconstruction.md#beam-hardening.
     """
@@ -22,7 +22,7 @@ class BeamHardening(AsContract):
     )
     longest: float = field(
         metadata={
-            "description": "The measured line integral of the phantom's longest path, in the unit of a line integral: "
+            "description": "Measured line integral of the phantom's longest path, in the unit of a line integral: "
             "larger ones are extrapolated.",
             "gt": 0,
             "examples": [2.1],

@@ -1,6 +1,6 @@
-"""Whether a closed polygon is an outline: every corner once, no side across another.
+"""Check that a closed polygon is an outline: every corner once, no side across another.
 
-The sweep is that of Shamos and Hoey (1976), which stops at the first crossing: O(n log n) comparisons. A sweep line
+The sweep of Shamos and Hoey (1976) stops at the first crossing: O(n log n) comparisons. A sweep line
 moves from left to right over the corners; sides that cross are neighbours along it before it has passed their
 crossing. Corners of one x are taken from below, as if the line leant by a trace.
 """
@@ -11,16 +11,16 @@ Corner = tuple[float, float]
 
 
 def fault_of_outline(corners: Sequence[Corner]) -> str | None:
-    """What is wrong with it, as the predicate of a sentence; None where its sides enclose one area.
+    """Find what is wrong with a polygon, as the predicate of a sentence; None where its sides enclose one area.
 
     Parameters
     ----------
     corners : sequence of (x, y)
-        Of the closed polygon, at least three. Corner n is followed by corner n + 1, the last one by the first.
+        Corners of the closed polygon, at least three. Corner n is followed by corner n + 1, the last one by the first.
     """
-    known: dict[Corner, int] = {}
+    first_by_corner: dict[Corner, int] = {}
     for number, corner in enumerate(corners):
-        first = known.setdefault(corner, number)
+        first = first_by_corner.setdefault(corner, number)
         if first != number:
             at = f"({corner[0]:g}, {corner[1]:g})"
             return f"has the corner {at} twice, as corners {first} and {number}: give each corner once"
@@ -43,13 +43,13 @@ class _Sweep:
 
     def first_crossing(self) -> tuple[int, int] | None:
         for corner in sorted(range(self._count), key=self._corners.__getitem__):
-            found = self._turned_back(corner) or self._passed(corner)
-            if found is not None:
-                return found
+            crossing = self._turned_back(corner) or self._passed(corner)
+            if crossing is not None:
+                return crossing
         return None
 
     def _turned_back(self, corner: int) -> tuple[int, int] | None:
-        """The sides at a corner, where the second runs back along the first."""
+        """Return the sides at a corner, where the second runs back along the first."""
         x, y = self._corners[corner]
         (ax, ay), (bx, by) = self._corners[corner - 1], self._corners[(corner + 1) % self._count]
         back = (ax - x) * (bx - x) + (ay - y) * (by - y) > 0.0
@@ -59,7 +59,7 @@ class _Sweep:
         return (corner - 1) % self._count, corner
 
     def _passed(self, corner: int) -> tuple[int, int] | None:
-        """Move the line over a corner; the crossing that this shows."""
+        """Move the line over a corner; return the crossing that this shows."""
         point, met = self._corners[corner], self._met
         begun = [side for side in self._at(corner) if self._sides[side][0] == point]
         ended = [side for side in self._at(corner) if self._sides[side][0] != point]
@@ -75,16 +75,16 @@ class _Sweep:
         )
 
     def _place(self, point: Corner) -> int:
-        """How many of the sides lie below the point."""
+        """Count the sides below the point."""
         low, high = 0, len(self._met)
         while low < high:
             middle = (low + high) // 2
-            left, right = self._sides[self._met[middle]]
-            low, high = (middle + 1, high) if _turn(left, right, point) > 0.0 else (low, middle)
+            left_end, right_end = self._sides[self._met[middle]]
+            low, high = (middle + 1, high) if _turn(left_end, right_end, point) > 0.0 else (low, middle)
         return low
 
     def _meeting(self, below: int, above: int) -> tuple[int, int] | None:
-        """The sides at two neighbouring places, where they share a point that is no corner of both."""
+        """Return the sides at two neighbouring places, where they share a point that is no corner of both."""
         if below < 0 or above >= len(self._met):
             return None
         one, other = self._met[below], self._met[above]
@@ -94,12 +94,12 @@ class _Sweep:
 
 
 def _turn(a: Corner, b: Corner, c: Corner) -> float:
-    """Twice the area of the triangle, positive where c lies left of the way from a to b."""
+    """Return twice the area of the triangle, positive where c is left of the way from a to b."""
     return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
 
 
 def _share_a_point(one: tuple[Corner, Corner], other: tuple[Corner, Corner]) -> bool:
-    """Whether two sides, each from left to right, cross or touch."""
+    """Return whether two sides, each from left to right, cross or touch."""
     if max(one[0][0], other[0][0]) > min(one[1][0], other[1][0]):
         return False
     if max(min(one[0][1], one[1][1]), min(other[0][1], other[1][1])) > min(

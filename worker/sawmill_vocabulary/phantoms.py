@@ -1,4 +1,4 @@
-"""What phantoms are made of, polygons and discs in mm, and the outlines of the two published phantoms."""
+"""Shapes of phantoms, polygons and discs in mm, and the outlines of the two published phantoms."""
 
 import math
 from collections.abc import Mapping
@@ -12,22 +12,23 @@ from annotated_types import Interval
 from sawmill_vocabulary.as_contract import AsContract
 from sawmill_vocabulary.geometry import LARGEST_MM
 
-# Relative standard uncertainty of a phantom's size where nobody stated one.
-# Spruce moves by 0.15 to 0.3 % across the grain for each per cent of moisture.
+# Relative standard uncertainty of a phantom's size where it is not stated. Spruce moves by 0.15 to 0.3 % across the
+# grain for each per cent of moisture.
 STANDARD_SIZE_TOLERANCE = 0.0015
 # An axis of a phantom's drawing.
 TrueAxis = Literal["x", "y"]
-# Of the largest log where nobody stated it: ray errors are counted further out only where a larger one is stated.
+# Radius of the largest log where it is not stated: ray errors are counted further out only where a larger radius is
+# stated.
 LARGEST_ASSUMED_LOG_RADIUS_MM = 150.0
-# The smallest disc that can be drawn, and the least and the largest density against wood's: the science squares them.
-# The contract states these bounds, and a drawing that is given is checked: earlier versions have stored other ones.
+# Smallest disc that can be drawn, and least and largest density against wood's: the science squares these numbers. The
+# contract states these bounds and checks a drawing in a request; earlier versions have stored other values.
 SMALLEST_RADIUS_MM = 0.1
 SMALLEST_DENSITY, LARGEST_DENSITY = 1e-6, 1000.0
-# The most corners of a polygon.
+# Most corners of a polygon.
 MOST_CORNERS = 2000
 _DENSITY = {
-    "description": "Adds to what lies beneath, no unit: 1 is wood, -1 cuts a hole into wood. 0, or at least "
-    f"{SMALLEST_DENSITY:g} in size.",
+    "description": "Density that is added to the shapes before this one, no unit: 1 is wood, -1 cuts a hole into wood. "
+    f"0, or at least {SMALLEST_DENSITY:g} in size.",
     "examples": [1.0],
     "json_schema_extra": {
         "minimum": -LARGEST_DENSITY,
@@ -55,7 +56,7 @@ Point = tuple[CoordinateMm, CoordinateMm]
 class Polygon(AsContract):
     """A closed polygon; its vertices may run either way round."""
 
-    kind: Literal["polygon"] = field(default="polygon", kw_only=True, metadata={"description": "That it is a polygon."})
+    kind: Literal["polygon"] = field(default="polygon", kw_only=True, metadata={"description": "Type of the shape."})
     vertices_mm: tuple[Point, ...] = field(
         metadata={
             "description": "(x, y) of each corner, mm.",
@@ -84,7 +85,7 @@ class Polygon(AsContract):
 class Disc(AsContract):
     """A disc."""
 
-    kind: Literal["disc"] = field(default="disc", kw_only=True, metadata={"description": "That it is a disc."})
+    kind: Literal["disc"] = field(default="disc", kw_only=True, metadata={"description": "Type of the shape."})
     center_mm: Point = field(metadata={"description": "(x, y) of the centre, mm.", "examples": [(-50.0, -49.0)]})
     radius_mm: float = field(
         metadata={
@@ -111,7 +112,7 @@ class Disc(AsContract):
 
 Shape = Polygon | Disc
 
-# As published (arXiv 2206.14444): measured on the wood, not nominal. Nominal sizes cost 0.15 mm of ray error.
+# Outlines as published (arXiv 2206.14444): measured on the wood, not nominal. Nominal sizes cost 0.15 mm of ray error.
 BUILT_IN_OUTLINES: Mapping[str, tuple[Shape, ...]] = MappingProxyType(
     {
         "l-shape": (

@@ -1,4 +1,4 @@
-"""How far a running job is: the one type of progress."""
+"""Progress of a running job: the one type of progress."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -6,20 +6,20 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a running job is."""
+    """Progress of a running job."""
 
     fraction: float = field(
-        metadata={"ge": 0, "le": 1, "description": "Share that is done, no unit.", "examples": [0.4]}
+        metadata={"ge": 0, "le": 1, "description": "Share of the work that is done, no unit.", "examples": [0.4]}
     )
-    stage: str = field(metadata={"description": "What it does now.", "examples": ["search"]})
+    stage: str = field(metadata={"description": "Present stage of the work.", "examples": ["search"]})
     generation: int | None = field(
         default=None,
-        metadata={"description": "Number of the search's generation. Null: it has none.", "examples": [12]},
+        metadata={"description": "Number of the search's generation. Null: no search is running.", "examples": [12]},
     )
     best_value: float | None = field(
         default=None,
         metadata={
-            "description": "Best objective of the search so far, in its own unit. Null: there is none.",
+            "description": "Best objective of the search, in the objective's own unit. Null: no search is running.",
             "examples": [0.013],
         },
     )
@@ -27,7 +27,7 @@ class Progress:
         default=None,
         metadata={
             "ge": 0,
-            "description": "Seconds until a reconstruction ends, by its pace so far. Null: not known.",
+            "description": "Seconds until a reconstruction ends, by its pace. Null: not known.",
             "examples": [40.0],
         },
     )

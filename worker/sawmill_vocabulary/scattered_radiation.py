@@ -8,14 +8,14 @@ from sawmill_vocabulary.hardening import BeamHardening
 
 @dataclass(frozen=True)
 class ScatteredRadiation(AsContract):
-    """Shares of the intensity that the object takes out of the beam, and that reach the cells from other directions.
+    """Shares of the intensity that the object scatters out of the beam, and that reach the cells from other directions.
 
     Formula: docs/reconstruction.md#scattered-radiation.
     """
 
     around: float = field(
         metadata={
-            "description": "Share that is spread over the cells around, a number from 0 to 0.5.",
+            "description": "Share that is spread over the neighbouring cells, a number from 0 to 0.5.",
             "ge": 0,
             "lt": 0.5,
             "examples": [0.04],
@@ -40,14 +40,14 @@ class ScatteredRadiation(AsContract):
 
 @dataclass(frozen=True)
 class BeamCorrection:
-    """What a calibration found that must be taken out of line integrals: scattered radiation, then beam hardening."""
+    """Corrections of line integrals that a calibration found: scattered radiation, then beam hardening."""
 
     hardening: BeamHardening | None = None
     scatter: ScatteredRadiation | None = None
 
     @property
     def from_counts(self) -> bool:
-        """Whether the calibration's line integrals were made from counts: of others no scatter is known."""
+        """True if the calibration's line integrals were made from counts; for others no scatter is known."""
         return self.scatter is not None or (self.hardening is not None and self.hardening.from_counts)
 
 

@@ -15,4 +15,4 @@ PACKAGES = (
     "sawmill_service",
     "sawmill_command",
 )
-"""All packages of the product, the lowest first."""
+"""All packages of the product, the lowest layer first."""

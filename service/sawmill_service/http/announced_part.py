@@ -23,7 +23,7 @@ def _header(name: str, description: str, schema: dict[str, Any], *, required: bo
 HEADERS = [
     _header(
         "Upload-Offset",
-        "Where the part begins, in bytes: the offset that `HEAD` gives.",
+        "Offset of the part's first byte: the number that `HEAD` gives.",
         _BYTES | {"examples": [0]},
         required=True,
     ),
@@ -34,7 +34,7 @@ HEADERS = [
     ),
     _header(
         "Upload-Length",
-        "Bytes of the whole file: refused where the upload was declared with another length.",
+        "Number of bytes of the whole file: the part is refused where the upload was declared with another length.",
         _BYTES | {"examples": [1048576]},
     ),
 ]

@@ -49,8 +49,8 @@ class Hdf5(Response):
 AskedPriority = Annotated[
     Priority,
     Field(
-        description="Jobs that somebody waits for go first. `batch`: after those, as what a schedule asks for. "
-        "`background`: when no other could start, and it gives way to one."
+        description="Order of jobs: `waited-for` goes first; `batch` next, as for jobs of a schedule; `background` "
+        "starts when no other job could, and gives way to any other job."
     ),
 ]
 
@@ -61,11 +61,11 @@ class Paging(Given):
     after: str | None = Field(
         None,
         max_length=200,
-        description="The `next` of the page before; nothing: the newest.",
+        description="The `next` of the page before. Default: the newest page.",
         examples=["1772429400000000.example"],
         json_schema_extra={"pattern": patterns.CURSOR},
     )
-    limit: Annotated[int, Field(ge=1, le=200, description="Items a page.")] = 50
+    limit: Annotated[int, Field(ge=1, le=200, description="Number of items a page.")] = 50
 
 
 class NumberedPaging(Paging):
@@ -74,7 +74,7 @@ class NumberedPaging(Paging):
     after: str | None = Field(
         None,
         max_length=200,
-        description="The `next` of the page before; nothing: the newest.",
+        description="The `next` of the page before. Default: the newest page.",
         examples=["41"],
         json_schema_extra={"pattern": patterns.NUMBERED_CURSOR},
     )
@@ -84,10 +84,10 @@ class Dated(Paging):
     """Which page of a list, and of which span of time."""
 
     created_from: GivenTime | None = Field(
-        None, description="The oldest moment, RFC 3339 with its offset.", examples=["2026-03-01T00:00:00+02:00"]
+        None, description="Earliest time of creation, RFC 3339 with its offset.", examples=["2026-03-01T00:00:00+02:00"]
     )
     created_before: GivenTime | None = Field(
-        None, description="Only what is older than this moment, RFC 3339.", examples=["2030-01-01T00:00:00Z"]
+        None, description="Time before which the items were created, RFC 3339.", examples=["2030-01-01T00:00:00Z"]
     )
 
 

@@ -10,21 +10,27 @@ BINARY = {"type": "string", "format": "binary"}
 
 _TEXT = {"type": "string"}
 HEADERS: dict[str, dict[str, Any]] = {
-    "Accept-Ranges": {"description": "`bytes`: parts can be asked for.", "schema": _TEXT},
-    "Content-Disposition": {"description": "The name to save the file under.", "schema": _TEXT},
-    "Content-Range": {"description": "Which bytes of how many, as in `bytes 0-1023/4096`.", "schema": _TEXT},
-    "ETag": {"description": "Stands for these bytes: send it back as `If-None-Match` or `If-Range`.", "schema": _TEXT},
-    "Location": {"description": "The path of what was made.", "schema": {"type": "string", "format": "uri-reference"}},
-    "Repr-Digest": {"description": "The sha256 of the whole file's bytes, as RFC 9530 writes it.", "schema": _TEXT},
-    "Retry-After": {"description": "Seconds until it is worth asking.", "schema": {"type": "integer", "minimum": 0}},
-    "Upload-Complete": {"description": "`?1` when all bytes have come, else `?0`.", "schema": _TEXT},
-    "Upload-Length": {"description": "Bytes of the whole file.", "schema": {"type": "integer", "minimum": 1}},
-    "Upload-Offset": {
-        "description": "Bytes that are kept: where the next part begins.",
+    "Accept-Ranges": {"description": "`bytes`: parts can be requested.", "schema": _TEXT},
+    "Content-Disposition": {"description": "Name under which to save the file.", "schema": _TEXT},
+    "Content-Range": {"description": "Range of bytes and their total, as in `bytes 0-1023/4096`.", "schema": _TEXT},
+    "ETag": {"description": "Tag of these bytes: send it back as `If-None-Match` or `If-Range`.", "schema": _TEXT},
+    "Location": {
+        "description": "Path of the created resource.",
+        "schema": {"type": "string", "format": "uri-reference"},
+    },
+    "Repr-Digest": {"description": "SHA-256 of the whole file's bytes, in the form of RFC 9530.", "schema": _TEXT},
+    "Retry-After": {
+        "description": "Seconds after which to request again.",
         "schema": {"type": "integer", "minimum": 0},
     },
-    "WWW-Authenticate": {"description": "How a key is brought: Basic and Bearer.", "schema": _TEXT},
-    "X-Request-Id": {"description": "Names this request in the service's log.", "schema": _TEXT},
+    "Upload-Complete": {"description": "`?1` when all bytes have arrived, else `?0`.", "schema": _TEXT},
+    "Upload-Length": {"description": "Number of bytes of the whole file.", "schema": {"type": "integer", "minimum": 1}},
+    "Upload-Offset": {
+        "description": "Number of bytes that are stored: the next part starts there.",
+        "schema": {"type": "integer", "minimum": 0},
+    },
+    "WWW-Authenticate": {"description": "Authentication schemes for a key: Basic and Bearer.", "schema": _TEXT},
+    "X-Request-Id": {"description": "Id of this request in the service's log.", "schema": _TEXT},
 }
 for _header in HEADERS.values():
     _header["required"] = True
@@ -39,7 +45,7 @@ _BY_STATUS = {
     "503": ("Retry-After",),
 }
 _OF_FILES = ("Accept-Ranges", "Content-Disposition", "ETag", "Repr-Digest")
-_UNCHANGED = "You hold these bytes already, as `If-None-Match` says."
+_UNCHANGED = "The client already holds these bytes, as `If-None-Match` states."
 
 LOCATED: Responses = {201: {"headers": {"Location": {}}}}
 """Of what is made at once: `Location` leads to it."""
@@ -73,7 +79,7 @@ def drawn(*codes: str, headers: dict[str, Any] | None = None) -> Responses:
     whole = {"headers": _named(*_OF_FILES) | (headers or {})}
     return {
         200: whole,
-        206: {"description": "The range asked for."} | whole,
+        206: {"description": "The requested range."} | whole,
         304: {"description": _UNCHANGED},
         **refuses(*OF_DOWNLOADS, *codes),
     }

@@ -20,11 +20,10 @@ from sawmill_service.http.refusals import Responses
 _TEXT = {"type": "string"}
 _HEADERS = {
     "Deprecation": {
-        "description": "The route, or a field of the request, is out of use since this moment: `@` and seconds "
-        "since 1970.",
+        "description": "The route, or a field of the request, is out of use since then: `@` and seconds since 1970.",
         "schema": _TEXT,
     },
-    "Link": {"description": "With `rel=deprecation`: where that is described.", "schema": _TEXT},
+    "Link": {"description": "Link with `rel=deprecation` to the description of the change.", "schema": _TEXT},
 }
 log = structlog.get_logger(__name__)
 

@@ -22,7 +22,7 @@ from sawmill_service.http.sent_form import MEDIA_TYPE as FORM
 
 TRY = "x-try"
 SECURITY_SCHEMES = {
-    "key": {"type": "http", "scheme": "bearer", "description": "A key; the scope that it needs stands beside it."},
+    "key": {"type": "http", "scheme": "bearer", "description": "A key; each operation states the scope that it needs."},
     "password": {"type": "http", "scheme": "basic", "description": "The same key as the password, with any user."},
 }
 
@@ -240,7 +240,7 @@ def _not_null(schema: dict[str, Any]) -> dict[str, Any]:
 def _describe_repeats(operation: dict[str, Any]) -> None:
     """The header by which a repeat's answer is known, on what is answered to requests that may be sent again."""
     if any(parameter["name"] == "Idempotency-Key" for parameter in operation.get("parameters", [])):
-        replayed = {"description": "This answers a repeat.", "schema": {"type": "string", "const": "true"}}
+        replayed = {"description": "This answer repeats an earlier one.", "schema": {"type": "string", "const": "true"}}
         for status, response in operation["responses"].items():
             if status.startswith("2"):
                 response.setdefault("headers", {})["Idempotency-Replayed"] = replayed

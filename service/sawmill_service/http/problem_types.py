@@ -19,30 +19,31 @@ from sawmill_platform.contracts.kinds import declaration_of
 PATH = "/problems/"
 CODE_PATTERN = r"^[a-z0-9]+(-[a-z0-9]+)*$"
 _TEXTS = Path(__file__).parents[1] / "problem_texts"
-_OTHERS = "Others may come with a later version: a program treats a code that it does not know by its status."
+_OTHERS = "Later versions may add codes: a program treats an unknown code by its status."
 
 
 class ProblemType(Contract):
     """A kind of problem, or of a job's failure."""
 
     code: str = Field(
-        description="Stable, for programs.", max_length=64, pattern=CODE_PATTERN, examples=["scanner-not-found"]
+        description="Stable code, for programs.", max_length=64, pattern=CODE_PATTERN, examples=["scanner-not-found"]
     )
     type: str = Field(
-        description="Where this page is, as problems name it.",
+        description="Path of this page, as in the `type` of problems.",
         json_schema_extra={"format": "uri-reference"},
         examples=["/problems/scanner-not-found"],
     )
-    title: str = Field(description="What it means, in a few words.", examples=["There is none with this id"])
+    title: str = Field(description="Meaning of the code, in a few words.", examples=["There is none with this id"])
     when: str = Field(
-        description="When it comes.", examples=["The id is of nothing that is here: it was deleted, or is misspelt."]
+        description="Circumstances in which it occurs.",
+        examples=["The id is of nothing that is here: it was deleted, or is misspelt."],
     )
-    what_to_do: str = Field(description="What to do.", examples=["List what there is, and take an id from there."])
+    what_to_do: str = Field(description="Remedy.", examples=["List what there is, and take an id from there."])
     status: int | None = Field(
-        None, description="The HTTP status of an answer with it; null: only jobs fail with it.", examples=[404]
+        None, description="HTTP status of an answer with this code; null: only jobs fail with it.", examples=[404]
     )
     failure: FailureKind | None = Field(
-        None, description="Whose trouble it is where a job fails with it; null: none does.", examples=["input"]
+        None, description="Cause of the failure where a job fails with this code; null: none does.", examples=["input"]
     )
 
 
@@ -60,7 +61,7 @@ def title_of(code: str, status: int) -> str:
 class ProblemTypes(Contract):
     """All kinds of problems, by code."""
 
-    items: list[ProblemType] = Field(description="Those of this version, by code.")
+    items: list[ProblemType] = Field(description="Kinds of problems in this version, by code.")
 
 
 @cache

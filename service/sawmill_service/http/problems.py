@@ -70,48 +70,51 @@ class Place(StrEnum):
 
 
 class FieldProblem(BaseModel):
-    """One value that was refused."""
+    """A refused value."""
 
     model_config = ConfigDict(populate_by_name=True)
 
     location: str = Field(
-        description="Where it stands, with the variants that were tried.",
+        description="Place of the value, with the variants that were tried.",
         examples=["body.constants.source_to_cor_mm"],
     )
     message: str = Field(
-        description="What is wrong with it, and the value.", examples=["should be greater than 0, not -3"]
+        description="Fault of the value, and the value.", examples=["should be greater than 0, not -3"]
     )
-    in_: Place = Field(alias="in", description="In which part of the request.")
+    in_: Place = Field(alias="in", description="Part of the request that has the value.")
     pointer: str | None = Field(
         None,
         json_schema_extra={"format": "json-pointer-uri-fragment"},
-        description="Of a value of the body: a JSON pointer to it (RFC 6901, section 6); `#` is the whole body.",
+        description="JSON pointer to a value of the body (RFC 6901, section 6); `#` is the whole body. Null: the "
+        "value is not in the body.",
         examples=["#/constants/source_to_cor_mm"],
     )
     parameter: str | None = Field(
-        None, description="Of a value of the query, the path or a header: its name.", examples=["limit"]
+        None,
+        description="Name of a parameter of the query, the path or a header. Null: the value is no parameter.",
+        examples=["limit"],
     )
 
 
 class Problem(BaseModel):
-    """What went wrong (RFC 9457)."""
+    """A problem (RFC 9457)."""
 
     type: str = Field(
-        description="The page of this kind of problem, relative to the address that was asked.",
+        description="Page of this kind of problem, relative to the address of the request.",
         json_schema_extra={"format": "uri-reference"},
         examples=["/problems/scanner-not-found"],
     )
-    title: str = Field(description="What this kind of problem means, in a few words.", examples=["No such scanner"])
-    status: int = Field(description="The status of the answer.", examples=[404])
+    title: str = Field(description="Meaning of this kind of problem, in a few words.", examples=["No such scanner"])
+    status: int = Field(description="HTTP status of the answer.", examples=[404])
     detail: str = Field(
-        description="One sentence: the value, and what would be right.", examples=["there is no scanner 'line-3'"]
+        description="Sentence with the value, and what would be right.", examples=["there is no scanner 'line-3'"]
     )
-    instance: str = Field(description="The path that was asked for.", examples=["/v1/scanners/line-3"])
+    instance: str = Field(description="Path of the request.", examples=["/v1/scanners/line-3"])
     code: str = Field(pattern=CODE_PATTERN, examples=["scanner-not-found"], json_schema_extra=describe_code)
-    errors: list[FieldProblem] | None = Field(None, description="Each value that was refused.")
+    errors: list[FieldProblem] | None = Field(None, description="Refused values. Null: no value was refused.")
     request_id: str | None = Field(
         None,
-        description="The answer's `X-Request-Id`, under which the service's log says more.",
+        description="The answer's `X-Request-Id`, under which the service's log has more details.",
         examples=["0f8b4c6d0d8a4b0e9d0c5b8f3f1e2a77"],
     )
 

@@ -155,8 +155,8 @@ class Waiting:
                 ge=0,
                 le=MOST_S,
                 allow_inf_nan=False,
-                description="Seconds to wait for the end of the job, 55 at most: the answer comes when it has ended, "
-                "or as it is when the time is over. 0 does not wait.",
+                description="Seconds to wait for the end of the job, 55 at most: the answer comes when the job has "
+                "ended, or its present state when the time is over. 0 does not wait.",
             ),
         ] = 0.0,
     ) -> None:

@@ -16,11 +16,11 @@ def list_alarms(
     store: TheStore,
     scanner_id: Annotated[
         Identifier | None,
-        Query(description="Those of this scanner. By default those of all.", examples=["example"]),
+        Query(description="Id of the scanner whose alarms are listed. Default: all scanners.", examples=["example"]),
     ] = None,
 ) -> AlarmList:
-    """What should have come from a scanner by now and has not, and scanners that moved, as their logs together show.
+    """List overdue scans and measurements of scanners, and scanners that moved, as their logs together show.
 
-    The limits are `alarms` of the scanner.
+    The scanner's `alarms` have the limits.
     """
     return AlarmList(alarms=store.alarms.open(scanner_id=scanner_id))

@@ -26,7 +26,7 @@ class JsonLines(StreamingResponse):
 
 @router.get("/v1/audit", summary="List who did what, newest first", responses=refuses("invalid-cursor"))
 def list_audit(paging: Annotated[NumberedPaging, Query()], store: TheStore) -> Page[AuditEntry]:
-    """Activations, roll-backs, deletions, changes of scanners and schedules, cancelled jobs, keys and logins."""
+    """List activations, roll-backs, deletions, changes of scanners and schedules, cancelled jobs, keys and logins."""
     return store.audit.page(after=paging.after, limit=paging.limit)
 
 
@@ -37,7 +37,7 @@ def list_audit(paging: Annotated[NumberedPaging, Query()], store: TheStore) -> P
     responses=SAVED | refuses("precondition-failed"),
 )
 def get_audit_file(request: Request, store: TheStore) -> Response:
-    """Every entry, the oldest first, one JSON object a line."""
+    """Return every entry, the oldest first, one JSON object a line."""
     # Weak: entries that come while it is sent are sent too.
     tag = 'W/"{}-{}"'.format(*store.audit.extent())
     if held := check_conditions(request.headers, tag):

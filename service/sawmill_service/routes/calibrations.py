@@ -23,10 +23,12 @@ router = APIRouter(prefix="/v1/calibrations", tags=["calibrations"])
 
 
 class Activate(Given):
-    """Why a calibration becomes the active one."""
+    """Reason for an activation."""
 
     reason: Name = Field(
-        "activated by hand", description="Why, for the scanner's history and the audit.", examples=["checked by hand"]
+        "activated by hand",
+        description="Reason, for the scanner's history and the audit.",
+        examples=["checked by hand"],
     )
 
 
@@ -40,9 +42,9 @@ BY_HAND = Activate()
     responses=stored("calibration-not-found", "calibration-without-result"),
 )
 def get_report(calibration_id: Identifier, request: Request, store: TheStore) -> Response:
-    """The verdict and the numbers, the phantom found, a log before and after, and how it is known, on one page.
+    """Draw the verdict and the numbers, the phantom's image, a log before and after, and the evidence, on one page.
 
-    Drawn on the first request, which takes seconds, and kept.
+    The report is drawn on the first request, which takes seconds, and stored.
     """
     return _picture(request, store, calibration_id, CalibrationPicture.REPORT)
 
@@ -54,7 +56,7 @@ def get_report(calibration_id: Identifier, request: Request, store: TheStore) ->
     responses=stored("calibration-not-found", "calibration-without-result"),
 )
 def get_overlay(calibration_id: Identifier, request: Request, store: TheStore) -> Response:
-    """The phantom reconstructed with the theta found, and its drawing over it; drawn on the first request and kept."""
+    """Draw the phantom reconstructed with the calibrated theta, and its outline; drawn once and stored."""
     return _picture(request, store, calibration_id, CalibrationPicture.OVERLAY)
 
 
@@ -65,9 +67,9 @@ def get_overlay(calibration_id: Identifier, request: Request, store: TheStore) -
     responses=stored("calibration-not-found", "calibration-without-result", "no-log"),
 )
 def get_log_before(calibration_id: Identifier, request: Request, store: TheStore) -> Response:
-    """A log of the same scan with the calibration that was active then; without one, with nothing shifted or tilted.
+    """Draw a log of the same scan with the calibration that was active then; without one, neither shifted nor tilted.
 
-    In the grey window of `log-after.png`, of the same size. 404 where the scan shows no log beside the phantom.
+    The picture has the grey window and the size of `log-after.png`. 404 where the scan shows no log beside the phantom.
     """
     return _picture(request, store, calibration_id, CalibrationPicture.LOG_BEFORE)
 
@@ -79,7 +81,7 @@ def get_log_before(calibration_id: Identifier, request: Request, store: TheStore
     responses=stored("calibration-not-found", "calibration-without-result", "no-log"),
 )
 def get_log_after(calibration_id: Identifier, request: Request, store: TheStore) -> Response:
-    """A log of the same scan with this calibration. 404 where the scan shows no log beside the phantom."""
+    """Draw a log of the same scan with this calibration. 404 where the scan shows no log beside the phantom."""
     return _picture(request, store, calibration_id, CalibrationPicture.LOG_AFTER)
 
 
@@ -90,7 +92,7 @@ def get_log_after(calibration_id: Identifier, request: Request, store: TheStore)
     responses=stored("calibration-not-found", "calibration-without-result", "result-h5-not-found"),
 )
 def get_calibration_file(calibration_id: Identifier, request: Request, store: TheStore) -> Response:
-    """Every number, with the sinogram, the model's and the residual."""
+    """Return every number, with the sinogram, its model and the residual."""
     calibration = succeeded(store, calibration_id, "result.h5")
     path = store.files.result(job_kinds.CALIBRATE, calibration_id, "result.h5")
 
@@ -113,7 +115,7 @@ def get_calibration_file(calibration_id: Identifier, request: Request, store: Th
 def activate_calibration(
     calibration_id: Identifier, store: TheStore, activate: Sent[Activate] = BY_HAND
 ) -> StoredScanner:
-    """Reconstructions use it from now on. An older one rolls back. Refused (409) without an answer."""
+    """Use the calibration from now on; an older one is a roll-back. Refused (409) where it has no answer."""
     return store.calibrations.activate(calibration_id, activate.reason)
 
 

@@ -39,9 +39,9 @@ id: 42
 _SEEN = {"type": "object", "properties": {"number": {"type": "integer"}}, "required": ["number"]}
 _EVENT = {"$ref": "#/components/schemas/Event"}
 DESCRIBED = events(
-    "Server-sent events: each event of the service under its kind, as in `what`, with the `Event` as JSON and its "
-    "number as the id; `alive` with the number through which the client has seen all of them; `closing` before the "
-    "service ends the stream.",
+    "Server-sent events: each event of the service under its kind, as in `what`, with the `Event` "
+    "as JSON and its number as the id; `alive` with the number up to which the client has seen all events; "
+    "`closing` before the service ends the stream.",
     EXAMPLE,
     {"alive": _SEEN, "closing": _SEEN, **dict.fromkeys(EventKind.published(), _EVENT)},
 )
@@ -52,14 +52,16 @@ router = APIRouter(prefix="/v1/events", tags=["events"])
 class EventFilter(Given):
     """Which events to send."""
 
-    scanner_id: Identifier | None = Field(None, description="Those that concern this scanner; nothing: all.")
+    scanner_id: Identifier | None = Field(
+        None, description="Id of the scanner whose events are sent. Default: all events."
+    )
     after: Annotated[int, Field(ge=0, le=LARGEST_NUMBER)] | None = Field(
         None,
-        description="The number of the last event that the client has seen, for one that cannot send `Last-Event-ID`.",
+        description="Number of the last event that the client has seen, for clients that cannot send `Last-Event-ID`.",
         examples=[0],
     )
     duration_s: Annotated[float, Field(gt=0, le=86_400)] | None = Field(
-        None, description="Seconds after which the stream ends; nothing: the service's life.", examples=[0.5]
+        None, description="Seconds after which the stream ends. Default: it ends with the service.", examples=[0.5]
     )
 
 
@@ -79,12 +81,12 @@ async def stream_events(
     access: TheAccess,
     last_event_id: LastEventId = None,
 ) -> AsyncIterator[ServerSentEvent]:
-    """Whatever changes: jobs, what they work on, scanners, schedules, uploads and keys.
+    """Stream all changes: of jobs, what jobs work on, scanners, schedules, uploads and keys.
 
-    What happened since `Last-Event-ID` comes first, nothing of it twice; without it comes what happens from now on.
-    `alive` comes at once and then every five seconds in which nothing happened. While the database does not answer,
-    comments come in its place, and the stream goes on afterwards. When the service stops, the key or `duration_s` has
-    ended, the last event is `closing`: the client connects again, after the time in `retry`.
+    Events since `Last-Event-ID` come first, each once; without that header the stream starts with the next event.
+    `alive` comes at once and then after every five seconds without an event. While the database does not answer,
+    comments come in place of events, and the stream continues afterwards. When the service stops, or the key or
+    `duration_s` ends, the last event is `closing`: the client connects again, after the time in `retry`.
     """
     number = await feed.start(query.after if last_event_id is None else last_event_id)
     retry_ms = 1000 * settings.retry_after_s

@@ -27,7 +27,7 @@ router = APIRouter(tags=["operation"])
 
 
 class Readiness(StrEnum):
-    """Whether requests can be answered, and whether jobs are being done."""
+    """State of the service: whether requests are answered and jobs are run."""
 
     READY = "ready"
     WITHOUT_WORKER = "without-worker"
@@ -35,15 +35,15 @@ class Readiness(StrEnum):
 
 
 class Health(Contract):
-    """How the service is."""
+    """Health of the service."""
 
     state: Readiness
-    detail: str = Field(description="What is wrong, in one sentence; empty when nothing is.", examples=[""])
+    detail: str = Field(description="Fault, in one sentence; empty when there is none.", examples=[""])
 
 
 @router.get("/health/live", summary="Is the process alive", response_class=PlainTextResponse)
 async def live() -> str:
-    """Answers as long as the process does, whatever the threads are waiting for."""
+    """Answer as long as the process runs, whatever its threads wait for."""
     return "alive"
 
 
@@ -59,7 +59,7 @@ async def live() -> str:
     },
 )
 def ready(request: Request, store: TheStore, response: Response) -> Health:
-    """503 when the database or the data folder cannot be used, or when the disk is full or nearly so (`disk-full`).
+    """Report 503 when database or data folder cannot be used, or when the disk is full or nearly so (`disk-full`).
 
     On a full disk results can still be read; uploads are refused, and jobs wait until there is room.
     Jobs that wait while no worker runs any are reported as `without-worker`, also where workers cannot use Redis:
@@ -109,8 +109,8 @@ def broker_of(broker_url: str | None) -> "BrokerReport | None":
 
 @router.get("/metrics", summary="Metrics for Prometheus", response_class=PlainTextResponse)
 def metrics(request: Request) -> Response:
-    """Jobs, attempts, memory and disk, each scanner's ray error and movement, and requests: docs/operations.md#metrics.
+    """Report jobs, attempts, memory, disk, requests, scanners' ray errors and movements: docs/operations.md#metrics.
 
-    Always 200: where the database does not answer, `sawmill_database_up` is 0 and what it would tell is left out.
+    The status is always 200: if the database does not answer, `sawmill_database_up` is 0 and its metrics are omitted.
     """
     return PlainTextResponse(generate_latest(request.app.state.metrics), media_type="text/plain; version=0.0.4")

@@ -24,7 +24,7 @@ router = APIRouter(prefix="/v1/inspections", tags=["inspections"])
 class InspectionUpload(Given, InspectionOptions):
     """What is given with a file."""
 
-    name: Name = Field("file", description="What people call the file.", examples=["mill.h5"])
+    name: Name = Field("file", description="Name of the file for people.", examples=["mill.h5"])
     priority: AskedPriority = Priority.WAITED_FOR
     inspection_id: InspectionId = None
     upload_id: UploadId = None
@@ -89,5 +89,5 @@ async def inspect_file(
     responses=refuses("inspection-not-found", "inspection-in-use"),
 )
 def delete_inspection(inspection_id: Identifier, store: TheStore) -> None:
-    """Its file too; a scan that was made of it stays. Refused (409) while its job has not ended."""
+    """Delete an inspection and its file; a scan made from the file stays. Refused (409) while its job has not ended."""
     store.inspections.delete(inspection_id)

@@ -42,12 +42,12 @@ id: 42
 """
 _JOB, _STATE = ({"$ref": f"#/components/schemas/{name}"} for name in ("Job", "JobState"))
 DESCRIBED = events(
-    "Server-sent events: `job` with the job as JSON, as it is and at every change, then `end` with its final state; "
-    "`closing` with its state when the service stops before that. The id of `end` is the number of the event in "
-    "`/v1/events` that ended the job, the id of the others that of the newest one before it.",
+    "Server-sent events: `job` with the job as JSON, as it is and at every change, then `end` with "
+    "its final state; `closing` with its state when the service stops earlier. The id of `end` is the number of "
+    "the event in `/v1/events` that ended the job, other ids are the number of the newest earlier event.",
     EXAMPLE,
     {"job": _JOB, "end": _STATE, "closing": _STATE},
-) | {204: {"description": "`Last-Event-ID` is that of `end`: nothing follows, and browsers connect no more."}}
+) | {204: {"description": "`Last-Event-ID` is the id of `end`: nothing follows, and browsers connect no more."}}
 
 router = APIRouter(prefix="/v1/jobs", tags=["jobs"])
 
@@ -61,13 +61,13 @@ class JobFilter(Paging):
 
 @router.get("", summary="List jobs, newest first", responses=refuses("invalid-cursor"))
 def list_jobs(query: Annotated[JobFilter, Query()], store: TheStore) -> Page[Job]:
-    """All of them, or those of one kind, or in one state."""
+    """List all jobs, or a selection by kind and state."""
     return store.jobs.page(kind=query.kind, state=query.state, after=query.after, limit=query.limit)
 
 
 @router.get("/{job_id}", summary="Get a job", responses=refuses("job-not-found"))
 async def get_job(job_id: Identifier, store: TheStore, waiting: TheWaiting) -> Job:
-    """State, place in the queue, progress, and why it failed if it did; with `wait` as soon as it has ended."""
+    """Return state, place in the queue, progress, and the reason of a failure; with `wait` when the job has ended."""
     return await waiting.read(lambda: store.jobs.get(job_id))
 
 
@@ -98,11 +98,11 @@ def _to_follow(
 async def stream_job(
     now: Annotated[JobNow | None, Depends(_to_follow)], store: TheStore, settings: TheSettings, stopping: TheStopping
 ) -> AsyncIterator[ServerSentEvent]:
-    """The job now and at each change; after the event `end` the client closes the stream.
+    """Stream the job now and at each change; after the event `end` the client closes the stream.
 
-    After any `Last-Event-ID` but that of `end` the stream begins with the job as it is.
+    After any `Last-Event-ID` but the id of `end` the stream starts with the present state of the job.
     When the service stops, the last event is `closing`: the client connects again, after the time in `retry`. Ids are
-    numbers that are stored, so they hold beyond a stream and a service.
+    stored numbers, so they remain valid beyond a stream and a service.
     """
     if now is None:
         return
@@ -150,16 +150,16 @@ def _pause_s(waited_s: float, longest_s: float) -> float:
     return min(longest_s, max(SHORTEST_PAUSE_S, 0.1 * waited_s))
 
 
-@router.get("/{job_id}/history", summary="Each attempt at a job and its fate", responses=refuses("job-not-found"))
+@router.get("/{job_id}/history", summary="List the attempts at a job", responses=refuses("job-not-found"))
 def get_job_history(job_id: Identifier, store: TheStore) -> JobHistory:
-    """When each attempt started, on which worker, and how it ended: `lost`, `put-off`, `given-back` or for good."""
+    """List each attempt with its start, its worker, and its end: `lost`, `put-off`, `given-back` or for good."""
     return JobHistory(events=store.events.of_job(job_id))
 
 
 @router.post("/{job_id}/cancel", status_code=202, summary="Cancel a job", responses=refuses("job-not-found"))
 @repeatable
 def cancel_job(job_id: Identifier, store: TheStore, settings: TheSettings, response: Response) -> Job:
-    """A queued job ends at once, a running one within seconds; an ended one is answered as it is."""
+    """Cancel a job: a queued job ends at once, a running one within seconds; an ended one is answered as it is."""
     try:
         job = store.jobs.request_cancel(job_id)
     except Conflict:  # it has ended, perhaps a moment ago: that is what the caller wanted

@@ -17,18 +17,19 @@ AT_ONCE = KeyRotation()
 
 
 class OwnKey(Contract):
-    """With what a request came."""
+    """Key of the request."""
 
-    name: Name = Field(description="The key's name.", examples=["scanner software of line 2"])
-    scope: Scope = Field(description="What it may do.", examples=["submit"])
+    name: Name = Field(description="Name of the key.", examples=["scanner software of line 2"])
+    scope: Scope = Field(description="Scope of the key.", examples=["submit"])
     key_id: Identifier | None = Field(
-        description="Its id. Null: no key was needed, or it is the service's own token.", examples=["0f8b4c6d0d8a4b0e"]
+        description="Id of the key. Null: no key was needed, or it is the service's own token.",
+        examples=["0f8b4c6d0d8a4b0e"],
     )
 
 
 @router.get("/own", summary="Get the key that you use")
 def get_own_key(caller: TheCaller) -> OwnKey:
-    """Its name and scope; null as `key_id` where a request needs no key, or with the service's own token."""
+    """Return name and scope; `key_id` is null where a request needs no key, or with the service's own token."""
     return OwnKey(name=caller.name, scope=caller.scope, key_id=caller.key_id)
 
 
@@ -41,14 +42,14 @@ def get_own_key(caller: TheCaller) -> OwnKey:
 )
 @repeatable
 def create_key(ask: Sent[KeyAsk], store: TheStore, response: Response) -> NewKey:
-    """Its secret is in this answer and nowhere else."""
+    """Make a key. Its secret is in this answer and nowhere else."""
     response.headers["Cache-Control"] = "no-store"
     return store.keys.create(ask)
 
 
 @router.get("", summary="List keys, newest first")
 def list_keys(store: TheStore) -> Keys:
-    """Without their secrets; with who made them and when they were last used."""
+    """List keys without their secrets; with who made them and when they were last used."""
     return store.keys.all()
 
 
@@ -62,12 +63,12 @@ def list_keys(store: TheStore) -> Keys:
 def rotate_key(
     key_id: Identifier, store: TheStore, response: Response, rotation: Sent[KeyRotation] = AT_ONCE
 ) -> NewKey:
-    """The old secret opens for the grace alone. The new one is in this answer and nowhere else."""
+    """Replace the secret, which is valid for the grace period. The new one is in this answer and nowhere else."""
     response.headers["Cache-Control"] = "no-store"
     return store.keys.rotate(key_id, grace_s=rotation.grace_s)
 
 
 @router.delete("/{key_id}", summary="Revoke a key", responses=refuses("key-not-found"))
 def revoke_key(key_id: Identifier, store: TheStore) -> Key:
-    """It opens nothing from now on, and stays listed."""
+    """Revoke a key: it is refused from now on, and stays listed."""
     return store.keys.revoke(key_id)

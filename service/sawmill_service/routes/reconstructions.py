@@ -46,16 +46,20 @@ class WindowQuery(Given):
     """Which values to draw, and how."""
 
     window_low: ValueOfVolume | None = Field(
-        None, description="Value at the dark end, in the volume's unit; null: its low end.", examples=[0.0]
+        None,
+        description="Value at the dark end, in the volume's unit; null: low end of the volume's window.",
+        examples=[0.0],
     )
     window_high: ValueOfVolume | None = Field(
-        None, description="Value at the bright end, in the volume's unit; null: its high end.", examples=[0.03]
+        None,
+        description="Value at the bright end, in the volume's unit; null: high end of the volume's window.",
+        examples=[0.03],
     )
     color_map: ColorMap = Field(ColorMap.GREY, description="Grey, or colours in which equal steps look equal.")
 
 
 class Shown(StrEnum):
-    """What of a slice is drawn."""
+    """Values of a slice that are drawn."""
 
     ATTENUATION = "attenuation"
     DEVIATION = "deviation"
@@ -66,12 +70,15 @@ class SliceQuery(WindowQuery):
 
     show: Shown = Field(
         Shown.ATTENUATION,
-        description="`deviation`: each pixel's standard deviation, where an earlier version computed it.",
+        description="Values that are drawn; `deviation`: each pixel's standard deviation, where an earlier version "
+        "computed it.",
     )
     bits: Bits = Field(
-        Bits.EIGHT, description="8: for people, with scale bar and colour bar. 16: for machines, the values alone."
+        Bits.EIGHT,
+        description="Bits of a pixel. 8: for people, with scale bar and colour bar. 16: for programs, the values "
+        "alone.",
     )
-    scale_bar: bool = Field(default=True, description="False leaves the scale bar out.")
+    scale_bar: bool = Field(default=True, description="Whether the scale bar is drawn.")
 
     @model_validator(mode="after")
     def _values_alone_are_grey(self) -> Self:
@@ -100,7 +107,7 @@ class MosaicQuery(WindowQuery):
         examples=["0:2500:100"],
         json_schema_extra={"pattern": patterns.STEPPED_ROWS},
     )
-    scale_bar: bool = Field(default=True, description="False leaves the scale bar out.")
+    scale_bar: bool = Field(default=True, description="Whether the scale bar is drawn.")
 
     @model_validator(mode="after")
     def _one_choice(self) -> Self:
@@ -113,7 +120,7 @@ class MosaicQuery(WindowQuery):
 class SideQuery(WindowQuery):
     """From where to look at the log."""
 
-    along: Axis = Field("x", description="The axis to look along; the other one runs down the picture.")
+    along: Axis = Field("x", description="Axis along which the log is seen; the other one runs down the picture.")
 
 
 @router.get(
@@ -125,12 +132,12 @@ class SideQuery(WindowQuery):
 )
 def get_slice(
     reconstruction_id: Identifier,
-    index: Annotated[int, Path(ge=0, description="Slice, from 0.", examples=[0])],
+    index: Annotated[int, Path(ge=0, description="Number of the slice, from 0.", examples=[0])],
     query: Annotated[SliceQuery, Query()],
     request: Request,
     store: TheStore,
 ) -> Response:
-    """A row of the picture is +x, a column +y."""
+    """Draw a slice; a row of the picture is +x, a column +y."""
     result = result_of(store, reconstruction_id)
     check_slice(result, index)
     path = store.files.volume(reconstruction_id)
@@ -169,7 +176,7 @@ def get_slice(
 def get_mosaic(
     reconstruction_id: Identifier, query: Annotated[MosaicQuery, Query()], request: Request, store: TheStore
 ) -> Response:
-    """Slices in reading order with their heights, all in one window; large ones are averaged down to 256 pixels."""
+    """Draw slices in reading order with heights, all in one window; large ones are averaged down to 256 pixels."""
     result = result_of(store, reconstruction_id)
     window, indices = window_to_draw(query, result.value_range), _tiles(query, result.shape[0])
 
@@ -199,7 +206,7 @@ def get_mosaic(
 def get_side_view(
     reconstruction_id: Identifier, query: Annotated[SideQuery, Query()], request: Request, store: TheStore
 ) -> Response:
-    """The densest value behind each point of the log's side; the log runs to the right."""
+    """Draw the densest value behind each point of the log's side; the log runs to the right."""
     shape = result_of(store, reconstruction_id).shape
 
     def draw() -> bytes:
@@ -229,7 +236,7 @@ def get_side_view(
     responses=drawn(*OF_RESULT, "no-alpha-curve"),
 )
 def get_alpha_curve(reconstruction_id: Identifier, request: Request, store: TheStore) -> Response:
-    """Of a reconstruction by `tikhonov`: the middle slice's L-curve, and generalised cross-validation where asked."""
+    """Draw the middle slice's L-curve of a `tikhonov` reconstruction, and generalised cross-validation if requested."""
     from sawmill_formats.output import volume_reader
 
     result_of(store, reconstruction_id)
@@ -244,7 +251,7 @@ def get_alpha_curve(reconstruction_id: Identifier, request: Request, store: TheS
     responses=stored(*OF_RESULT),
 )
 def get_volume(reconstruction_id: Identifier, request: Request, store: TheStore) -> Response:
-    """`/entry/reconstruction/data`, float32 (slice, x, y). `Range` requests are answered."""
+    """Return `/entry/reconstruction/data`, float32 (slice, x, y). `Range` requests are answered."""
     shape = result_of(store, reconstruction_id).shape
     path = store.files.volume(reconstruction_id)
 

@@ -21,16 +21,16 @@ router = APIRouter(prefix="/v1/retention", tags=["retention"])
 
 @router.get("", summary="Get the rules of retention")
 def get_retention(store: TheStore) -> Retention:
-    """How long what is kept, and what has gone by it so far. Without rules everything stays."""
+    """Return how long each kind is kept, and what has been removed so far. Without rules everything is kept."""
     return store.retention.get()
 
 
-@router.get("/preview", summary="Show what would go by rules", openapi_extra=trying(log_scans_days=14))
+@router.get("/preview", summary="Show what rules would remove", openapi_extra=trying(log_scans_days=14))
 def preview_retention(tried: Annotated[RetentionQuery, Query()], store: TheStore) -> RetentionPreview:
-    """What would go within the next hour by the rules of the query, or by those in force where it names none.
+    """List objects that the query's rules, or else the rules in force, would remove within the next hour.
 
-    Nothing goes. The rules may be put into force with `number` for an hour, although things become too old in it.
-    An active calibration, the one before it and what they were made of never go; `stays` tells what else stays.
+    Nothing is removed. The rules can be put into force with `number` for an hour, although objects age in that time.
+    An active calibration, the one before it and their scans are never removed; `stays` lists what else is kept.
     """
     rules = RetentionRules(**tried.model_dump())
     return store.retention.preview(rules if any(rules.kinds()) else store.retention.get().rules)
@@ -43,8 +43,8 @@ def preview_retention(tried: Annotated[RetentionQuery, Query()], store: TheStore
     responses=refuses("retention-unconfirmed"),
 )
 def replace_retention(ask: Sent[RetentionAsk], store: TheStore) -> Retention:
-    """They hold from now on, unless they remove more at once than `remove_at_most`.
+    """Put rules into force from now on, unless they remove more at once than `remove_at_most`.
 
-    What they reach goes at once, a few at a time, and later as it becomes too old or too much.
+    Objects beyond the rules are removed at once, in small batches, and others later when they are.
     """
     return store.retention.replace(ask)

@@ -28,17 +28,17 @@ def _change(schema: dict[str, Any]) -> None:
 
 
 class ScanForm(GivenScan):
-    """A scan's file, what is given with it, and how urgent its reading is."""
+    """A scan's file, its description, and how urgent its reading is."""
 
     model_config = ConfigDict(json_schema_extra=_change)
 
     name: Name = Field(
         "scan",
-        description="What people call it; left out: the file's name.",
+        description="Name for people. Default: the file's name.",
         examples=["phantom of week 10"],
     )
     file: Annotated[str, WithJsonSchema(BINARY)] = Field(
-        description="The file's bytes; `filename` beside them is its name.", examples=["mill.h5"]
+        description="Bytes of the file; its name is the part's `filename`.", examples=["mill.h5"]
     )
 
     @model_validator(mode="before")
@@ -68,10 +68,10 @@ async def upload_scan_form(
     wake: TheWake,
     repeatable: TheRepeatableWithFile,
 ) -> Scan:
-    """As `POST /v1/scans`, with the file and its description as the parts of a form, for consoles and `curl -F`.
+    """Upload a scan like `POST /v1/scans`, with file and description as parts of a form, for consoles and `curl -F`.
 
-    The file is the field `file`, of 64 MiB at most (`SAWMILL_MAX_FORM_BYTES`). Where all other fields stand
-    before it, scanner and phantom are looked up before it is received; a wrong value before it is refused at once.
+    The file is the field `file`, of 64 MiB at most (`SAWMILL_MAX_FORM_BYTES`). If all other fields precede the
+    file, scanner and phantom are looked up before it is received; a wrong value before it is refused at once.
     """
     content = SentForm(request.headers, ScanForm, max_field_bytes=settings.max_json_bytes)
     async with repeatable.unless_repeated(content):

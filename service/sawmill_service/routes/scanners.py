@@ -30,19 +30,23 @@ class Since(NumberedPaging):
     """Which measurements, and which page of them."""
 
     since: GivenTime | None = Field(
-        None, description="Leave out those before; RFC 3339.", examples=["2026-03-01T00:00:00Z"]
+        None, description="Earliest time of the measurements, RFC 3339.", examples=["2026-03-01T00:00:00Z"]
     )
 
 
 class HistoryFilter(Given):
     """Which entries of a history."""
 
-    kind: HistoryKind | None = Field(None, description="Entries of this kind alone.", examples=["calibration"])
+    kind: HistoryKind | None = Field(
+        None, description="Kind of the entries. Default: all kinds.", examples=["calibration"]
+    )
     since: GivenTime | None = Field(
-        None, description="Leave out entries before; RFC 3339.", examples=["2026-03-01T00:00:00Z"]
+        None, description="Earliest time of the entries, RFC 3339.", examples=["2026-03-01T00:00:00Z"]
     )
     until: GivenTime | None = Field(
-        None, description="Leave out entries at this time and after; RFC 3339.", examples=["2030-01-01T00:00:00Z"]
+        None,
+        description="End of the entries' span of time, itself left out, RFC 3339.",
+        examples=["2030-01-01T00:00:00Z"],
     )
 
     def narrowed(self) -> dict[str, Any]:
@@ -56,7 +60,7 @@ class HistoryPaging(HistoryFilter, Paging):
     after: str | None = Field(
         None,
         max_length=200,
-        description="The `next` of the page before; nothing: the newest.",
+        description="The `next` of the page before. Default: the newest page.",
         examples=["1772429400000000.12"],
         json_schema_extra={"pattern": patterns.HISTORY_CURSOR},
     )
@@ -82,7 +86,7 @@ EXAMPLE = {
 @router.post("", status_code=201, summary="Describe a scanner", openapi_extra=trying(body=EXAMPLE), responses=LOCATED)
 @repeatable
 def create_scanner(spec: Sent[ScannerAsk], store: TheStore, response: Response) -> StoredScanner:
-    """Known constants, search bounds, tolerances. Everything but name and constants has a default."""
+    """Describe a scanner by constants, search bounds and tolerances. All but name and constants has a default."""
     scanner = store.scanners.create(spec)
     response.headers["Location"] = f"/v1/scanners/{scanner.id}"
     return scanner
@@ -90,13 +94,13 @@ def create_scanner(spec: Sent[ScannerAsk], store: TheStore, response: Response) 
 
 @router.get("", summary="List scanners, newest first", responses=refuses("invalid-cursor"))
 def list_scanners(paging: Annotated[Paging, Query()], store: TheStore) -> Page[StoredScanner]:
-    """Each with its active calibration."""
+    """List scanners, each with its active calibration."""
     return store.scanners.page(after=paging.after, limit=paging.limit)
 
 
 @router.get("/{scanner_id}", summary="Get a scanner", responses=refuses("scanner-not-found"))
 def get_scanner(scanner_id: Identifier, store: TheStore) -> StoredScanner:
-    """The scanner and which calibration it uses."""
+    """Return the scanner with the calibration that it uses."""
     return store.scanners.get(scanner_id)
 
 
@@ -107,7 +111,7 @@ def get_scanner(scanner_id: Identifier, store: TheStore) -> StoredScanner:
     responses=refuses("scanner-not-found"),
 )
 def replace_scanner(scanner_id: Identifier, spec: Sent[ScannerAsk], store: TheStore) -> StoredScanner:
-    """Results that exist keep the constants they were made with."""
+    """Replace a scanner's description; existing results keep the constants that they were made with."""
     return store.scanners.update(scanner_id, spec)
 
 
@@ -119,7 +123,7 @@ def replace_scanner(scanner_id: Identifier, spec: Sent[ScannerAsk], store: TheSt
     responses=refuses("scanner-not-found", "scanner-in-use"),
 )
 def delete_scanner(scanner_id: Identifier, store: TheStore) -> None:
-    """Refused (409) while scans, results or schedules refer to it."""
+    """Delete a scanner. Refused (409) while scans, results or schedules refer to it."""
     store.scanners.delete(scanner_id)
 
 
@@ -131,21 +135,21 @@ def delete_scanner(scanner_id: Identifier, store: TheStore) -> None:
     responses=OLD | refuses("scanner-not-found"),
 )
 def scanner_history(scanner_id: Identifier, store: TheStore) -> list[Activation]:
-    """The newest 50, newest first. Ask for `history/entries` of the kind `activation` instead, which has pages."""
+    """List the newest 50, newest first. Use `history/entries` of the kind `activation` instead, which has pages."""
     return [Activation.of(entry) for entry in store.history.page(scanner_id, kind=HistoryKind.ACTIVATION).items]
 
 
 @router.get(
     "/{scanner_id}/history/entries",
-    summary="List what happened to a scanner, newest first",
+    summary="List a scanner's history, newest first",
     responses=refuses("scanner-not-found", "invalid-cursor"),
 )
 def scanner_history_entries(
     scanner_id: Identifier, which: Annotated[HistoryPaging, Query()], store: TheStore
 ) -> Page[HistoryEntry]:
-    """Each calibration, drift check, activation, alarm and change of settings, with who, why and what it measured.
+    """List calibrations, drift checks, activations, alarms and changes of settings, with who, why and measured values.
 
-    Entries stay when what they are about is deleted.
+    Entries are kept when their subjects are deleted.
     """
     return store.history.page(scanner_id, **which.narrowed(), after=which.after, limit=which.limit)
 
@@ -159,7 +163,7 @@ def scanner_history_entries(
 def scanner_history_file(
     scanner_id: Identifier, which: Annotated[HistoryFilter, Query()], store: TheStore
 ) -> StreamingResponse:
-    """The same entries, the oldest first, as CSV (RFC 4180) with one line of column names."""
+    """Return the same entries, the oldest first, as CSV (RFC 4180) with one line of column names."""
     headers = {"Content-Disposition": f'attachment; filename="{scanner_id}-history.csv"', "Cache-Control": "no-store"}
     return Csv(history_csv(store.history.all(scanner_id, **which.narrowed())), headers=headers)
 
@@ -170,7 +174,7 @@ def scanner_history_file(
     responses=refuses("scanner-not-found", "invalid-cursor"),
 )
 def list_measurements(scanner_id: Identifier, which: Annotated[Since, Query()], store: TheStore) -> Page[Measurement]:
-    """One entry for each that succeeded, newest first: what the rays, u_c and the tilt did over months."""
+    """List one entry for each that succeeded, newest first: changes of the rays, u_c and the tilt over months."""
     return store.measurements.page(scanner_id, since=which.since, after=which.after, limit=which.limit)
 
 
@@ -180,5 +184,5 @@ def list_measurements(scanner_id: Identifier, which: Annotated[Since, Query()], 
     responses=refuses("scanner-not-found"),
 )
 def get_scanner_drift(scanner_id: Identifier, store: TheStore) -> ScannerDrift:
-    """Since its active calibration: the baseline, the newest checks pooled, and whether it jumped or drifts slowly."""
+    """Return baseline, newest checks pooled, and any jump or slow drift, all since the active calibration."""
     return store.drift_charts.of_scanner(scanner_id)

@@ -36,13 +36,13 @@ _SUMS = ThreadPoolExecutor(2, "sums-of-uploads")
 @router.post(
     "",
     status_code=201,
-    summary="Begin an upload that can be resumed",
+    summary="Start an upload that can be resumed",
     responses=offset_answered(201, "Location") | refuses("upload-too-large", "upload-quota"),
     openapi_extra=trying(body={"size_bytes": 65536, "name": "mill.h5"}),
 )
 @repeatable
 def create_upload(ask: Sent[UploadAsk], store: TheStore, settings: TheSettings, response: Response) -> Upload:
-    """Declares a file; its bytes follow with `PATCH`. Room for them is kept free; a day after the last part it goes."""
+    """Declare a file; its bytes follow with `PATCH`. Disk space is reserved until a day after the last part."""
     if ask.size_bytes > settings.max_upload_bytes:
         raise UploadTooLarge(settings.max_upload_bytes)
     store.check_room_for(ask.size_bytes)
@@ -58,9 +58,9 @@ def create_upload(ask: Sent[UploadAsk], store: TheStore, settings: TheSettings, 
     openapi_extra=trying(upload_id="example"),
 )
 async def get_upload(upload_id: Identifier, store: TheStore, transfers: TheTransfers, response: Response) -> Upload:
-    """What has come of it, and what was made of it; `HEAD` is answered with the same headers alone.
+    """Return the number of received bytes, and what was made from the upload; `HEAD` returns the same headers alone.
 
-    A part that is still coming is ended first, and gets 409 `upload-busy`: the next one is taken at this offset.
+    A part that is still arriving is ended first, and gets 409 `upload-busy`: the next one is accepted at this offset.
     """
     await run_in_threadpool(store.uploads.get, upload_id)  # nobody ends a part of somebody else's upload
     await transfers.end(upload_id)
@@ -85,10 +85,10 @@ async def get_upload(upload_id: Identifier, store: TheStore, transfers: TheTrans
 async def send_part(
     upload_id: Identifier, request: Request, store: TheStore, transfers: TheTransfers, response: Response
 ) -> Upload:
-    """The body is the file's bytes from the offset on, all that are missing or fewer.
+    """Send the file's bytes from the offset on, all that are missing or fewer, as the body.
 
-    What came before a connection broke is kept, unless the part has a `Content-Digest`: then it counts as a whole.
-    A later `HEAD`, `GET`, `PATCH` or `DELETE` of the upload ends a part that is still coming.
+    Bytes received before a connection broke are kept, unless the part has a `Content-Digest`: then it counts whole.
+    A later `HEAD`, `GET`, `PATCH` or `DELETE` of the upload ends a part that is still arriving.
     """
     announced = announced_part(request.headers)
     content = SentContent(request.headers, packed=False, begins=announced.offset_bytes == 0)
@@ -107,7 +107,7 @@ async def send_part(
     openapi_extra=trying(upload_id="example-spare"),
 )
 async def delete_upload(upload_id: Identifier, store: TheStore, transfers: TheTransfers, caller: TheCaller) -> None:
-    """What has come of it too; what was made of it stays. A key of the scope `admin` deletes other keys' uploads."""
+    """Delete an upload and its bytes; what was made from it stays. The scope `admin` deletes uploads of other keys."""
     of_all_keys = caller.scope.covers(Scope.ADMIN)
     await run_in_threadpool(store.uploads.delete, upload_id, of_all_keys=of_all_keys)
     await transfers.end(upload_id)

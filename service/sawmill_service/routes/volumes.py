@@ -39,10 +39,10 @@ _HEADERS: dict[str, Any] = {
         "schema": {"type": "string"},
     },
     "X-Height-Mm": {
-        "description": "Where the slice lies along the log; absent where slices have no spacing.",
+        "description": "Position of the slice along the log; absent where slices have no spacing.",
         "schema": {"type": "number"},
     },
-    "X-Unit": {"description": "Of the values.", "schema": {"type": "string"}},
+    "X-Unit": {"description": "Unit of the values.", "schema": {"type": "string"}},
 }
 
 
@@ -51,8 +51,8 @@ class ArrayQuery(Given):
 
     max_size: Annotated[int, Field(ge=16, le=4096)] | None = Field(
         None,
-        description="Most pixels along a side: a larger slice is averaged over the fewest whole pixels, 2 x 2 or "
-        "3 x 3 and so on, with which it fits. Null: as it was computed.",
+        description="Most pixels along a side: a larger slice is averaged over the fewest whole pixels, 2 x 2 or 3 "
+        "x 3 and so on, with which it fits. Null: full size.",
         examples=[512],
     )
 
@@ -66,11 +66,11 @@ class SideArrayQuery(Given):
 
     max_size: Annotated[int, Field(ge=16, le=4096)] | None = Field(
         None,
-        description="Most values along each axis: of a longer one, the largest of 2, 3 and so on together, the fewest "
-        "with which it fits. Null: one for each slice and pixel.",
+        description="Most values along each axis: a longer axis is reduced to the largest of 2, 3 or more "
+        "neighbours, the fewest with which it fits. Null: one value for each slice and pixel.",
         examples=[512],
     )
-    along: Axis = Field("x", description="The axis to look along; the other one is the array's second.")
+    along: Axis = Field("x", description="Axis along which the log is seen; the other one is the array's second.")
 
 
 @router.get(
@@ -82,12 +82,12 @@ class SideArrayQuery(Given):
 )
 def get_slice_array(
     reconstruction_id: Identifier,
-    index: Annotated[int, Path(ge=0, description="Slice, from 0.", examples=[0])],
+    index: Annotated[int, Path(ge=0, description="Number of the slice, from 0.", examples=[0])],
     query: Annotated[ArrayQuery, Query()],
     request: Request,
     store: TheStore,
 ) -> Response:
-    """float32 (x, y), an NPY file: a row is +x, a column +y, as in the pictures."""
+    """Return float32 (x, y) as an NPY file: a row is +x, a column +y, as in the pictures."""
     result = result_of(store, reconstruction_id)
     check_slice(result, index)
     factor = _averaged_pixels(result, query)
@@ -122,12 +122,12 @@ def get_slice_array(
 )
 def get_slice_jpeg(
     reconstruction_id: Identifier,
-    index: Annotated[int, Path(ge=0, description="Slice, from 0.", examples=[0])],
+    index: Annotated[int, Path(ge=0, description="Number of the slice, from 0.", examples=[0])],
     query: Annotated[JpegQuery, Query()],
     request: Request,
     store: TheStore,
 ) -> Response:
-    """8 bits a colour, nothing drawn around it, a row is +x and a column +y: a first look, not for measuring."""
+    """Draw 8 bits a colour, nothing around the slice, a row is +x and a column +y: for a preview, not for measuring."""
     result = result_of(store, reconstruction_id)
     check_slice(result, index)
     window = window_to_draw(query, result.value_range)
@@ -159,7 +159,7 @@ def _averaged_pixels(result: ReconstructionResult, query: ArrayQuery) -> int:
 def get_side_array(
     reconstruction_id: Identifier, query: Annotated[SideArrayQuery, Query()], request: Request, store: TheStore
 ) -> Response:
-    """float32 (slice, y) or (slice, x): the densest value behind each point of the log's side."""
+    """Return float32 (slice, y) or (slice, x): the densest value behind each point of the log's side."""
     shape = result_of(store, reconstruction_id).shape
     slices, *size = shape
 
@@ -184,7 +184,7 @@ def get_side_array(
     responses=stored(*OF_RESULT),
 )
 def get_reconstruction_thumbnail(reconstruction_id: Identifier, request: Request, store: TheStore) -> Response:
-    """The middle slice, 160 pixels a side, for lists."""
+    """Draw the middle slice, 160 pixels a side, for lists."""
     result = result_of(store, reconstruction_id)
     drawn = volume_thumbnail(store, reconstruction_id, result)
     return file(request, drawn, Png.media_type)
@@ -192,7 +192,7 @@ def get_reconstruction_thumbnail(reconstruction_id: Identifier, request: Request
 
 @router.get("/v1/color-maps", summary="Get the colour maps")
 def list_color_maps() -> dict[ColorMap, list[Color]]:
-    """256 colours each (red, green, blue of 255), from a window's low end to its high end, as pictures have them."""
+    """List each map's 256 colours (red, green, blue of 255), from a window's low end to its high end."""
     from sawmill_worker.pictures.color_maps import color_table
 
     return {name: color_table(name).tolist() for name in ColorMap}

@@ -12,7 +12,7 @@ MessageId = Annotated[
     str,
     Header(
         alias="webhook-id",
-        description="Names the message: the same in every attempt to deliver it.",
+        description="Id of the message: the same in every attempt to deliver it.",
         examples=["msg_5d1c8e2c0a7b4f6e9d0c5b8f3f1e2a77"],
     ),
 ]
@@ -20,7 +20,7 @@ SentAt = Annotated[
     int,
     Header(
         alias="webhook-timestamp",
-        description="When the attempt was made, seconds since 1970.",
+        description="Time of the attempt, seconds since 1970.",
         examples=[1772429464],
     ),
 ]
@@ -33,7 +33,7 @@ Signatures = Annotated[
         examples=["v1,K5oZfzN95Z9UVu1EsfQmfVNQhnkZ2pj9o9NDN/H/pI4="],
     ),
 ]
-RECEIVED = "Any status from 200 to 299: the message was received. With another one it is sent again."
+RECEIVED = "Any status from 200 to 299: the message was received. The message is sent again after any other status."
 
 
 @router.post("event", status_code=204, summary="An event", response_description=RECEIVED)

@@ -21,18 +21,18 @@ class AngleSteps:
     step_deg: float
 
     def expand(self, views: int) -> NDArray[np.float64]:
-        """(views,) float64, degrees."""
+        """Return the angles, (views,) float64, degrees."""
         return self.start_deg + self.step_deg * np.arange(views, dtype=np.float64)
 
 
 @dataclass(frozen=True)
 class AngleList:
-    """Every view's own angle."""
+    """A list with an angle for each view."""
 
     values_deg: tuple[float, ...]
 
     def expand(self, views: int) -> NDArray[np.float64]:
-        """(views,) float64, degrees.
+        """Return the angles, (views,) float64, degrees.
 
         Raises
         ------

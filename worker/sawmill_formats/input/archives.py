@@ -18,7 +18,7 @@ LARGEST_DIRECTORY_BYTES = 16 * 2**20
 
 @contextmanager
 def opened(path: Path) -> Iterator[ZipFile]:
-    """Open an archive whose members were counted before any of them was made.
+    """Open an archive whose members were counted before any object was made for them.
 
     Raises
     ------
@@ -31,22 +31,22 @@ def opened(path: Path) -> Iterator[ZipFile]:
 
 
 class _Counted(io.FileIO):
-    """A file that lets its archive's directory be read only where that has few enough entries.
+    """A file that lets its archive's directory be read only where it has few enough entries.
 
-    The standard library reads it in one piece and then makes an object of each entry, however many are announced.
+    The standard library reads the directory in one piece and makes an object for each entry, however many there are.
     """
 
     largest: float = LARGEST_DIRECTORY_BYTES
 
     def read(self, size: int | None = -1, /) -> bytes:
-        asked = -1 if size is None else size
-        if asked > self.largest:
+        length = -1 if size is None else size
+        if length > self.largest:
             raise UnreadableScan(
                 "too-large",
-                f"the archive's directory has {asked} bytes; at most {LARGEST_DIRECTORY_BYTES} and {MOST_MEMBERS} "
+                f"the archive's directory has {length} bytes; at most {LARGEST_DIRECTORY_BYTES} and {MOST_MEMBERS} "
                 "files are allowed",
             )
-        data = super().read(asked) or b""
+        data = super().read(length) or b""
         if self.largest < math.inf and data.count(DIRECTORY_ENTRY) > MOST_MEMBERS:
             raise _too_many(data.count(DIRECTORY_ENTRY))
         return data
@@ -57,7 +57,7 @@ def _too_many(count: int) -> UnreadableScan:
 
 
 def members(archive: ZipFile, size_bytes: int, max_bytes: int) -> list[ZipInfo]:
-    """Every file in the archive, which has this number of bytes; all of them are checked.
+    """Return every file in the archive of this size in bytes, all of them checked.
 
     What is unpacked of a member never exceeds the size checked here: the reader of the standard library stops there.
 

@@ -15,11 +15,11 @@ if TYPE_CHECKING:
 
 MAX_BYTES = 8 * 2**30
 
-# No measurement packs so well; what a file declares below the second does no harm.
+# No measurement packs so well; what a file declares below the second number does no harm.
 LARGEST_RATIO = 200
 HARMLESS_BYTES = 64 * 2**20
 
-# By NumPy's letters: what is no real number.
+# NumPy's letters of types that are no real numbers.
 OTHER_KINDS = {
     "O": "texts or objects",
     "S": "text",
@@ -34,16 +34,16 @@ OTHER_KINDS = {
 
 @dataclass(frozen=True)
 class Bounds:
-    """What may be read: how many bytes, as float32 or as stored, whichever is more, and of which files.
+    """Limits of reading: the number of bytes, as float32 or as stored, whichever is more, and the files.
 
     Attributes
     ----------
     array : int
-        Of an array that is read a block at a time.
+        Largest array that is read a block at a time.
     piece : int
-        In memory at once: of an array that is read as a whole, or of what a file stores in one piece.
+        Largest piece in memory at once: an array that is read as a whole, or what a file stores in one piece.
     linked : LinkedFiles or None
-        What follows the links of an HDF5 file into others; None: they are refused.
+        Files behind the links of an HDF5 file; None: such links are refused.
     """
 
     array: int
@@ -52,7 +52,7 @@ class Bounds:
 
     @property
     def whole(self) -> "Bounds":
-        """Those of arrays that are read as a whole."""
+        """Bounds of arrays that are read as a whole."""
         return replace(self, array=self.piece)
 
 
@@ -102,7 +102,7 @@ def as_float32(array: NDArray[Any]) -> NDArray[np.float32]:
 
 
 def as_fields(name: str, fields: NDArray[np.float32], dimensions: int) -> NDArray[np.float32]:
-    """Flat or dark fields as (n, rows, detector), beside projections of 2 or 3 dimensions.
+    """Return flat or dark fields as (n, rows, detector), for projections of 2 or 3 dimensions.
 
     Fields with one dimension less than the projections are a single one.
     """
@@ -118,7 +118,7 @@ def as_fields(name: str, fields: NDArray[np.float32], dimensions: int) -> NDArra
 
 
 def check_fields(name: str, shape: tuple[int, ...], of_view: Sequence[int]) -> None:
-    """Refuse fields (n, rows, detector) that are not of the views' (rows, detector): `wrong-shape`."""
+    """Refuse fields (n, rows, detector) whose (rows, detector) differ from the views': `wrong-shape`."""
     if not shape[0]:
         raise UnreadableScan(
             "wrong-shape", f"the {name} fields have the shape {shape}: there are 0 of them, at least 1 is needed"

@@ -1,4 +1,4 @@
-"""Scans of which the mean over detector rows was sent: what stands beside it, and whether it can be one."""
+"""Scans that were sent as the mean over detector rows: their deviations, and a check that they are line integrals."""
 
 from dataclasses import dataclass
 from typing import Self
@@ -9,22 +9,24 @@ from numpy.typing import NDArray
 from sawmill_formats.errors import UnreadableScan
 from sawmill_formats.input.plausible import check_finite
 
-# Of a view's rays. They are interpolated, and a log's shadow is a third of the detector or more.
+# Share of a view's rays. Masked rays are interpolated, and a log's shadow is a third of the detector or more.
 MOST_MASKED = 0.2
-# On either side of the detector, as a share of its cells, where there is air in every view.
+# Share of the detector's cells, on either side, in which there is air in every view.
 AIR_SHARE = 0.02
-# Line integrals rise behind the log, counts and transmissions fall. Of all that they vary by, a log leaves their mean
-# several times as far from the air's: 0.09 for one of a tenth of the detector (tests/readers/test_averaged.py).
+# Line integrals rise behind the log, counts and transmissions fall. A log leaves the mean of all samples, relative to
+# their range, several times as far from the air's level: 0.09 for a log of a tenth of the detector
+# (tests/readers/test_averaged.py).
 LEAST_FALL = 0.05
-# Of logarithms: a transmission of exp(-50) is one quantum of 5e21.
+# Largest logarithm: a transmission of exp(-50) is one quantum of 5e21.
 LARGEST_LOGARITHM = 50.0
-# Of air, behind which the beam is the flat field's but for the tube's drift: e times as many counts are none.
+# Least line integral of air. The beam behind air is the flat field's but for the tube's drift: e times as many counts
+# are impossible.
 LEAST_AIR = -1.0
 
 
 @dataclass(frozen=True, eq=False)
 class AveragedRows:
-    """How the one row of a scan came about.
+    """Origin of a scan's one row as a mean over rows.
 
     Attributes
     ----------
@@ -39,7 +41,7 @@ class AveragedRows:
 
     @classmethod
     def of(cls, rows: int, shape: tuple[int, ...], deviations: NDArray[np.float32] | None) -> Self:
-        """Of projections of a shape as they were sent, and the deviations that came with them.
+        """Check the shape of the projections as they were sent, and of the deviations that came with them.
 
         Raises
         ------
@@ -63,12 +65,12 @@ class AveragedRows:
         return cls(rows, deviations.reshape(shape[0], shape[-1]))
 
     def mask(self, samples: NDArray[np.float32], first_view: int) -> None:
-        """Make the masked rays among samples (views, 1, detector) NaN, in place, and check what there is.
+        """Make the masked rays among samples (views, 1, detector) NaN, in place, and check the samples.
 
         Raises
         ------
         UnreadableScan
-            A deviation can be none, too many rays are masked, or the samples are no line integrals.
+            A number cannot be a deviation, too many rays are masked, or the samples are no line integrals.
         """
         if self.deviations is not None:
             deviations = self.deviations[first_view : first_view + len(samples)]
@@ -88,7 +90,7 @@ class AveragedRows:
 
 
 def _check_deviations(deviations: NDArray[np.float32], rays: NDArray[np.float32], first_view: int) -> None:
-    # A number that only stands for "not known" would be weighed against those that are deviations.
+    # A number that only means "not known" would be used as a weight next to real deviations.
     largest = float(np.max(np.abs(rays), where=np.isfinite(rays), initial=0.0))
     wrong = ~((deviations > 0.0) & ((deviations <= largest) | np.isinf(deviations))) & ~np.isnan(rays)
     if wrong.any():
@@ -101,7 +103,7 @@ def _check_deviations(deviations: NDArray[np.float32], rays: NDArray[np.float32]
 
 
 def _check_logarithms(rays: NDArray[np.float32]) -> None:
-    """Refuse what is larger than a logarithm can be, is no logarithm of counts over flats, or falls behind the log."""
+    """Refuse values too large for a logarithm, that are no logarithm of counts over flats, or fall behind the log."""
     take = (
         "take -ln((counts - dark) / (flat - dark)) of every row first and average that over the rows, because -ln of a "
         "mean is not the mean of -ln"

@@ -1,4 +1,4 @@
-"""The one form every readable file is brought into."""
+"""The one form into which every readable file is brought."""
 
 import math
 from collections.abc import Iterator
@@ -28,7 +28,7 @@ SAME_DIRECTION_RAD = np.deg2rad(1e-6)
 
 @dataclass(frozen=True, eq=False)
 class CanonicalScan:
-    """A scan in a file that is open: checked when it was made, its projections as they are read.
+    """A scan in an open file: checked when it was made, its projections as they are read.
 
     Attributes
     ----------
@@ -39,13 +39,13 @@ class CanonicalScan:
     counts : bool
         Whether the projections are detector counts; then there is at least one flat field.
     flats, darks : (n, rows, detector) float32 or None
-        Counts without an object in the beam, and without a beam. Never beside line integrals.
+        Counts without an object in the beam, and without a beam. Never with line integrals.
     detector_pitch_mm, row_pitch_mm : float or None
         Distances between cells and between rows, where the file has them.
     format : str
-        What the file turned out to be.
+        Format of the file.
     remarks : tuple of str
-        What was done to the data on reading, one sentence each.
+        Changes that were made to the data on reading, one sentence each.
     rows_missing : bool
         Whether views may lack rows at the top or the bottom: NaN in every cell.
     unused : str or None
@@ -53,7 +53,7 @@ class CanonicalScan:
     others : tuple of Path
         Further files that were read.
     averaged : AveragedRows or None
-        Of a scan whose one row is a mean over rows: masked rays are NaN.
+        For a scan whose one row is a mean over rows: masked rays are NaN.
 
     Raises
     ------
@@ -80,17 +80,17 @@ class CanonicalScan:
 
     @cached_property
     def sample_range(self) -> SampleRange:
-        """Between which values the samples lie: beside flat fields counts, else line integrals."""
+        """Range of the samples: of counts, with the flat fields, else of line integrals."""
         return LINE_INTEGRALS if self.flats is None else range_of_counts(self.flats, self.darks)
 
     @property
     def shape(self) -> tuple[int, int, int]:
-        """(views, rows, detector)."""
+        """Shape (views, rows, detector)."""
         views, *rows, cells = self.projections.shape
         return views, rows[0] if rows else 1, cells
 
     def block_shape(self, window_bytes: int) -> tuple[int, int]:
-        """The numbers of views and rows of a block that fills a window of memory.
+        """Return the numbers of views and rows of a block that fills a window of memory.
 
         All views of some rows where the file can be read so, else whole views, else a few of both: in whole pieces as
         the file stores them, and never less than one.
@@ -107,9 +107,9 @@ class CanonicalScan:
         return min(views, max(piece_views, _whole(fitting // piece_rows, piece_views))), piece_rows
 
     def blocks(self, window_bytes: int) -> Iterator["Block"]:
-        """Every sample once, checked, in blocks of `block_shape`, rows before views.
+        """Yield every sample once, checked, in blocks of `block_shape`, rows before views.
 
-        A block is let go of here when it is handed over, so that there is one in memory where its user does the same.
+        No block is kept here after it is handed over, so there is only one in memory if its user keeps none either.
 
         Raises
         ------
@@ -143,7 +143,7 @@ class CanonicalScan:
         return Block(views, rows, samples)
 
     def _missing_rows(self, samples: NDArray[np.float32], first_view: int, first_row: int) -> NDArray[np.bool_]:
-        """Which rows (views, rows) of a block are NaN in every cell, all else being finite."""
+        """Find the rows (views, rows) of a block that are NaN in every cell, all else being finite."""
         missing = np.zeros(samples.shape[:2], bool)
         for view, image in enumerate(samples):
             unusable = ~np.isfinite(image).all(axis=1)
@@ -168,7 +168,7 @@ class CanonicalScan:
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """Some views and rows of a scan, and their samples (views, rows, detector) float32."""
+    """Block of a scan: some views and rows, and their samples (views, rows, detector) float32."""
 
     views: slice
     rows: slice
@@ -189,7 +189,7 @@ def check_scan(scan: CanonicalScan) -> None:
             for index, image in enumerate(fields):
                 check_finite(name, index, image)
     if scan.counts:
-        _ = scan.sample_range  # which the fields themselves must leave
+        _ = scan.sample_range  # which the fields themselves must satisfy
 
 
 def _check_shapes(scan: CanonicalScan) -> None:

@@ -1,4 +1,4 @@
-"""What one file holds, before it is compared with what its uploader gave."""
+"""Contents of one file, before they are compared with the client's parameters."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,17 +12,17 @@ ReadBlock = Callable[[slice, slice], NDArray[np.float32]]
 
 @dataclass(frozen=True, eq=False)
 class Projections:
-    """The projections of a file that is open, read block by block.
+    """The projections of an open file, read block by block.
 
     Attributes
     ----------
     shape : (views, rows, detector) or (views, detector)
-        As stored.
+        Shape as stored.
     read : callable
-        Of a slice of views and one of rows (of a sinogram the one row), each with its start and stop inside the shape:
+        Reads a slice of views and one of rows (the one row of a sinogram), each with start and stop inside the shape:
         (views, rows, detector) float32, contiguous and the caller's own.
     together : (views, rows)
-        What the file stores in one piece: blocks of whole pieces read it once.
+        Size of what the file stores in one piece: blocks of whole pieces read each once.
     """
 
     shape: tuple[int, ...]
@@ -31,13 +31,13 @@ class Projections:
 
 
 def held(array: NDArray[np.float32]) -> Projections:
-    """Projections (views, rows, detector) or (views, detector) that are in memory as a whole."""
+    """Return projections (views, rows, detector) or (views, detector) that are in memory as a whole."""
     stack = array[:, np.newaxis, :] if array.ndim == 2 else array
     return Projections(array.shape, lambda views, rows: stack[views, rows].copy(), (1, 1))
 
 
 def reversed_axes(stored: Projections) -> Projections:
-    """Projections of a file that has the axes in reverse order, the detector's first and the views' last."""
+    """Return projections of a file that has the axes in reverse order, the detector's first and the views' last."""
     cells, *rows, views = stored.shape
     if not rows:  # the one row is read as a whole
         whole = slice(0, cells), slice(0, 1)
@@ -62,7 +62,7 @@ class FileAngles:
     deg : (n,) float64, degrees, or None
         None where there are none, or they cannot be used.
     unit : str or None
-        That in which the file has them.
+        Unit in the file.
     unusable : str or None
         Why they cannot be used, where there are some.
     """
@@ -79,7 +79,7 @@ class FileContents:
     Attributes
     ----------
     format : str
-        What the file turned out to be.
+        Format of the file.
     projections : Projections
         As stored: counts or line integrals, which no file states reliably.
     flats, darks : like the projections, or with one dimension less where there is a single one, float32
@@ -87,11 +87,11 @@ class FileContents:
         Their standard deviations.
     angles_deg : (views,) float64, degrees
     angles_unit : str or None
-        That in which the file has its angles.
+        Unit of the angles in the file.
     angles_unusable : str or None
-        Why the angles in the file cannot be used, where it has some.
+        Reason why the angles in the file cannot be used, where it has some.
     angles_of_last_axis : str or None
-        What could be angles by its name and has the length of the last axis, not of the first.
+        Array that could be angles by its name and has the length of the last axis, not of the first.
     transposed : bool
         Whether the file has the axes in the reverse of this order.
     detector_pitch_mm, row_pitch_mm : float or None
@@ -99,9 +99,9 @@ class FileContents:
     unused : str or None
         Values that could serve as pitch or distance, where the file does not state what they are.
     remarks : tuple of str
-        What was done to the data, one sentence each.
+        Changes that were made to the data, one sentence each.
     others : tuple of Path
-        Further files that were read: those of the fields, of a folder, behind links.
+        Further files that were read: of the fields, in a folder, behind links.
     """
 
     format: str

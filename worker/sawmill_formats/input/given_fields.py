@@ -1,4 +1,4 @@
-"""Flat and dark fields in files of their own, beside the file of the scan."""
+"""Flat and dark fields in files of their own, next to the file of the scan."""
 
 import math
 from contextlib import ExitStack
@@ -16,7 +16,7 @@ from sawmill_formats.input.wanted import FieldKind, Wanted
 
 
 def with_fields(contents: FileContents, flats: Path | None, darks: Path | None, bounds: Bounds) -> FileContents:
-    """The contents of a scan's file with the fields of other files.
+    """Return the contents of a scan's file with the fields of other files.
 
     Raises
     ------
@@ -26,13 +26,13 @@ def with_fields(contents: FileContents, flats: Path | None, darks: Path | None, 
     own = _Fields(contents.flats), _Fields(contents.darks)
     of_flats = _either(own[0], flats, FieldKind.FLATS, bounds.whole)
     of_darks = _either(own[1], darks, FieldKind.DARKS, bounds.whole)
-    others = (*contents.others, *of_flats.files, *of_darks.files)
-    return replace(contents, flats=of_flats.images, darks=of_darks.images, others=others)
+    files = (*contents.others, *of_flats.files, *of_darks.files)
+    return replace(contents, flats=of_flats.images, darks=of_darks.images, others=files)
 
 
 @dataclass(frozen=True, eq=False)
 class _Fields:
-    """(n, rows, detector) or, of one image, (rows, detector); of sinograms without the rows; and their files."""
+    """Fields (n, rows, detector) or, for one image, (rows, detector); without rows for sinograms; and their files."""
 
     images: NDArray[np.float32] | None
     files: tuple[Path, ...] = ()
@@ -61,7 +61,7 @@ def _read(path: Path, kind: FieldKind, bounds: Bounds) -> _Fields:
 
 
 def _images_of(contents: FileContents, kind: FieldKind, bounds: Bounds) -> NDArray[np.float32]:
-    """The fields that the file states to be of this kind; where it states none, the images that it holds."""
+    """Select the fields that the file states to be of this kind; where it states none, the images that it holds."""
     stated = {FieldKind.FLATS: contents.flats, FieldKind.DARKS: contents.darks}
     fields = stated[kind]
     if fields is not None:

@@ -1,4 +1,4 @@
-"""What is in a file of another format than HDF5, from its headers alone."""
+"""Contents of a file of another format than HDF5, from its headers alone."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -16,21 +16,21 @@ from sawmill_formats.input.zipped import is_npz
 
 
 def mat5_parts(path: Path, bounds: Bounds) -> Iterator[Part]:
-    """The variables, and the fields of structs."""
-    for name, found in list_variables(path, bounds.array).items():
+    """Yield the variables, and the fields of structs."""
+    for name, variable in list_variables(path, bounds.array).items():
         yield Part(
             quoted(name),
             PartKind.VARIABLE,
-            shape=found.shape,
-            type=f"complex {found.kind}" if found.is_complex else found.kind,
-            # Of a field it is what the file stores of the whole struct.
-            stored_bytes=None if "/" in name else found.stored_bytes,
-            compression="deflate" if found.packed else None,
+            shape=variable.shape,
+            type=f"complex {variable.kind}" if variable.is_complex else variable.kind,
+            # For a field this is what the file stores of the whole struct.
+            stored_bytes=None if "/" in name else variable.stored_bytes,
+            compression="deflate" if variable.packed else None,
         )
 
 
 def npy_parts(path: Path, _: Bounds) -> Iterator[Part]:
-    """The one array."""
+    """Yield the one array."""
     with path.open("rb") as stream:
         header = read_header(stream)
         stored = path.stat().st_size - stream.tell()
@@ -38,7 +38,7 @@ def npy_parts(path: Path, _: Bounds) -> Iterator[Part]:
 
 
 def tiff_parts(path: Path, _: Bounds) -> Iterator[Part]:
-    """The pages."""
+    """Yield the pages."""
     with opened_tiff(path, "the file", path.stat().st_size) as tiff:
         for index, page in enumerate(tiff.pages):
             number_type, compression = page_type(page)
@@ -49,7 +49,7 @@ def tiff_parts(path: Path, _: Bounds) -> Iterator[Part]:
 
 
 def zip_parts(path: Path, bounds: Bounds) -> Iterator[Part]:
-    """The arrays of a NPZ file, or the files of another archive, which are not unpacked."""
+    """Yield the arrays of a NPZ file, or the files of another archive, which are not unpacked."""
     with opened(path) as archive:
         infos = members(archive, path.stat().st_size, bounds.array)
         yield from _arrays(archive, infos) if is_npz(infos) else _files(infos)

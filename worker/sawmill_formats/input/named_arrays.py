@@ -1,4 +1,4 @@
-"""Files that are bags of named arrays (NPZ, MAT, HDF5 without a known layout): which one is what."""
+"""Files that are collections of named arrays (NPZ, MAT, HDF5 without a known layout), and the roles of the arrays."""
 
 import math
 import re
@@ -19,18 +19,18 @@ from sawmill_formats.input.wanted import Wanted
 PROJECTION_NAMES = ("projections", "sinogram", "data", "arr")
 OTHER_NAMES = frozenset({"angles_deg", "angles_rad", "flats", "darks"})
 DEVIATIONS = "deviations"
-# What these are by their names, as words that follow the shape; the others' shapes speak for themselves.
+# Roles of arrays by their names, as words that follow the shape; other arrays are described by their shapes.
 OF_OTHERS = {"flats": " of flat fields by its name", "darks": " of dark fields by its name"}
 MOST_NAMES_QUOTED = 12
 LONGEST_TEXT = 20
-# What bears such a name could serve, but only one who knows its meaning and unit can say so.
+# Arrays with such a name could be angles, but only a person who knows their meaning and unit can say so.
 ANGLES = re.compile("angle|theta", re.IGNORECASE)
 LENGTHS = re.compile("distance|pixel|pitch|spacing", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
 class ArrayInfo:
-    """What is known of an array before it is read; `kind` names its type where that is no number."""
+    """Properties of an array that are known before it is read; `kind` names its type where that is no number."""
 
     shape: tuple[int, ...]
     numeric: bool
@@ -39,20 +39,20 @@ class ArrayInfo:
 
 @dataclass(frozen=True)
 class NamedArrays:
-    """A bag of arrays.
+    """A collection of arrays.
 
     Attributes
     ----------
     format : str
-        What the file turned out to be.
+        Format of the file.
     infos : mapping of name to ArrayInfo
         Every array, in the axis order in which `load` gives it.
     load : function of a name
         Reads one array after having checked its type and its size.
     projections : function of a name
-        The same for the projections, which need not be read as a whole.
+        Reads the projections, which need not be read as a whole, after the same checks.
     text : function of a name
-        A short text, None where it is none.
+        Reads a short text; None where the array is none.
     """
 
     format: str
@@ -62,24 +62,28 @@ class NamedArrays:
     text: Callable[[str], str | None] = lambda _: None
 
 
-def read_named_arrays(arrays: NamedArrays, wanted: Wanted, remarks: tuple[str, ...] = ()) -> FileContents:
-    """Take the projections (the one named, or the only candidate) and what stands beside them by name.
+def read_named_arrays(arrays: NamedArrays, selection: Wanted, remarks: tuple[str, ...] = ()) -> FileContents:
+    """Read the projections (the one named, or the only candidate) and related arrays by their names.
 
     Raises
     ------
     UnreadableScan
         `dataset-missing` or `dataset-ambiguous`, or whatever `load` refuses.
     """
-    name = _named(arrays.infos, wanted.dataset) if wanted.dataset is not None else _only_candidate(arrays.infos, wanted)
+    name = (
+        _named(arrays.infos, selection.dataset)
+        if selection.dataset is not None
+        else _only_candidate(arrays.infos, selection)
+    )
     shape = arrays.infos[name].shape
     check_scan_dimensions(repr(quoted(name)), shape)
-    if wanted.fields is not None:
+    if selection.fields is not None:
         return FileContents(format=arrays.format, projections=arrays.projections(name))
     angles = _angles(arrays)
-    views = shape[-1] if wanted.transpose else shape[0]
+    views = shape[-1] if selection.transpose else shape[0]
     lists = [] if angles.deg is not None else _could_serve(arrays, name, ANGLES, views)
-    others = (
-        [] if lists or angles.deg is not None or wanted.transpose else _could_serve(arrays, name, ANGLES, shape[-1])
+    possible_angles = (
+        [] if lists or angles.deg is not None or selection.transpose else _could_serve(arrays, name, ANGLES, shape[-1])
     )
     values = _could_serve(arrays, name, LENGTHS, 1)
     unused = ", ".join(values) if values else None
@@ -88,11 +92,11 @@ def read_named_arrays(arrays: NamedArrays, wanted: Wanted, remarks: tuple[str, .
         projections=arrays.projections(name),
         flats=_optional(arrays, "flats"),
         darks=_optional(arrays, "darks"),
-        deviations=_optional(arrays, DEVIATIONS) if wanted.deviations else None,
+        deviations=_optional(arrays, DEVIATIONS) if selection.deviations else None,
         angles_deg=angles.deg,
         angles_unit=angles.unit,
         angles_unusable=f"no name states meaning and unit of {', '.join(lists)}" if lists else None,
-        angles_of_last_axis=", ".join(others) if others else None,
+        angles_of_last_axis=", ".join(possible_angles) if possible_angles else None,
         unused=unused,
         remarks=remarks if unused is None else (*remarks, f"No name states meaning and unit of {unused}: not used."),
     )
@@ -107,11 +111,13 @@ def _named(infos: Mapping[str, ArrayInfo], dataset: str) -> str:
     return name
 
 
-def _only_candidate(infos: Mapping[str, ArrayInfo], wanted: Wanted) -> str:
-    if wanted.fields is not None and wanted.fields in infos:
-        return wanted.fields
-    others = OTHER_NAMES | {DEVIATIONS} if wanted.deviations else OTHER_NAMES
-    possible = [name for name, info in infos.items() if name not in others and not _unfit(info, wanted.least_images)]
+def _only_candidate(infos: Mapping[str, ArrayInfo], selection: Wanted) -> str:
+    if selection.fields is not None and selection.fields in infos:
+        return selection.fields
+    reserved_names = OTHER_NAMES | {DEVIATIONS} if selection.deviations else OTHER_NAMES
+    possible = [
+        name for name, info in infos.items() if name not in reserved_names and not _unfit(info, selection.least_images)
+    ]
     usual = [name for name in possible if name in PROJECTION_NAMES]
     candidates = usual or possible
     if not candidates:
@@ -130,7 +136,7 @@ def _only_candidate(infos: Mapping[str, ArrayInfo], wanted: Wanted) -> str:
 
 
 def _unfit(info: ArrayInfo, least_views: int) -> str:
-    """Why an array cannot be projections, as words that follow its shape."""
+    """Return why an array cannot be projections, as words that follow its shape."""
     if not info.numeric:
         return f" of {info.kind or 'something else'}, not of real numbers"
     if len(info.shape) not in {2, 3}:
@@ -154,24 +160,25 @@ def _optional(arrays: NamedArrays, name: str) -> NDArray[np.float32] | None:
 
 
 def _angles(arrays: NamedArrays) -> FileAngles:
-    given = [name for name in ("angles_deg", "angles_rad") if name in arrays.infos]
-    if not given:
+    angle_names = [name for name in ("angles_deg", "angles_rad") if name in arrays.infos]
+    if not angle_names:
         return FileAngles()
-    if len(given) == 2:
+    if len(angle_names) == 2:
         raise UnreadableScan("contradiction", "the file holds angles_deg and angles_rad; leave one of them out")
-    values = np.asarray(arrays.load(given[0]), dtype=np.float64)
+    values = np.asarray(arrays.load(angle_names[0]), dtype=np.float64)
     if values.size != max(values.shape, default=1):
         raise UnreadableScan(
-            "wrong-shape", f"{given[0]} has the shape {values.shape}; it must be a list with one angle for each view"
+            "wrong-shape",
+            f"{angle_names[0]} has the shape {values.shape}; it must be a list with one angle for each view",
         )
-    unit = given[0].removeprefix("angles_")
+    unit = angle_names[0].removeprefix("angles_")
     return FileAngles(to_degrees(values.reshape(-1), unit), unit)
 
 
-def _could_serve(arrays: NamedArrays, projections: str, meant: re.Pattern[str], size: int) -> list[str]:
-    """What bears such a name in such a number of values, or is a text, with its values: not ours to interpret."""
+def _could_serve(arrays: NamedArrays, projections: str, pattern: re.Pattern[str], size: int) -> list[str]:
+    """Name the arrays with such a name that are texts or have `size` values, with their uninterpreted values."""
     names = (name for name in arrays.infos if name not in {projections, *OTHER_NAMES})
-    named = (name for name in names if meant.search(name.rpartition("/")[2]))
+    named = (name for name in names if pattern.search(name.rpartition("/")[2]))
     described = (_described(arrays, name) for name in named if _values_of(arrays.infos[name]) in {size, None})
     return list(islice(filter(None, described), MOST_NAMES_QUOTED))
 

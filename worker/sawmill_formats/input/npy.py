@@ -1,4 +1,4 @@
-"""NumPy's own files, never with pickled objects, their headers held against what is really there."""
+"""NumPy's own files, never with pickled objects, their headers compared with the data that are there."""
 
 import io
 import math
@@ -20,18 +20,18 @@ from sawmill_formats.input.contents import FileContents, Projections, held
 from sawmill_formats.input.named_arrays import ArrayInfo, NamedArrays, read_named_arrays
 from sawmill_formats.input.wanted import Wanted
 
-# The formats of a header's own length, by the versions that hold plain arrays.
+# Format of a header's own length, for the versions that hold plain arrays.
 LENGTHS = {(1, 0): "<H", (2, 0): "<I"}
-# That of a plain array has some hundred; the parser of longer ones may run out of its stack.
+# A plain array's header has some hundred bytes; the parser may exhaust its stack on longer ones.
 LONGEST_HEADER_BYTES = 4096
 LONGEST_AXIS = 2**48
-# Of a file, mapped at a time.
+# Bytes of a file that are mapped at a time.
 PIECE_BYTES = 16 * 2**20
 
 
 @dataclass(frozen=True)
 class NpyHeader:
-    """What a NPY header declares."""
+    """Contents of a NPY header."""
 
     shape: tuple[int, ...]
     fortran_order: bool
@@ -39,11 +39,11 @@ class NpyHeader:
 
     @property
     def data_bytes(self) -> int:
-        """How many bytes of data must follow."""
+        """Number of bytes of data that must follow."""
         return math.prod(self.shape) * self.dtype.itemsize
 
 
-def read_npy(path: Path, wanted: Wanted, bounds: Bounds, _: ExitStack) -> FileContents:
+def read_npy(path: Path, selection: Wanted, bounds: Bounds, _: ExitStack) -> FileContents:
     """Read a NPY file.
 
     Raises
@@ -51,9 +51,9 @@ def read_npy(path: Path, wanted: Wanted, bounds: Bounds, _: ExitStack) -> FileCo
     UnreadableScan
         When it holds objects, fewer data than it declares, or no projections.
     """
-    if wanted.dataset is not None:
+    if selection.dataset is not None:
         raise UnreadableScan(
-            "contradiction", f"a NPY file has one array without a name; leave out dataset {quoted(wanted.dataset)!r}"
+            "contradiction", f"a NPY file has one array without a name; leave out dataset {quoted(selection.dataset)!r}"
         )
     with path.open("rb") as stream:
         header = read_header(stream)
@@ -77,7 +77,7 @@ def _projections(path: Path, header: NpyHeader, offset: int) -> Projections:
         for start in range(0, length, step):
             at = slice(start, min(start + step, length))
             parts[slowest] = slice(first + at.start, first + at.stop)
-            # Mapped anew for each piece: what was read stays in the process's memory as long as the mapping does.
+            # Mapped again for each piece: what was read stays in the process's memory as long as the mapping does.
             stored = np.memmap(path, header.dtype, "r", offset, shape, order)
             with np.errstate(over="ignore"):
                 block[(slice(None),) * slowest + (at,)] = stored[tuple(parts)]
@@ -86,7 +86,7 @@ def _projections(path: Path, header: NpyHeader, offset: int) -> Projections:
     return Projections(header.shape, read, (views, 1) if header.fortran_order else (1, 1))
 
 
-def read_npz(archive: ZipFile, infos: list[ZipInfo], wanted: Wanted, max_bytes: int) -> FileContents:
+def read_npz(archive: ZipFile, infos: list[ZipInfo], selection: Wanted, max_bytes: int) -> FileContents:
     """Read an archive of NPY files, checked by `members`; only the arrays that are needed are unpacked.
 
     Raises
@@ -108,7 +108,7 @@ def read_npz(archive: ZipFile, infos: list[ZipInfo], wanted: Wanted, max_bytes: 
         load=load,
         projections=lambda name: held(as_float32(load(name))),
     )
-    return read_named_arrays(arrays, wanted)
+    return read_named_arrays(arrays, selection)
 
 
 def read_header(stream: BinaryIO | Any) -> NpyHeader:  # noqa: ANN401 - a member of an archive is no BinaryIO

@@ -1,4 +1,4 @@
-"""What a file consists of, one part after the other, before anything of it is read."""
+"""Parts of a file, one after the other, from headers alone."""
 
 import re
 from collections.abc import Iterable, Iterator
@@ -7,7 +7,7 @@ from enum import StrEnum
 
 
 class PartKind(StrEnum):
-    """What a part is called in its format."""
+    """Names of parts in their format."""
 
     GROUP = "group"
     DATASET = "dataset"
@@ -26,19 +26,19 @@ class Part:
     Attributes
     ----------
     name : str
-        Where it is in the file; of several that are alike, the first and the last.
+        Path in the file; for several similar parts, the first and the last.
     shape : tuple of int or None
-        In the axis order of the file.
+        Shape in the axis order of the file.
     type : str or None
-        Of its numbers, or what it is instead.
+        Type of the numbers, or what the part is instead.
     unit : str or None
-        As the file has it.
+        Unit as in the file.
     stored_bytes : int or None
-        What it takes in the file; of several that are alike, all of them.
+        Bytes in the file; for several similar parts, of all of them.
     compression : str or None
         The filters through which it is stored.
     leads_to : str or None
-        What a link, or data that lie elsewhere, lead to.
+        Target of a link, or place of data in another file.
     count : int
         The number of parts, which are alike but for their numbers.
     """
@@ -55,12 +55,12 @@ class Part:
 
 
 def form_of(name: str) -> str:
-    """A name without its numbers, alike for the files of one sequence."""
+    """Return a name without its numbers, which is equal for the files of one sequence."""
     return re.sub(r"\d+", "#", name)
 
 
 def alike_together(parts: Iterable[Part]) -> Iterator[Part]:
-    """Parts in a row whose names differ in their numbers alone, and nothing else in them but their bytes, as one."""
+    """Combine successive parts that differ only in the numbers in their names and in their bytes."""
     run: list[Part] = []
     for part in parts:
         if run and _form(run[0]) != _form(part):

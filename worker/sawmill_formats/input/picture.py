@@ -16,11 +16,11 @@ from sawmill_formats.input.parts import Part, PartKind
 
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 LARGEST_PICTURE_PIXELS = 64 * 2**20
-# What reading and tracing take at most (tests/readers/test_bombs.py): grey values and their copy with a border as
-# float32, and as the float64 that contours are found in.
+# Most bytes a pixel while reading and tracing (tests/readers/test_bombs.py): grey values and their copy with a border
+# as float32, and as the float64 in which contours are found.
 BYTES_A_PIXEL = 18
 MEMORY_SHARE = 0.9
-# Of those bits deep; everything else has one byte for each of its bands.
+# Bits of Pillow's modes; everything else has one byte for each of its bands.
 BITS = {"1": 1, "I;16": 16, "I;16B": 16, "I": 16}
 
 
@@ -31,7 +31,7 @@ def read_picture(path: Path, free_bytes: int | None = None) -> NDArray[np.float3
     ----------
     path : Path
     free_bytes : int, optional
-        The free memory, which reading and tracing must fit into.
+        Free memory, in which reading and tracing must fit.
 
     Raises
     ------
@@ -46,7 +46,7 @@ def read_picture(path: Path, free_bytes: int | None = None) -> NDArray[np.float3
 
 
 def _grey(picture: Image.Image) -> Image.Image:
-    """Without transparency: a picture of one band has none, every other kind loses it on its way by RGB."""
+    """Remove transparency: a picture of one band has none, every other kind loses it by conversion to RGB."""
     if picture.mode in {"1", "L", "RGB"}:
         return picture.convert("L")
     return picture if picture.mode in BITS else picture.convert("RGB").convert("L")
@@ -63,14 +63,14 @@ def _check_memory(width: int, height: int, free_bytes: int | None) -> None:
 
 
 def is_picture(path: Path) -> bool:
-    """Whether a file is a PNG, by its first bytes."""
+    """Return whether a file is a PNG, by its first bytes."""
     with path.open("rb") as stream:
         return stream.read(len(PNG_SIGNATURE)) == PNG_SIGNATURE
 
 
 @contextmanager
 def opened_picture(path: Path) -> Iterator[Image.Image]:
-    """Open a PNG whose size was looked at, its pixels not yet read.
+    """Open a PNG and check its size, without reading its pixels.
 
     Raises
     ------
@@ -78,7 +78,7 @@ def opened_picture(path: Path) -> Iterator[Image.Image]:
         The file is damaged, or has more than 64 million pixels.
     """
     with library_errors_translated("PNG"), warnings.catch_warnings():
-        warnings.simplefilter("error")  # Pillow only warns of pictures that are bombs
+        warnings.simplefilter("error")  # Pillow only warns of decompression bombs
         with Image.open(path, formats=["PNG"]) as picture:
             width, height = picture.size
             if width * height > LARGEST_PICTURE_PIXELS:
@@ -90,7 +90,7 @@ def opened_picture(path: Path) -> Iterator[Image.Image]:
 
 
 def picture_parts(path: Path) -> Iterator[Part]:
-    """The one part of a PNG: rows and columns, and its bands."""
+    """Yield the one part of a PNG: rows and columns, and its bands."""
     with opened_picture(path) as picture:
         width, height = picture.size
         stored = path.stat().st_size
@@ -100,7 +100,7 @@ def picture_parts(path: Path) -> Iterator[Part]:
 def _check_stored(picture: Image.Image, stored_bytes: int) -> None:
     width, height = picture.size
     row_bytes = math.ceil(width * BITS.get(picture.mode, 8 * len(picture.getbands())) / 8)
-    declared = height * (1 + row_bytes)  # each row begins with the number of its filter
+    declared = height * (1 + row_bytes)  # each row starts with the number of its filter
     if declared > max(HARMLESS_BYTES, LARGEST_RATIO * stored_bytes):
         raise UnreadableScan(
             "too-large",

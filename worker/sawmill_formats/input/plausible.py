@@ -1,4 +1,4 @@
-"""What the numbers of a scan can be: angles, counts and line integrals in the ranges that measurements have."""
+"""Plausible numbers in a scan: angles, counts and line integrals in the ranges that measurements have."""
 
 from dataclasses import dataclass
 
@@ -7,23 +7,24 @@ from numpy.typing import NDArray
 
 from sawmill_formats.errors import UnreadableScan
 
-# 2 777 turns. At that angle double precision still tells directions 1e-10 degrees apart; no scan turns so long.
+# 2 777 turns. At this angle double precision still tells directions 1e-10 degrees apart; no scan turns so long.
 LARGEST_ANGLE_DEG = 1e6
 # A detector measures less than 50: a transmission of exp(-50) is one quantum of 5e21. But files give line integrals in
-# units of their own, as the published log's 160 (mm of wood); this is a metre of it in micrometres.
+# units of their own, as the published log's 160 (mm of wood); this is a metre of wood in micrometres.
 LARGEST_LINE_INTEGRAL = 1e6
 # Mean flat fields: from transmissions, whose flats are 1 or less, to the sum of hundreds of 32-bit images.
 LEAST_FLAT, LARGEST_FLAT = 1e-6, 1e12
-# Where a dark signal was taken off, noise leaves counts below 0; beyond this share of the flats that is no noise. What
-# is a million times above them is as far off as a transmission that is cut off (`LEAST_TRANSMISSION`, as `MOST_DEAD`).
+# Where a dark signal was subtracted, noise leaves counts below 0; beyond this share of the flats they are no noise.
+# Counts a million times above the flats are as far off as a transmission that is cut off (`LEAST_TRANSMISSION`, as
+# `MOST_DEAD`).
 MOST_BELOW_ZERO, MOST_ABOVE_FLAT = 0.05, 1e6
-# Of the samples, as of dead cells (`tomography.preparing.line_integrals.MOST_DEAD`): a few cells at fault are no
+# Share of the samples, as of dead cells (`tomography.preparing.line_integrals.MOST_DEAD`): a few faulty cells are no
 # fault of the scan, and are bridged.
 MOST_WILD = 0.2
 
 
 def check_angles(angles_deg: NDArray[np.float64]) -> None:
-    """Refuse angles that are no numbers, or beyond any turning: `not-finite` or `out-of-range`."""
+    """Refuse angles that are no numbers, or are beyond any turning: `not-finite` or `out-of-range`."""
     usable = np.abs(angles_deg) <= LARGEST_ANGLE_DEG
     if usable.all():
         return
@@ -37,14 +38,14 @@ def check_angles(angles_deg: NDArray[np.float64]) -> None:
 
 @dataclass(frozen=True)
 class SampleRange:
-    """Between which values the samples of a scan lie.
+    """Range of the samples of a scan.
 
     Attributes
     ----------
     low, high : float
         The least and the largest value.
     unit, reason : str
-        What the values are, and where the range comes from, for the refusal.
+        Unit of the values, and the origin of the range, for the refusal.
     most_outside : float
         The share of samples that may lie outside; 0 where each of them is refused.
     """
@@ -62,7 +63,7 @@ LINE_INTEGRALS = SampleRange(
 
 
 def check_finite(name: str, index: int, image: NDArray[np.float32], first_row: int = 0) -> None:
-    """Refuse an image (rows, cells) of which a value is NaN or infinite: `not-finite`, with its place."""
+    """Refuse an image (rows, cells) in which a value is NaN or infinite: `not-finite`, with its place."""
     finite = np.isfinite(image)
     if not finite.all():
         row, cell = (int(i) for i in np.unravel_index(np.argmin(finite), image.shape))
@@ -74,12 +75,12 @@ def check_finite(name: str, index: int, image: NDArray[np.float32], first_row: i
 
 
 def range_of_counts(flats: NDArray[np.float32], darks: NDArray[np.float32] | None) -> SampleRange:
-    """The range of counts beside these flats and darks (fields, rows, detector), which are checked themselves.
+    """Return the range of counts with these flats and darks (fields, rows, detector), which are checked themselves.
 
     Raises
     ------
     UnreadableScan
-        `out-of-range` where the fields are those of no detector.
+        `out-of-range` where no detector can measure such fields.
     """
     level = _median_of_means(flats)
     if not LEAST_FLAT <= level <= LARGEST_FLAT:
@@ -106,7 +107,7 @@ def _median_of_means(fields: NDArray[np.float32]) -> float:
 
 
 class SamplesOutside:
-    """The samples of a scan that lie outside of their range, counted as they are read.
+    """The samples of a scan that are outside of their range, counted as they are read.
 
     Parameters
     ----------
@@ -114,7 +115,7 @@ class SamplesOutside:
     samples : int
         The number of all samples.
     name : str
-        What an image is called.
+        Name of an image in sentences.
     """
 
     def __init__(self, allowed: SampleRange, samples: int, name: str = "view") -> None:
@@ -123,15 +124,15 @@ class SamplesOutside:
         self.largest = -np.inf
 
     def add(self, images: NDArray[np.float32], first: int = 0, first_row: int = 0) -> None:
-        """Count those of images (images, rows, cells); missing samples, NaN, are none of them.
+        """Count samples outside of the range in images (images, rows, cells); missing samples (NaN) do not count.
 
         Raises
         ------
         UnreadableScan
-            `out-of-range`, when there are more than may be.
+            `out-of-range`, when there are more than allowed.
         """
         for index, image in enumerate(images, first):
-            # Two passes that allocate nothing; of a view that lacks rows both are NaN.
+            # Two passes that allocate nothing; in a view that lacks rows both are NaN.
             low, high = float(image.min()), float(image.max())
             if not (low >= self._allowed.low and high <= self._allowed.high):
                 high = float(np.fmax.reduce(image, axis=None))

@@ -1,4 +1,4 @@
-"""The one way in: any file, with what its uploader gave beside it, to a canonical scan."""
+"""The one entry point: any file, with the client's parameters, to a canonical scan."""
 
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -22,7 +22,7 @@ from sawmill_formats.input.wanted import Wanted
 ANGLE_TOLERANCE_DEG = 1e-6
 SINGLE_PRECISION = 2.0**-23
 PITCH_TOLERANCE = 1e-6
-# Of the free memory, for what is read as a whole; the rest is for a block at a time, and the libraries.
+# Share of the free memory for data that are read as a whole; the rest is for one block at a time, and the libraries.
 MEMORY_SHARE = 0.9
 
 
@@ -46,7 +46,7 @@ def reading_scan(
 ) -> Iterator[CanonicalScan]:
     """Open a scan's file of any supported format, recognised by its content and never by its name.
 
-    The file stays open meanwhile: its projections are read by `CanonicalScan.blocks`.
+    The file stays open in the block: `CanonicalScan.blocks` reads its projections.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ def reading_scan(
     detector_pitch_mm, row_pitch_mm : float, optional
         Known distances between cells and between rows; a file with other values is refused.
     rows_missing : bool
-        Whether views may lack rows at the top or the bottom: NaN in every cell, of counts also zero. They become NaN.
+        Whether views may lack rows at the top or the bottom: NaN in every cell, for counts also zero. They become NaN.
     averaged_rows : int, optional
         The number of detector rows whose line integrals were averaged into the one row of the file.
     transpose : bool
@@ -69,7 +69,7 @@ def reading_scan(
     flats, darks : Path, optional
         Files of the flat and of the dark fields, where the scan's file carries none.
     follow_links : bool
-        Whether HDF5 may lead into other files, by links, as virtual datasets or as raw data: never those of an upload.
+        Whether HDF5 may lead into other files, by links, as virtual datasets or as raw data; never for an upload.
     max_bytes : int
         Largest size of one array, as float32 or as stored, whichever is more.
     free_bytes : int, optional
@@ -78,7 +78,7 @@ def reading_scan(
     Raises
     ------
     UnreadableScan
-        When the file cannot be read, is not a scan, or contradicts what was given beside it.
+        When the file cannot be read, is not a scan, or contradicts a parameter.
     """
     if not counts and (flats or darks):
         raise UnreadableScan(
@@ -122,7 +122,7 @@ def reading_contents(
     max_bytes: int = MAX_BYTES,
     free_bytes: int | None = None,
 ) -> Iterator[FileContents]:
-    """Open a file for what it holds of a scan, and the files of the fields beside it; the rest is as in `reading_scan`.
+    """Open a file for what it holds of a scan, and the files of its fields; other parameters as in `reading_scan`.
 
     Raises
     ------
@@ -139,13 +139,13 @@ def reading_contents(
         if transpose:
             contents = _transposed(contents)
         _check_piece(contents.projections, bounds.piece)
-        others = contents.others if linked is None else (*contents.others, *linked.paths)
-        yield replace(contents, projections=_translated(contents.projections, recognised.name), others=others)
+        other_files = contents.others if linked is None else (*contents.others, *linked.paths)
+        yield replace(contents, projections=_translated(contents.projections, recognised.name), others=other_files)
 
 
 def reading_bounds(free_bytes: int | None, max_bytes: int = MAX_BYTES) -> Bounds:
-    """How much may be read with this much of free memory, or any amount."""
-    # Twice: for a moment an array is there as stored and as float32, and there are flat and dark fields.
+    """Return how much may be read with this free memory, or any amount for None."""
+    # Divided by two: for a moment an array is there as stored and as float32, and there are flat and dark fields.
     piece = max_bytes if free_bytes is None else min(max_bytes, int(MEMORY_SHARE * free_bytes) // 2)
     return Bounds(max_bytes, piece)
 
@@ -160,12 +160,12 @@ def canonical_scan(
     rows_missing: bool = False,
     averaged_rows: int | None = None,
 ) -> CanonicalScan:
-    """What a file holds, compared with what was given beside it; parameters as in `reading_scan`.
+    """Build the scan from a file's contents, compared with the client's parameters; parameters as in `reading_scan`.
 
     Raises
     ------
     UnreadableScan
-        When they contradict each other, or the parts do not agree.
+        When contents and parameters contradict each other, or the parts do not agree.
     """
     projections = contents.projections
     dimensions = len(projections.shape)
@@ -193,7 +193,7 @@ def canonical_scan(
 
 
 def _transposed(contents: FileContents) -> FileContents:
-    """Put the axes of the projections and of all that has the same axes into our order."""
+    """Put the axes of the projections, and of all parts with the same axes, into our order."""
     return replace(
         contents,
         projections=reversed_axes(contents.projections),
@@ -210,7 +210,7 @@ def _reversed(array: NDArray[np.float32] | None) -> NDArray[np.float32] | None:
 
 
 def _check_piece(projections: Projections, most_bytes: int) -> None:
-    """Refuse what the file stores in pieces that cannot be in memory twice, as stored and as float32."""
+    """Refuse data stored in pieces that cannot be in memory twice, as stored and as float32."""
     views, rows = (min(n, most) for n, most in zip(projections.together, projections.shape, strict=False))
     needed = 4 * views * rows * projections.shape[-1]
     if needed > most_bytes:
@@ -229,19 +229,21 @@ def _translated(projections: Projections, what: str) -> Projections:
     return replace(projections, read=read)
 
 
-def agree_on_angles(contents: FileContents, given: AnglesGiven | None) -> tuple[NDArray[np.float64], tuple[str, ...]]:
-    """The views' angles (views,) in degrees, of the file or as given, and remarks.
+def agree_on_angles(
+    contents: FileContents, angles_given: AnglesGiven | None
+) -> tuple[NDArray[np.float64], tuple[str, ...]]:
+    """Return the views' angles (views,) in degrees, from the file or as given, and remarks.
 
     Raises
     ------
     UnreadableScan
-        There are none, or both and they differ, or their number is that of the cells.
+        There are no angles, or the file's and the given ones differ, or their number is the number of cells.
     """
     _check_axis("the file carries", None if contents.angles_deg is None else contents.angles_deg.size, contents)
-    _check_axis("there are", len(given.values_deg) if isinstance(given, AngleList) else None, contents)
+    _check_axis("there are", len(angles_given.values_deg) if isinstance(angles_given, AngleList) else None, contents)
     swapped = contents.angles_of_last_axis
     hint = None if swapped is None else f"{swapped} fits the cells, not the views: {_transposing(contents)}"
-    if given is None:
+    if angles_given is None:
         if contents.angles_deg is None:
             reason = contents.angles_unusable or hint or "the file carries no angles"
             raise UnreadableScan(
@@ -250,7 +252,7 @@ def agree_on_angles(contents: FileContents, given: AnglesGiven | None) -> tuple[
                 "(angles_deg, on the command line --angles-deg or --angles-file)",
             )
         return contents.angles_deg, ()
-    angles = given.expand(contents.projections.shape[0])
+    angles = angles_given.expand(contents.projections.shape[0])
     if contents.angles_deg is not None:
         _check_same_angles(contents.angles_deg, angles)
         return contents.angles_deg, ()
@@ -260,7 +262,7 @@ def agree_on_angles(contents: FileContents, given: AnglesGiven | None) -> tuple[
 
 
 def _check_axis(who: str, number: int | None, contents: FileContents) -> None:
-    """Refuse a number of angles that is that of the last axis and not that of the first."""
+    """Refuse a number of angles that equals the length of the last axis and not of the first."""
     shape = contents.projections.shape
     if number == shape[-1] != shape[0]:
         raise UnreadableScan("angles-mismatch", f"{who} {number} angles, one for each cell: {_transposing(contents)}")
@@ -279,30 +281,31 @@ def _transposing(contents: FileContents) -> str:
     )
 
 
-def _check_same_angles(in_file: NDArray[np.float64], given: NDArray[np.float64]) -> None:
-    if in_file.shape != given.shape:
+def _check_same_angles(in_file: NDArray[np.float64], angles_given: NDArray[np.float64]) -> None:
+    if in_file.shape != angles_given.shape:
         raise UnreadableScan(
-            "angles-mismatch", f"the file carries {in_file.size} angles for {given.size} views; each view needs its own"
+            "angles-mismatch",
+            f"the file carries {in_file.size} angles for {angles_given.size} views; each view needs its own",
         )
     # A file may keep its angles in single precision, which is coarser than the tolerance near 360 degrees.
-    different = ~(np.abs(in_file - given) <= ANGLE_TOLERANCE_DEG + SINGLE_PRECISION * np.abs(given))
+    different = ~(np.abs(in_file - angles_given) <= ANGLE_TOLERANCE_DEG + SINGLE_PRECISION * np.abs(angles_given))
     if different.any():
         view = int(np.argmax(different))
         raise UnreadableScan(
             "contradiction",
             f"the file says that view {view} is at {in_file[view]:.9g} degrees and the angles given say "
-            f"{given[view]:.9g}; leave the angles out or correct them",
+            f"{angles_given[view]:.9g}; leave the angles out or correct them",
         )
 
 
-def agree_on_pitch(name: str, in_file: float | None, given: float | None) -> float | None:
-    """A distance in mm of the file or as given, or None; refused where both are there and differ."""
-    if in_file is None or given is None:
-        return in_file if given is None else given
-    if abs(in_file - given) > PITCH_TOLERANCE * abs(given):
+def agree_on_pitch(name: str, in_file: float | None, given_mm: float | None) -> float | None:
+    """Return a distance in mm, from the file or as given, or None; refuse two that differ."""
+    if in_file is None or given_mm is None:
+        return in_file if given_mm is None else given_mm
+    if abs(in_file - given_mm) > PITCH_TOLERANCE * abs(given_mm):
         raise UnreadableScan(
             "contradiction",
-            f"the file says that {name} is {in_file:.9g} and {given:.9g} was given (by flag, or the "
+            f"the file says that {name} is {in_file:.9g} and {given_mm:.9g} was given (by flag, or the "
             "scanner's); correct one of them",
         )
     return in_file

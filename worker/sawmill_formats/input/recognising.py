@@ -1,4 +1,4 @@
-"""Which format a file has: by its content, never by its name."""
+"""Recognition of a file's format by its content, never by its name."""
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
@@ -21,12 +21,12 @@ from sawmill_formats.input.zipped import read_zip
 
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 BYTES_SHOWN = 8
-HDF5_OFFSETS = (0, 512, 1024, 2048)  # a user block of such a size may stand before it, as in MATLAB files
+HDF5_OFFSETS = (0, 512, 1024, 2048)  # a user block of such a size may precede it, as in MATLAB files
 
 
 @dataclass(frozen=True)
 class Format:
-    """A format by its name, what reads of a file that stays open in the stack what is wanted, and what lists it."""
+    """A format: its name, its reader, which keeps the file open in the stack, and its listing."""
 
     name: str
     read: Callable[[Path, Wanted, Bounds, ExitStack], FileContents]
@@ -52,7 +52,7 @@ _BY_FIRST_BYTES = (
 
 
 def recognise(path: Path) -> Format:
-    """The format of a file, or of a folder; no upload is one.
+    """Recognise the format of a file or a folder; an upload is never a folder.
 
     Raises
     ------
@@ -70,9 +70,9 @@ def recognise(path: Path) -> Format:
         return HDF5
     if head[124:128] in MAT_VERSIONS:
         return MAT
-    for first_bytes, known in _BY_FIRST_BYTES:
+    for first_bytes, file_format in _BY_FIRST_BYTES:
         if head.startswith(first_bytes):
-            return known
+            return file_format
     raise UnreadableScan(
         "unknown-format",
         f"the file, which begins with {head[:BYTES_SHOWN]!r}, is none of HDF5 (NXtomo, Data Exchange), TIFF, ZIP of "

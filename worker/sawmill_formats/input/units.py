@@ -27,22 +27,22 @@ LEAST_PITCH_MM, LARGEST_PITCH_MM = 1e-6, 1000.0
 
 
 def to_mm(value: float, unit: str) -> float | None:
-    """A length in mm; None for a unit that is not one of length."""
+    """Convert a length to mm; None for a unit that is not one of length."""
     factor = _MM.get(unit.strip().lower())
     return None if factor is None else value * factor
 
 
 def to_degrees(values: NDArray[np.float64], unit: str) -> NDArray[np.float64] | None:
-    """Angles in degrees; None for a unit that is not one of angle."""
+    """Convert angles to degrees; None for a unit that is not one of angle."""
     name = unit.strip().lower()
     if name in _DEGREES:
         return values
-    with np.errstate(over="ignore"):  # what becomes infinite is refused with its place
+    with np.errstate(over="ignore"):  # values that become infinite are refused with their place
         return np.rad2deg(values) if name in _RADIANS else None
 
 
 def length_of(values: NDArray[np.float64], unit: str | None) -> tuple[float | None, str | None]:
-    """One length in mm, or None and the reason why it cannot be used."""
+    """Return one length in mm, or None and the reason why it cannot be used."""
     if values.size != 1:
         return None, f"it has {values.size} values instead of one"
     if unit is None:
@@ -51,5 +51,8 @@ def length_of(values: NDArray[np.float64], unit: str | None) -> tuple[float | No
     if length_mm is None:
         return None, f"its unit {unit!r} is not a known unit of length"
     if length_mm == 0.0 or np.isnan(length_mm):
-        return None, f"it is {length_mm:g} mm, which states no distance"  # as exporters write one that they do not know
+        return (
+            None,
+            f"it is {length_mm:g} mm, which states no distance",
+        )  # as exporters write a size that they do not know
     return length_mm, None

@@ -1,4 +1,4 @@
-"""How far packed data unpack, found before any of them are kept."""
+"""Sizes of packed data after unpacking, found before any data are kept."""
 
 import zlib
 from collections.abc import Callable
@@ -13,21 +13,21 @@ from sawmill_formats.input.arrays import HARMLESS_BYTES
 # Data that cannot be packed grow by less than this in every packing that is read.
 MOST_GROWTH = 1.01
 PACKING_BYTES = 1024
-# Of what is deflated, at a time, where only its size is wanted.
+# Bytes that are inflated at a time where only their number is needed.
 STEP_BYTES = 2**14
 
 
 @dataclass(frozen=True)
 class Packing:
-    """One way to pack.
+    """A way to pack.
 
     Attributes
     ----------
     name : str
     most : int
-        To how many times what is stored it unpacks at most.
+        Largest ratio of unpacked to stored bytes.
     unpacked : function of the packed data and a number of bytes
-        To how many bytes they unpack, or some number beyond the one that is given.
+        Number of bytes that they unpack to, or some number beyond the given one.
     """
 
     name: str
@@ -35,12 +35,12 @@ class Packing:
     unpacked: Callable[[bytes, int], int]
 
     def harmless(self, stored_bytes: int) -> bool:
-        """Whether this number of bytes cannot unpack to what does harm."""
+        """Return whether this number of bytes cannot unpack to a harmful size."""
         return stored_bytes * self.most <= HARMLESS_BYTES
 
 
 def check_packed(what: str, stored_bytes: int, declared_bytes: int) -> None:
-    """Refuse what is stored in more bytes than packing makes of those declared, and so unpacks to more: `too-large`."""
+    """Refuse data stored in more bytes than packing makes of the declared bytes: `too-large`."""
     if stored_bytes > _most(declared_bytes):
         raise UnreadableScan(
             "too-large", f"{what} declares {declared_bytes} bytes of data while the file stores {stored_bytes} for them"
@@ -48,7 +48,7 @@ def check_packed(what: str, stored_bytes: int, declared_bytes: int) -> None:
 
 
 def check_unpacks(what: str, packing: Packing, packed: bytes, declared_bytes: int) -> None:
-    """Refuse packed data that unpack to more than is declared; nothing of them is kept: `too-large`."""
+    """Refuse packed data that unpack to more than is declared, keeping none of them: `too-large`."""
     most = _most(declared_bytes)
     if packing.unpacked(packed, most) > most:
         raise UnreadableScan(
@@ -80,8 +80,8 @@ def _bytes(packed: bytes) -> NDArray[np.uint8]:
     return np.frombuffer(packed, np.uint8)
 
 
-# Deflate: RFC 1951, 258 bytes of two bits. PackBits: 128 of two; the library's decoder keeps each byte as an object of
-# a list, eight bytes, and then as itself.
+# Deflate: RFC 1951, 258 bytes from two bits. PackBits: 128 bytes from two; the library's decoder stores each byte as an
+# object of a list, eight bytes, and then as itself.
 DEFLATE = Packing("deflate", 1032, _deflated)
 PACKBITS_MEMORY = 9
 PACKBITS = Packing("PackBits", 64 * PACKBITS_MEMORY, _packbits)

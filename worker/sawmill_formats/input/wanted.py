@@ -1,11 +1,11 @@
-"""Which array of a file is read."""
+"""Selection of the array that is read from a file."""
 
 from dataclasses import dataclass
 from enum import StrEnum
 
 
 class FieldKind(StrEnum):
-    """What counts are compared with: air, and the detector without a beam."""
+    """Kinds of fields that counts are compared with: air, and the detector without a beam."""
 
     FLATS = "flats"
     DARKS = "darks"
@@ -13,16 +13,16 @@ class FieldKind(StrEnum):
 
 @dataclass(frozen=True)
 class Wanted:
-    """What a reader looks for.
+    """Arrays of a file that a reader reads.
 
     Attributes
     ----------
     dataset : str or None
-        Its path or name, where the file holds several arrays; None for the only one that can be meant.
+        Path or name, where the file holds several arrays; None for the only candidate.
     fields : FieldKind or None
-        Fields that have a file of their own; None for the projections of a scan, with all that stands beside them.
+        Fields in a file of their own; None for the projections of a scan, with all related arrays.
     deviations : bool
-        Whether the projections' standard deviations may stand beside them.
+        Whether the file may hold the projections' standard deviations.
     transpose : bool
         Whether the file has the axes in reverse order; readers give them as they are stored.
     """
@@ -34,5 +34,5 @@ class Wanted:
 
     @property
     def least_images(self) -> int:
-        """The fewest that can be meant."""
+        """Fewest images that can be meant."""
         return 1 if self.fields else 3

@@ -22,8 +22,8 @@ WHAT = "the archive"
 KINDS = {"flat": FieldKind.FLATS, "dark": FieldKind.DARKS}
 
 
-def read_zip(path: Path, wanted: Wanted, bounds: Bounds, files: ExitStack) -> FileContents:
-    """Read a NPZ file or a ZIP of TIFF files, as the members' names show; the latter stays open for its views.
+def read_zip(path: Path, selection: Wanted, bounds: Bounds, files: ExitStack) -> FileContents:
+    """Read a NPZ file or a ZIP of TIFF files, as the members' names show; a ZIP of TIFFs stays open for its views.
 
     Raises
     ------
@@ -33,27 +33,27 @@ def read_zip(path: Path, wanted: Wanted, bounds: Bounds, files: ExitStack) -> Fi
     archive, size = files.enter_context(opened(path)), path.stat().st_size
     infos = members(archive, size, bounds.array)
     if is_npz(infos):
-        return read_npz(archive, members(archive, size, bounds.piece), wanted, bounds.piece)
-    if wanted.dataset is not None:
+        return read_npz(archive, members(archive, size, bounds.piece), selection, bounds.piece)
+    if selection.dataset is not None:
         raise UnreadableScan(
-            "contradiction", f"a ZIP of TIFFs has no named arrays; leave out dataset {quoted(wanted.dataset)!r}"
+            "contradiction", f"a ZIP of TIFFs has no named arrays; leave out dataset {quoted(selection.dataset)!r}"
         )
-    return _read_tiffs(archive, infos, wanted, bounds)
+    return _read_tiffs(archive, infos, selection, bounds)
 
 
 def is_npz(infos: list[ZipInfo]) -> bool:
-    """Whether an archive holds arrays and nothing else."""
+    """Return whether an archive holds arrays and nothing else."""
     return bool(infos) and all(info.filename.endswith(".npy") for info in infos)
 
 
-def _read_tiffs(archive: ZipFile, infos: list[ZipInfo], wanted: Wanted, bounds: Bounds) -> FileContents:
+def _read_tiffs(archive: ZipFile, infos: list[ZipInfo], selection: Wanted, bounds: Bounds) -> FileContents:
     images = sorted((info for info in infos if is_tiff(info.filename)), key=lambda info: natural_key(info.filename))
     kinds: dict[FieldKind | None, list[TiffFile]] = {None: [], FieldKind.FLATS: [], FieldKind.DARKS: []}
     for info in images:
         file = TiffFile(info.filename, info.compress_size, partial(_unpacked, archive, info))
         kinds[KINDS.get(image_kind(info.filename))].append(file)
     flats, darks = (_fields(kinds[kind], bounds.whole) for kind in FieldKind)
-    views = kinds[None] or (kinds[wanted.fields] if wanted.fields else [])
+    views = kinds[None] or (kinds[selection.fields] if selection.fields else [])
     if not infos:
         raise UnreadableScan("unknown-format", "the archive holds no files; pack the views as .tif files")
     if not views:

@@ -29,7 +29,7 @@ class NamedArray(NamedTuple):
 
 @dataclass(frozen=True)
 class CalibrationRecord:
-    """A calibration's answer, as JSON has it, and the arrays behind it by name."""
+    """A calibration's answer, as JSON has it, and the arrays behind the answer by name."""
 
     answer: dict[str, Any]
     arrays: dict[str, NDArray[Any]]
@@ -52,7 +52,7 @@ def write_calibration(
     arrays : mapping of name to NamedArray
         Written as they are: a third smaller when packed, and packing them takes longer than writing them.
     software_version, input_sha256 : str
-        What made the calibration, and from which scan.
+        Version of the program that made the calibration, and checksum of the scan.
 
     Raises
     ------
@@ -77,7 +77,7 @@ def check_calibration(path: Path, sinogram: tuple[int, int]) -> None:
     Raises
     ------
     DamagedResult
-        It does not; so do the functions that read it.
+        It does not; also raised by the functions that read the file.
     """
     with reading_own(path) as file:
         # The sinogram, its model and the residual.
@@ -88,7 +88,7 @@ def check_calibration(path: Path, sinogram: tuple[int, int]) -> None:
 
 
 def read_arrays(path: Path, *names: str) -> dict[str, NDArray[Any]]:
-    """Those arrays of result.h5 that it holds, by name."""
+    """Read the named arrays of result.h5 that it holds."""
     with reading_own(path) as file:
         return {name: values_of(file, f"{ARRAYS}/{name}") for name in names if dataset_at(file, f"{ARRAYS}/{name}")}
 

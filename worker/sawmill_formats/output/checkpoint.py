@@ -1,7 +1,7 @@
-"""Checkpoints: the progress of a long computation as arrays in a file, for an attempt that begins again.
+"""Checkpoints: the progress of a long computation as arrays in a file, for an attempt that starts again.
 
 A file is a seal (a mark, the checksum and the length of the rest) and an NPZ archive: the arrays, and as `origin` the
-JSON of what they were computed from. What a kill or a lost power left behind does not fit its seal.
+JSON of their input. A file that a kill or a power loss left incomplete does not match its seal.
 """
 
 import json
@@ -34,9 +34,9 @@ def write_checkpoint(path: Path, origin: Mapping[str, Any], arrays: Arrays) -> N
     Parameters
     ----------
     origin : mapping
-        JSON-able: whatever the arrays depend on.
+        JSON-able values that the arrays depend on.
     arrays : mapping
-        Of numbers; no name is `origin`.
+        Arrays of numbers; no name is `origin`.
 
     Raises
     ------
@@ -55,14 +55,14 @@ def write_checkpoint(path: Path, origin: Mapping[str, Any], arrays: Arrays) -> N
 
 
 def read_checkpoint(path: Path, origin: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
-    """The arrays of a checkpoint.
+    """Read the arrays of a checkpoint.
 
     Raises
     ------
     UnusableCheckpoint
-        It is damaged, or was computed from another origin.
+        The file is damaged, or was computed from another origin.
     FileNotFoundError
-        There is none.
+        There is no file.
     """
     with path.open("rb") as file:
         head = file.read(_SEAL.size)
@@ -73,9 +73,11 @@ def read_checkpoint(path: Path, origin: Mapping[str, Any]) -> dict[str, NDArray[
         with np.load(file, allow_pickle=False) as stored:
             arrays = {name: stored[name] for name in stored.files}
     made_from = json.loads(arrays.pop(_ORIGIN).tobytes())
-    wanted = json.loads(_packed(origin).tobytes())
-    if made_from != wanted:
-        names = (made_from.keys() | wanted.keys()) - {name for name in made_from if made_from[name] == wanted.get(name)}
+    expected = json.loads(_packed(origin).tobytes())
+    if made_from != expected:
+        names = (made_from.keys() | expected.keys()) - {
+            name for name in made_from if made_from[name] == expected.get(name)
+        }
         raise UnusableCheckpoint(f"it was computed from another {', '.join(sorted(names))}")
     return arrays
 
@@ -85,7 +87,7 @@ def _packed(origin: Mapping[str, Any]) -> NDArray[np.uint8]:
 
 
 def _checksum(file: BinaryIO) -> int:
-    """Of all that follows the seal."""
+    """Compute the checksum of all that follows the seal."""
     file.seek(_SEAL.size)
     checksum = 0
     while part := file.read(_READ_BYTES):

@@ -1,7 +1,7 @@
-"""Our own HDF5 files, read as if a stranger had written them.
+"""Our own HDF5 files, read as untrusted files.
 
 The process that writes a result may have been taken over by the upload that it read. So only what our writers write is
-read: plain arrays and texts, found by hard links alone, stored in the file itself, in the shapes that are recorded.
+read: plain arrays and texts, found by hard links alone, stored in the file itself, in the recorded shapes.
 """
 
 import math
@@ -21,7 +21,7 @@ from sawmill_formats.hdf5_chunks import CHECKSUM_BYTES, Chunks
 PACKED = (h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_FLETCHER32)
 CHECKED = (h5py.h5z.FILTER_FLETCHER32,)
 MOST_MEMBERS = 10_000
-# What a file holds beside its values: axes, texts, groups, and the index of its chunks.
+# Bytes of a file besides its values: axes, texts, groups, and the index of its chunks.
 OTHER_BYTES = 64 * 2**20
 LONGEST_UNIT = 32
 
@@ -36,9 +36,9 @@ def reading_own(path: Path) -> Iterator[h5py.File]:
     Raises
     ------
     DamagedResult
-        It is no HDF5 file of ours, or damaged.
+        The file is no HDF5 file of ours, or is damaged.
     FileNotFoundError
-        There is none.
+        There is no file.
     """
     regular_status(path)
     with damage_reported(path.name), open_hdf5(path) as file:
@@ -47,10 +47,10 @@ def reading_own(path: Path) -> Iterator[h5py.File]:
 
 def group_at(file: h5py.File, path: str) -> h5py.Group | None:
     """Find a group by hard links; None where there is nothing of this name."""
-    found = _found(file, path)
-    if found is not None and not isinstance(found, h5py.Group):
+    member = _found(file, path)
+    if member is not None and not isinstance(member, h5py.Group):
         raise NotAsWritten(f"{path} is no group")
-    return found
+    return member
 
 
 def dataset_at(
@@ -61,27 +61,27 @@ def dataset_at(
     Parameters
     ----------
     shape
-        The one that it must have, and values that are numbers; None: any.
+        Shape that the dataset must have, with values that are numbers; None: any.
     filters
-        Those through which its chunks are stored; None: it is stored in one piece.
+        Filters through which its chunks are stored; None: it is stored in one piece.
     """
-    found = _found(file, path)
-    if found is None:
+    member = _found(file, path)
+    if member is None:
         return None
-    if not isinstance(found, h5py.Dataset) or found.is_virtual:
+    if not isinstance(member, h5py.Dataset) or member.is_virtual:
         raise NotAsWritten(f"{path} is no dataset of its own")
-    if _check_stored(found) != filters:
+    if _check_stored(member) != filters:
         raise NotAsWritten(f"{path} is not stored as results are")
-    if shape is not None and (found.shape != shape or found.dtype.kind not in "iuf"):
-        raise NotAsWritten(f"{path} is {found.dtype} of shape {found.shape} and not numbers of shape {shape}")
-    return found
+    if shape is not None and (member.shape != shape or member.dtype.kind not in "iuf"):
+        raise NotAsWritten(f"{path} is {member.dtype} of shape {member.shape} and not numbers of shape {shape}")
+    return member
 
 
-def needed(found: Found | None, path: str) -> Found:
-    """What was found, or a refusal of the file without it."""
-    if found is None:
+def needed(member: Found | None, path: str) -> Found:
+    """Return the object, or refuse the file without it."""
+    if member is None:
         raise NotAsWritten(f"it has no {path}")
-    return found
+    return member
 
 
 def values_at(file: h5py.File, path: str, shape: Shape | None = None) -> NDArray[Any] | None:
@@ -91,7 +91,7 @@ def values_at(file: h5py.File, path: str, shape: Shape | None = None) -> NDArray
 
 
 def values_of(file: h5py.File, path: str, shape: Shape | None = None) -> NDArray[Any]:
-    """As `values_at`, of a dataset that the file must have."""
+    """Read all values as `values_at` does, of a dataset that the file must have."""
     return needed(values_at(file, path, shape), path)
 
 
@@ -105,9 +105,9 @@ def unit_of(dataset: h5py.Dataset) -> str:
 
 
 def read_packed(dataset: h5py.Dataset, first: int, last: int) -> NDArray[Any]:
-    """Read values first..last of the first axis of `PACKED` chunks that span the others.
+    """Read values first..last of the first axis of `PACKED` chunks that span the other axes.
 
-    `Chunks` unpacks them: the library unpacks whatever a chunk holds, and compares its size afterwards.
+    `Chunks` unpacks the chunks: the library would unpack whatever a chunk holds, and compare its size afterwards.
     """
     length, *across = dataset.chunks
     if across != list(dataset.shape[1:]):
@@ -145,7 +145,7 @@ def check_chunks(dataset: h5py.Dataset) -> None:
 def _check_bytes(dataset: h5py.Dataset, chunks: Iterable[h5py.h5d.StoreInfo]) -> None:
     least = most = math.prod(dataset.chunks) * dataset.dtype.itemsize + CHECKSUM_BYTES
     if dataset.compression is not None:
-        # Values that cannot be packed take a thousandth more.
+        # Values that cannot be packed grow by a thousandth.
         least, most = CHECKSUM_BYTES + 1, most + most // 1000 + 64
     for chunk in chunks:
         if chunk.filter_mask or not least <= chunk.size <= most:
@@ -153,12 +153,12 @@ def _check_bytes(dataset: h5py.Dataset, chunks: Iterable[h5py.h5d.StoreInfo]) ->
 
 
 def check_members(file: h5py.File, path: Path, values_bytes: int) -> None:
-    """Refuse a file of which anything lies elsewhere or is not stored as our writers store it, whoever reads it.
+    """Refuse a file with data elsewhere, or not stored as our writers store it, whichever program reads it.
 
     Parameters
     ----------
     values_bytes
-        Of the values that the file is about, as they are in memory: it is hardly larger.
+        Bytes of the file's main values in memory: the file is hardly larger.
     """
     size_bytes, most_bytes = path.stat().st_size, int(1.05 * values_bytes) + OTHER_BYTES
     if size_bytes > most_bytes:
@@ -170,21 +170,21 @@ def check_members(file: h5py.File, path: Path, values_bytes: int) -> None:
         if members > MOST_MEMBERS:
             raise NotAsWritten(f"it has more than {MOST_MEMBERS} groups and datasets")
         for name in group:
-            found = _member(group, name)
-            address = h5py.h5o.get_info(found.id).addr
+            member = _member(group, name)
+            address = h5py.h5o.get_info(member.id).addr
             if address in seen:
                 continue
             seen.add(address)
-            if isinstance(found, h5py.Group):
-                groups.append(found)
-            elif not isinstance(found, h5py.Dataset):
-                raise NotAsWritten(f"{_name_of(found)} is neither a group nor a dataset")
-            elif found.is_virtual:
-                _check_sources(found)
+            if isinstance(member, h5py.Group):
+                groups.append(member)
+            elif not isinstance(member, h5py.Dataset):
+                raise NotAsWritten(f"{_name_of(member)} is neither a group nor a dataset")
+            elif member.is_virtual:
+                _check_sources(member)
             else:
-                _check_stored(found)
-                if found.chunks is not None:
-                    check_chunks(found)
+                _check_stored(member)
+                if member.chunks is not None:
+                    check_chunks(member)
 
 
 def _found(file: h5py.File, path: str) -> h5py.Group | h5py.Dataset | h5py.Datatype | None:
@@ -203,12 +203,12 @@ def _member(group: h5py.Group, name: str) -> h5py.Group | h5py.Dataset | h5py.Da
 
 
 def _check_stored(dataset: h5py.Dataset) -> tuple[int, ...] | None:
-    """Refuse values that lie in another file, and more of them than are stored.
+    """Refuse values in another file, and more values than are stored.
 
     Returns
     -------
     tuple of int or None
-        The filters of its chunks; None: it is stored in one piece.
+        Filters of the dataset's chunks; None: it is stored in one piece.
     """
     layout = dataset.id.get_create_plist()
     if layout.get_external_count():
@@ -234,5 +234,5 @@ def _check_sources(dataset: h5py.Dataset) -> None:
             raise NotAsWritten(f"{_name_of(dataset)} takes its values from other files")
 
 
-def _name_of(found: h5py.Group | h5py.Dataset | h5py.Datatype) -> str:
-    return quoted(str(found.name).lstrip("/")) or "the file"
+def _name_of(member: h5py.Group | h5py.Dataset | h5py.Datatype) -> str:
+    return quoted(str(member.name).lstrip("/")) or "the file"

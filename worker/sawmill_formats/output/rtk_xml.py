@@ -1,4 +1,4 @@
-"""RTK's geometry file, version 3: what `rtk.read_geometry` reads."""
+"""RTK's geometry file, version 3, which `rtk.read_geometry` reads."""
 
 from xml.etree import ElementTree as ET
 
@@ -18,15 +18,15 @@ def rtk_xml(
     matrices: NDArray[np.float64],
     remark: str,
 ) -> str:
-    """The text of the file.
+    """Write the text of the file.
 
     Parameters
     ----------
     gantry_angles_deg : (views,) float
     matrices : (views, 3, 4) float
-        RTK recomputes them from the parameters and refuses a file in which the two disagree.
+        Matrices, which RTK recomputes from the parameters; it refuses a file in which the two disagree.
     remark : str
-        A comment at the top: the geometry does not hold the projections' spacing and origin.
+        Comment at the top: the geometry does not hold the projections' spacing and origin.
     """
     root = ET.Element("RTKThreeDCircularGeometry", version="3")
     root.append(ET.Comment(f" {remark} "))

@@ -1,4 +1,4 @@
-"""Where things lie in the file of a scan of line integrals: NXtomo, and what is ours beside it."""
+"""Paths in the file of a scan of line integrals: NXtomo's, and our own."""
 
 from sawmill_formats import nxtomo
 
@@ -10,13 +10,13 @@ ANGLES = f"{ENTRY}/{nxtomo.ANGLES}"
 # (rows, detector), counts: mean flat less mean dark field.
 AIR_LEVEL = f"{ENTRY}/{nxtomo.DETECTOR}/air_level"
 # (views, rows), 1 where a view has the row; only where views lack rows, which are NaN in the data. Its attribute: the
-# rows that enough views have, the first and the one after the last.
+# first row that enough views have, and the one after the last.
 ROWS_PRESENT, USABLE = f"{ENTRY}/{nxtomo.DETECTOR}/rows_present", "usable_rows"
-# (views, rows, detector): standard deviations of the line integrals (NXdetector's name), where they came with them or
-# rays were masked; 0 where none is known.
+# (views, rows, detector): standard deviations of the line integrals (NXdetector's name), where they came with the scan
+# or rays were masked; 0 where not known.
 DEVIATIONS = f"{ENTRY}/{nxtomo.DETECTOR}/data_errors"
 PROVENANCE = f"{ENTRY}/provenance"
 # (views,), rows: in the provenance.
 ROW_SHIFTS, ROW_SHIFT_DEVIATIONS = "row_shifts", "row_shifts_standard_deviation"
-# The data's `long_name`: how a scan of ours differs from NXtomo files of detector counts.
+# `long_name` of the data, by which a scan of ours differs from NXtomo files of detector counts.
 LINE_INTEGRALS = "line integrals"

@@ -1,4 +1,4 @@
-"""Reading back the scans of `scan_writer`: whole, some rows and views, or one sinogram."""
+"""Reading of the scans of `scan_writer`: whole, some rows and views, or one sinogram."""
 
 import math
 from collections.abc import Iterator
@@ -45,7 +45,7 @@ Shape = tuple[int, int, int]
 
 @dataclass(frozen=True, eq=False)
 class StoredScan:
-    """A scan, or the rows and views of it that were asked for.
+    """A scan, or the requested rows and views of a scan.
 
     Attributes
     ----------
@@ -57,7 +57,7 @@ class StoredScan:
     detector_pitch_mm : float
     row_pitch_mm : float or None
     deviations : (views, rows, detector) float32, or None
-        Standard deviations of the line integrals, where they came with them or rays were masked; 0 is not known.
+        Standard deviations of the line integrals, where the scan came with them or rays were masked; 0: not known.
     """
 
     line_integrals: NDArray[np.float32]
@@ -70,23 +70,23 @@ class StoredScan:
 
 @dataclass(frozen=True, eq=False)
 class OpenScan:
-    """A file of `new_scan` held open: its values, and its rows as they are needed.
+    """An open file of `new_scan`: its values, and its rows as they are needed.
 
     Attributes
     ----------
     shape : (views, rows, detector)
-        Of the whole scan.
+        Shape of the whole scan.
     angles_rad : (views,) float64
     detector_pitch_mm : float
     row_pitch_mm : float or None
     data, air_level : dataset
         The line integrals, and the air level of counts.
     present : (views, rows) bool, or None
-        Which rows each view has, where some lack some: those are NaN in the data.
+        Rows that each view has, where views lack rows; missing rows are NaN in the data.
     usable_rows : (first, one after the last) or None
-        The rows that enough views have, where some lack some.
+        Rows that enough views have, where views lack rows.
     deviations : dataset or None
-        The standard deviations of the line integrals, where they came with them or rays were masked; 0 is not known.
+        Standard deviations of the line integrals, where the scan came with them or rays were masked; 0: not known.
     """
 
     shape: tuple[int, int, int]
@@ -100,36 +100,36 @@ class OpenScan:
     deviations: h5py.Dataset | None = None
 
     def rows(self, selected: slice | range, views: NDArray[np.integer] | None = None) -> NDArray[np.float32]:
-        """Line integrals (views, rows, detector) float32 of some rows, and of some views or all.
+        """Read line integrals (views, rows, detector) float32 of some rows, and of some views or all.
 
         Raises
         ------
         UnreadableScan
-            Where they are damaged.
+            The data are damaged.
         """
         return _read(self.data, selected, views)
 
     def deviations_of(
         self, selected: slice | range, views: NDArray[np.integer] | None = None
     ) -> NDArray[np.float32] | None:
-        """Standard deviations, as `rows` gives what they are of; None where they are not known."""
+        """Read standard deviations with the same selection as `rows`; None where they are not known."""
         return None if self.deviations is None else _read(self.deviations, selected, views)
 
 
 def _read(dataset: h5py.Dataset, selected: slice | range, views: NDArray[np.integer] | None) -> NDArray[np.float32]:
-    # Chunks span the views, or many of them: reading all of a row's views and choosing afterwards costs little.
+    # Chunks span the views, or many of them: reading all views of a row and choosing afterwards costs little.
     with library_errors_translated("HDF5"):
         stack: NDArray[np.float32] = dataset[:, slice(selected.start, selected.stop, selected.step), :]
     return stack if views is None or np.array_equal(views, np.arange(len(stack))) else stack[views]
 
 
 def check_scan(path: Path, shape: Shape) -> None:
-    """Check that scan.h5 holds the scan that is recorded, and nothing that leads elsewhere; no image is read.
+    """Check that scan.h5 holds the recorded scan, and nothing that leads elsewhere; no image is read.
 
     Parameters
     ----------
     shape : (views, rows, detector)
-        As it is recorded.
+        Shape as it is recorded.
 
     Raises
     ------
@@ -148,7 +148,7 @@ def open_scan(path: Path) -> Iterator[OpenScan]:
     Raises
     ------
     DamagedResult
-        It is damaged, or another file.
+        The file is damaged, or another one.
     """
     with ExitStack() as files:
         with damage_reported(path.name):
@@ -214,7 +214,7 @@ def read_stored_scan(path: Path, rows: slice | None = None, views: NDArray[np.in
 
 @dataclass(frozen=True)
 class Sinogram:
-    """One detector row of a scan.
+    """A detector row of a scan.
 
     Attributes
     ----------
@@ -237,7 +237,7 @@ def sinogram(path: Path, shape: Shape, row: int) -> Sinogram:
     Parameters
     ----------
     shape : (views, rows, detector)
-        As it is recorded.
+        Shape as it is recorded.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Writing scans: line integrals as the product keeps them, and detector counts as a scanner would."""
+"""Writing of scans: line integrals as the product stores them, and detector counts as a scanner would."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -28,12 +28,12 @@ from sawmill_formats.output.scan_layout import (
 
 @dataclass(frozen=True, eq=False)
 class RowsPresent:
-    """Which rows there are, where views lack some.
+    """Rows that views have, where views lack some.
 
     Attributes
     ----------
     of_views : (views, rows) bool
-        The others are NaN in the data.
+        True where a view has the row; missing rows are NaN in the data.
     usable : (first, one after the last)
         The rows that enough views have.
     """
@@ -64,12 +64,12 @@ class NewScan:
         rows_present: RowsPresent | None = None,
         deviations: NDArray[np.float32] | None = None,
     ) -> None:
-        """Write what is known when all line integrals are there.
+        """Write properties that are known when all line integrals are there.
 
         Parameters
         ----------
         air_level, provenance, row_shifts
-            As of `write_scan`.
+            As in `write_scan`.
         row_shift_deviations : (views,) float64, rows, or None
             The standard deviation of each shift.
         rows_present : RowsPresent or None
@@ -103,7 +103,7 @@ def new_scan(
     row_pitch_mm: float | None,
     views_together: int | None = None,
 ) -> Iterator[NewScan]:
-    """A new scan (views, rows, detector) of line integrals, one row of which can be read alone; whole or not at all.
+    """Open a new scan (views, rows, detector) of line integrals, readable row by row; whole or not at all.
 
     Parameters
     ----------
@@ -156,9 +156,9 @@ def write_scan(
     air_level : (rows, detector) float32, counts, or None
         Mean flat less mean dark field: with it counts can be recovered from line integrals.
     provenance : mapping of str to str
-        Where the data come from; written into the file.
+        Origin of the data, written into the file.
     row_shifts : (views,) float64, rows, or None
-        The shift of each view along the log; None where none was shifted.
+        Shift of each view along the log; None where no view was shifted.
 
     Raises
     ------

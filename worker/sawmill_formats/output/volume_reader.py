@@ -1,4 +1,4 @@
-"""Reading back the volumes of `volume_writer`: slices, side views, and what alpha was chosen from."""
+"""Reading of the volumes of `volume_writer`: slices, side views, and the curve from which alpha was chosen."""
 
 import math
 from collections.abc import Iterable, Iterator
@@ -27,28 +27,28 @@ from sawmill_formats.output.own_hdf5 import (
 
 Axis = Literal["x", "y"]
 Shape = tuple[int, int, int]
-# Of a rule for alpha.
+# Most points of a curve for alpha.
 MOST_POINTS = 10_000
 
 
 @dataclass(frozen=True)
 class VolumeSlice:
-    """One slice of a reconstruction.
+    """A slice of a reconstruction.
 
     Attributes
     ----------
     data : (x, y) float32
         Attenuation in `unit`.
     index
-        Of the slice, from 0.
+        Number of the slice, from 0.
     height_mm
-        Where it lies along the log; None where slices have no spacing.
+        Position along the log; None where slices have no spacing.
     pixel_mm
         Distance between pixels.
     first_pixel_mm : (x, y)
-        Where the centre of pixel [0, 0] lies.
+        Centre of pixel [0, 0].
     unit
-        Of the data.
+        Unit of the data.
     """
 
     data: NDArray[np.float32]
@@ -60,13 +60,13 @@ class VolumeSlice:
 
     @property
     def label(self) -> str:
-        """Which slice it is, and where it lies."""
+        """Number of the slice, and its position."""
         return f"slice {self.index}" if self.height_mm is None else f"slice {self.index}, {self.height_mm:g} mm"
 
 
 @dataclass(frozen=True)
 class VolumeGrid:
-    """Where a volume's slices and pixels lie.
+    """Positions of a volume's slices and pixels.
 
     Attributes
     ----------
@@ -74,9 +74,9 @@ class VolumeGrid:
     pixel_mm
         Distance between pixels.
     first_pixel_mm : (x, y)
-        Where the centre of pixel [0, 0] lies.
+        Centre of pixel [0, 0].
     first_height_mm, spacing_mm
-        Where slice 0 lies along the log, and the distance to the next one; None where slices have no spacing.
+        Position of slice 0 along the log, and the distance to the next slice; None where slices have no spacing.
     """
 
     shape: tuple[int, int, int]
@@ -88,20 +88,20 @@ class VolumeGrid:
 
 @dataclass(frozen=True)
 class SideView:
-    """The densest values of a reconstruction, looked at from the side.
+    """Densest values of a reconstruction, seen from the side.
 
     Attributes
     ----------
     data : (slice, x or y) float32
         The maximum over the other axis of each slice, in `unit`.
     across
-        The axis that is left: x or y.
+        Remaining axis: x or y.
     across_mm : (low, high)
         Ends of the field along it.
     along_mm : (low, high) or None
         Ends of the log along its length; None where slices have no spacing.
     unit
-        Of the data.
+        Unit of the data.
     """
 
     data: NDArray[np.float32]
@@ -112,17 +112,17 @@ class SideView:
 
 
 def check_volume(path: Path, shape: Shape) -> None:
-    """Check that volume.h5 holds the volume that is recorded, and nothing that leads elsewhere; no slice is read.
+    """Check that volume.h5 holds the recorded volume, and nothing that leads elsewhere; no slice is read.
 
     Parameters
     ----------
     shape : (slice, x, y)
-        As it is recorded; so in every function here.
+        Shape as it is recorded; so in every function here.
 
     Raises
     ------
     DamagedResult
-        It does not; so does every function here.
+        It does not; every function here raises this.
     """
     with reading_own(path) as file:
         check_members(file, path, 4 * math.prod(shape))
@@ -133,13 +133,13 @@ def check_volume(path: Path, shape: Shape) -> None:
 
 
 def volume_grid(path: Path, shape: Shape) -> VolumeGrid:
-    """Read where the slices and pixels of volume.h5 lie."""
+    """Read the positions of the slices and pixels of volume.h5."""
     with reading_own(path) as file:
         return _grid(file, shape)[0]
 
 
 def _grid(file: h5py.File, shape: Shape) -> tuple[VolumeGrid, NDArray[np.float64] | None]:
-    """Where slices and pixels lie, and the height of each slice; None where slices have no spacing."""
+    """Read the positions of slices and pixels, and the height of each slice; None where slices have no spacing."""
     z_mm = values_at(file, f"{layout.RECONSTRUCTION}/z", shape[:1])
     x_mm = values_of(file, f"{layout.RECONSTRUCTION}/x", shape[1:2])
     y_mm = values_of(file, f"{layout.RECONSTRUCTION}/y", shape[2:])
@@ -210,12 +210,12 @@ def deviation_slice(path: Path, shape: Shape, index: int) -> VolumeSlice:
 
 
 def alpha_curve(path: Path) -> dict[str, NDArray[Any]]:
-    """Read what Tikhonov's alpha was chosen from, by column.
+    """Read the curve from which Tikhonov's alpha was chosen, by column.
 
     Raises
     ------
     NotStored
-        The volume was reconstructed by another method, or shows nothing.
+        The volume was reconstructed by another method, or is empty.
     """
     with reading_own(path) as file:
         group = group_at(file, layout.ALPHA_CURVE)
@@ -232,7 +232,7 @@ def alpha_curve(path: Path) -> dict[str, NDArray[Any]]:
 
 
 def side_view(path: Path, shape: Shape, along: Axis) -> SideView:
-    """Read what volume.h5 shows when looked at along x or along y; the slices themselves are not read.
+    """Read the side view of volume.h5 along x or along y; the slices themselves are not read.
 
     Raises
     ------
@@ -253,7 +253,7 @@ def side_view(path: Path, shape: Shape, along: Axis) -> SideView:
             data=read_packed(data, 0, len(data)),
             across=across,
             across_mm=_ends(across_mm, pixel_mm),
-            # One slice alone has no spacing: it is shown as thick as its pixels are wide.
+            # A single slice has no spacing: it is shown as thick as its pixels are wide.
             along_mm=None if along_mm is None else _ends(along_mm, pixel_mm),
             unit=unit_of(data),
         )
@@ -265,6 +265,6 @@ def _side_shape(shape: Shape, along: Axis) -> tuple[int, int]:
 
 
 def _ends(centres_mm: NDArray[np.float64], only_mm: float) -> tuple[float, float]:
-    """Half a spacing beyond the first and the last; `only_mm` is the spacing of one alone."""
+    """Return the axis' ends, half a spacing beyond the first and last centre; `only_mm` is a single one's spacing."""
     half = 0.5 * float(centres_mm[1] - centres_mm[0] if len(centres_mm) > 1 else only_mm)
     return float(centres_mm[0]) - half, float(centres_mm[-1]) + half

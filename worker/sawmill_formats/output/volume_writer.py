@@ -1,4 +1,4 @@
-"""Writing reconstructed volumes: HDF5 as NXtomoproc and as VTKHDF."""
+"""Writing of reconstructed volumes: HDF5 as NXtomoproc and as VTKHDF."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -16,7 +16,7 @@ from sawmill_formats.output import volume_layout as layout
 from sawmill_formats.output.vtk_hdf import describe_image
 from sawmill_formats.packing import pack, write_chunk
 
-# Slices a chunk of the side views: about as many as are written at a time.
+# Number of slices in a chunk of the side views: about as many as are written at a time.
 SIDE_VIEW_ROWS = 64
 
 
@@ -27,9 +27,9 @@ class PackedSlices:
     Attributes
     ----------
     chunks : tuple of bytes
-        One a slice.
+        One chunk for each slice.
     along_x, along_y : (slices, y), (slices, x) float32
-        What is densest in each slice along x, and along y.
+        Maximum of each slice along x, and along y.
     """
 
     chunks: tuple[bytes, ...]
@@ -43,13 +43,13 @@ class PackedSlices:
         return cls(tuple(map(pack, single)), single.max(axis=1), single.max(axis=2))
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """The same as arrays of numbers."""
+        """Return the packed slices as arrays of numbers."""
         chunks = {f"chunk_{n}": np.frombuffer(chunk, np.uint8) for n, chunk in enumerate(self.chunks)}
         return {"along_x": self.along_x, "along_y": self.along_y, **chunks}
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray[Any]]) -> "PackedSlices":
-        """Back from `arrays`; others among them are left alone."""
+        """Restore packed slices from `arrays`; other arrays in the mapping are ignored."""
         along_x, along_y = arrays["along_x"], arrays["along_y"]
         return cls(tuple(arrays[f"chunk_{n}"].tobytes() for n in range(len(along_x))), along_x, along_y)
 
@@ -62,22 +62,22 @@ class NewVolume:
         self._along_x, self._along_y = _new_side_views(file)
 
     def write(self, first: int, slices: NDArray[np.float32]) -> None:
-        """Write slices (slices, x, y), and what is densest in them from the side."""
+        """Write slices (slices, x, y), and their side views."""
         self.write_packed(first, PackedSlices.of(slices))
 
     def write_packed(self, first: int, slices: PackedSlices) -> None:
-        """As `write`."""
+        """Write packed slices as `write` does."""
         for n, chunk in enumerate(slices.chunks, first):
             write_chunk(self._volume, n, chunk)
         written = np.s_[first : first + len(slices.chunks)]
         self._along_x[written], self._along_y[written] = slices.along_x, slices.along_y
 
     def note_method(self, report: Mapping[str, Any]) -> None:
-        """Write down what the method did; JSON-able, the units in the names."""
+        """Write what the method did; JSON-able, the units in the names."""
         write_mapping(self._file[layout.RECONSTRUCTION], "method", report)
 
     def note_alpha_curve(self, columns: Mapping[str, NDArray[np.float64]]) -> None:
-        """Write down what a rule for Tikhonov's alpha saw, a column each."""
+        """Write the curve of a rule for Tikhonov's alpha, a column each."""
         group = new_group(self._file, layout.ALPHA_CURVE, "NXcollection")
         for name, values in columns.items():
             group[name] = values
@@ -98,29 +98,29 @@ def new_reconstruction(
     centre_mm: tuple[float, float] = (0.0, 0.0),
     first_slice_mm: float = 0.0,
 ) -> Iterator[NewVolume]:
-    """Yield what writes slices of a volume into /entry/reconstruction/data, laid out as NXtomoproc and as VTKHDF.
+    """Yield the writer of slices of a volume in /entry/reconstruction/data, laid out as NXtomoproc and as VTKHDF.
 
-    The volume is stored once: in /entry/data, where NXtomoproc wants it; /VTKHDF has a virtual dataset of it.
-    The file is there when the block has ended well, and not before.
+    The volume is stored once: in /entry/data, where NXtomoproc expects it; /VTKHDF has a virtual dataset of it.
+    The file is there when the block has ended without an error, and not before.
 
     Parameters
     ----------
     shape : (slice, x, y)
-        Of the whole volume.
+        Shape of the whole volume.
     pixel_mm : float
         Side of a pixel.
     row_pitch_mm : float or None
-        Distance between slices; None where they have no spacing, then the slice axis counts them.
+        Distance between slices; None where they have no spacing: then the slice axis counts them.
     unit : str
-        Of the volume's values, as in `1/mm`.
+        Unit of the volume's values, as in `1/mm`.
     geometry, parameters : mapping
         JSON-able, the units in the names.
     software_version, input_sha256 : str
-        What made the volume, and from which scan.
+        Version of the program that made the volume, and checksum of the scan.
     centre_mm : (x, y)
         Middle of the slices, the rotation centre at (0, 0).
     first_slice_mm : float
-        Where the first slice lies along the log.
+        Position of the first slice along the log.
 
     Raises
     ------
@@ -139,7 +139,7 @@ def new_reconstruction(
         describe_image(volume, "attenuation", (along, x_mm, y_mm), spacing_mm)
         _write_origin(entry)
         process = write_process(file, layout.RECONSTRUCTION, software_version, input_sha256)
-        # The scan's file had a name where it came from; here it is known by its checksum.
+        # The scan's file had a name at its origin; here it is known by its checksum.
         write_mapping(process, "parameters", {**parameters, "raw_file": f"sha256:{input_sha256}"})
         process["parameters"].attrs["NX_class"] = "NXparameters"
         for dataset in (volume, *(file[layout.PLOT][axis] for axis in file[layout.PLOT].attrs["axes"])):
@@ -169,7 +169,7 @@ def _new_volume(
     )
     volume.attrs["units"] = unit
     volume.attrs["long_name"] = f"attenuation ({unit})"
-    # NXtomoproc asks, in texts, how values became numbers: they are stored as they are.
+    # NXtomoproc requires texts on how values became numbers: they are stored as they are.
     volume.attrs["transform"], volume.attrs["offset"], volume.attrs["scaling"] = "none", "0", "1"
     write_scalar(data, "x", x_mm, "mm")
     write_scalar(data, "y", y_mm, "mm")
@@ -179,19 +179,19 @@ def _new_volume(
     else:
         write_scalar(data, "slice", along, "1")
         data["slice"].attrs["long_name"] = "slice"
-        # NXtomoproc requires a z, in whatever unit.
+        # NXtomoproc requires a z, in any unit.
         data["z"] = data["slice"]
     return volume
 
 
 def _link_to_process(dataset: h5py.Dataset) -> None:
-    """Under its own name, by a hard link."""
+    """Link a dataset to the process group under its own name, by a hard link."""
     name = dataset.name.rpartition("/")[2]
     dataset.file[layout.RECONSTRUCTION][name] = dataset
 
 
 def _new_side_views(file: h5py.File) -> list[h5py.Dataset]:
-    """The maximum of each slice along x, (slice, y), and along y, (slice, x), still to be written."""
+    """Make the datasets of each slice's maximum along x, (slice, y), and along y, (slice, x), still to be written."""
     volume = file[layout.PLOT]
     slice_axis, x, y = volume.attrs["axes"]
     new_group(file, layout.SIDE_VIEWS, "NXcollection")
@@ -218,7 +218,7 @@ def _centres_mm(count: int, spacing_mm: float) -> NDArray[np.float64]:
 
 
 def _write_origin(entry: h5py.Group) -> None:
-    """What NXtomoproc wants to know of the source and the sample."""
+    """Write what NXtomoproc requires about the source and the sample."""
     source = new_group(new_group(entry, "instrument", "NXinstrument"), "source", "NXsource")
     source["type"], source["name"], source["probe"] = "Fixed Tube X-ray", "X-ray tube of the sawmill's scanner", "x-ray"
     new_group(entry, "sample", "NXsample")["name"] = "log"

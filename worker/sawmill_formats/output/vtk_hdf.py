@@ -11,31 +11,31 @@ from numpy.typing import NDArray
 
 _GROUP, _POINTS = "VTKHDF", "VTKHDF/PointData"
 # VTK counts along an array's last axis first, and that is y: its (i, j, k) run along y, x and z. Volumes are drawn only
-# where these three are right-handed, so the slices come last first.
+# where these three are right-handed, so the slices are in reverse order.
 _ALONG_Y_X_MINUS_Z = ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, -1.0))
 
 
 def describe_image(
     volume: h5py.Dataset, name: str, axes_mm: Sequence[NDArray[np.float64]], spacing_mm: Sequence[float]
 ) -> None:
-    """Tell VTK where the values of a volume (z, x, y) lie: each is a point in the middle of its pixel.
+    """Describe the positions of a volume's values (z, x, y) to VTK: each is a point in the middle of its pixel.
 
     Parameters
     ----------
     volume : dataset
-        What is shown first.
+        Values that are shown first.
     name : str
-        What VTK is to call it.
+        Name of the volume in VTK.
     axes_mm : (z, x, y)
-        The middles of the pixels along each axis.
+        Centres of the pixels along each axis.
     spacing_mm : (z, x, y)
-        The distances between them.
+        Distances between the centres.
     """
     z_mm, x_mm, y_mm = axes_mm
     group = volume.file.create_group(_GROUP)
-    # The oldest version that has images, so that every reader takes it.
+    # The oldest version that has images, so that every reader accepts it.
     group.attrs["Version"] = np.array([1, 0])
-    # Readers want texts of fixed length.
+    # Readers require texts of fixed length.
     group.attrs["Type"] = np.bytes_("ImageData")
     group.attrs["WholeExtent"] = np.ravel([(0, length - 1) for length in reversed(volume.shape)])
     group.attrs["Origin"] = np.array([x_mm[0], y_mm[0], z_mm[-1]])

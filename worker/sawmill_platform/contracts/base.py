@@ -1,4 +1,4 @@
-"""The base of every contract, and the few types that many of them share."""
+"""The base of every contract, and types that many contracts share."""
 
 import re
 from datetime import datetime
@@ -36,7 +36,7 @@ Name = Annotated[
 ]
 PositiveMm = Annotated[float, Field(gt=0, le=LARGEST_MM)]
 ChosenViews = Annotated[int, Field(ge=3, le=100_000)]
-# The bound of a number whose field has no closer one.
+# Bound of a number whose field has no closer one.
 LARGEST_NUMBER = 10**12
 Time = Annotated[AwareDatetime, Field(description="RFC 3339, UTC.", examples=["2026-03-02T05:30:00Z"])]
 
@@ -45,15 +45,15 @@ _SPAN = re.compile(r"([0-9]{1,9}):([0-9]{1,9})(?::([0-9]{1,9}))?")
 
 
 def parse_span(what: str, text: str) -> slice:
-    """A:B or A:B:STEP as a slice.
+    """Read A:B or A:B:STEP as a slice.
 
     Raises
     ------
     ValueError
-        The text is neither, or names nothing.
+        The text has neither form, or the slice is empty.
     """
-    found = _SPAN.fullmatch(text)
-    first, last, step = (None if part is None else int(part) for part in found.groups()) if found else (0, 0, None)
+    match = _SPAN.fullmatch(text)
+    first, last, step = (None if part is None else int(part) for part in match.groups()) if match else (0, 0, None)
     if first is None or last is None or first >= last or step == 0:
         msg = f"{what} must be A:B with 0 <= A < B, as in 0:16, or A:B:STEP, as in 0:2500:10, not {text!r}"
         raise ValueError(msg)
@@ -61,7 +61,7 @@ def parse_span(what: str, text: str) -> slice:
 
 
 def parse_rows(rows: str) -> slice:
-    """The rows of A:B or A:B:STEP."""
+    """Read A:B or A:B:STEP as a slice of rows."""
     return parse_span("rows", rows)
 
 
@@ -98,22 +98,22 @@ SteppedRows = Annotated[
 
 
 def complaint(error: ValidationError) -> str:
-    """A contract's first complaint."""
+    """Return a contract's first complaint."""
     first = error.errors()[0]
-    # Pydantic has other words for a field that a dataclass does not have.
+    # Pydantic has another text for a field that a dataclass does not have.
     if first["type"] == "unexpected_keyword_argument":
         return "Extra inputs are not permitted"
     return first["msg"].removeprefix("Value error, ")
 
 
 def placed_complaint(error: ValidationError) -> str:
-    """A contract's first complaint, after the place of the value."""
+    """Return a contract's first complaint, after the place of the value."""
     place = ".".join(str(part) for part in error.errors()[0]["loc"])
     return f"{place}: {complaint(error)}" if place else complaint(error)
 
 
 def check_range(value: tuple[float, float]) -> tuple[float, float]:
-    """Refuse what is no [low, high]."""
+    """Check that the value is a range [low, high]."""
     if not value[0] < value[1]:
         msg = f"a range must be [low, high] with low < high, not {list(value)}"
         raise ValueError(msg)
@@ -135,16 +135,16 @@ Item = TypeVar("Item")
 
 
 class Page(Contract, Generic[Item]):
-    """One page of a list, newest first; `next` is the cursor of the following page."""
+    """A page of a list, newest first; `next` is the cursor of the following page."""
 
     model_config = ConfigDict(json_schema_extra={"description": "One page of a list, newest first."})
 
     @classmethod
     def model_parametrized_name(cls, params: tuple[Any, ...]) -> str:
-        """As pydantic asks for it: `ScanPage` for pages of `Scan`."""
+        """Name the model as pydantic needs it: `ScanPage` for pages of `Scan`."""
         return f"{params[0].__name__}Page"
 
-    items: list[Item] = Field(description="Those of this page, newest first.")
+    items: list[Item] = Field(description="Items of this page, newest first.")
     next: str | None = Field(
         None,
         description="Pass as `after` to get the following page; null on the last.",
@@ -153,7 +153,7 @@ class Page(Contract, Generic[Item]):
 
 
 class Stamped(Contract):
-    """What every stored resource carries."""
+    """Fields of every stored resource."""
 
     id: Identifier = Field(description="The resource's id, which the service gives.", examples=["example"])
-    created_at: datetime = Field(description="When it was created, RFC 3339, UTC.", examples=["2026-03-02T05:30:00Z"])
+    created_at: datetime = Field(description="Time of creation, RFC 3339, UTC.", examples=["2026-03-02T05:30:00Z"])

@@ -6,7 +6,7 @@ from sawmill_platform.contracts.registered import RegisteredWord
 
 
 class EventKind(RegisteredWord):
-    """What happened."""
+    """Kind of an event."""
 
     is_decision: bool
     is_public: bool

@@ -1,4 +1,4 @@
-"""What happened, and when: to scanners and what belongs to them, to jobs and attempts at them, and to the clock."""
+"""Events and their times: of scanners and what belongs to them, of jobs and attempts at them, and of the clock."""
 
 from typing import Any
 
@@ -9,59 +9,60 @@ from sawmill_platform.contracts.event_kinds import EventKind
 
 
 class Event(Contract):
-    """One thing that happened."""
+    """An event."""
 
     number: int = Field(
         description="Number of the event; it grows from event to event, not always by 1.", examples=[42]
     )
     at: Time = Field(examples=["2026-03-02T05:31:04Z"])
     what: EventKind = Field(
-        description="`queued` to `cancelled` are of the job `job_id`. `lost`: the attempt ended unanswered; `put-off`: "
-        "an outage ended it, which is no loss; `given-back`: its worker stopped or another job went first; "
-        "`cancel-requested`: its worker was asked to stop; "
-        "`schedule-missed`: a due time passed and nothing was queued, once until the schedule runs again; "
-        "`alarm-opened`, `alarm-closed`: of a scanner, which `/v1/alarms` lists between the two; `webhook-paused`: "
-        "nothing is sent to it any more, for `reason`; `retention-removed`: some of what `subject_id` names, as "
-        "`log-scans`, went by the rules of "
-        "`/v1/retention`; `clock-off`: the worker's clock differs from the "
-        "service's by more than 5 s; `clock-stepped`: the service took over a lasting step of its machine's clock; "
-        "`restored`: what is stored is of a backup, and what happened since then is not in it.",
+        description="`queued` to `cancelled` concern the job `job_id`. `lost`: the attempt ended without an answer; "
+        "`put-off`: an outage ended the attempt, which is no loss; `given-back`: its worker stopped or another job "
+        "went first; `cancel-requested`: its worker was requested to stop; `schedule-missed`: a due time passed and "
+        "nothing was queued, reported once until the schedule runs again; `alarm-opened`, `alarm-closed`: an alarm "
+        "of a scanner, which `/v1/alarms` lists between the two; `webhook-paused`: nothing is sent to the webhook "
+        "any more, for `reason`; `retention-removed`: rows or files of the kind that `subject_id` names, as "
+        "`log-scans`, were removed by the rules of `/v1/retention`; `clock-off`: the worker's clock differs from "
+        "the service's by more than 5 s; `clock-stepped`: the service followed a lasting step of its machine's "
+        "clock; `restored`: the database was restored from a backup and lacks what happened after that backup.",
         examples=["succeeded"],
     )
     scanner_id: Identifier | None = Field(
-        None, description="The scanner that it concerns, where there is one.", examples=["example"]
+        None, description="Id of the scanner that the event concerns. Null: none.", examples=["example"]
     )
     subject: str | None = Field(
         None,
-        description="What `subject_id` names: `scanner`, `scan`, `phantom`, `calibration`, `reconstruction`, `plan`, "
+        description="Type of `subject_id`: `scanner`, `scan`, `phantom`, `calibration`, `reconstruction`, `plan`, "
         "`drift`, `inspection`, `schedule`, `upload`, `key`, `webhook` or `retention`.",
         examples=["calibration"],
     )
     subject_id: Identifier | None = Field(
         None,
-        description="What it happened to; of a job, what the job works on. Null in events of earlier versions.",
+        description="Id of the object of the event; for a job, of what the job works on. Null in events of earlier "
+        "versions.",
         examples=["example"],
     )
     job_id: Identifier | None = Field(
-        None, description="Id of the job that it concerns. Null: none.", examples=["example"]
+        None, description="Id of the job that the event concerns. Null: none.", examples=["example"]
     )
     attempt: int | None = Field(
-        None, description="Number of the attempt at the job. Null: it is of no attempt.", examples=[1]
+        None, description="Number of the attempt at the job. Null: the event concerns no attempt.", examples=[1]
     )
-    worker: str | None = Field(None, description="Host and process.", examples=["mill:71"])
+    worker: str | None = Field(
+        None, description="Host and process of the worker. Null: the event concerns no worker.", examples=["mill:71"]
+    )
     detail: dict[str, Any] | None = Field(
         None,
-        description="As the failure of an attempt and, where its process could tell, `peak_memory_bytes`; "
-        "`reason` of an activation, a refusal, "
-        "a paused webhook or a missed due time, which is `due_at`; `used_by`, the address of what was made of an "
-        "upload, or the `reason` of its end; an alarm as `/v1/alarms` has it; the name of a backup and when it was "
-        "taken; `number`, `freed_bytes`, `first_at` and `last_at` of what went by rules of retention; or seconds of "
-        "the clock.",
+        description="Details by kind of event: the failure of an attempt and, where its process could report it, "
+        "`peak_memory_bytes`; `reason` of an activation, a refusal, a paused webhook or a missed due time, which is "
+        "`due_at`; `used_by`, the address of what was made from an upload, or the `reason` of its end; an alarm as "
+        "in `/v1/alarms`; the name of a backup and when it was taken; `number`, `freed_bytes`, `first_at` and "
+        "`last_at` of what rules of retention removed; or seconds of the clock.",
         examples=[{"reason": "checked by hand"}],
     )
 
 
 class JobHistory(Contract):
-    """Each attempt at a job and its fate."""
+    """The attempts at a job and their results."""
 
-    events: list[Event] = Field(description="The oldest first.")
+    events: list[Event] = Field(description="Events, the oldest first.")

@@ -1,4 +1,4 @@
-"""The base of bodies and queries, and the types of their texts, days and times."""
+"""The base of request bodies and queries, and the types of their texts, days and times."""
 
 import re
 from collections.abc import Iterator
@@ -18,7 +18,8 @@ from pydantic_core import InitErrorDetails, PydanticCustomError
 from sawmill_platform.contracts import patterns
 from sawmill_platform.contracts.base import Contract
 
-# With half surrogates, and the format characters of the planes beyond the first.
+# Characters that are not shown: the patterns' and half surrogates, and format characters of the planes beyond the
+# first.
 _NOT_SHOWN = re.compile(
     rf"[{patterns.NOT_SHOWN}\ud800-\udfff\U000110bd\U000110cd\U00013430-\U0001343f\U0001bca0-\U0001bca3"
     r"\U0001d173-\U0001d17a\U000e0001\U000e0020-\U000e007f]"
@@ -31,15 +32,15 @@ Place = tuple[Any, ...]
 
 
 def hidden_characters(sent: dict[str, Any] | list[Any]) -> Iterator[dict[str, Any]]:
-    """Find each text with a character that is not shown: a fault as pydantic lists them, with its place."""
+    """Find each text with a character that is not shown: a fault as pydantic lists it, with its place."""
     ahead: list[tuple[Place, Any]] = [((), sent)]
     while ahead:
         place, within = ahead.pop()
         for name, value in within.items() if isinstance(within, dict) else enumerate(within):
             if isinstance(value, dict | list):
                 ahead.append(((*place, name), value))
-            elif isinstance(value, str) and (found := _NOT_SHOWN.search(value.strip())):
-                wrong = f"U+{ord(found[0]):04X} as in {value!r:.100}"
+            elif isinstance(value, str) and (hidden := _NOT_SHOWN.search(value.strip())):
+                wrong = f"U+{ord(hidden[0]):04X} as in {value!r:.100}"
                 message = f"must be without control characters and invisible ones, not with {wrong}"
                 yield {"type": "value_error", "loc": (*place, name), "msg": message, "input": value}
 
@@ -49,23 +50,23 @@ def shown(text: str) -> str:
     return _NOT_SHOWN.sub("", text).strip()
 
 
-def _as_day(given: object) -> date:
-    """Read a day; pydantic takes a number, in a text too, for seconds since 1970."""
-    if isinstance(given, str) and _DAY.fullmatch(given.strip()):
-        return date.fromisoformat(given.strip())
-    if isinstance(given, date):
-        return given
-    msg = f"should be a valid date, not {given!r:.100}: write it as in 2026-03-31"
+def _as_day(value: object) -> date:
+    """Read a day; pydantic would read a number, also in a text, as seconds since 1970."""
+    if isinstance(value, str) and _DAY.fullmatch(value.strip()):
+        return date.fromisoformat(value.strip())
+    if isinstance(value, date):
+        return value
+    msg = f"should be a valid date, not {value!r:.100}: write it as in 2026-03-31"
     raise ValueError(msg)
 
 
-def _as_time(given: object) -> object:
-    """Read a time; pydantic takes a number, in a text too, for seconds since 1970."""
-    if isinstance(given, int | float) or (isinstance(given, str) and _NUMBER.fullmatch(given.strip())):
-        msg = f"must be a time with its offset, as in 2026-03-01T00:00:00+02:00, and not the number {given}"
+def _as_time(value: object) -> object:
+    """Read a time; pydantic would read a number, also in a text, as seconds since 1970."""
+    if isinstance(value, int | float) or (isinstance(value, str) and _NUMBER.fullmatch(value.strip())):
+        msg = f"must be a time with its offset, as in 2026-03-01T00:00:00+02:00, and not the number {value}"
         raise ValueError(msg)
-    # Strict JSON has no texts for a validator that stands behind this one.
-    return _TIME.validate_python(given)
+    # Strict JSON has no texts for a validator that follows this one.
+    return _TIME.validate_python(value)
 
 
 def _in_utc(moment: datetime) -> datetime:

@@ -12,7 +12,7 @@ from sawmill_vocabulary import Progress
 
 
 class JobKind(RegisteredWord):
-    """What a worker can be asked to do."""
+    """Kind of a job, for which a worker has code."""
 
     plural: str
     declared_in: str
@@ -34,7 +34,7 @@ class JobKind(RegisteredWord):
 
 
 class JobState(StrEnum):
-    """A job's life: queued, running, then one of the three ends."""
+    """State of a job: queued, running, then one of the three ends."""
 
     QUEUED = "queued"
     RUNNING = "running"
@@ -44,19 +44,19 @@ class JobState(StrEnum):
 
     @property
     def ended(self) -> bool:
-        """Whether nothing more will happen."""
+        """True if nothing more will happen."""
         return self in {JobState.SUCCEEDED, JobState.FAILED, JobState.CANCELLED}
 
 
-# As conditions on rows need them.
+# A tuple, as conditions on rows need it.
 ENDED = tuple(state for state in JobState if state.ended)
 UNFINISHED = tuple(state for state in JobState if not state.ended)
 
 
 class Priority(StrEnum):
-    """Which job comes first: somebody waits for it, it is one of many as of a schedule, or it is for idle times."""
+    """Priority of a job: a client waits for it, it is one of a batch such as a schedule's, or it is for idle times."""
 
-    # A line a priority: its name, and its rank in the queue, the lowest first.
+    # One line for each priority: its name, and its rank in the queue, the lowest first.
     WAITED_FOR = "waited-for", 0
     BATCH = "batch", 1
     BACKGROUND = "background", 2
@@ -64,14 +64,14 @@ class Priority(StrEnum):
     rank: int
 
     def __new__(cls, name: str, rank: int) -> Self:
-        """A word that carries the rank."""
+        """Make a word that carries the rank."""
         priority = str.__new__(cls, name)
         priority._value_, priority.rank = name, rank
         return priority
 
 
 class FailureKind(StrEnum):
-    """Whose fault an ended job is: the asker's (no retry), passing (retried), or ours (alert)."""
+    """Cause of a failure: the client's input (no retry), something passing (retried), or the service (alert)."""
 
     INPUT = "input"
     PASSING = "passing"
@@ -79,57 +79,70 @@ class FailureKind(StrEnum):
 
 
 class Failure(Contract):
-    """Why a job failed, in one sentence: which value, and what would be right."""
+    """Reason why a job failed, in one sentence: which value, and what would be right."""
 
     kind: FailureKind = Field(
-        description="Whose failure it is, and so whether the job is tried again.", examples=["input"]
+        description="Cause of the failure, and so whether the job is tried again.", examples=["input"]
     )
-    code: str = Field(description="Stable, for programs.", examples=["phantom-not-found"])
+    code: str = Field(description="Stable code, for programs.", examples=["phantom-not-found"])
     detail: str = Field(
         description="One sentence: which value, and what would be right.", examples=["there is no phantom 'cross'"]
     )
 
 
 class Job(Stamped):
-    """A job as it stands."""
+    """A job in its present state."""
 
-    kind: JobKind = Field(description="What it does.", examples=["calibrate"])
-    state: JobState = Field(description="Where it is in its life.", examples=["running"])
+    kind: JobKind = Field(description="Kind of work.", examples=["calibrate"])
+    state: JobState = Field(description="State of the job.", examples=["running"])
     subject_id: Identifier = Field(
-        description="What it works on, as a scan, a phantom or a calibration.", examples=["example"]
+        description="Id of the scan, the phantom, the calibration or another object that the job works on.",
+        examples=["example"],
     )
     short: bool = Field(
         default=False,
-        description="It takes seconds: it has a lane in which none waits for a long one, as a reconstruction.",
+        description="Whether the job takes seconds. Short jobs have a lane of their own, in which none waits for a "
+        "long job such as a reconstruction.",
         examples=[True],
     )
     priority: Priority = Field(
-        Priority.WAITED_FOR, description="Those waited for go first, those of a batch next.", examples=["waited-for"]
+        Priority.WAITED_FOR,
+        description="Jobs with `waited-for` go first, those of a batch next.",
+        examples=["waited-for"],
     )
     queue_position: int | None = Field(
         None,
-        description="Number of jobs before it in the queue, of a short one those of its lane; null once it runs.",
+        description="Number of jobs before this one in the queue; for a short job, in its lane. Null once the job "
+        "runs.",
         examples=[0],
     )
     seconds_left: float | None = Field(
         None,
         ge=0,
-        description="About how many seconds until it succeeds: by its progress, and by how long jobs of its kind "
-        "took lately, with those before it. Null: nothing is known, or it has ended.",
+        description="Approximate number of seconds until the job succeeds: from its progress, and from recent times "
+        "of jobs of its kind, with the jobs before it. Null: nothing is known, or the job has ended.",
         examples=[12.0],
     )
     background: Annotated[
-        bool, Field(description="As the examples: starts when no other job could, and gives way to one.")
+        bool,
+        Field(
+            description="Whether the job is one of the examples: it starts when no other job could, and gives way to "
+            "any other job."
+        ),
     ] = Field(default=False, examples=[False])
     not_before: Time | None = Field(
-        None, description="While it waits to be tried again: the earliest time.", examples=["2026-03-02T05:31:10Z"]
+        None,
+        description="Earliest time of the next attempt. Null: the job is not waiting to be tried again.",
+        examples=["2026-03-02T05:31:10Z"],
     )
     waiting_for: Failure | None = Field(
-        None, description="While it waits to be tried again: the passing failure because of which it does."
+        None,
+        description="Passing failure because of which the job waits to be tried again. Null: the job is not waiting "
+        "to be tried again.",
     )
-    progress: Progress | None = Field(None, description="How far it is. Null: it does not run.")
+    progress: Progress | None = Field(None, description="Progress. Null: the job does not run.")
     attempt: int = Field(
-        description="How often it was started; the number tells one attempt from another, and is not limited.",
+        description="Number of starts; the number tells one attempt from another, and is not limited.",
         examples=[1],
     )
     losses: int = Field(
@@ -139,32 +152,36 @@ class Job(Stamped):
         examples=[0],
     )
     worker: str | None = Field(
-        None, description="Host and process of the worker that has it. Null: none has.", examples=["mill:71"]
+        None, description="Host and process of the worker that runs the job. Null: none does.", examples=["mill:71"]
     )
     cancel_requested: bool = Field(
         default=False,
-        description="Whether somebody has cancelled it; a running one ends within seconds.",
+        description="Whether somebody has cancelled the job; a running job ends within seconds.",
         examples=[False],
     )
     request_id: str | None = Field(
         None,
-        description="The `X-Request-Id` of the request that queued it; null: none did, as for a schedule's.",
+        description="The `X-Request-Id` of the request that queued the job; null: a schedule or another part of the "
+        "service did.",
         examples=["0f8b4c6d0d8a4b0e9d0c5b8f3f1e2a77"],
     )
     key_id: str | None = Field(
-        None, description="Id of the key that this request brought; null: none.", examples=["0f8b4c6d0d8a4b0e"]
+        None, description="Id of the key that the request carried; null: none.", examples=["0f8b4c6d0d8a4b0e"]
     )
     asked_by: str | None = Field(
         None,
-        description="The name of the key with which it was asked for, or who else did; null: an earlier version's.",
+        description="Name of the key with which the job was requested, or who else requested it; null: a job of an "
+        "earlier version.",
         examples=["scanner software of line 2"],
     )
     started_at: datetime | None = Field(
         None,
-        description="When its last attempt started, RFC 3339, UTC. Null: it has not started.",
+        description="Start of the last attempt, RFC 3339, UTC. Null: the job has not started.",
         examples=["2026-03-02T05:31:00Z"],
     )
     finished_at: datetime | None = Field(
-        None, description="When it ended, RFC 3339, UTC. Null: it has not ended.", examples=["2026-03-02T05:31:04Z"]
+        None,
+        description="End of the job, RFC 3339, UTC. Null: the job has not ended.",
+        examples=["2026-03-02T05:31:04Z"],
     )
-    failure: Failure | None = Field(None, description="Why it failed. Null: it has not.")
+    failure: Failure | None = Field(None, description="Reason of the failure. Null: the job has not failed.")

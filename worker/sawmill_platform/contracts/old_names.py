@@ -11,18 +11,18 @@ from pydantic_core import CoreSchema
 
 @dataclass(frozen=True)
 class OutOfUse:
-    """Marks a field or a route: the OpenAPI document has it as deprecated, and answers to requests with it say so.
+    """Mark of a field or a route out of use: deprecated in the OpenAPI document and in answers to requests with it.
 
     Parameters
     ----------
     since
         The version that took it out of use.
     day
-        On which that was, as in 2026-11-22.
+        Date of that version, as in 2026-11-22.
     gone_in
-        The version that refuses it, later by a minor version at least.
+        The version that refuses the name, later by a minor version at least.
     instead
-        What to send or ask for, for people.
+        What to send or request instead, for people.
     """
 
     since: str
@@ -36,11 +36,11 @@ class OutOfUse:
         return datetime.fromisoformat(self.day).replace(tzinfo=UTC)
 
     def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
-        """As pydantic asks for it."""
+        """Mark the schema as deprecated; pydantic calls this method."""
         return handler(schema) | {"deprecated": True}
 
 
 def out_of_use(contract: type[BaseModel]) -> Iterator[tuple[str, OutOfUse]]:
-    """The names and marks of a contract's fields that are out of use."""
+    """Return the names and marks of a contract's fields that are out of use."""
     for name, field in contract.model_fields.items():
         yield from ((name, mark) for mark in field.metadata if isinstance(mark, OutOfUse))

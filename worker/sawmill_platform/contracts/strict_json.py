@@ -6,7 +6,7 @@ from typing import Any
 from pydantic import TypeAdapter
 from pydantic_core import from_json, to_json
 
-# What .NET and PowerShell begin texts with.
+# Bytes with which .NET and PowerShell begin texts.
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 _EXACT = 2**53
 
@@ -26,7 +26,7 @@ def read_strictly(contract: TypeAdapter[Any], text: bytes) -> Any:  # noqa: ANN4
 
 
 def _with_whole_numbers(value: Any) -> Any:  # noqa: ANN401 - JSON
-    """Replace each 20.0 by 20, which stands for a length too: some programs write every number as a float."""
+    """Replace each 20.0 by 20, also in lengths: some programs write every number as a float."""
     if isinstance(value, dict):
         return {name: _with_whole_numbers(each) for name, each in value.items()}
     if isinstance(value, list):

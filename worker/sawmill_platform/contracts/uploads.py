@@ -1,4 +1,4 @@
-"""Uploads that can be resumed: a file that comes in parts before it becomes a scan, a picture or an inspection."""
+"""Uploads that can be resumed: a file that arrives in parts before it becomes a scan, a picture or an inspection."""
 
 from datetime import timedelta
 from enum import StrEnum
@@ -9,7 +9,7 @@ from pydantic import Field, StringConstraints
 from sawmill_platform.contracts.base import LARGEST_NUMBER, Name, Stamped, Time
 from sawmill_platform.contracts.given import Given
 
-# After its last byte came: whoever comes back after a day sends the file again.
+# Counted from the last byte; after a day the client sends the file again.
 UPLOAD_KEPT = timedelta(days=1)
 
 Sha256 = Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$")]
@@ -17,26 +17,25 @@ _EXAMPLE_SHA256 = "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b
 
 
 class UploadState(StrEnum):
-    """How far an upload is."""
+    """State of an upload."""
 
     RECEIVING = "receiving"
     """Bytes are missing."""
     COMPLETE = "complete"
-    """It can be used."""
+    """The upload can be used."""
     USED = "used"
-    """Something was made of it."""
+    """Something was made from the upload."""
 
 
 class UploadAsk(Given):
-    """A file that is to be sent in parts."""
+    """A file to be sent in parts."""
 
-    size_bytes: int = Field(
-        gt=0, le=LARGEST_NUMBER, description="The length of the whole file, in bytes.", examples=[1048576]
-    )
-    name: Name | None = Field(None, description="What the file is called.", examples=["mill.h5"])
+    size_bytes: int = Field(gt=0, le=LARGEST_NUMBER, description="Length of the whole file, bytes.", examples=[1048576])
+    name: Name | None = Field(None, description="Name of the file. Null: not given.", examples=["mill.h5"])
     sha256: Sha256 | None = Field(
         None,
-        description="Of the whole file, in hexadecimal digits: what comes out otherwise is refused.",
+        description="SHA-256 of the whole file, in hexadecimal digits; a file with another checksum is refused. "
+        "Null: not given.",
         examples=[_EXAMPLE_SHA256],
     )
 
@@ -44,19 +43,20 @@ class UploadAsk(Given):
 class Upload(Stamped):
     """An upload that can be resumed."""
 
-    name: Name | None = Field(description="What the file is called; null: not given.", examples=["mill.h5"])
-    size_bytes: int = Field(description="The length of the whole file, in bytes.", examples=[1048576])
+    name: Name | None = Field(description="Name of the file; null: not given.", examples=["mill.h5"])
+    size_bytes: int = Field(description="Length of the whole file, bytes.", examples=[1048576])
     offset_bytes: int = Field(
-        description="The number of bytes that are on the disk: the next part begins there.", examples=[524288]
+        description="Number of bytes that are on the disk: the next part begins there.", examples=[524288]
     )
     sha256: Sha256 | None = Field(
-        description="Of the whole file: as given, or computed once it is complete; null before.",
+        description="SHA-256 of the whole file: as given, or computed once the file is complete; null before.",
         examples=[_EXAMPLE_SHA256],
     )
-    state: UploadState = Field(description="How far it is.", examples=["receiving"])
+    state: UploadState = Field(description="State of the upload.", examples=["receiving"])
     used_by: str | None = Field(
-        description="The path of what was made of it; null: nothing yet.", examples=["/v1/scans/example"]
+        description="Path of what was made from the upload; null: nothing yet.", examples=["/v1/scans/example"]
     )
     expires_at: Time = Field(
-        description="When it is removed; each part that comes puts that off.", examples=["2026-03-03T05:00:00Z"]
+        description="Time of its removal, RFC 3339, UTC; each part that arrives puts it off.",
+        examples=["2026-03-03T05:00:00Z"],
     )

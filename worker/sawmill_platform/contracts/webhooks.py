@@ -1,4 +1,4 @@
-"""Webhooks: who is sent which events, and how that went (https://www.standardwebhooks.com)."""
+"""Webhooks: URLs to which events are sent, and the deliveries (https://www.standardwebhooks.com)."""
 
 import re
 from collections.abc import Iterable
@@ -28,7 +28,7 @@ class Destination(NamedTuple):
     host : str
         A name in lower case, or an address, without brackets.
     port : int
-        That of the scheme where the URL has none.
+        Port; the scheme's default where the URL has none.
     target : str
         Path and query.
     """
@@ -40,27 +40,27 @@ class Destination(NamedTuple):
 
     @property
     def authority(self) -> str:
-        """As the header `Host` has it."""
+        """Value of the header `Host`."""
         host = f"[{self.host}]" if ":" in self.host else self.host
         return host if self.port == _PORTS[self.scheme] else f"{host}:{self.port}"
 
 
 def destination_of(url: str) -> Destination:
-    """The parts of a URL.
+    """Split a URL into its parts.
 
     Raises
     ------
     ValueError
-        It is none that a webhook may have.
+        A webhook may not have this URL.
     """
-    found = _URL.fullmatch(url)
-    if found is None or not 0 < int(found["port"] or _PORTS[found["scheme"]]) <= LARGEST_PORT:
+    match = _URL.fullmatch(url)
+    if match is None or not 0 < int(match["port"] or _PORTS[match["scheme"]]) <= LARGEST_PORT:
         msg = f"must be as in https://alarms.mill.example/sawmill, without a user and a fragment, not {url!r}"
         raise ValueError(msg)
-    host = found["host"].lower().strip("[]").rstrip(".")
-    target = found["target"] or "/"
+    host = match["host"].lower().strip("[]").rstrip(".")
+    target = match["target"] or "/"
     path = target if target.startswith("/") else f"/{target}"  # a query may follow the host at once
-    return Destination(found["scheme"], host, int(found["port"] or _PORTS[found["scheme"]]), path)
+    return Destination(match["scheme"], host, int(match["port"] or _PORTS[match["scheme"]]), path)
 
 
 def _check_url(url: str) -> str:
@@ -68,21 +68,21 @@ def _check_url(url: str) -> str:
     return url
 
 
-def kinds_of(wanted: Iterable[str]) -> frozenset[EventKind]:
-    """The kinds of events that have one of these names, or begin with what stands before the `*` of one."""
-    return frozenset(kind for name in wanted for kind in EventKind.published() if _names(name, kind))
+def kinds_of(names: Iterable[str]) -> frozenset[EventKind]:
+    """Return the kinds of events with one of these names, or with one's beginning before the `*`."""
+    return frozenset(kind for name in names for kind in EventKind.published() if _names(name, kind))
 
 
 def _names(name: str, kind: EventKind) -> bool:
     return kind.startswith(name[:-1]) if name.endswith("*") else kind == name
 
 
-def _check_events(wanted: list[str]) -> list[str]:
-    for name in wanted:
+def _check_events(names: list[str]) -> list[str]:
+    for name in names:
         if not kinds_of([name]):
             msg = f"must be names of events as /v1/events has them, or beginnings as alarm-* or *, not {name!r}"
             raise ValueError(msg)
-    return wanted
+    return names
 
 
 Url = Annotated[
@@ -90,8 +90,8 @@ Url = Annotated[
     AfterValidator(_check_url),
     Field(
         max_length=2000,
-        description="Where events are posted to. Its host must be among the destinations that the service's settings "
-        "allow; `http` reaches allowed networks alone.",
+        description="URL to which events are posted. Its host must be among the destinations that the service's "
+        "settings allow; `http` reaches allowed networks alone.",
         examples=["https://alarms.mill.example/sawmill"],
         json_schema_extra={"pattern": patterns.WEBHOOK_URL_SCHEMA},
     ),
@@ -103,35 +103,37 @@ EventNames = Annotated[
     Field(
         min_length=1,
         max_length=50,
-        description="Which events are sent: their `what`, or a beginning with `*`, as `alarm-*`; `*` alone: all.",
+        description="Events to send: their `what`, or a beginning with `*`, as `alarm-*`; `*` alone: all.",
         examples=[["alarm-*", "failed"]],
     ),
 ]
 
 
 class WebhookAsk(Given):
-    """A webhook that is to be kept."""
+    """A webhook to be stored."""
 
     url: Url
-    description: Name | None = Field(None, description="Who listens there. Null: not given.", examples=["shift office"])
+    description: Name | None = Field(
+        None, description="Receiver of the messages. Null: not given.", examples=["shift office"]
+    )
     events: EventNames = Field(["alarm-*"])
     enabled: bool = Field(
         default=True,
-        description="False: nothing is sent until it is enabled; what happens meanwhile is sent then.",
+        description="Whether events are sent; false: none until it is enabled, when all events since are sent.",
         examples=[True],
     )
     after: int | None = Field(
         None,
         ge=0,
         le=2**31 - 1,
-        description="Send what follows the event of this number: an earlier one sends again, a later one passes over. "
-        "Null: a new webhook begins with now, another one goes on where it stands.",
+        description="Number of an event: the events after it are sent. An earlier number sends events again, a "
+        "later one skips events. Null: a new webhook begins now, another one continues at its present event.",
         examples=[None],
     )
 
 
 class WebhookState(StrEnum):
-    """How a webhook stands."""
+    """State of a webhook."""
 
     ACTIVE = "active"
     RETRYING = "retrying"
@@ -140,41 +142,44 @@ class WebhookState(StrEnum):
 
 
 class Webhook(Stamped):
-    """A webhook as it stands, without its secret."""
+    """A webhook in its present state, without its secret."""
 
     url: Url
-    description: Name | None = Field(description="Who listens there. Null: not given.", examples=["shift office"])
+    description: Name | None = Field(
+        description="Receiver of the messages. Null: not given.", examples=["shift office"]
+    )
     events: EventNames
     enabled: bool = Field(description="Whether anything is sent.", examples=[True])
     state: WebhookState = Field(
         description="`retrying`: the last attempt failed, and `next_attempt_at` is the next; `paused`: the service "
-        "gave up, for `last_failure`, and goes on once `enabled` is set again; `disabled`: somebody turned it off.",
+        "gave up, for `last_failure`, and continues once `enabled` is set again; `disabled`: somebody turned the "
+        "webhook off.",
         examples=["active"],
     )
-    after: int = Field(description="Number of the last event with which it is done.", examples=[42])
-    waiting: int = Field(description="Events that are to be sent to it; 10000: that number or more.", examples=[0])
+    after: int = Field(description="Number of the last event that has been processed.", examples=[42])
+    waiting: int = Field(description="Number of events to be sent; 10000: that number or more.", examples=[0])
     waiting_since: Time | None = Field(
-        description="When the oldest of these happened, RFC 3339, UTC. Null: none waits.",
+        description="Time of the oldest event to be sent, RFC 3339, UTC. Null: none waits.",
         examples=["2026-03-02T05:30:00Z"],
     )
-    delivered: int = Field(description="Events that were delivered.", examples=[120])
-    failed: int = Field(description="Attempts that failed.", examples=[3])
-    failures: int = Field(description="Of these, how many since the last event that was delivered.", examples=[0])
+    delivered: int = Field(description="Number of events that were delivered.", examples=[120])
+    failed: int = Field(description="Number of attempts that failed.", examples=[3])
+    failures: int = Field(description="Number of attempts that failed since the last delivered event.", examples=[0])
     next_attempt_at: Time | None = Field(
-        description="When it is tried again, RFC 3339, UTC. Null: no attempt has failed.", examples=[None]
+        description="Time of the next attempt, RFC 3339, UTC. Null: no attempt has failed.", examples=[None]
     )
     last_success_at: Time | None = Field(
-        description="When an event was last delivered, RFC 3339, UTC. Null: never.", examples=["2026-03-02T05:30:00Z"]
+        description="Time of the last delivery, RFC 3339, UTC. Null: never.", examples=["2026-03-02T05:30:00Z"]
     )
     last_failure_at: Time | None = Field(
-        description="When an attempt last failed, RFC 3339, UTC. Null: never.", examples=[None]
+        description="Time of the last failed attempt, RFC 3339, UTC. Null: never.", examples=[None]
     )
     last_failure: str | None = Field(
-        description="Why the last attempt that failed did so. Null: none has.", examples=["it answered 500"]
+        description="Reason of the last failed attempt. Null: none has failed.", examples=["it answered 500"]
     )
     previous_secret_until: Time | None = Field(
-        description="Until then each message is signed with the secret before as well, RFC 3339, UTC. Null: it has "
-        "never been replaced.",
+        description="Time until which each message is also signed with the previous secret, RFC 3339, UTC. Null: "
+        "the secret has never been replaced.",
         examples=[None],
     )
 
@@ -184,32 +189,32 @@ class NewWebhook(Webhook):
 
     secret: str = Field(
         repr=False,
-        description="With which its messages are signed: `whsec_` and base64 of 32 random bytes.",
+        description="Key of the messages' signatures: `whsec_` and base64 of 32 random bytes.",
         examples=["whsec_MfKQ9r8GKYqrTwjUPD8ILPZIo2LaLaSw"],
     )
 
 
 class WebhookRotation(Given):
-    """How a webhook's secret is replaced."""
+    """Replacement of a webhook's secret."""
 
     grace_s: int = Field(
         86400,
         ge=0,
         le=30 * 86400,
-        description="Seconds for which messages are signed with the old secret too, so that the receiver can be given "
-        "the new one.",
+        description="Seconds for which messages are signed with the old secret too, so that the receiver can be "
+        "given the new one.",
         examples=[86400],
     )
 
 
 class Webhooks(Contract):
-    """All webhooks."""
+    """List of all webhooks."""
 
-    webhooks: list[Webhook] = Field(description="The newest first.")
+    webhooks: list[Webhook] = Field(description="Webhooks, the newest first.")
 
 
 class DeliveryState(StrEnum):
-    """Whether an event has reached a webhook."""
+    """State of a delivery: whether the event has reached the webhook."""
 
     DELIVERED = "delivered"
     RETRYING = "retrying"
@@ -217,54 +222,62 @@ class DeliveryState(StrEnum):
 
 
 class Delivery(Contract):
-    """One event that was sent to a webhook, or was to be."""
+    """An event that was sent to a webhook, or is to be sent."""
 
     number: int = Field(description="Number of the entry; it grows from event to event.", examples=[41])
     message_id: str = Field(
-        description="As `webhook-id` has it: the same for every attempt.",
+        description="Header `webhook-id` of the message: the same for every attempt.",
         examples=["msg_0f8b4c6d0d8a4b0e9d0c5b8f3f1e2a77"],
     )
     event_number: int = Field(description="The event's number in `/v1/events`.", examples=[42])
-    what: EventKind = Field(description="What happened.", examples=["alarm-opened"])
+    what: EventKind = Field(description="Kind of the event.", examples=["alarm-opened"])
     state: DeliveryState = Field(
         description="`failed`: the service gave up and paused the webhook; enabled again, it begins with this event.",
         examples=["delivered"],
     )
-    attempts: int = Field(description="How often it was sent.", examples=[1])
-    first_at: Time = Field(description="The first attempt, RFC 3339, UTC.", examples=["2026-03-02T05:30:00Z"])
-    last_at: Time = Field(description="The last attempt, RFC 3339, UTC.", examples=["2026-03-02T05:30:00Z"])
-    status: int | None = Field(description="The last answer's status. Null: there was none.", examples=[200])
-    reason: str | None = Field(description="Why the last attempt failed. Null: it did not.", examples=[None])
+    attempts: int = Field(description="Number of attempts.", examples=[1])
+    first_at: Time = Field(description="Time of the first attempt, RFC 3339, UTC.", examples=["2026-03-02T05:30:00Z"])
+    last_at: Time = Field(description="Time of the last attempt, RFC 3339, UTC.", examples=["2026-03-02T05:30:00Z"])
+    status: int | None = Field(description="HTTP status of the last answer. Null: there was no answer.", examples=[200])
+    reason: str | None = Field(
+        description="Reason why the last attempt failed. Null: it did not fail.", examples=[None]
+    )
 
 
 class WebhookTest(Contract):
-    """The outcome of a message that was sent for a test."""
+    """Outcome of a test message."""
 
     delivered: bool = Field(description="Whether the receiver answered with 200 to 299.", examples=[True])
-    message_id: str = Field(description="As `webhook-id` has it.", examples=["msg_0f8b4c6d0d8a4b0e9d0c5b8f3f1e2a77"])
+    message_id: str = Field(
+        description="Header `webhook-id` of the message.", examples=["msg_0f8b4c6d0d8a4b0e9d0c5b8f3f1e2a77"]
+    )
     webhook_id: Identifier = Field(description="Id of the webhook.", examples=["example"])
-    status: int | None = Field(description="The answer's status. Null: there was none.", examples=[200])
-    reason: str | None = Field(description="Why it was not delivered. Null: it was.", examples=[None])
+    status: int | None = Field(description="HTTP status of the answer. Null: there was no answer.", examples=[200])
+    reason: str | None = Field(
+        description="Reason why the message was not delivered. Null: it was delivered.", examples=[None]
+    )
 
 
 class EventMessage(Contract):
     """A message that is posted to a webhook when something has happened."""
 
-    type: EventKind = Field(description="What happened, as in `data`.", examples=["alarm-opened"])
-    timestamp: Time = Field(description="When it happened, RFC 3339, UTC.")
-    data: Event = Field(description="The event as `/v1/events` has it.")
+    type: EventKind = Field(description="Kind of the event, as in `data`.", examples=["alarm-opened"])
+    timestamp: Time = Field(description="Time of the event, RFC 3339, UTC.")
+    data: Event = Field(description="The event as in `/v1/events`.")
 
 
 class TestedWebhook(Contract):
-    """The webhook that a test message is sent to."""
+    """The webhook to which a test message is sent."""
 
     webhook_id: Identifier
-    description: Name | None = Field(description="Who listens there. Null: not given.", examples=["shift office"])
+    description: Name | None = Field(
+        description="Receiver of the messages. Null: not given.", examples=["shift office"]
+    )
 
 
 class WebhookTestMessage(Contract):
-    """A message that somebody sends to a webhook for a test."""
+    """A test message to a webhook."""
 
-    type: Literal["webhook-test"] = Field("webhook-test", description="That it is a test.")
-    timestamp: Time = Field(description="When it was sent, RFC 3339, UTC.")
-    data: TestedWebhook = Field(description="The webhook that it was sent to.")
+    type: Literal["webhook-test"] = Field("webhook-test", description="Type of a test message.")
+    timestamp: Time = Field(description="Time at which the message was sent, RFC 3339, UTC.")
+    data: TestedWebhook = Field(description="The webhook to which the message was sent.")

@@ -1,4 +1,4 @@
-"""Any HDF5 file: which layout it has, and plain datasets where it has none (MATLAB 7.3 files among them)."""
+"""HDF5 files of any layout: its recognition, and plain datasets where there is none (MATLAB 7.3 files among them)."""
 
 from contextlib import ExitStack
 from functools import partial
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from sawmill_formats.input.hdf5.links import LinkedFiles
 
 
-def read_hdf5(path: Path, wanted: Wanted, bounds: Bounds, files: ExitStack) -> FileContents:
+def read_hdf5(path: Path, selection: Wanted, bounds: Bounds, files: ExitStack) -> FileContents:
     """Read an HDF5 file of any layout, which stays open for its projections.
 
     Raises
@@ -39,29 +39,29 @@ def read_hdf5(path: Path, wanted: Wanted, bounds: Bounds, files: ExitStack) -> F
     """
     file = files.enter_context(open_hdf5(path))
     try:
-        return _read(file, wanted, bounds)
+        return _read(file, selection, bounds)
     except UnreadableScan as error:
         if bounds.linked is None or not bounds.linked.missing or error.code != "dataset-missing":
             raise
         raise bounds.linked.missing[0] from error
 
 
-def _read(file: h5py.File, wanted: Wanted, bounds: Bounds) -> FileContents:
-    entry = _choose_entry(file, wanted.dataset, bounds.linked)
+def _read(file: h5py.File, selection: Wanted, bounds: Bounds) -> FileContents:
+    entry = _choose_entry(file, selection.dataset, bounds.linked)
     if entry is not None:
         return read_nxtomo(entry, bounds)
-    if is_exchange(file, bounds.linked) and (wanted.dataset or EXCHANGE_DATA).strip("/") == EXCHANGE_DATA:
+    if is_exchange(file, bounds.linked) and (selection.dataset or EXCHANGE_DATA).strip("/") == EXCHANGE_DATA:
         return read_exchange(file, bounds)
-    return _read_plain(file, wanted, bounds)
+    return _read_plain(file, selection, bounds)
 
 
 def _choose_entry(file: h5py.File, dataset: str | None, linked: "LinkedFiles | None") -> h5py.Group | None:
     entries = find_entries(file, linked)
     if dataset is not None:
-        wanted = find(file, f"/{dataset}", linked)
-        if wanted is None:
+        chosen = find(file, f"/{dataset}", linked)
+        if chosen is None:
             return None
-        return next((entry for entry in entries if wanted in (entry, find(entry, nxtomo.DATA, linked))), None)
+        return next((entry for entry in entries if chosen in (entry, find(entry, nxtomo.DATA, linked))), None)
     if len(entries) > 1:
         names = ", ".join(name_of(entry).strip("'") for entry in entries)
         raise UnreadableScan(
@@ -70,21 +70,21 @@ def _choose_entry(file: h5py.File, dataset: str | None, linked: "LinkedFiles | N
     return entries[0] if entries else None
 
 
-def _read_plain(file: h5py.File, wanted: Wanted, bounds: Bounds) -> FileContents:
-    found, dataset = dict(datasets(file, bounds.linked)), wanted.dataset
+def _read_plain(file: h5py.File, selection: Wanted, bounds: Bounds) -> FileContents:
+    by_name, dataset = dict(datasets(file, bounds.linked)), selection.dataset
     named = None if dataset is None else find(file, f"/{dataset}", bounds.linked)
     if dataset is not None and isinstance(named, h5py.Dataset):
-        found[dataset.strip("/")] = named  # by the name it was asked for, which may be a link's
-    matlab = any("MATLAB_class" in node.attrs for node in found.values())
+        by_name[dataset.strip("/")] = named  # by the requested name, which may be a link's
+    matlab = any("MATLAB_class" in node.attrs for node in by_name.values())
     arrays = NamedArrays(
         format="mat-v7.3" if matlab else "hdf5",
-        infos={name: _info(node) for name, node in found.items()},
-        load=partial(_load, found, bounds.whole),
-        projections=partial(_projections, found, bounds),
-        text=partial(_text, found, bounds.whole),
+        infos={name: _info(node) for name, node in by_name.items()},
+        load=partial(_load, by_name, bounds.whole),
+        projections=partial(_projections, by_name, bounds),
+        text=partial(_text, by_name, bounds.whole),
     )
     remarks = ("The arrays were transposed: MATLAB stores the last axis first.",) if matlab else ()
-    return read_named_arrays(arrays, wanted, remarks)
+    return read_named_arrays(arrays, selection, remarks)
 
 
 def _info(node: h5py.Dataset) -> ArrayInfo:
@@ -94,28 +94,28 @@ def _info(node: h5py.Dataset) -> ArrayInfo:
     return ArrayInfo(shape if matlab_class is None else shape[::-1], numeric, quoted(matlab_class or node.dtype.name))
 
 
-def _checked(found: dict[str, h5py.Dataset], bounds: Bounds, name: str) -> h5py.Dataset:
-    node, where = found[name], repr(quoted(name))
+def _checked(by_name: dict[str, h5py.Dataset], bounds: Bounds, name: str) -> h5py.Dataset:
+    node, where = by_name[name], repr(quoted(name))
     check_dataset(where, node, bounds)
     if np.any(attribute(node, "MATLAB_empty")):
         raise UnreadableScan("wrong-shape", f"{where} is empty; it must hold numbers")
     return node
 
 
-def _projections(found: dict[str, h5py.Dataset], bounds: Bounds, name: str) -> Projections:
-    node = _checked(found, bounds, name)
+def _projections(by_name: dict[str, h5py.Dataset], bounds: Bounds, name: str) -> Projections:
+    node = _checked(by_name, bounds, name)
     return transposed(node) if "MATLAB_class" in node.attrs else all_views(node)
 
 
-def _load(found: dict[str, h5py.Dataset], bounds: Bounds, name: str) -> NDArray[Any]:
-    node = _checked(found, bounds, name)
+def _load(by_name: dict[str, h5py.Dataset], bounds: Bounds, name: str) -> NDArray[Any]:
+    node = _checked(by_name, bounds, name)
     values = read_values(node, np.float64 if name in {"angles_deg", "angles_rad"} else np.float32)
     return values.T if "MATLAB_class" in node.attrs else values
 
 
-def _text(found: dict[str, h5py.Dataset], bounds: Bounds, name: str) -> str | None:
-    """A short text as MATLAB stores it: the codes of its characters."""
-    is_text = attribute_text(found[name], "MATLAB_class") == "char" and found[name].dtype.kind == "u"
-    if not is_text or (found[name].size or LONGEST_TEXT + 1) > LONGEST_TEXT:
+def _text(by_name: dict[str, h5py.Dataset], bounds: Bounds, name: str) -> str | None:
+    """Read a short text as MATLAB stores it, by character codes."""
+    is_text = attribute_text(by_name[name], "MATLAB_class") == "char" and by_name[name].dtype.kind == "u"
+    if not is_text or (by_name[name].size or LONGEST_TEXT + 1) > LONGEST_TEXT:
         return None
-    return "".join(map(chr, read_values(_checked(found, bounds, name)).reshape(-1)))
+    return "".join(map(chr, read_values(_checked(by_name, bounds, name)).reshape(-1)))

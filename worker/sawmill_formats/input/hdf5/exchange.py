@@ -1,4 +1,4 @@
-"""HDF5 in the Data Exchange layout: /exchange/data with data_white, data_dark and theta beside it."""
+"""HDF5 in the Data Exchange layout: /exchange/data, with data_white, data_dark and theta in the same group."""
 
 from typing import TYPE_CHECKING
 
@@ -22,7 +22,7 @@ DETECTOR = "measurement/instrument/detector"
 
 
 def is_exchange(file: h5py.File, linked: "LinkedFiles | None" = None) -> bool:
-    """Whether the file has the group and the dataset that make this layout."""
+    """Return whether the file has the group and the dataset of this layout."""
     return isinstance(find(file, DATA, linked), h5py.Dataset)
 
 

@@ -1,4 +1,4 @@
-"""Angles and pixel sizes, which both HDF5 layouts keep as datasets with a units attribute."""
+"""Angles and pixel sizes, which both HDF5 layouts store as datasets with a units attribute."""
 
 import h5py
 import numpy as np
@@ -13,7 +13,7 @@ from sawmill_formats.input.units import LARGEST_PITCH_MM, LEAST_PITCH_MM, length
 
 
 def read_angles(start: Node, path: str, bounds: Bounds, *, default_unit: str | None) -> FileAngles:
-    """Angles (n,) float64 in degrees, or the reason why those in the file cannot be used."""
+    """Read angles (n,) float64 in degrees, or the reason why the angles in the file cannot be used."""
     dataset = numbers(start, path, bounds)
     if dataset is None:
         return FileAngles()
@@ -29,12 +29,12 @@ def read_angles(start: Node, path: str, bounds: Bounds, *, default_unit: str | N
 
 
 def read_pitch(start: Node, path: str, bounds: Bounds) -> tuple[float | None, tuple[str, ...]]:
-    """A pixel size in mm or None, and the remark why it was ignored.
+    """Read a pixel size in mm or None, and the remark why it was ignored.
 
     Raises
     ------
     UnreadableScan
-        `out-of-range` for a size that no detector has; of 0 or NaN it is one that the file does not know.
+        `out-of-range` for a size that no detector has; 0 or NaN means that the file does not know the size.
     """
     dataset = numbers(start, path, bounds)
     if dataset is None:

@@ -1,4 +1,4 @@
-"""HDF5 without its doors: nothing outside the file, nothing computed, nothing larger than what is stored.
+"""Safe access to HDF5: nothing outside the file, nothing computed, nothing larger than what is stored.
 
 Everything here is decided from the file's structure, before any data are read.
 """
@@ -70,7 +70,7 @@ def find(start: Node, path: str, linked: "LinkedFiles | None" = None) -> Node | 
 
 
 def _beside(group: h5py.Group, key: bytes) -> Node:
-    """A member of a group; the files that it names are looked for beside its own, not where this process runs."""
+    """Open a group's member; files that it names are searched for next to its own, not where this process runs."""
     if h5py.h5o.get_info(group.id, key).type != h5py.h5o.TYPE_DATASET:
         return group[key]
     access = h5py.h5p.create(h5py.h5p.DATASET_ACCESS)
@@ -79,9 +79,9 @@ def _beside(group: h5py.Group, key: bytes) -> Node:
 
 
 def children(group: h5py.Group, linked: "LinkedFiles | None" = None) -> Iterator[tuple[str, Node]]:
-    """Every member that exists, by name; of a name that is not UTF-8 the other bytes are surrogates.
+    """Yield every member that exists, by name; in a name that is not UTF-8 the other bytes are surrogates.
 
-    Where links are followed, those that lead to no file are noted and passed over: nobody asked for them.
+    Where links are followed, those that lead to no file are noted and skipped: the request does not name them.
 
     Raises
     ------
@@ -101,7 +101,7 @@ def children(group: h5py.Group, linked: "LinkedFiles | None" = None) -> Iterator
 
 
 def members(group: h5py.Group) -> Iterator[tuple[bytes, int]]:
-    """The name of every member as it is stored, and the kind of its link (`h5py.h5l`), before it is opened.
+    """Yield the stored name of every member and its kind of link (`h5py.h5l`), before the member is opened.
 
     Raises
     ------
@@ -120,7 +120,7 @@ def members(group: h5py.Group) -> Iterator[tuple[bytes, int]]:
 
 
 def text_of(key: bytes) -> str:
-    """A name as it is stored; of one that is not UTF-8 the other bytes are surrogates."""
+    """Decode a stored name; bytes that are not UTF-8 become surrogates."""
     return key.decode("utf-8", "surrogateescape")
 
 
@@ -134,13 +134,13 @@ def check_members(count: int) -> None:
 
 
 def name_of(node: Node) -> str:
-    """Where it is in its file, quoted."""
+    """Return an object's path in its file, quoted."""
     name = node.name
     return repr(quoted(name.decode("utf-8", "replace") if isinstance(name, bytes) else str(name)))
 
 
 def datasets(file: h5py.File, linked: "LinkedFiles | None" = None) -> Iterator[tuple[str, h5py.Dataset]]:
-    """Every dataset of the file, and of those it leads to, with its path, each object once."""
+    """Yield every dataset of the file, and of files that it leads to, with its path, each object once."""
     seen: set[tuple[int, int]] = set()
     members = 0
 
@@ -163,7 +163,7 @@ def datasets(file: h5py.File, linked: "LinkedFiles | None" = None) -> Iterator[t
 
 
 def numbers(start: Node, path: str, bounds: Bounds) -> h5py.Dataset | None:
-    """The dataset of numbers at a path, checked and not yet read; None where there is nothing.
+    """Return the dataset of numbers at a path, checked and not yet read; None where there is nothing.
 
     Raises
     ------
@@ -182,7 +182,7 @@ def numbers(start: Node, path: str, bounds: Bounds) -> h5py.Dataset | None:
 
 def read_values(dataset: h5py.Dataset, dtype: DTypeLike | None = None) -> NDArray[Any]:
     """Read a checked dataset as a whole, in its own type or another one."""
-    # Zeros, here and below: what the library does not fill is no memory of this process.
+    # Zeros, here and below, so that parts that the library does not fill show no memory of this process.
     result = np.zeros(dataset.shape, dataset.dtype if dtype is None else dtype)
     if dataset.chunks is None:
         dataset.read_direct(result)
@@ -192,14 +192,14 @@ def read_values(dataset: h5py.Dataset, dtype: DTypeLike | None = None) -> NDArra
 
 
 def read_float32(dataset: h5py.Dataset, *parts: slice) -> NDArray[np.float32]:
-    """Read a checked dataset as float32; where parts are named, those of its axes, from the first on."""
+    """Read a checked dataset as float32; `parts` select from its axes, the first ones first."""
     if not parts:
         return read_values(dataset, np.float32)
     return read_images(dataset, np.arange(parts[0].start, parts[0].stop), *parts[1:])
 
 
 def read_images(dataset: h5py.Dataset, images: NDArray[np.intp], *parts: slice) -> NDArray[np.float32]:
-    """Images by their rising indices, run by run as float32, and of their axes the parts that are named."""
+    """Read images by their rising indices, run by run as float32; `parts` select from the images' axes."""
     result = np.zeros((len(images), *_shape_of(dataset, (slice(0, 1), *parts))[1:]), dtype=np.float32)
     if dataset.chunks is not None:
         read_chunked(dataset, result, images, parts)

@@ -1,7 +1,7 @@
-"""Data of an HDF5 file that lie in other files: read from one's own disk where that is asked for, of an upload never.
+"""Data of an HDF5 file in other files: read from the user's own disk where links are allowed, never for an upload.
 
-Every file that is led to is a regular file, found beside the one that names it or at an absolute path, and held to the
-same rules: its numbers, filters, chunks and sizes are checked before anything is read.
+Every linked file is a regular file, next to the one that names it or at an absolute path, and follows the same rules:
+its numbers, filters, chunks and sizes are checked before anything is read.
 """
 
 import math
@@ -21,14 +21,14 @@ from sawmill_formats.input.arrays import Bounds
 from sawmill_formats.input.hdf5.guard import find
 from sawmill_formats.input.hdf5.storage import check_dataset
 
-# Files of a virtual dataset that may name further ones: a scan of scans, and one more.
+# Depth of files of a virtual dataset that may name further ones: a scan of scans, and one more.
 DEEPEST_SOURCES = 3
-# Of the files that this process may open, for everything else than sources.
+# Number of files that this process may open for everything else than sources.
 FILES_KEPT_FREE = 64
 
 
 class _Taken(Protocol):
-    """What a virtual dataset takes of one source, as h5py has it."""
+    """Part of one source that a virtual dataset takes, as h5py describes it."""
 
     vspace: h5py.h5s.SpaceID
     src_space: h5py.h5s.SpaceID
@@ -37,12 +37,12 @@ class _Taken(Protocol):
 
 
 class LinkedFiles:
-    """The files that an HDF5 file leads to; those of links stay open as long as the stack that is given.
+    """The files that an HDF5 file leads to; files behind links stay open as long as the given stack.
 
     Attributes
     ----------
     missing : list of UnreadableScan
-        Links that led nowhere while members were looked through.
+        Links to missing files that were met while members were listed.
     """
 
     def __init__(self, files: ExitStack) -> None:
@@ -54,11 +54,11 @@ class LinkedFiles:
 
     @property
     def paths(self) -> tuple[Path, ...]:
-        """Every file that was led to, in the order in which it was first."""
+        """Linked files, in the order of their first use."""
         return tuple(self._paths)
 
     def root(self, beside: h5py.Group | h5py.Dataset, name: str, path: str) -> h5py.Group:
-        """The root group of the file that an external link names.
+        """Return the root group of the file that an external link names.
 
         Raises
         ------
@@ -72,30 +72,30 @@ class LinkedFiles:
         return self._open[target]["/"]
 
     def locate(self, beside: Path, name: str, where: str) -> Path:
-        """The file that another one names: at its absolute path, or beside the other one.
+        """Find the file that another file names: at its absolute path, or next to the other file.
 
         Raises
         ------
         UnreadableScan
             `linked-file-missing` where there is no such file.
         """
-        found = located(beside, name)
-        if found is None:
+        file = located(beside, name)
+        if file is None:
             raise UnreadableScan(
                 "linked-file-missing",
                 f"{where} leads to the file {quoted(name)!r}, which is not in the folder {str(beside.parent)!r}; put "
                 "it there",
             )
-        self._paths[found] = None
-        return found
+        self._paths[file] = None
+        return file
 
     def stored_bytes(self, where: str, dataset: h5py.Dataset, bounds: Bounds) -> int:
-        """What is stored of a dataset whose data lie elsewhere; all of them are there and checked.
+        """Return the bytes stored of a dataset whose data are in other files; all of these files are checked.
 
         Raises
         ------
         UnreadableScan
-            `linked-file-missing`; or of a source that cannot be read, or does not hold what is taken of it.
+            `linked-file-missing`; or for a source that cannot be read, or does not hold the part that is taken.
         """
         if self._depth == DEEPEST_SOURCES:
             raise UnreadableScan(
@@ -125,17 +125,17 @@ class LinkedFiles:
             _check_fixed(where, source)
             sources[source.file_name, source.dset_name].append(source)
         _check_number(len({name for name, _ in sources}), where)
-        taken = sum(source.vspace.get_select_npoints() for each in sources.values() for source in each)
-        if taken < math.prod(dataset.shape):
+        mapped = sum(source.vspace.get_select_npoints() for each in sources.values() for source in each)
+        if mapped < math.prod(dataset.shape):
             raise UnreadableScan(
                 "truncated-file",
-                f"{where} has {math.prod(dataset.shape)} values and takes {taken} from other datasets; the rest was "
+                f"{where} has {math.prod(dataset.shape)} values and takes {mapped} from other datasets; the rest was "
                 "never written",
             )
         return sum(self._of_source(where, dataset, *place, each, bounds) for place, each in sources.items())
 
     def _of_source(
-        self, where: str, dataset: h5py.Dataset, name: str, path: str, taken: list[_Taken], bounds: Bounds
+        self, where: str, dataset: h5py.Dataset, name: str, path: str, mappings: list[_Taken], bounds: Bounds
     ) -> int:
         own = Path(dataset.file.filename)
         place = own if name == "." else self.locate(own, name, where)
@@ -147,15 +147,15 @@ class LinkedFiles:
             check_dataset(what, source, replace(bounds, linked=self))
             if source.chunks is not None:
                 check_unpacked(source)
-            for each in taken:
+            for each in mappings:
                 _check_inside(what, each, source.shape)
             stored = int(min(source.id.get_storage_size(), file.id.get_filesize()))
-            # One that is virtual too stores nothing itself, and was checked by its own sources.
+            # A source that is itself virtual stores nothing, and was checked by its own sources.
             return stored or math.prod(source.shape) * int(source.dtype.itemsize)
 
 
 def located(beside: Path, name: str) -> Path | None:
-    """The regular file that another one names, as the library looks for it; None where there is none."""
+    """Find the regular file that another file names, as the library searches for it; None where there is none."""
     path = Path(name)
     candidates = (path, beside.parent / path.name) if path.is_absolute() else (beside.parent / path,)
     return next((candidate for candidate in candidates if candidate.is_file()), None)
@@ -173,12 +173,12 @@ def _check_fixed(where: str, source: _Taken) -> None:
         )
 
 
-def _check_inside(what: str, taken: _Taken, shape: tuple[int, ...]) -> None:
-    """Refuse to take more of a source than it has: the library would fill it up."""
-    if taken.src_space.get_select_type() == h5py.h5s.SEL_ALL:
-        enough = math.prod(shape) >= taken.vspace.get_select_npoints()
+def _check_inside(what: str, source_part: _Taken, shape: tuple[int, ...]) -> None:
+    """Refuse a part that exceeds its source: the library would pad it."""
+    if source_part.src_space.get_select_type() == h5py.h5s.SEL_ALL:
+        enough = math.prod(shape) >= source_part.vspace.get_select_npoints()
     else:
-        _, last = taken.src_space.get_select_bounds()
+        _, last = source_part.src_space.get_select_bounds()
         enough = len(last) == len(shape) and all(index < length for index, length in zip(last, shape, strict=True))
     if not enough:
         raise UnreadableScan("truncated-file", f"{what} has the shape {shape}, and more is taken of it")

@@ -1,4 +1,4 @@
-"""What is in an HDF5 file: groups, datasets and links, from their headers alone."""
+"""Contents of an HDF5 file: groups, datasets and links, from their headers alone."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -19,15 +19,14 @@ MOST_FILES_NAMED = 3
 
 
 def hdf5_parts(path: Path, bounds: Bounds) -> Iterator[Part]:
-    """Every group, dataset and link; an object that has two names is listed once.
+    """Yield every group, dataset and link; an object that has two names is listed once.
 
-    Of a link into another file it is said whether that is there, and where links are followed what it leads to; what
-    is below that is not listed.
+    For a link into another file its existence is reported and, where links are followed, its target, without members.
 
     Raises
     ------
     UnreadableScan
-        `too-large` for more of them than are read.
+        `too-large` for more objects than are read.
     """
     with open_hdf5(path) as file:
         yield from _Listing(bounds.linked).walk(file["/"], "/", 1)
@@ -89,7 +88,7 @@ def _dataset(node: h5py.Dataset, name: str) -> Part:
         shape=node.shape,
         type=_type_of(node),
         unit=_quoted(attribute_text(node, "units")),
-        # Of a virtual dataset the library counts nothing.
+        # The library counts nothing for a virtual dataset.
         stored_bytes=None if node.is_virtual else node.id.get_storage_size(),
         compression=", ".join(filter_names(node)) or None,
         leads_to=_sources(node),
@@ -104,7 +103,7 @@ def _type_of(node: h5py.Dataset) -> str:
 
 
 def _sources(node: h5py.Dataset) -> str | None:
-    """The files in which the data of a dataset lie, where it is not this one."""
+    """Name the files in which the data of a dataset are, where these are other files."""
     if node.is_virtual:
         return _listed(node, "virtual, of", [each.file_name for each in node.virtual_sources()])
     return _listed(node, "stored in", [name for name, _, _ in node.external]) if node.external else None

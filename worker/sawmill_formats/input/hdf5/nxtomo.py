@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 
 def find_entries(file: h5py.File, linked: "LinkedFiles | None" = None) -> list[h5py.Group]:
-    """Every group, at the top or one level below it, whose `definition` is NXtomo."""
+    """Find every group, at the top or one level below it, whose `definition` is NXtomo."""
     top = [node for _, node in children(file["/"], linked) if isinstance(node, h5py.Group)]
     check_members(sum(map(len, top)))
     below = [node for group in top if not _is_nxtomo(group, linked) for _, node in children(group, linked)]
@@ -107,7 +107,7 @@ def _read_image_key(entry: h5py.Group, images: int, bounds: Bounds) -> _ImageKey
 
 def _fields(dataset: h5py.Dataset, keys: NDArray[np.int64], key: int, bounds: Bounds) -> NDArray[np.float32] | None:
     images = np.flatnonzero(keys == key)
-    # Of data in other files the library counts nothing; they were checked as a whole.
+    # The library counts nothing for data in other files; these were checked as a whole.
     stored = dataset.id.get_storage_size() or dataset.nbytes
     check_size(
         f"{DATA} of image_key {key}",

@@ -9,25 +9,25 @@ from sawmill_formats.input.hdf5.guard import read_float32, read_images
 
 
 def all_views(dataset: h5py.Dataset) -> Projections:
-    """Of a checked dataset (views, rows, detector) or (views, detector)."""
+    """Return the projections of a checked dataset (views, rows, detector) or (views, detector)."""
     return chosen_views(dataset, np.arange(len(dataset)))
 
 
 def chosen_views(dataset: h5py.Dataset, images: NDArray[np.intp]) -> Projections:
-    """Of the images of a checked dataset with these rising indices."""
+    """Return the images with these rising indices of a checked dataset."""
 
     def read(views: slice, rows: slice) -> NDArray[np.float32]:
         if dataset.ndim == 2:
             return read_images(dataset, images[views])[:, np.newaxis]
         return read_images(dataset, images[views], rows)
 
-    # Sources of a virtual dataset are a camera's images, as a rule: these are read as a whole.
+    # Sources of a virtual dataset usually are a camera's images, which are read as a whole.
     virtual = (1, *dataset.shape[1:]) if dataset.is_virtual else None
     return Projections((len(images), *dataset.shape[1:]), read, _together(virtual or dataset.chunks))
 
 
 def transposed(dataset: h5py.Dataset) -> Projections:
-    """Of a checked dataset whose axes are stored in reverse, (detector, rows, views) or (detector, views)."""
+    """Return the projections of a checked dataset with reversed axes, (detector, rows, views) or (detector, views)."""
 
     def read(views: slice, rows: slice) -> NDArray[np.float32]:
         cells = slice(0, len(dataset))

@@ -1,4 +1,4 @@
-"""What is decided of a dataset from how it is stored, before the library reads, allocates or unpacks anything of it."""
+"""Checks of how a dataset is stored, before the library reads, allocates or unpacks anything."""
 
 import math
 import sys
@@ -9,7 +9,7 @@ from sawmill_formats.errors import UnreadableScan, quoted
 from sawmill_formats.input.arrays import HARMLESS_BYTES, LARGEST_RATIO, Bounds, check_number_type, check_size
 from sawmill_formats.input.unpacking import check_packed
 
-# Filters of the library itself and of h5py; any other would be looked for as a plug-in on this machine.
+# Filters of the library itself and of h5py; for any other the library would search for a plug-in on this machine.
 PACKINGS = {h5py.h5z.FILTER_DEFLATE: "deflate", h5py.h5z.FILTER_SZIP: "szip", h5py.h5z.FILTER_LZF: "LZF"}
 FILTERS = PACKINGS | {
     h5py.h5z.FILTER_SHUFFLE: "shuffle",
@@ -49,7 +49,7 @@ def _stored_bytes(where: str, dataset: h5py.Dataset, bounds: Bounds) -> int:
 
 
 def _bytes_in_file(dataset: h5py.Dataset) -> int:
-    """Count what is stored of a dataset; chunks that share their place take no more than the file has."""
+    """Count the bytes stored of a dataset; chunks that share their place take no more than the file has."""
     return int(min(dataset.id.get_storage_size(), dataset.file.id.get_filesize()))
 
 
@@ -58,9 +58,9 @@ def _is_elsewhere(dataset: h5py.Dataset) -> bool:
 
 
 def check_chunks(where: str, dataset: h5py.Dataset) -> None:
-    """Refuse a dataset of which chunks are missing, stored in more bytes than they declare, or far larger than it.
+    """Refuse a dataset with chunks that are missing, stored in more bytes than declared, or far larger than it.
 
-    To how many bytes they unpack is found when they are read (`files.hdf5_chunks`).
+    The number of bytes that chunks unpack to is checked on reading (`sawmill_formats.hdf5_chunks`).
     """
     stored = _Chunks()
     dataset.id.chunk_iter(stored.add)
@@ -75,7 +75,7 @@ def check_chunks(where: str, dataset: h5py.Dataset) -> None:
     if dataset.id.get_create_plist().get_nfilters():
         check_packed(what, stored.largest, chunk_bytes)
     elif {stored.least, stored.largest} != {chunk_bytes}:
-        # Without filters the library takes a chunk for as long as it declares, and reads what is stored.
+        # Without filters the library assumes that a chunk is as long as it declares, and reads what is stored.
         code, stores = ("truncated-file", stored.least) if stored.least < chunk_bytes else ("too-large", stored.largest)
         raise UnreadableScan(
             code, f"{what} declares {chunk_bytes} bytes of data and the file stores {stores} for them; export it again"
@@ -90,7 +90,7 @@ def check_chunks(where: str, dataset: h5py.Dataset) -> None:
 
 
 class _Chunks:
-    """The number of stored chunks, and the least and the largest of them in bytes."""
+    """The number of stored chunks, and the least and the largest of their sizes in bytes."""
 
     def __init__(self) -> None:
         self.count = self.largest = 0
@@ -103,17 +103,17 @@ class _Chunks:
 
 def _filters(dataset: h5py.Dataset) -> list[tuple[int, bytes]]:
     layout = dataset.id.get_create_plist()
-    found = (layout.get_filter(index) for index in range(layout.get_nfilters()))
-    return [(code, name) for code, _, _, name in found]
+    filters = (layout.get_filter(index) for index in range(layout.get_nfilters()))
+    return [(code, name) for code, _, _, name in filters]
 
 
 def filter_names(dataset: h5py.Dataset) -> list[str]:
-    """What a dataset is stored through, in its order; of a filter that is not read, its name and its number."""
+    """Name the filters of a dataset in their order; a filter that is not read by its name and its number."""
     return [FILTERS.get(code) or f"{quoted(repr(name))} ({code})" for code, name in _filters(dataset)]
 
 
 def check_storage(where: str, dataset: h5py.Dataset, *, elsewhere: bool = False) -> None:
-    """Refuse what lies in other files or datasets unless it may, and what is behind filters unknown or packed twice."""
+    """Refuse data in other files or datasets unless allowed, and data behind unknown filters or packed twice."""
     if _is_elsewhere(dataset) and not elsewhere:
         raise UnreadableScan(
             "external-storage", f"{where} takes its data from other files or datasets; put the data themselves into it"

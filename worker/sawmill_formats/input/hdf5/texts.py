@@ -1,4 +1,4 @@
-"""Texts of HDF5 files and what they say of a dataset, whose lengths are looked at before they are read."""
+"""Texts of HDF5 files and attributes of datasets, whose lengths are checked before they are read."""
 
 import math
 from typing import TYPE_CHECKING, Any
@@ -13,14 +13,14 @@ from sawmill_formats.input.hdf5.storage import check_chunks, check_storage
 if TYPE_CHECKING:
     from sawmill_formats.input.hdf5.links import LinkedFiles
 
-# The most bytes of a name, a unit or the like.
+# Most bytes of a name, a unit or a similar text.
 LONGEST_TEXT_BYTES = 4096
 
 
 def read_text(
     start: Node, path: str, *, most_bytes: int = LONGEST_TEXT_BYTES, linked: "LinkedFiles | None" = None
 ) -> str | None:
-    """The one string at a path; None where there is none.
+    """Read the one string at a path; None where there is none.
 
     Raises
     ------
@@ -42,20 +42,20 @@ def read_text(
 
 
 def _claimed_bytes(where: str, dataset: h5py.Dataset) -> int:
-    """The bytes that the library would allocate to read the one string of a dataset."""
+    """Return the bytes that the library would allocate to read the one string of a dataset."""
     if h5py.check_string_dtype(dataset.dtype).length is not None:
         return math.prod(dataset.chunks or (1,)) * int(dataset.dtype.itemsize)
     offset = dataset.id.get_offset()
     if offset is None:
         raise UnreadableScan("unsupported-storage", f"{where} is not stored in one piece; store it without chunks")
-    # A string without a fixed length: its length and where it lies (HDF5 file format specification, section IV.B).
+    # A string of variable length: its length and its place (HDF5 file format specification, section IV.B).
     with open(dataset.file.filename, "rb") as stream:  # noqa: PTH123 - as h5py names it
         stream.seek(offset)
         return int.from_bytes(stream.read(4), "little")
 
 
 def attribute(node: Node, name: str) -> Any:  # noqa: ANN401 - whatever the file holds
-    """The value of a short attribute; None where there is none.
+    """Read the value of a short attribute; None where there is none.
 
     Raises
     ------
@@ -66,7 +66,7 @@ def attribute(node: Node, name: str) -> Any:  # noqa: ANN401 - whatever the file
         return None
     _check_attribute(node, name, h5py.h5a.open(node.id, name.encode()).get_storage_size())
     value = node.attrs[name]
-    if isinstance(value, str | bytes):  # a text without a fixed length is stored elsewhere
+    if isinstance(value, str | bytes):  # a text of variable length is stored elsewhere
         _check_attribute(node, name, len(value))
     return value
 
@@ -81,7 +81,7 @@ def _check_attribute(node: Node, name: str, claimed: int) -> None:
 
 
 def attribute_text(node: Node, name: str) -> str | None:
-    """An attribute that is one string; None where there is none."""
+    """Read an attribute that is one string; None where there is none."""
     value = np.asarray(attribute(node, name))
     return _as_text(value.item()) if value.size == 1 else None
 

@@ -1,1 +1,1 @@
-"""MATLAB files of version 5; those of version 7.3 are HDF5."""
+"""MATLAB files of version 5; files of version 7.3 are HDF5."""

@@ -20,7 +20,7 @@ MATLAB_NUMBERS = frozenset(
 )
 
 
-def read_mat5(path: Path, wanted: Wanted, bounds: Bounds, _: ExitStack) -> FileContents:
+def read_mat5(path: Path, selection: Wanted, bounds: Bounds, _: ExitStack) -> FileContents:
     """Read the variables and fields of structs that are needed, and no others.
 
     Raises
@@ -33,13 +33,14 @@ def read_mat5(path: Path, wanted: Wanted, bounds: Bounds, _: ExitStack) -> FileC
     arrays = NamedArrays(
         format="mat-v5",
         infos={
-            name: ArrayInfo(found.shape, found.kind in MATLAB_NUMBERS, found.kind) for name, found in variables.items()
+            name: ArrayInfo(variable.shape, variable.kind in MATLAB_NUMBERS, variable.kind)
+            for name, variable in variables.items()
         },
         load=load,
         projections=lambda name: held(as_float32(load(name))),
         text=partial(_text, path, variables, bounds),
     )
-    return read_named_arrays(arrays, wanted)
+    return read_named_arrays(arrays, selection)
 
 
 def _load(path: Path, variables: dict[str, Variable], bounds: Bounds, name: str) -> NDArray[Any]:

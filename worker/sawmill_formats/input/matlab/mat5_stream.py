@@ -18,7 +18,7 @@ PIECE_BYTES = 2**20
 
 @dataclass(frozen=True)
 class Element:
-    """What a tag announces: the type that is stored, how many bytes of it, and how many with their padding."""
+    """A tag of an element: the stored type, the number of bytes, and their number with padding."""
 
     type: int
     data_bytes: int
@@ -26,18 +26,18 @@ class Element:
 
 
 class VariableStream:
-    """One variable, unpacked where it is packed, read forwards; never in memory what the file does not store.
+    """A variable, unpacked if it is packed, read forwards; never more in memory than the file stores.
 
     Parameters
     ----------
     file : BinaryIO
-        At the variable's first byte.
+        Stream at the variable's first byte.
     stored_bytes : int
-        How many bytes the file stores of it.
+        Number of bytes that the file stores of the variable.
     order : str
         "<" or ">", as for `struct`.
     most_bytes : int
-        How many bytes it may have unpacked.
+        Largest number of bytes of the unpacked variable.
     """
 
     def __init__(self, file: BinaryIO, stored_bytes: int, *, packed: bool, order: str, most_bytes: int) -> None:
@@ -48,7 +48,7 @@ class VariableStream:
         self._inflater = zlib.decompressobj() if packed else None
 
     def element(self) -> Element:
-        """The next tag; a small element has its data inside of it, and they come next."""
+        """Read the next tag; a small element contains its data, which come next."""
         word, *_ = struct.unpack(f"{self.order}I", self.read(4))
         if word >> 16:
             return Element(word & 0xFFFF, word >> 16, SMALL_DATA_BYTES)
@@ -56,7 +56,7 @@ class VariableStream:
         return Element(word, length, -(-length // TAG_BYTES) * TAG_BYTES)
 
     def data(self, element: Element) -> bytearray:
-        """The data of the element whose tag was read last, the padding skipped.
+        """Read the data of the element whose tag was read last, and skip the padding.
 
         Raises
         ------
@@ -71,7 +71,7 @@ class VariableStream:
         return data
 
     def read(self, length: int) -> bytearray:
-        """As many bytes as that; EOFError where there are fewer."""
+        """Read this number of bytes; EOFError where there are fewer."""
         data = bytearray()
         while len(data) < length:
             data += self._piece(min(length - len(data), PIECE_BYTES))
@@ -85,7 +85,7 @@ class VariableStream:
             self._piece(min(position - self.position, PIECE_BYTES))
 
     def check_end(self) -> None:
-        """Unpack the rest of a packed variable, whose checksum stands at its end."""
+        """Unpack the rest of a packed variable, whose checksum is at its end."""
         while self._inflater is not None and not self._inflater.eof:
             self._piece(PIECE_BYTES, required=False)
 

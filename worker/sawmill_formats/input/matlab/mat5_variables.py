@@ -1,7 +1,7 @@
 """The variables of a MATLAB file of version 5, and the fields of structs in them, listed without their data.
 
-Layout: The MathWorks, "MAT-File Format", chapter 1 (level 5). Nothing is made of what is found but arrays of numbers
-and short texts: no object, function or cell is ever built.
+Layout: The MathWorks, "MAT-File Format", chapter 1 (level 5). Only arrays of numbers and short texts are built: no
+object, function or cell.
 """
 
 import math
@@ -36,16 +36,16 @@ LONGEST_HEAD_BYTES = 2**20
 
 @dataclass(frozen=True)
 class Variable:
-    """A variable or a field, and where its data are.
+    """A variable or a field, and the place of its data.
 
     Attributes
     ----------
     kind : str
-        MATLAB's class of it.
+        MATLAB's class.
     offset, stored_bytes, packed
-        Where the file stores the variable that it is or is a field of, in how many bytes, and whether packed.
+        Place in the file of the variable, or of the field's variable, its number of bytes, and whether it is packed.
     position : int
-        Of its data in that variable, unpacked.
+        Position of the data in the unpacked variable.
     """
 
     kind: str
@@ -58,12 +58,12 @@ class Variable:
 
 
 def list_variables(path: Path, most_bytes: int) -> dict[str, Variable]:
-    """Every variable by its name, and every field of a struct by the names that lead to it, joined by slashes.
+    """Return every variable by its name, and every field of a struct by the names that lead to it, joined by slashes.
 
     Raises
     ------
     UnreadableScan
-        `too-large` for more variables or larger ones than are read.
+        `too-large` for more or larger variables than are read.
     EOFError, ValueError, zlib.error
         When the file is damaged.
     """
@@ -74,7 +74,7 @@ def list_variables(path: Path, most_bytes: int) -> dict[str, Variable]:
 
 
 def read_numbers(path: Path, variable: Variable, most_bytes: int) -> NDArray[Any]:
-    """The numbers of a variable of real numbers, in its shape and type.
+    """Read the numbers of a variable of real numbers, in its shape and type.
 
     Raises
     ------
@@ -91,7 +91,7 @@ def read_numbers(path: Path, variable: Variable, most_bytes: int) -> NDArray[Any
 
 
 def read_text(path: Path, variable: Variable, most_bytes: int) -> str:
-    """The text of a variable of characters; exceptions as for numbers."""
+    """Read the text of a variable of characters; exceptions as in `read_numbers`."""
     element, data, order = _read_data(path, variable, most_bytes)
     encoding = STORED_TEXTS.get(element.type, "latin-1")
     ending = {"<": "-le", ">": "-be"}[order] if encoding[-2:] in {"16", "32"} else ""
@@ -144,14 +144,14 @@ def _variables(path: Path, most_bytes: int) -> Iterator[tuple[str, Variable]]:
 
 
 def _matrix(stream: VariableStream, here: Variable, path: str, depth: int) -> Iterator[tuple[str, Variable]]:
-    """The matrix whose tag comes next, and what it holds; the stream ends behind a field, not behind a variable."""
+    """Yield the matrix with the next tag, and its fields; the stream ends behind a field, not behind a variable."""
     element = stream.element()
     if element.type != MATRIX:
         raise ValueError(f"a variable holds an element of type {element.type} where a matrix must be")
     end = stream.position + element.padded_bytes
     name, described = _described(stream, here) if element.data_bytes else ("", replace(here, shape=(0, 0)))
     path = path or name
-    if not path:  # what MATLAB keeps for itself has no name
+    if not path:  # MATLAB's internal variables have no name
         return
     yield path, described
     if described.kind == "struct" and math.prod(described.shape) == 1 and depth < DEEPEST_STRUCT:
@@ -162,10 +162,10 @@ def _matrix(stream: VariableStream, here: Variable, path: str, depth: int) -> It
 
 
 def _described(stream: VariableStream, here: Variable) -> tuple[str, Variable]:
-    """The matrix whose head comes next, by its name (a field has none)."""
+    """Read the head of the next matrix, and return it by its name (a field has none)."""
     flags, *_ = struct.unpack(f"{stream.order}I", _head(stream)[:4])
     kind = MATLAB_CLASSES.get(flags & 0xFF, f"class {flags & 0xFF}")
-    # What is opaque has no shape.
+    # Opaque objects have no shape.
     shape = () if kind == "opaque" else tuple(n for (n,) in struct.iter_unpack(f"{stream.order}i", _head(stream)))
     if min(shape, default=0) < 0:
         raise ValueError(f"the shape {shape} is declared")

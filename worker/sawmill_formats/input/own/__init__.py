@@ -1,1 +1,1 @@
-"""Files of our own that somebody brings back, read as a stranger's."""
+"""Files of our own that a client sends, read as untrusted files."""

@@ -1,4 +1,4 @@
-"""A calibration's answer and arrays in an HDF5 file that somebody names as a calibration's."""
+"""A calibration's answer and arrays in an HDF5 file that a client names as a calibration's."""
 
 from pathlib import Path
 from typing import Any
@@ -14,9 +14,9 @@ from sawmill_formats.input.hdf5.guard import numbers, read_values
 from sawmill_formats.input.hdf5.texts import read_text
 from sawmill_formats.output.calibration_file import ANSWER, ARRAYS
 
-# The most bytes that are read of an answer: it has some ten thousand.
+# Most bytes that are read of an answer, which has some ten thousand.
 LONGEST_ANSWER = 16 * 2**20
-# Of each array, in memory at once: the sinogram of 10 000 views of 10 000 cells has 400 MB.
+# Bounds of each array, in memory at once: the sinogram of 10 000 views of 10 000 cells has 400 MB.
 ARRAY = Bounds(2**29, 2**29)
 NEEDED = (
     "sinogram",
@@ -33,7 +33,7 @@ TEXTS, WRITTEN_AT = ("phantom_image_method", "log_before_with"), "entry/start_ti
 
 
 def read_calibration_json(path: Path) -> str:
-    """The answer as JSON text, from a file that `files.calibration_file` wrote, or that is named as one.
+    """Read the answer as JSON text from a file of `sawmill_formats.output.calibration_file`, or one named as such.
 
     Raises
     ------
@@ -48,15 +48,15 @@ def read_calibration_json(path: Path) -> str:
 
 
 def read_calibration_arrays(path: Path) -> dict[str, NDArray[Any]] | None:
-    """The arrays behind an answer by name, as docs/formats.md lists them; None where the file has the answer alone.
+    """Read the arrays behind an answer by name, as in docs/formats.md; None where the file has the answer alone.
 
     Raises
     ------
     UnreadableScan
-        `dataset-missing` where one of them is not there; the file is damaged, or an array is too large.
+        `dataset-missing` where an array is missing; the file is damaged, or an array is too large.
     """
     with library_errors_translated("HDF5"), open_hdf5(path) as file:
-        arrays = {name: found for name in (*NEEDED, *OF_A_LOG) if (found := _array(file, name)) is not None}
+        arrays = {name: values for name in (*NEEDED, *OF_A_LOG) if (values := _array(file, name)) is not None}
         texts = {name: read_text(file, f"{ARRAYS}/{name}") for name in TEXTS}
     if not arrays:
         return None
@@ -66,11 +66,11 @@ def read_calibration_arrays(path: Path) -> dict[str, NDArray[Any]] | None:
 
 
 def read_time_of_writing(path: Path) -> str | None:
-    """When the file was written, RFC 3339; None where it does not tell."""
+    """Read when the file was written, RFC 3339; None where the file does not tell."""
     with library_errors_translated("HDF5"), open_hdf5(path) as file:
         return read_text(file, WRITTEN_AT)
 
 
 def _array(file: h5py.File, name: str) -> NDArray[Any] | None:
-    found = numbers(file, f"{ARRAYS}/{name}", ARRAY)
-    return None if found is None else read_values(found)
+    dataset = numbers(file, f"{ARRAYS}/{name}", ARRAY)
+    return None if dataset is None else read_values(dataset)

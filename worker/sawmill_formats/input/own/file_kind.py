@@ -1,4 +1,4 @@
-"""Whether a file that somebody names is one of our own, and which."""
+"""Recognition of our own files and their kind."""
 
 from contextlib import suppress
 from enum import StrEnum
@@ -16,7 +16,7 @@ from sawmill_formats.output.calibration_file import ANSWER
 
 
 class OwnKind(StrEnum):
-    """What this product writes."""
+    """Kinds of files that this product writes."""
 
     SCAN = "scan"
     VOLUME = "volume"
@@ -24,7 +24,7 @@ class OwnKind(StrEnum):
 
 
 def own_kind(path: Path) -> OwnKind | None:
-    """Which of our own files it is, by what it holds; None for any other, and for a damaged one."""
+    """Recognise which of our own files this is, by its contents; None for any other, and for a damaged one."""
     if not h5py.is_hdf5(path):
         return None
     if is_own_scan(path):

@@ -1,4 +1,4 @@
-"""Whether a file that somebody names is a scan of our own, to be read as it is."""
+"""Recognition of scans of our own, which are read as they are."""
 
 from contextlib import nullcontext, suppress
 from pathlib import Path
@@ -32,16 +32,16 @@ from sawmill_formats.output.scan_reader import open_scan
 
 
 def is_own_scan(path: Path) -> bool:
-    """Whether a file of any kind is one of `files.scan_writer.new_scan`, whole and with all of its data in it.
+    """Return whether a file is a whole scan of `sawmill_formats.output.scan_writer.new_scan`, with all data in it.
 
-    A damaged one is not: `reading_scan` reports what is wrong with it.
+    A damaged file is not: `reading_scan` reports what is wrong with it.
     """
     if not h5py.is_hdf5(path):
         return False
     with suppress(UnreadableScan), library_errors_translated("HDF5"):
         with open_hdf5(path) as file:
             own = _is_marked(file) and _is_whole(file)
-        with open_scan(path) if own else nullcontext():  # one that was repacked is read as any other file
+        with open_scan(path) if own else nullcontext():  # a scan that was repacked is read as any other file
             return own
     return False
 

@@ -27,33 +27,33 @@ MOST_FILES = 100_000
 MOST_QUOTED = 10
 
 
-def read_folder(path: Path, wanted: Wanted, bounds: Bounds, _: ExitStack) -> FileContents:
-    """Read the TIFF files of a folder in natural order, each opened when its views are asked for.
+def read_folder(path: Path, selection: Wanted, bounds: Bounds, _: ExitStack) -> FileContents:
+    """Read the TIFF files of a folder in natural order, each opened when its views are read.
 
-    Nothing is guessed from names: fields lie in another folder or file. Subfolders are not looked into.
+    Nothing is guessed from names: fields are in another folder or file. Subfolders are not read.
 
     Raises
     ------
     UnreadableScan
-        When there are no TIFF files, some that are called flat or dark fields beside others, or one that cannot be
-        read or is of another size.
+        When there are no TIFF files, some are named flat or dark fields and others not, or one cannot
+        be read or is of another size.
     """
-    if wanted.dataset is not None:
-        raise UnreadableScan("contradiction", f"a folder has no named arrays; leave out {quoted(wanted.dataset)!r}")
-    found = entries(path)
-    paths = [each for each in found if _is_image(each)]
+    if selection.dataset is not None:
+        raise UnreadableScan("contradiction", f"a folder has no named arrays; leave out {quoted(selection.dataset)!r}")
+    members = entries(path)
+    paths = [each for each in members if _is_image(each)]
     if not paths:
         raise UnreadableScan("unknown-format", "the folder holds no TIFF files; give the folder that holds the views")
     _check_kinds(paths)
     checked = checked_files("the folder", [_file(each) for each in paths], bounds)
     names = [each.name for each in paths]
-    remarks = (*_ignored(found, paths), *_forms(names), *_gaps(names))
+    remarks = (*_ignored(members, paths), *_forms(names), *_gaps(names))
     projections = stacked(checked, checked[0].shape[1], bounds)
     return FileContents("folder-of-tiffs", projections, remarks=remarks, others=tuple(paths))
 
 
 def folder_parts(path: Path, _: Bounds) -> Iterator[Part]:
-    """The files and subfolders; of TIFF files what their first pages are."""
+    """Yield the files and subfolders, TIFF files with the properties of their first pages."""
     for each in entries(path):
         name = quoted(each.name)
         if each.is_dir():
@@ -65,17 +65,17 @@ def folder_parts(path: Path, _: Bounds) -> Iterator[Part]:
 
 
 def entries(path: Path) -> list[Path]:
-    """Everything in a folder, view-2 before view-10.
+    """List everything in a folder, view-2 before view-10.
 
     Raises
     ------
     UnreadableScan
         `too-large` for more files than are read.
     """
-    found = list(islice(path.iterdir(), MOST_FILES + 1))
-    if len(found) > MOST_FILES:
+    members = list(islice(path.iterdir(), MOST_FILES + 1))
+    if len(members) > MOST_FILES:
         raise UnreadableScan("too-large", f"the folder holds more than {MOST_FILES} files; give one of views alone")
-    return sorted(found, key=lambda each: natural_key(each.name))
+    return sorted(members, key=lambda each: natural_key(each.name))
 
 
 def _is_image(path: Path) -> bool:
@@ -83,7 +83,7 @@ def _is_image(path: Path) -> bool:
 
 
 def _size(path: Path) -> int:
-    """Bytes; 0 for a link that leads nowhere, which is then refused as what it is."""
+    """Return the size in bytes; 0 for a link to no file, which is refused later."""
     return path.stat().st_size if path.exists() else 0
 
 
@@ -107,7 +107,7 @@ def _image_part(path: Path, name: str) -> Part:
 
 
 def _check_kinds(paths: Sequence[Path]) -> None:
-    """Refuse what may be fields among the views."""
+    """Refuse a mixture of views and files that may be fields."""
     kinds = [image_kind(each.name) for each in paths]
     if len(set(kinds)) > 1:
         other = next(each.name for each, kind in zip(paths, kinds, strict=True) if kind != "view")
@@ -118,8 +118,8 @@ def _check_kinds(paths: Sequence[Path]) -> None:
         )
 
 
-def _ignored(found: Sequence[Path], taken: Sequence[Path]) -> Iterator[str]:
-    rest = set(found) - set(taken)
+def _ignored(members: Sequence[Path], images: Sequence[Path]) -> Iterator[str]:
+    rest = set(members) - set(images)
     folders = sum(each.is_dir() for each in rest)
     if folders:
         yield f"{folders} subfolders were not looked into."
@@ -135,7 +135,7 @@ def _forms(names: Sequence[str]) -> Iterator[str]:
 
 
 def _gaps(names: Sequence[str]) -> Iterator[str]:
-    """Which numbers are left out, where one number alone tells the names of a sequence apart."""
+    """Find the missing numbers where one number alone distinguishes the names of a sequence."""
     columns = list(zip(*(map(int, re.findall(r"\d+", name)) for name in names), strict=False))
     varying = [sorted(set(column)) for column in columns if len(set(column)) > 1]
     if len(set(map(form_of, names))) > 1 or len(varying) != 1 or len(varying[0]) != len(names):

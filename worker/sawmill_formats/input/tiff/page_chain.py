@@ -1,6 +1,6 @@
-"""The chain of pages of a TIFF, followed and added up before the library makes anything of it.
+"""The chain of pages of a TIFF, followed and added up before the library uses it.
 
-Layout: Adobe, "TIFF Revision 6.0", section 2; that of BigTIFF differs in the widths of its numbers.
+Layout: Adobe, "TIFF Revision 6.0", section 2; BigTIFF's layout differs in the widths of its numbers.
 """
 
 import struct
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     import tifffile
 
 MOST_PAGES = 100_000
-# Of one value, by the number of its type.
+# Bytes of one value, by the number of its type.
 VALUE_BYTES = np.array([0, 1, 1, 2, 4, 8, 1, 1, 2, 4, 8, 4, 8, 4, 0, 0, 8, 8, 8], np.float64)
 
 
@@ -49,7 +49,7 @@ def check_chain(tiff: "tifffile.TiffFile", name: str, size_bytes: int) -> None:
 
 
 def _values_bytes(tags: NDArray[np.void], inside_bytes: int) -> float:
-    """How many bytes the values of tags claim that are stored outside of them."""
+    """Return the number of bytes that tags claim for values stored outside of the tags."""
     types = np.minimum(tags["type"], len(VALUE_BYTES) - 1)
     sizes = VALUE_BYTES[types] * tags["count"]
     return float(sizes[sizes > inside_bytes].sum())

@@ -32,14 +32,14 @@ UNCOMPRESSED = 1
 PACKINGS = {8: DEFLATE, 32946: DEFLATE, 32773: PACKBITS}
 READABLE_COMPRESSIONS = frozenset({UNCOMPRESSED, *PACKINGS})
 _LONGEST_DESCRIPTION = 4096
-# A tile that reaches beyond its page is unpacked as a whole: at most this number of times the page's pixels, or of a
-# small page the usual 256 x 256.
+# A tile that reaches beyond its page is unpacked as a whole: at most this number of times the page's pixels, or the
+# usual 256 x 256 for a small page.
 MOST_TILE_PAGES, USUAL_TILE_PIXELS = 4, 256 * 256
 
 
 @dataclass(frozen=True, eq=False)
 class TiffPages:
-    """The pages of an open file, all checked and of one size; they are read when they are asked for.
+    """The pages of an open file, all checked and of one size, read when they are needed.
 
     Attributes
     ----------
@@ -50,18 +50,18 @@ class TiffPages:
     tiff: "tifffile.TiffFile"
 
     def read(self, pages: slice, rows: slice) -> NDArray[np.float32]:
-        """(pages, rows, detector) float32 of some pages and some of their rows."""
+        """Read some rows of some pages, (pages, rows, detector) float32."""
         block = np.empty((pages.stop - pages.start, rows.stop - rows.start, self.shape[2]), dtype=np.float32)
         for index, image in enumerate(block, pages.start):
             page = self.tiff.pages[index]
             _check_unpacked(page, f"a strip or tile of page {index}")
-            # Zeros: the library leaves what it does not fill as it was.
+            # Zeros, because the library does not write the parts that it does not fill.
             stored = np.zeros(page.shape, page.dtype)
             image[:] = as_float32(page.asarray(out=stored, maxworkers=1)[rows])
         return block
 
 
-def read_tiff(path: Path, wanted: Wanted, bounds: Bounds, files: ExitStack) -> FileContents:
+def read_tiff(path: Path, selection: Wanted, bounds: Bounds, files: ExitStack) -> FileContents:
     """Read a TIFF file, which stays open for its pages; a single page is the sinogram of one row.
 
     Raises
@@ -69,9 +69,9 @@ def read_tiff(path: Path, wanted: Wanted, bounds: Bounds, files: ExitStack) -> F
     UnreadableScan
         When a page cannot be an image of numbers.
     """
-    if wanted.dataset is not None:
+    if selection.dataset is not None:
         raise UnreadableScan(
-            "contradiction", f"a TIFF file has no named arrays; leave out dataset {quoted(wanted.dataset)!r}"
+            "contradiction", f"a TIFF file has no named arrays; leave out dataset {quoted(selection.dataset)!r}"
         )
     pages = files.enter_context(open_pages(path, "the file", path.stat().st_size, bounds))
     count, rows, _ = pages.shape
@@ -83,7 +83,7 @@ def read_tiff(path: Path, wanted: Wanted, bounds: Bounds, files: ExitStack) -> F
 
 @contextmanager
 def opened_tiff(source: Path | BinaryIO, name: str, size_bytes: int) -> Iterator["tifffile.TiffFile"]:
-    """Open one TIFF of at least one page, the chain of its pages checked and nothing else of them.
+    """Open one TIFF of at least one page, of which only the chain of pages has been checked.
 
     Raises
     ------
@@ -107,9 +107,9 @@ def opened_tiff(source: Path | BinaryIO, name: str, size_bytes: int) -> Iterator
 
 @contextmanager
 def open_pages(source: Path | BinaryIO, name: str, size_bytes: int, bounds: Bounds) -> Iterator[TiffPages]:
-    """Open one TIFF and check all of its pages.
+    """Open one TIFF and check all pages.
 
-    Only pages are looked at, never the series of OME or other dialects: those may name other files.
+    Only pages are used, never the series of OME or other dialects, which may name other files.
     """
     with opened_tiff(source, name, size_bytes) as tiff:
         count = len(tiff.pages)
@@ -145,9 +145,9 @@ def open_pages(source: Path | BinaryIO, name: str, size_bytes: int, bounds: Boun
 
 
 def _check_nothing_follows(page: "tifffile.TiffPage", name: str, size_bytes: int) -> None:
-    """Refuse a file of one page behind which more images stand without pages of their own.
+    """Refuse a file of one page followed by more images without pages of their own.
 
-    ImageJ writes stacks of more than 4 GiB so, and tifffile with `truncate`.
+    ImageJ writes stacks of more than 4 GiB in this way, and tifffile with `truncate`.
     """
     description = page.description[:_LONGEST_DESCRIPTION]
     images = re.search(r"^images=([0-9]{1,9})$", description, re.MULTILINE) if page.is_imagej else None
@@ -161,7 +161,7 @@ def _check_nothing_follows(page: "tifffile.TiffPage", name: str, size_bytes: int
 
 
 def page_type(page: "tifffile.TiffPage | tifffile.TiffFrame") -> tuple[str, str | None]:
-    """The type of a page's numbers and how they are compressed, in words."""
+    """Describe the type of a page's numbers and their compression in words."""
     method = getattr(page.compression, "name", str(page.compression))
     number_type = "unknown" if page.dtype is None else str(page.dtype.name)
     return number_type, None if page.compression == UNCOMPRESSED else method.lower()
@@ -230,7 +230,7 @@ def _check_strips(
 
 
 def _check_unpacked(page: "tifffile.TiffPage | tifffile.TiffFrame", what: str) -> None:
-    """Refuse a page of which a strip or tile unpacks to more than it declares; the library keeps all of it."""
+    """Refuse a page with a strip or tile that unpacks to more than it declares; the library keeps all of it."""
     packing = PACKINGS.get(int(page.compression))
     if packing is None or page.dtype is None:
         return

@@ -1,4 +1,4 @@
-"""Several TIFF files, of one or more views each, as one stack: those of an archive or of a folder."""
+"""Several TIFF files, of one or more views each, as one stack: from an archive or from a folder."""
 
 import math
 import re
@@ -22,7 +22,7 @@ LEAST_SHARE = 0.5
 
 @dataclass(frozen=True, eq=False)
 class TiffFile:
-    """One of the files, before it is opened: its name, the bytes that are stored of it, and what opens its pages."""
+    """A file of the stack before it is opened: its name, its stored bytes, and the function that opens its pages."""
 
     name: str
     stored_bytes: int
@@ -31,16 +31,16 @@ class TiffFile:
 
 @dataclass(frozen=True, eq=False)
 class CheckedTiff:
-    """One of the files, its pages checked."""
+    """A file of the stack, its pages checked."""
 
     file: TiffFile
     shape: tuple[int, int, int]
 
 
 def is_tiff(name: str) -> bool:
-    """Whether a file is called a TIFF, and not hidden."""
+    """Return whether a file's name is a TIFF's, and not hidden."""
     path = PurePosixPath(name)
-    # macOS packs a hidden twin beside each file.
+    # macOS packs a hidden twin with each file.
     return path.suffix.lower() in TIFF_SUFFIXES and not path.name.startswith(".") and "__MACOSX" not in path.parts
 
 
@@ -52,7 +52,7 @@ def natural_key(name: str) -> list[tuple[int, int, str]]:
 
 
 def image_kind(name: str) -> str:
-    """`flat` or `dark` where a folder or the file is so called or begins so, else `view`."""
+    """Return `flat` or `dark` where the name of the file or its folder is that word or begins with it, else `view`."""
     for part in PurePosixPath(name.lower()).parts:
         for kind in ("flat", "dark"):
             if part.startswith(kind):
@@ -63,24 +63,24 @@ def image_kind(name: str) -> str:
 def checked_files(
     what: str, files: Sequence[TiffFile], bounds: Bounds, *, rows_missing: bool = False
 ) -> list[CheckedTiff]:
-    """Each file's pages checked, all of one size; views may lack rows.
+    """Check each file's pages, all of one size; views may lack rows.
 
     Raises
     ------
     UnreadableScan
-        Of the file that cannot be read, or is of another size.
+        A file cannot be read, or is of another size.
     """
-    found: list[CheckedTiff] = []
+    checked: list[CheckedTiff] = []
     before = 0
     for file in files:
         with file.opened(replace(bounds, array=bounds.array - before)) as pages:
             member = CheckedTiff(file, pages.shape)
-        _check_like(member, (found or [member])[0], rows_missing=rows_missing)
-        found.append(member)
+        _check_like(member, (checked or [member])[0], rows_missing=rows_missing)
+        checked.append(member)
         before += 4 * math.prod(member.shape)
     stored = sum(file.stored_bytes for file in files)
     check_size(what, (before // 4,), 4, stored_bytes=stored, max_bytes=bounds.array)
-    return found
+    return checked
 
 
 def _check_like(member: CheckedTiff, first: CheckedTiff, *, rows_missing: bool) -> None:
@@ -95,19 +95,23 @@ def _check_like(member: CheckedTiff, first: CheckedTiff, *, rows_missing: bool) 
 
 
 def stacked(files: Sequence[CheckedTiff], rows: int, bounds: Bounds) -> Projections:
-    """All pages of the files, those of fewer rows filled with NaN at their end."""
+    """Stack all pages of the files; pages with fewer rows are filled with NaN at their end."""
     ends = np.cumsum([member.shape[0] for member in files])
     cells = files[0].shape[2]
 
-    def read(views: slice, wanted: slice) -> NDArray[np.float32]:
-        block = np.full((views.stop - views.start, wanted.stop - wanted.start, cells), np.nan, np.float32)
+    def read(views: slice, rows_of_views: slice) -> NDArray[np.float32]:
+        block = np.full((views.stop - views.start, rows_of_views.stop - rows_of_views.start, cells), np.nan, np.float32)
         for member, end in zip(files, ends.tolist(), strict=True):
             first = end - member.shape[0]
-            start, stop, end_row = max(first, views.start), min(end, views.stop), min(wanted.stop, member.shape[1])
-            if start < stop and wanted.start < end_row:
+            start, stop, end_row = (
+                max(first, views.start),
+                min(end, views.stop),
+                min(rows_of_views.stop, member.shape[1]),
+            )
+            if start < stop and rows_of_views.start < end_row:
                 with member.file.opened(bounds) as pages:
-                    part = pages.read(slice(start - first, stop - first), slice(wanted.start, end_row))
-                block[start - views.start : stop - views.start, : end_row - wanted.start] = part
+                    part = pages.read(slice(start - first, stop - first), slice(rows_of_views.start, end_row))
+                block[start - views.start : stop - views.start, : end_row - rows_of_views.start] = part
         return block
 
     return Projections((int(ends[-1]), rows, cells), read, (max(member.shape[0] for member in files), rows))
