@@ -1,4 +1,4 @@
-"""`sawmill demo`: the whole job over HTTP, on a simulated stack and, where they are, on the published scans."""
+"""`sawmill demo`: the whole job over HTTP, on a simulated stack and, if available, on the published scans."""
 
 import math
 import os
@@ -34,11 +34,11 @@ from sawmill_worker.pictures.report_numbers import theta_change, theta_rows, the
 from sawmill_worker.pictures.windows import LOG_WINDOW, window_of
 
 PUBLISHED_THETA = Theta(2.55023549, 714.683839, 319.943788, 43.6514375, 0.280799451)
-# What a tape measure and a spirit level get wrong: the geometry that a mill would have without calibrating.
+# Errors of a tape measure and a spirit level, that is, of the geometry that a mill has without a calibration.
 TAPE_ERROR = Theta(0.0, 18.0, 14.0, -11.0, -0.03)
 VIEWS, SPARSE_VIEWS = 360, 20
 SIZE, FIELD_MM = 256, 400.0
-# Pixels along the sides of the two pictures that people compare.
+# Number of pixels along a side of the two pictures that people compare.
 SHOWN_SIZE = 540
 TAPED, CALIBRATED = "measured by tape", "calibrated"
 FIRST_LOG_ROW = examples.PHANTOM_ROWS
@@ -48,7 +48,7 @@ console = Console()
 
 @dataclass(frozen=True)
 class Truth:
-    """The truth of the scan: theta, the log's slice [x, y] and the side of the square that holds the log."""
+    """Ground truth of the scan: theta, the log's slice [x, y] and the side of the square that holds the log."""
 
     theta: Theta
     image: NDArray[np.float64]
@@ -56,7 +56,7 @@ class Truth:
 
 
 def run_demo(output: Path) -> int:
-    """Write pictures, HDF5 files and index.html into the folder; returns the exit code."""
+    """Write pictures, HDF5 files and index.html into the folder, and return the exit code."""
     started = time.perf_counter()
     published = published_data()
     try:
@@ -86,7 +86,7 @@ def run_demo(output: Path) -> int:
 
 
 def published_data() -> Path | None:
-    """The folder of the published scans, if it is here."""
+    """Return the folder of the published scans, if the folder is available."""
     folder = Path(os.environ.get("SAWMILL_PUBLISHED_DATA", "../shared/data"))
     return folder if (folder / "l-phantom" / "sinogram.mat").is_file() else None
 
@@ -115,13 +115,13 @@ def _step(bar: bars.Progress, what: str) -> Iterator[ProgressCallback]:
 
 
 class _Demo:
-    """The steps, each with its bar."""
+    """Steps of the demo, each with a progress bar."""
 
     def __init__(self, client: httpx.Client, output: Path, folder: Path, bar: bars.Progress) -> None:
         self._client, self._output, self._folder, self._bar = client, output, folder, bar
 
     def simulated(self) -> Section:
-        """One stack of counts in which a log carries the phantom on its end."""
+        """Calibrate with a stack of counts in which a log carries the phantom on its end."""
         stack = self._folder / "stack.h5"
         slices = examples.mill_slices()
         with _step(self._bar, "Simulating a log with the phantom on its end"):
@@ -152,7 +152,7 @@ class _Demo:
         return section
 
     def bad_day(self) -> Section:
-        """A scan of the phantom with much that can be wrong, and what the calibration reports of it."""
+        """Calibrate with a scan of the phantom that has many defects, and show the calibration's remarks."""
         scan = self._folder / "bad-day.h5"
         with _step(self._bar, "Simulating a bad day at the mill"):
             examples.write_bad_day(scan, VIEWS)
@@ -175,7 +175,7 @@ class _Demo:
         return section
 
     def published(self, folder: Path) -> Section:
-        """The L-phantom and the log of arXiv 2206.14444."""
+        """Calibrate with the L-phantom and the log of arXiv 2206.14444."""
         scanner = self._scanner("published scanner", examples.SCANNER)
         ids = []
         for name, extra in (("l-phantom/sinogram.mat", {"phantom_id": "l-shape"}), ("log-phantom/sinogram.npy", {})):
@@ -209,7 +209,7 @@ class _Demo:
         return str(created["id"])
 
     def _section(self, title: str, text: str, prefix: str, found: CalibrationSucceeded) -> Section:
-        """A section of one calibration, whose files are saved."""
+        """Create a section for a calibration, and save the calibration's files."""
         report, overlay, result = (f"{prefix}-{name}" for name in ("report.html", "overlay.png", "result.h5"))
         path = f"/v1/calibrations/{found.id}"
         demo_client.download(self._client, f"/calibrations/{found.id}/report", self._output / report)
@@ -232,7 +232,7 @@ class _Demo:
         truth: Truth,
         rows: str,
     ) -> None:
-        """The numbers and the log of a section; `scans` are the phantom's and the log's."""
+        """Add the numbers and the log to a section; `scans` are the phantom's scan and the log's scan."""
         phantom_scan, log_scan = scans
         sparse = self._calibrate(f"Calibrating with {SPARSE_VIEWS} views ({prefix})", phantom_scan, SPARSE_VIEWS)
         section.head, section.rows = ("", "found", "standard deviation", "truth"), _theta_rows(found, truth.theta)
@@ -257,7 +257,7 @@ class _Demo:
         )
 
     def _pair(self, prefix: str, log_scan: str, asks: dict[str, Json], rows: str, field_mm: float) -> tuple[str, str]:
-        """The pictures of the first log slice, by tape and calibrated, in one grey window."""
+        """Draw the first log slice by tape geometry and calibrated, in one grey window; return both paths."""
         first = int(rows.partition(":")[0])
         shown = {"scan_id": log_scan, "rows": f"{first}:{first + 1}", "size": SHOWN_SIZE, "field_mm": field_mm}
         images = {
@@ -291,7 +291,7 @@ def _theta_rows(found: CalibrationSucceeded, truth: Theta) -> list[tuple[str, ..
 
 
 def _physics_rows(physics: Physics) -> list[tuple[str, ...]]:
-    """The effects that are on."""
+    """List the effects that are switched on."""
     return [
         (f"{group}.{name}", f"{value:g}")
         for group, effects in vars(physics).items()

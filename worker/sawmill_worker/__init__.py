@@ -1,1 +1,1 @@
-"""The worker: science, readers of uploads, our own files, contracts, storage, and the execution of jobs."""
+"""The worker: jobs and their execution, the commands' work, pictures and the watched folder."""

@@ -1,4 +1,4 @@
-"""`sawmill doctor` as it is called and printed."""
+"""Call and output of `sawmill doctor`."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -21,12 +21,12 @@ _COLOURS = {State.GOOD: "green", State.WATCH: "yellow", State.BAD: "red"}
 
 
 def examine(data: Path | None) -> list[Finding]:
-    """Look at everything, from the settings to Redis; nothing is changed and no store is made.
+    """Check everything from the settings to Redis; nothing is changed and no store is made.
 
     Parameters
     ----------
     data
-        The data folder; null: that of the settings.
+        The data folder; None selects the settings' folder.
     """
     try:
         with variables_checked():
@@ -68,7 +68,7 @@ def _service(settings: ServiceSettings, storage: StorageSettings) -> Iterator[Fi
 
 
 def show(findings: Sequence[Finding]) -> None:
-    """Print a row for each, and the cures below what is wrong."""
+    """Print a row per finding, and the cure below a bad finding."""
     table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
     for finding in findings:
         colour = _COLOURS[finding.state]

@@ -1,4 +1,4 @@
-"""What the doctor sees of the machine: packages, the data folder with its disk and owners, limits of the system."""
+"""Checks of the machine: packages, the data folder with its disk and owners, limits of the system."""
 
 import errno
 import os
@@ -24,15 +24,15 @@ from sawmill_worker.execution import landlock
 from sawmill_worker.execution.settings import ExecutionSettings
 
 PACKAGE = "sawmill-calibration"
-# SQLite's write-ahead log needs memory that all its users share, and locks that hold.
+# File systems that do not suit SQLite: its write-ahead log needs memory shared by all processes, and reliable locks.
 _OF_NETWORKS = {"nfs", "nfs4", "cifs", "smb3", "smbfs", "9p", "fuse.sshfs", "ceph", "fuse.glusterfs", "lustre", "afs"}
 _MOUNTS = Path("/proc/self/mountinfo")
 _OTHERS_MAY_WRITE = 0o022
-_OF_THE_DISK = "lost+found"  # root's, where the folder is a disk of its own
+_OF_THE_DISK = "lost+found"  # belongs to root if the folder is the root of a disk
 
 
 def packages() -> Iterator[Finding]:
-    """Whether what is installed is what the product asks for."""
+    """Check that the installed packages are the versions that the product requires."""
     wrong = list(_wrong_packages())
     yield from wrong
     if not wrong:
@@ -59,7 +59,7 @@ def _wrong_packages() -> Iterator[Finding]:
 
 
 def limits_of_system(settings: ServiceSettings, execution: ExecutionSettings) -> Iterator[Finding]:
-    """Whether the system allows what the settings ask for."""
+    """Check that the system's limits allow the settings."""
     most, possible = settings.max_connections, possible_connections(settings.max_connections)
     if possible == most:
         yield Finding("open files", State.GOOD, f"enough for {most} connections")
@@ -98,7 +98,7 @@ def limits_of_system(settings: ServiceSettings, execution: ExecutionSettings) ->
 
 
 def address(settings: ServiceSettings, *, may_be_ours: bool) -> Finding:
-    """Whether the service could listen; `may_be_ours`: nothing tells whether what listens there is the service."""
+    """Check that the service could listen; `may_be_ours` if it is unknown whether a present listener is the service."""
     try:
         with closing(listen(settings.host, settings.port, guarded=True)) as listening:
             port = listening.getsockname()[1]
@@ -111,10 +111,10 @@ def address(settings: ServiceSettings, *, may_be_ours: bool) -> Finding:
 
 
 def data_folder(storage: StorageSettings) -> Iterator[Finding]:
-    """Whether it is there, on a disk that will do, with room, and this user's; nothing is made."""
+    """Check that the folder exists, on a suitable disk with free space, and belongs to this user; nothing is made."""
     folder = storage.data_folder
     if not folder.is_dir():
-        if storage.is_one_file:  # a server knows whether there should be one
+        if storage.is_one_file:  # a database server knows whether a folder should exist
             cure = "the first start of sawmill serve makes it"
             yield Finding("data folder", State.WATCH, f"{folder} is not there", cure)
         return
@@ -140,7 +140,7 @@ def _half_restored(folder: Path) -> Iterator[Finding]:
 
 
 def is_closed(folder: Path) -> bool:
-    """Whether the folder is there and this user cannot work in it."""
+    """Return whether the folder exists and this user cannot work in it."""
     try:
         return folder.is_dir() and (is_read_only(folder) or not os.access(folder, os.R_OK | os.W_OK | os.X_OK))
     except FolderUnavailable:
@@ -161,7 +161,7 @@ def _writable(folder: Path) -> Finding:
             f"{folder} belongs to user {_owner(folder)} and cannot be written to by this one",
             run_as_owner(folder),
         )
-    # What a command by another user, root above all, has left: the service could not write to it.
+    # Files left by a command of another user, above all root, to which the service cannot write.
     stray = next((one for one in _two_levels(folder) if one.lstat().st_uid != folder.stat().st_uid), None)
     if stray is not None:
         return Finding(
@@ -194,20 +194,20 @@ def _room(folder: Path, reserve_bytes: int) -> Iterator[Finding]:
 
 
 def file_system(folder: Path, mounts: Path = _MOUNTS) -> str:
-    """The kind of file system that a folder is on, as /proc/self/mountinfo has it (proc(5))."""
+    """Return the type of the file system of a folder, as in /proc/self/mountinfo (proc(5))."""
     resolved = folder.resolve()
     found, kind = Path("/"), "?"
     for line in mounts.read_text().splitlines():
         mount, _, source = line.partition(" - ")
         point = Path(mount.split()[4].replace(r"\040", " "))
-        # The last of those on one point hides the others.
+        # The last mount at a point hides earlier mounts at the same point.
         if resolved.is_relative_to(point) and point.is_relative_to(found):
             found, kind = point, source.split()[0]
     return kind
 
 
 def run_as_owner(folder: Path) -> str:
-    """What to do where a folder is another user's."""
+    """Return the cure for a folder of another user."""
     return f"run as user {_owner(folder)}, or change the owner: chown -R USER {folder}"
 
 
@@ -221,7 +221,7 @@ def _two_levels(folder: Path) -> Iterator[Path]:
 
 
 def _owner(path: Path) -> str:
-    """By name; by number where it has none, as in containers. chown(1) takes both."""
+    """Return the owner by name, or by number without a name, as in containers; chown(1) accepts both."""
     try:
         return path.owner()
     except KeyError:

@@ -1,4 +1,4 @@
-"""What the doctor sees of the numerical part: compiled kernels and memory."""
+"""Checks of the numerical part: compiled kernels and memory."""
 
 import importlib
 import pkgutil
@@ -12,7 +12,7 @@ from sawmill_worker.use_cases.capacity import memory_available
 
 
 def science() -> Iterator[Finding]:
-    """Whether a first job would have to compile, and whether there is memory for it."""
+    """Check whether a first job would have to compile, and whether the memory suffices for the job."""
     yield kernels()
     available = memory_available()
     sentence = f"{available / 1e9:.1f} GB of memory are free, and a job may take {DATA_BYTES / 1e9:.1f} GB"
@@ -23,11 +23,11 @@ def science() -> Iterator[Finding]:
 
 
 def kernels() -> Finding:
-    """Whether the cache has the compiled kernels of this installation."""
+    """Check that the cache has the compiled kernels of this installation."""
     names = [found.name for found in pkgutil.walk_packages(tomography.__path__, f"{tomography.__name__}.")]
     try:
         modules = [importlib.import_module(name) for name in names if name.endswith("_numba")]
-    except RuntimeError as error:  # Numba's, where neither the installation nor the user's own cache can be written to
+    except RuntimeError as error:  # from Numba, if neither the installation nor the user's cache can be written to
         sentence = f"{error}: jobs keep theirs in the data folder, and the first ones wait for them, up to a minute"
         return Finding("kernels", State.WATCH, sentence, "run sawmill compile as the installation's owner")
     missing = [module.__name__.rpartition(".")[2] for module in modules if not holds_all(module)]

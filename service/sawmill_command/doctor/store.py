@@ -1,4 +1,4 @@
-"""What the doctor sees of the service, the database, the workers, the clocks and Redis."""
+"""Checks of the service, the database, the workers, the clocks and Redis."""
 
 from collections.abc import Iterator
 from contextlib import closing
@@ -20,9 +20,9 @@ from sawmill_worker.execution.broker_report import report_of
 from sawmill_worker.execution.housekeeping import TOLERABLE_S
 
 _SLOW_S = 0.5
-_NAMED = 3  # lost files, of any number
+_NAMED = 3  # number of lost files that a finding names
 _RESTORE = "stop the service, move the data folder away, and restore the last backup: sawmill restore BACKUP"
-# A day more than a week, for one that is taken each week.
+# One day more than a week, for weekly backups.
 _OLD = timedelta(days=8)
 _TAKE = "take one to another disk, each night: sawmill backup FOLDER"
 _MOUNT = "mount the folder that the service used before, for writing, or give it with --data or SAWMILL_DATA_FOLDER"
@@ -31,7 +31,7 @@ _MAKE_A_KEY = "make one with sawmill key create --name NAME --scope admin, or se
 
 
 def database(storage: StorageSettings, settings: ServiceSettings) -> Iterator[Finding]:
-    """The database, and what can be asked of one that answers and is up to date."""
+    """Check the database, and all that depends on it if the database answers and is up to date."""
     try:
         with closing(Store(storage)) as store:
             report = store.database_report()
@@ -61,7 +61,7 @@ def database(storage: StorageSettings, settings: ServiceSettings) -> Iterator[Fi
 
 
 def files_without_database(folder: Path) -> Iterator[Finding]:
-    """What is wrong with a data folder whose SQLite file would be new."""
+    """Report files in a data folder whose SQLite file would be new."""
     try:
         refuse_used(folder)
     except StorageMisconfigured as error:
@@ -69,7 +69,7 @@ def files_without_database(folder: Path) -> Iterator[Finding]:
 
 
 def backup(folder: Path) -> Finding:
-    """How old the newest backup is; whether it is still where it was written is not looked at: its disk may be away."""
+    """Report the age of the newest backup; its files are not checked, because the backup's disk may be away."""
     newest = newest_backup(folder)
     if newest is None:
         return Finding("backup", State.WATCH, "none was taken of this data folder", _TAKE)
@@ -82,7 +82,7 @@ def backup(folder: Path) -> Finding:
 
 
 def broker(url: str | None) -> Finding:
-    """Redis, where it is used."""
+    """Check Redis, if it is used."""
     if url is None:
         return Finding("Redis", State.GOOD, "not used: workers look into the database")
     report = report_of(url)
@@ -135,13 +135,13 @@ def _files(store: Store) -> Finding:
 
 
 def _folder(store: Store) -> Finding:
-    """Whether the data folder is the one that the database knows, and takes files."""
+    """Check that the data folder is the folder in the database, and that files can be written."""
     try:
         store.check(reserve_bytes=0)
     except FolderUnavailable as error:
         return Finding("data folder", State.BAD, str(error), _MOUNT)
     except StorageFull:
-        pass  # the disk's own finding says so
+        pass  # the finding on the disk reports it
     return Finding("data folder", State.GOOD, "the one that the database knows")
 
 
@@ -164,7 +164,7 @@ def _clock(store: Store) -> Finding:
 
 
 def _growth(store: Store) -> Finding:
-    """Whether the disk holds what comes under the rules of retention."""
+    """Check that the disk has room for the files that arrive under the retention rules."""
     growth = store.retention.growth(store.files.room().free_bytes - store.settings.disk_reserve_bytes)
     sentence = f"{growth.bytes_a_day / 1e9:.1f} GB came a day in the last week"
     if growth.full_in_days is None:
@@ -177,7 +177,7 @@ def _growth(store: Store) -> Finding:
 
 
 def _retention(store: Store) -> Iterator[Finding]:
-    """Whether rules of days wait for somebody."""
+    """Report retention rules that wait for a person."""
     since = store.retention.get().days_wait_since
     if since is not None:
         sentence = f"days were counted last at {since.isoformat(timespec='seconds')}: nothing goes by its age"

@@ -1,4 +1,4 @@
-"""What the doctor sees of the webhooks: whether what happens reaches those who asked for it."""
+"""Checks of the webhooks: whether events reach their receivers."""
 
 from collections.abc import Iterator
 
@@ -9,7 +9,7 @@ from sawmill_store.store import Store
 
 
 def webhooks(store: Store, allowed: list[str]) -> Iterator[Finding]:
-    """A finding for each that does not send; one where all is well."""
+    """Yield a finding for each webhook that does not send, or one finding if all webhooks work."""
     every = store.webhooks.all().webhooks
     enabled = [webhook for webhook in every if webhook.enabled]
     if enabled and not allowed:

@@ -1,4 +1,4 @@
-"""`sawmill calibrate`: a scan's file to a calibration."""
+"""`sawmill calibrate`: calibration from a scan's file."""
 
 from datetime import datetime
 from pathlib import Path
@@ -26,7 +26,7 @@ def calibrate_scan(
     picture: Path | None,
     on_progress: ProgressCallback,
 ) -> CalibrationResult:
-    """Read, calibrate, and draw the report where one is asked for."""
+    """Read, calibrate, and draw the report if a path for it is given."""
     drawing = drawing_of(phantom)
     with open_rows(scan, source_to_cor_mm=source_to_cor_mm, on_progress=on_progress) as used:
         stack = used.stack()
@@ -52,7 +52,7 @@ def calibrate_scan(
         )
     result = calibration_result(calibration, given, witness=witness_of(calibration, given))
     if picture is not None:
-        # Imported here because it brings the reconstruction along, for which an answer need not wait.
+        # Imported here because the module imports the reconstruction, which an answer without a report does not need.
         from sawmill_worker.pictures.report_page import About  # noqa: PLC0415
         from sawmill_worker.use_cases.calibration_files import report_arrays, write_report  # noqa: PLC0415
 

@@ -20,7 +20,7 @@ from sawmill_worker.use_cases.scan_source import ScanSource
 def open_with_calibration(
     scan: ScanSource, geometry: CalibrationSource, *, on_progress: ProgressCallback, beside: Path | None = None
 ) -> Iterator[tuple[CalibrationResult, ScanRows]]:
-    """A calibration and a scan of the same scanner; what is given beside the calibration must agree with it."""
+    """Open a calibration and a scan of the same scanner; additional constants must agree with the calibration."""
     known, scan = _calibrated(scan, geometry)
     r_s = known.scanner.source_to_cor_mm
     with open_rows(scan, source_to_cor_mm=r_s, on_progress=on_progress, beside=beside) as used:
@@ -29,7 +29,7 @@ def open_with_calibration(
 
 
 def _calibrated(scan: ScanSource, geometry: CalibrationSource) -> tuple[CalibrationResult, ScanSource]:
-    """The calibration, and the scan with the detector pitch that the calibration carries."""
+    """Return the calibration, and the scan with the detector pitch of the calibration."""
     known = read_calibration(geometry.path)
     r_s, pitch = known.scanner.source_to_cor_mm, known.scanner.detector_pitch_mm
     _check_agreement("source_to_cor_mm", r_s, geometry.source_to_cor_mm)

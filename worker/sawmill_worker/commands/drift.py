@@ -1,4 +1,4 @@
-"""`sawmill drift`: a scan's file and a calibration to what moved; or nominal distances to the COR."""
+"""`sawmill drift`: what moved since a calibration, or the COR from nominal distances, by a scan's file."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -25,7 +25,7 @@ def check_drift(
     tolerance_mm: float,
     on_progress: ProgressCallback,
 ) -> DriftResult:
-    """Read, compare views, and set the change against the geometry, or against a baseline of earlier answers."""
+    """Read, compare views, and compute the change from the geometry or from a baseline of earlier answers."""
     with _open(scan, geometry, on_progress) as (known, used):
         baselines = baselines_of(read_answers(baseline), known, used.sha256) if baseline else ()
         mean = mean_of_common_rows(used.stack(), used.rows[0], used.row_step, used.deviations)

@@ -16,12 +16,12 @@ from sawmill_worker.use_cases.result_file import read_calibration
 
 
 def export_geometry(target: ExportTarget, calibration: Path, output: Path, angles: AnglesGiven, views: int) -> None:
-    """Write a calibration's geometry at these views for a toolkit.
+    """Write a calibration's geometry at the given views for a toolkit.
 
     Raises
     ------
     JobFailure, UnreadableScan
-        The file holds no calibration, or there are not as many angles as views.
+        The file holds no calibration, or the number of angles differs from the number of views.
     """
     known = read_calibration(calibration)
     turned = known.rotation.apply(np.deg2rad(angles.expand(views)))
@@ -29,7 +29,7 @@ def export_geometry(target: ExportTarget, calibration: Path, output: Path, angle
 
 
 def _write_for_astra(output: Path, fan: FanBeamGeometry) -> None:
-    """A row a view, as ASTRA's `fanflat_vec` wants them."""
+    """Write a row per view, in the form of ASTRA's `fanflat_vec`."""
     header = f"astra fanflat_vec, mm: srcX srcY dX dY uX uY; {fan.scanner.num_detector_pixels} cells"
     np.savetxt(output, fan.astra_vectors(), fmt="%.12g", header=header)
 

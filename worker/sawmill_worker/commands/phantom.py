@@ -1,4 +1,4 @@
-"""`sawmill phantom`: how well a phantom will do, and its drawing."""
+"""`sawmill phantom`: predicted precision of phantoms, and their drawings."""
 
 from pathlib import Path
 
@@ -19,7 +19,7 @@ def plan_phantoms(
     theta: Theta,
     log_radius_mm: float | None,
 ) -> list[PlanResult]:
-    """Each phantom at each number of views, the phantoms in the order in which they were given."""
+    """Plan with each phantom and each number of views, the phantoms in the given order."""
     given = [PlanInput(drawing_of(phantom), scanner, theta, log_radius_mm) for phantom in phantoms]
     return [run_plan(phantom, scan) for phantom in given for scan in options]
 

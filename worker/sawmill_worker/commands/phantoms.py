@@ -1,4 +1,4 @@
-"""The drawing of the phantom that the command line means."""
+"""Drawing of the phantom that a command line specifies."""
 
 from sawmill_contracts.built_in import BUILT_IN_PHANTOMS
 from sawmill_contracts.phantoms import PhantomDrawing
@@ -7,7 +7,7 @@ from sawmill_worker.use_cases.phantom_file import read_drawing
 
 
 def drawing_of(source: PhantomSource) -> PhantomDrawing:
-    """A built-in phantom, a drawing from its file, or a traced picture.
+    """Return a built-in phantom, the drawing in a file, or the tracing of a picture.
 
     Raises
     ------
@@ -17,7 +17,7 @@ def drawing_of(source: PhantomSource) -> PhantomDrawing:
     if source.is_built_in:
         return BUILT_IN_PHANTOMS[source.text]
     if source.width_mm is not None:
-        # Imported here: no other phantom needs the readers of pictures.
+        # Imported here because only a picture needs the readers of pictures.
         from sawmill_worker.use_cases.phantom_picture import traced_drawing  # noqa: PLC0415
 
         return traced_drawing(source.path, source.width_mm, name=source.path.stem)

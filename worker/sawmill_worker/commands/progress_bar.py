@@ -13,7 +13,7 @@ from sawmill_vocabulary import Progress, ProgressCallback
 
 
 class _TimeLeft(TimeRemainingColumn):
-    """The time left as the work itself reports it; where it reports none, by the bar's pace."""
+    """Remaining time as the work reports it; by the pace of the bar if the work reports none."""
 
     def render(self, task: Task) -> Text:
         left = task.fields["seconds_left"]
@@ -24,7 +24,7 @@ class _TimeLeft(TimeRemainingColumn):
 
 @contextmanager
 def progress_bar(what: str) -> Iterator[ProgressCallback]:
-    """Show a bar of the work `what` until it ends; what is yielded moves it."""
+    """Show a bar of the work `what` until the block ends; yield the callback that moves the bar."""
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),

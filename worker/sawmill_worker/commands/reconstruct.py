@@ -1,5 +1,5 @@
-"""`sawmill reconstruct`: a scan's file and a geometry to a volume."""
-# ruff: noqa: PLC0415 - what draws a picture is imported where one is asked for
+"""`sawmill reconstruct`: volume from a scan's file and a geometry."""
+# ruff: noqa: PLC0415 - drawing is imported only if a picture is requested
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -29,7 +29,7 @@ def reconstruct_scan(
     pictures: Pictures,
     on_progress: ProgressCallback,
 ) -> ReconstructionResult:
-    """Read, reconstruct each row into the volume, and draw the pictures that are asked for."""
+    """Read, reconstruct each row into the volume, and draw the requested pictures."""
     with _open(scan, geometry, output, on_progress) as (used, given):
         result = run_reconstruction(given, options, output, used.on_progress)
     drawings = (

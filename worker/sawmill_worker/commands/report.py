@@ -1,4 +1,4 @@
-"""`sawmill report`: a calibration's file to a page that prints."""
+"""`sawmill report`: printable page from a calibration's file."""
 
 from datetime import datetime
 from pathlib import Path
@@ -12,12 +12,12 @@ from sawmill_worker.use_cases.result_file import read_calibration_record
 
 
 def write_report(path: Path, output: Path) -> bool:
-    """Write the report of the calibration in a file as one HTML page; returns whether it has pictures of the scan.
+    """Write the report of the calibration in a file as one HTML page; return whether it has pictures of the scan.
 
     Raises
     ------
     JobFailure
-        The file holds no calibration, its arrays are damaged or do not agree, or its time is beyond the calendar.
+        The file holds no calibration, the arrays are damaged or do not agree, or the time is beyond the calendar.
     """
     record = read_calibration_record(path)
     about = About(

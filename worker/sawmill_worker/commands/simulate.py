@@ -1,4 +1,4 @@
-"""`sawmill simulate`: a scan of a phantom or a synthetic log, analytically, seeded."""
+"""`sawmill simulate`: analytic, seeded scan of a phantom or a synthetic log."""
 
 import json
 from pathlib import Path
@@ -37,7 +37,7 @@ def simulate_scan(
     seed: int,
     physics: Path | None,
 ) -> None:
-    """Write one cross-section a row, in NXtomo layout: raw counts with flats and darks, or line integrals."""
+    """Write one cross-section per row, in NXtomo layout: raw counts with flats and darks, or line integrals."""
     angles_rad = np.deg2rad(angles.expand(views))
     turned = rotation.apply(angles_rad)
     fan = FanBeamGeometry(scanner, theta, turned)
@@ -66,7 +66,7 @@ def simulate_scan(
 def phantom_slices(
     phantom: PhantomSource, rows: int, *, handedness: Handedness, position: Position, as_wood: bool
 ) -> list[Phantom]:
-    """The same phantom in each row; as wood it attenuates like sapwood, else its densities are as drawn."""
+    """Return the same phantom for each row; with `as_wood` it attenuates like sapwood, else by its drawn densities."""
     drawn = to_phantom(drawing_of(phantom))
     seen = drawn if handedness is Handedness.AS_DRAWN else drawn.mirrored()
     moved = seen.moved(position.x, position.y)

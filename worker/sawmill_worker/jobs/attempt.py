@@ -1,4 +1,4 @@
-"""What a job's functions are given."""
+"""The argument of a job's functions."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -17,20 +17,20 @@ Asked = TypeVar("Asked", bound=Contract)
 
 @dataclass(frozen=True)
 class Attempt:
-    """One attempt at a job.
+    """An attempt at a job.
 
     Attributes
     ----------
     job : Job
-        As it was claimed.
+        The job as it was claimed.
     given : HandedOver
-        What it works on; results go through `output` and the return value.
+        The rows and files of the job's input; results go through `output` and the return value.
     output : Path
-        An empty folder: the files in it become the subject's.
+        An empty folder; files written there become files of the job's subject.
     report : callable
-        Takes the job's progress.
+        Function that takes the job's progress.
     announce : callable
-        Takes the names of checkpoints in `checkpoints` that are complete: they are kept with the job.
+        Function that takes the names of complete checkpoints in `checkpoints`; these checkpoints are kept with the job.
     """
 
     job: Job
@@ -41,23 +41,23 @@ class Attempt:
 
     @property
     def checkpoints(self) -> Path:
-        """The folder for checkpoints, which are no results."""
+        """Folder for checkpoints, which are not results."""
         return checkpoints_of(self.output)
 
     @property
     def file(self) -> Path:
-        """What the job reads."""
+        """File that the job reads."""
         assert self.given.file is not None  # noqa: S101 - of a kind that reads one
         return self.given.file
 
     @property
     def scanner(self) -> StoredScanner:
-        """Of the scan, or of the ask."""
+        """Scanner of the scan or of the request."""
         assert self.given.scanner is not None  # noqa: S101 - of a kind that has one
         return self.given.scanner
 
     def asked(self, contract: type[Asked]) -> Asked:
-        """The job's own row, of the contract that its kind answers with while it is unfinished."""
+        """Return the job's own row as the contract of unfinished jobs of this kind."""
         assert self.given.asked_json is not None  # noqa: S101 - of a kind that is asked for
         return contract.model_validate_json(self.given.asked_json)
 

@@ -1,4 +1,4 @@
-"""Calibrate a scanner with one of its scans."""
+"""The job that calibrates a scanner with one scan."""
 
 from collections.abc import Callable
 from dataclasses import asdict
@@ -28,7 +28,7 @@ from sawmill_worker.use_cases.selection import chosen_rows, chosen_views
 
 
 def run(attempt: Attempt) -> dict[str, Any]:
-    """Write result.h5, which the pictures are drawn from, and answer with everything known."""
+    """Write result.h5, from which the pictures are drawn, and return the full result."""
     asked, scanner = attempt.asked(CalibrationUnfinished), attempt.scanner
     options = asked.options.model_copy(
         update={
@@ -59,13 +59,13 @@ def run(attempt: Attempt) -> dict[str, Any]:
 
 
 def needs(attempt: Attempt) -> Needs:
-    """Of the rows that are averaged."""
+    """Compute the needs of averaging the rows."""
     scan, options = usable_scan(attempt), attempt.asked(CalibrationUnfinished).options
     return of_averaged_rows(shape_of(scan), options.rows or scan.phantom_rows, scan.usable_rows)
 
 
 def usable_scan(attempt: Attempt) -> Scan:
-    """A scan that is ready; the job that reads it may have refused it since it was asked for."""
+    """Return the scan, which must be ready; the job that reads a scan may have refused it since the request."""
     scan = attempt.given.scan
     assert scan is not None  # noqa: S101 - of a kind that refers to one
     if scan.state is not ScanState.READY or scan.shape is None:
@@ -74,13 +74,13 @@ def usable_scan(attempt: Attempt) -> Scan:
 
 
 def shape_of(scan: Scan) -> ScanShape:
-    """Of a usable scan."""
+    """Return the shape of a usable scan."""
     assert scan.shape is not None  # noqa: S101 - usable_scan saw to it
     return scan.shape
 
 
 def usable_calibration(attempt: Attempt, purpose: str) -> CalibrationSucceeded:
-    """A calibration with an answer; the sentence of its refusal ends with what its geometry was to be used for."""
+    """Return the calibration, which must have succeeded; a refusal's sentence ends with the geometry's purpose."""
     calibration = attempt.given.calibration
     assert calibration is not None  # noqa: S101 - of an ask that refers to one
     if not isinstance(calibration, CalibrationSucceeded):
@@ -92,7 +92,7 @@ def usable_calibration(attempt: Attempt, purpose: str) -> CalibrationSucceeded:
 
 
 def drawing_of(attempt: Attempt) -> PhantomDrawing:
-    """A phantom's drawing; the job that traces its picture may have refused it since it was asked for."""
+    """Return the phantom's drawing; the job that traces a picture may have refused it since the request."""
     phantom = attempt.given.phantom
     assert phantom is not None  # noqa: S101 - of a kind that refers to one
     if phantom.drawing is None:
@@ -101,7 +101,7 @@ def drawing_of(attempt: Attempt) -> PhantomDrawing:
 
 
 def _load(attempt: Attempt, scan: Scan, options: CalibrationOptions) -> tuple[CalibrationInput, Stack | None]:
-    """The input, and the stack of its rows where it is not known which of them show the phantom."""
+    """Load the input, and the stack of the rows where the rows that show the phantom are not known."""
     shape, scanner = shape_of(scan), attempt.scanner
     rows = chosen_rows(options.rows or scan.phantom_rows, shape.rows, scan.usable_rows)
     views = chosen_views(options.views, shape.views)
@@ -144,7 +144,7 @@ def _active(attempt: Attempt) -> CalibrationSucceeded | None:
 
 
 def _row_reader(attempt: Attempt, scan: Scan, options: CalibrationOptions) -> Callable[[int], NDArray[np.float32]]:
-    """Reads any row of the scan, (views, detector); NaN in views that lack it."""
+    """Return a function that reads any row of the scan, (views, detector); NaN in views that lack the row."""
     views = chosen_views(options.views, shape_of(scan).views)
 
     def read(row: int) -> NDArray[np.float32]:

@@ -1,4 +1,4 @@
-"""Look for drift in one of a scanner's scans."""
+"""The job that checks a scan for drift since a calibration."""
 
 from typing import Any
 
@@ -13,7 +13,7 @@ from sawmill_worker.use_cases.selection import chosen_rows, chosen_views
 
 
 def run(attempt: Attempt) -> dict[str, Any]:
-    """Answer with what moved since the calibration; there are no files."""
+    """Return what moved since the calibration; no files are written."""
     asked, scanner = attempt.asked(Drift), attempt.scanner
     calibration = usable_calibration(attempt, "compare with")
     scan = usable_scan(attempt)
@@ -53,6 +53,6 @@ def run(attempt: Attempt) -> dict[str, Any]:
 
 
 def needs(attempt: Attempt) -> Needs:
-    """Of the rows that are averaged."""
+    """Compute the needs of averaging the rows."""
     scan = usable_scan(attempt)
     return of_averaged_rows(shape_of(scan), attempt.asked(Drift).options.rows, scan.usable_rows)

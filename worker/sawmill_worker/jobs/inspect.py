@@ -1,4 +1,4 @@
-"""Find out what is in an upload, what of it would be read as a scan, and what is missing."""
+"""The job that reports what an upload holds, which part would be read as a scan, and what is missing."""
 
 from typing import Any
 
@@ -10,7 +10,7 @@ from sawmill_worker.use_cases.inspect import GivenBeside, inspect_file
 
 
 def run(attempt: Attempt) -> dict[str, Any]:
-    """Answer with what was found; a file that cannot be read is no failure of the job."""
+    """Return what the file holds; a file that cannot be read does not make the job fail."""
     options = attempt.asked(Inspection).options
     attempt.report_stage(0.1, "inspect")
     given = GivenBeside(
@@ -25,5 +25,5 @@ def run(attempt: Attempt) -> dict[str, Any]:
 
 
 def needs(_: Attempt) -> Needs:
-    """None beyond what every job may take."""
+    """Return no needs beyond the common limits."""
     return Needs(0, 0)

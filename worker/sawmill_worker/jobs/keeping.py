@@ -1,4 +1,4 @@
-"""Checkpoints of an attempt: written beside its results, kept with the job, found by the next attempt."""
+"""Checkpoints of an attempt: written next to the results, kept with the job, read by the next attempt."""
 
 import threading
 import time
@@ -14,25 +14,25 @@ from sawmill_worker.jobs.attempt import Attempt
 from sawmill_worker.software import software
 from sawmill_worker.use_cases.keeping import Arrays, MadeWith
 
-# Seconds of work from one checkpoint to the next: a short job never writes one, and a long one is written seldom beside
-# its work. An attempt after another begins at once and doubles its pauses, so that it gets on however soon it ends.
+# Seconds of work between checkpoints: a short job writes none, and a long job spends little of its time on them. A
+# second or later attempt writes one at once and doubles the pauses, so that it makes progress however soon it ends.
 PAUSE_S, SECOND_PAUSE_AGAIN_S = 5.0, 0.5
-# Names in one announcement, which must fit into one line of a pipe.
+# Number of names in one announcement, which must fit into one line of a pipe.
 MOST_ANNOUNCED = 100
 
 
 class AttemptKeeper:
     """A `Keeper` for one attempt.
 
-    A checkpoint that does not fit on the disk is left out: the job needs none to come to its end. The next one is due
-    after the usual pause, and the log has a line once until one fits again.
+    A checkpoint that does not fit on the disk is left out, because a job can finish without checkpoints. The next
+    checkpoint is due after the usual pause, and the log has one line until a checkpoint fits again.
 
     Parameters
     ----------
     origin : mapping
-        JSON-able: what the progress depends on. The software is added.
+        JSON-able values on which the progress depends. The software version is added.
     still_to_write_bytes : int
-        What the attempt's results may need of the disk: checkpoints leave that free.
+        Disk space that the attempt's results may need; checkpoints leave it free.
     """
 
     def __init__(self, attempt: Attempt, origin: Mapping[str, Any], *, still_to_write_bytes: int = 0) -> None:
@@ -43,22 +43,22 @@ class AttemptKeeper:
         self._pause_s = PAUSE_S if attempt.job.attempt <= 1 else 0.0
         self._unannounced: list[str] = []
         self._begun, self._taken_up, self._left_out, self._lock = False, False, False, threading.Lock()
-        # By itself: whoever keeps something may do so in a thread that does not know the attempt.
+        # The log fields are bound here because `keep` may be called in a thread without the attempt's log fields.
         job = attempt.job
         self._log = structlog.get_logger().bind(job_id=job.id, attempt=job.attempt, kind=job.kind.value)
 
     @property
     def has_begun(self) -> bool:
-        """Whether the attempt has worked for its first pause."""
+        """True if the attempt has worked for its first pause."""
         return self._begun or self.is_due
 
     @property
     def is_due(self) -> bool:
-        """Whether the pause is over."""
+        """True if the pause is over."""
         return time.monotonic() - self._pause_began_at >= self._pause_s
 
     def keep(self, name: str, arrays: Arrays, made_with: MadeWith | None = None) -> None:
-        """Write a checkpoint; it is announced with others, when the pause is over."""
+        """Write a checkpoint, which is announced together with other checkpoints when the pause is over."""
         needed = self._still_to_write_bytes + sum(array.nbytes for array in arrays.values())
         folder = self._attempt.checkpoints
         try:
@@ -91,7 +91,7 @@ class AttemptKeeper:
                 self._announce()
 
     def kept(self, name: str, made_with: MadeWith | None = None) -> Arrays | None:
-        """What an earlier attempt wrote; what cannot be used is passed over, with a line in the log."""
+        """Return what an earlier attempt wrote; an unusable checkpoint is skipped, with a line in the log."""
         path = self._attempt.given.kept / name
         try:
             arrays = read_checkpoint(path, {**self._origin, "made_with": made_with})

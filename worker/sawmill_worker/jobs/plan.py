@@ -1,4 +1,4 @@
-"""Plan a calibration of a scanner with a phantom."""
+"""The job that plans a calibration of a scanner with a phantom."""
 
 from typing import Any
 
@@ -10,7 +10,7 @@ from sawmill_worker.use_cases.plan import PlanInput, run_plan
 
 
 def run(attempt: Attempt) -> dict[str, Any]:
-    """Answer with the precision to expect; there are no files."""
+    """Return the precision to expect; no files are written."""
     asked = attempt.asked(Plan)
     assert asked.options.theta is not None  # noqa: S101 - settled when it was asked for
     scanner = attempt.scanner
@@ -19,6 +19,6 @@ def run(attempt: Attempt) -> dict[str, Any]:
 
 
 def needs(attempt: Attempt) -> Needs:
-    """Of the phantom's sinogram."""
+    """Compute the needs of the phantom's sinogram."""
     cells = attempt.scanner.constants.num_detector_pixels
     return Needs(PROCESS_BYTES + SINOGRAMS * 8 * attempt.asked(Plan).options.views * cells, 0)

@@ -1,4 +1,4 @@
-"""Reconstruct the slices of a scan."""
+"""The job that reconstructs the slices of a scan."""
 
 from dataclasses import asdict, replace
 from typing import Any
@@ -27,7 +27,7 @@ from sawmill_worker.use_cases.failures import refused
 from sawmill_worker.use_cases.reconstruct import MEMORY_SHARE, ReconstructionInput, run_reconstruction
 from sawmill_worker.use_cases.selection import chosen_rows, chosen_views
 
-# Of each slice of a fitted method, in single precision: the data, residuals and trial steps.
+# Arrays in single precision for each slice of a fitted method: the data, residuals and trial steps.
 LINES_A_SLICE = 40
 
 
@@ -76,14 +76,14 @@ def _keeper(attempt: Attempt, given: ReconstructionInput, options: Reconstructio
 
 
 def make_ready(attempt: Attempt) -> None:
-    """Compile what a fitted method needs and nobody has compiled yet: the attempt could not keep it later."""
+    """Compile the uncached kernels of a fitted method: the attempt could not write to the kernel cache later."""
     if may_fit(attempt.asked(Reconstruction).options.method):
         attempt.report_stage(0.0, "prepare")
         load_iterative_methods()
 
 
 def needs(attempt: Attempt) -> Needs:
-    """Of the rows that are reconstructed together, the images that are fitted together, and the volume."""
+    """Compute the needs of rows reconstructed together, images fitted together, and the volume."""
     options, scan = attempt.asked(Reconstruction).options, usable_scan(attempt)
     shape = shape_of(scan)
     slices = len(range(shape.rows)[chosen_rows(options.rows, shape.rows, scan.usable_rows)])
@@ -97,11 +97,11 @@ def needs(attempt: Attempt) -> Needs:
 
 
 def _fitting(attempt: Attempt, options: ReconstructionAsked, shape: ScanShape) -> int:
-    """Of the method that needs most, on a grid that holds all that the detector can see."""
+    """Compute the need of the method that needs most, on a grid that holds all that the detector can see."""
     theta, *_ = _geometry_of(attempt, options)
     geometry = FanBeamGeometry(attempt.scanner.constants, theta, np.zeros(1))
     field, radius_mm = ImageGrid(options.size, options.field_mm, options.field_centre_mm), seen_radius_mm(geometry)
-    # A larger grid is refused. A log that is smaller than what is seen may have one grid instead of two.
+    # A larger grid is refused. A log smaller than the field of view may have one grid instead of two.
     size = min(field.around(radius_mm)[0].size, LARGEST_SIZE)
     pixels = min(size**2, round(fitted_size(field, radius_mm) ** 2 / WORTH_WHILE))
     images = MOST_FITTED_IMAGES + get_num_threads() * BLOCK
@@ -110,7 +110,7 @@ def _fitting(attempt: Attempt, options: ReconstructionAsked, shape: ScanShape) -
 
 
 def _geometry_of(attempt: Attempt, options: ReconstructionAsked) -> tuple[Theta, Rotation, Handedness, BeamCorrection]:
-    """The theta that was given, or the calibration's with its beam correction; refused where it has none."""
+    """Return the given theta, or the calibration's with its beam correction; refuse a calibration without theta."""
     if options.theta is not None:
         rotation, handedness = options.rotation or Rotation.AS_GIVEN, options.handedness or Handedness.AS_DRAWN
         return options.theta, rotation, handedness, NOTHING_FOUND

@@ -1,4 +1,4 @@
-"""Trace a phantom's picture to outlines in mm."""
+"""The job that traces a phantom's picture to outlines in mm."""
 
 from typing import Any
 
@@ -8,7 +8,7 @@ from sawmill_worker.use_cases.phantom_picture import traced_drawing
 
 
 def run(attempt: Attempt) -> dict[str, Any]:
-    """Answer with the drawing."""
+    """Return the drawing."""
     asked = attempt.given.picture
     assert asked is not None  # noqa: S101 - of the one kind that traces
     attempt.report_stage(0.1, "trace")
@@ -17,5 +17,5 @@ def run(attempt: Attempt) -> dict[str, Any]:
 
 
 def needs(_: Attempt) -> Needs:
-    """None beyond what every job may take."""
+    """Return no needs beyond the common limits."""
     return Needs(0, 0)

@@ -1,4 +1,4 @@
-"""Views of a scan that lost rows, aligned in the scan's file: every row keeps its number and has views of its own."""
+"""Alignment, in the scan's file, of views that lost rows: a row keeps its number, and views may lack it."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -17,23 +17,23 @@ from sawmill_vocabulary import RowAlignment
 
 Stack = NDArray[np.float32]
 
-# Rows along the log in which cells of air are looked for: a log tapers and bends.
+# Number of rows along the log in which cells of air are sought: a log tapers and bends.
 AIR_ROWS = 9
 
 
 @dataclass(frozen=True, eq=False)
 class AlignedRows:
-    """How the views were moved, and the rows that there are now.
+    """Shifts of the views, and the rows that exist afterwards.
 
     Attributes
     ----------
     shifts : RowShifts
     present : (views, rows) bool
-        The rows that each view has, where they are now.
+        The rows that each view has after the shift.
     usable : (first, one after the last)
         The rows that enough views have.
     mixed : bool
-        Whether a row now holds samples of several rows of the detector.
+        True if a row holds samples of several detector rows after the shift.
     """
 
     shifts: RowShifts
@@ -42,7 +42,7 @@ class AlignedRows:
     mixed: bool
 
     def remark(self, method: RowAlignment) -> str:
-        """What was done, in a sentence."""
+        """Describe the alignment in a sentence."""
         rows, (first, last) = self.shifts.rows, self.usable
         moved, resampled = int((rows != 0.0).sum()), int((rows != np.rint(rows)).sum())
         complete = int(self.present[:, first:last].all(axis=0).sum())
@@ -57,14 +57,14 @@ class AlignedRows:
 
 @dataclass(frozen=True, eq=False)
 class Views:
-    """All views (rows, cells) of a dataset, one after the other; about `at_a_time` are read together.
+    """Views (rows, cells) of a dataset, one after another; about `at_a_time` are read together.
 
     Attributes
     ----------
     present : (views, rows) bool
         The rows that each view has.
     done : callable
-        Called with the number of samples of each block that was gone through.
+        Called with the number of samples of each block that was processed.
     """
 
     data: h5py.Dataset
@@ -73,15 +73,15 @@ class Views:
     done: Callable[[int], None]
 
     def images(self, made: Callable[[Stack], None]) -> Iterator[Stack]:
-        """Each view, after `made` worked on its block (views, rows, cells) in place."""
+        """Yield each view after `made` has changed its block (views, rows, cells) in place."""
         for block, _ in self.blocks():
             made(block)
             for image in block:
                 yield image.copy()  # a view that is kept does not keep its block
-            del block, image  # before the next one is read
+            del block, image  # before the next block is read
 
     def blocks(self) -> Iterator[tuple[Stack, int]]:
-        """(views, rows, cells), and the number of the first view."""
+        """Yield blocks (views, rows, cells), each with the number of its first view."""
         chunk = self.data.chunks[0]
         step = max(1, self.at_a_time // chunk) * chunk
         for first in range(0, len(self.data), step):
@@ -90,7 +90,7 @@ class Views:
             self.done((stop - first) * math.prod(self.data.shape[1:]))
 
     def move(self, shifts: RowShifts) -> Rows:
-        """Move each view along the log, in the file; which rows (views, rows) are there afterwards."""
+        """Move each view along the log, in the file, and return which rows (views, rows) exist afterwards."""
         moved = self.present.copy()
         for block, first in self.blocks():
             for view, image in enumerate(block, start=first):
@@ -98,7 +98,7 @@ class Views:
                     image[...] = shifted(image, self.present[view], shifts.rows[view], shifts.ends)
                     moved[view] = present_rows(image)
             self.data[first : first + len(block)] = block
-            del block, image  # before the next one is read
+            del block, image  # before the next block is read
         return moved
 
 
@@ -110,15 +110,16 @@ def align_rows(
     estimate: Callable[[Stack], None],
     prepare: Callable[[], None] | None,
 ) -> AlignedRows:
-    """Align the views of a scan that is not prepared yet, and prepare it when it is known which row a sample is of.
+    """Align the views of an unprepared scan, and prepare it once the detector row of each sample is known.
 
-    Where rows were lost on their way from the detector, each sample goes back to its own row first: flat fields, dead
-    cells and air are the detector's. Where the log moved, or nothing is moved, the file's rows are the detector's.
+    Where rows were lost on their way from the detector, each sample is moved back to its detector row first, because
+    flat fields, dead cells and air belong to detector rows. Where the log moved, or nothing is moved, the rows of the
+    file are the rows of the detector.
 
     Parameters
     ----------
     estimate : callable
-        Makes line integrals of samples (views, rows, cells), in place, to find the shifts by.
+        Converts samples (views, rows, cells) to line integrals in place, from which the shifts are found.
     prepare : callable, optional
         Prepares all rows of the file; None where there is nothing to prepare.
 
@@ -161,7 +162,7 @@ def _shifts(views: Views, angles_rad: FloatArray, method: RowAlignment, estimate
 
 
 def _object_cells(views: Views, estimate: Callable[[Stack], None]) -> NDArray[np.bool_]:
-    """The cells (cells,) that are not air in some of the rows along the log; all of them where there is no air."""
+    """Return the cells (cells,) that are not air in some rows along the log; all cells if there is no air."""
     rows = np.unique(np.linspace(0, views.data.shape[1] - 1, AIR_ROWS).round().astype(int))
     shown = np.zeros(views.data.shape[2], bool)
     for row in rows.tolist():
@@ -174,4 +175,4 @@ def _object_cells(views: Views, estimate: Callable[[Stack], None]) -> NDArray[np
 
 
 def _unchanged(_: Stack) -> None:
-    """Line integrals are what they are."""
+    """Leave line integrals unchanged."""

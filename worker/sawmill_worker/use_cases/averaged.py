@@ -1,4 +1,4 @@
-"""A scan that came as the mean over rows: masked rays are interpolated, and their deviations say what that costs."""
+"""A scan that was sent as the mean over rows: masked rays are interpolated and get larger standard deviations."""
 
 from collections.abc import Collection
 
@@ -12,19 +12,19 @@ MASKED = "rays were masked"
 
 
 class AveragedRays:
-    """The rays of such a scan, block by block.
+    """Rays of a scan that was sent as a mean over rows, block by block.
 
     Parameters
     ----------
     averaged : AveragedRows
-        As they came.
+        The mean as it was sent.
     shape : tuple of int
         (views, 1, detector).
 
     Attributes
     ----------
     deviations : (views, detector) float32, or None
-        Of the rays as they are used; 0 of those of which none came, None where those are all.
+        Standard deviations of the rays as they are used; 0 for rays without a known one, None if no ray has one.
     """
 
     def __init__(self, averaged: AveragedRows, shape: tuple[int, int, int]) -> None:
@@ -34,7 +34,7 @@ class AveragedRays:
     def bridge(self, samples: NDArray[np.float32], first_view: int) -> None:
         """Interpolate masked rays, NaN among samples (views, 1, detector), in place.
 
-        None of them is known better than rays of its view that were measured.
+        No interpolated ray gets a smaller deviation than the measured rays of its view.
         """
         rays = samples[:, 0]
         masked = np.isnan(rays)
@@ -51,7 +51,7 @@ class AveragedRays:
             known[gaps] = np.maximum(misses[gaps], np.median(known[~gaps]))
 
     def remarks(self) -> tuple[str, ...]:
-        """What came, and what was done to it."""
+        """Report what was sent, and how it was changed."""
         known = "without standard deviations" if self._averaged.deviations is None else "with their standard deviations"
         came = f"It came as the mean of the line integrals of {self._averaged.rows} rows, {known}."
         if not self._masked:
@@ -60,5 +60,5 @@ class AveragedRays:
 
 
 def of_masked_rays(remarks: Collection[str]) -> str | None:
-    """Of the remarks on a prepared scan the one that reports masked rays; None where none was masked."""
+    """Select the remark on a prepared scan that reports masked rays; None if no ray was masked."""
     return next((remark for remark in remarks if MASKED in remark), None)

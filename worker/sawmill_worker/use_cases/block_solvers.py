@@ -1,4 +1,4 @@
-"""A method at work on a log: how blocks of slices go through it, and its report."""
+"""Reconstruction methods applied to a log block by block, and the report of the method."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
@@ -44,21 +44,21 @@ WHOLE = slice(None)
 Settings = Mapping[str, Any]
 Report = Callable[[BlockFindings, MetalReport | None], MethodReport]
 
-# Slices by a direct method whose misfit is computed: projecting a slice takes longer than reconstructing it
+# Number of slices by a direct method whose misfit is computed: projecting a slice takes longer than reconstructing it
 # (docs/performance.md).
 CHECKED_SLICES = 5
-# Slices that a fitted method reconstructs side by side: more are no faster (benchmarks/iterative.py).
+# Number of slices that a fitted method reconstructs together: more are no faster (benchmarks/iterative.py).
 FITTED_TOGETHER = 16
-# Slices that are coupled side by side, those beside the block included.
+# Number of slices that are coupled, including the neighbours of the block.
 COUPLED_TOGETHER = 32
 MOST_TOGETHER = max(FITTED_TOGETHER, COUPLED_TOGETHER)
 NO_UNCERTAINTY = (
     "uncertainty is ignored, and a later version will refuse it: no map was found that shows where the errors are "
     "(docs/reconstruction.md#the-uncertainty-map)"
 )
-# A background below this share of the noise is taken for none.
+# A background below this share of the noise is treated as 0.
 BACKGROUND = 0.5
-# The most images that a fitted method has in memory at once.
+# Largest number of images that a fitted method has in memory at once.
 MOST_FITTED_IMAGES = max(
     IMAGES_OF_A_DESCENT * max(CANDIDATES_AT_ONCE, MOST_TOGETHER),
     *(method.least_images for method in METHODS.values() if issubclass(method, FittedMethod)),
@@ -72,26 +72,26 @@ class LogTask:
     Attributes
     ----------
     sample : (views, detector) float32
-        The line integrals of the middle slice; those of views that lack it interpolated in angle.
+        The line integrals of the middle slice; views that lack the slice are interpolated in angle.
     radius_mm : float
-        Of the disc around the rotation centre that holds the log in every slice.
+        Radius of the disc around the rotation centre that holds the log in every slice.
     slices : int
-        Of the whole volume.
+        Number of slices of the whole volume.
     middle_row : int
-        The scan's row of the sample.
+        Row of the scan from which the sample is.
     counts : bool
-        Whether the line integrals were made from counts, so that dark rays are noisier than bright ones.
+        True if the line integrals were made from counts, so that dark rays are noisier than bright rays.
     beam : BeamCorrection
-        What was taken out of the line integrals, which makes dark rays noisier too.
+        Scatter and hardening removed from the line integrals, which also makes dark rays noisier.
     memory_bytes : int
-        Limit of all blocks together.
+        Memory limit of all blocks together.
     on_progress : callable
-        Called, while a block is at work, with the number of its slices that the work done is worth.
+        Called while a block is computed, with the completed work as a number of slices.
     on_chosen : callable
-        Called with the solver's settings when parameters have been chosen for all slices.
+        Called with the solver's settings once parameters have been chosen for all slices.
     around : callable
-        The numbers of the sample and of its neighbours, and their line integrals (slices, views, detector), as the
-        sample's.
+        Returns the numbers of the sample and its neighbours, and their line integrals (slices, views, detector),
+        interpolated as the sample is.
     """
 
     options: ReconstructionOptions
@@ -108,26 +108,26 @@ class LogTask:
     around: Callable[[], tuple[NDArray[np.int64], Images]]
 
     def full_grid(self) -> tuple[ImageGrid, tuple[slice, slice]]:
-        """The grid that also holds all of the log, and where the field lies in it."""
+        """Return the grid that holds the field and the whole log, and the slices of the field in the grid."""
         return self.projector.grid.around(self.radius_mm)
 
 
 class Solved(NamedTuple):
-    """A block: its images (slices, x, y), and what was found in it."""
+    """A solved block: its images (slices, x, y), and the findings."""
 
     images: Images
     findings: BlockFindings
 
 
 class BlockSolver(Protocol):
-    """A method at work on one log.
+    """A reconstruction method prepared for one log.
 
     Attributes
     ----------
     step, concurrent : int
-        Slices in a block, and the number of threads that may call it at once.
+        Number of slices in a block, and number of threads that may call the solver at once.
     halo : int
-        Slices beyond either end of a block that are given with it and are no part of it.
+        Number of additional slices at either end of a block that help to solve the block.
     """
 
     step: int
@@ -136,29 +136,29 @@ class BlockSolver(Protocol):
 
     @property
     def settings(self) -> Settings:
-        """What has been chosen once for the whole log: a solver that is given them solves blocks as this one does."""
+        """Settings chosen once for the whole log; a solver created with the same settings solves blocks identically."""
 
     def __call__(self, first: int, rows: Images, part: slice = WHOLE) -> Solved:
-        """A block of line integrals (views, slices, detector); `first` is the number of the first slice.
+        """Solve a block of line integrals (views, slices, detector); `first` is the number of the first slice.
 
-        Only the part is asked for: the slices beside it are there to help.
+        Only the slices in `part` are returned; the neighbouring slices help to solve them.
 
-        NaN in every cell of rows that a view lacks: methods that can leave out rays do without them, others have them
-        interpolated in angle.
+        Rows that a view lacks are NaN in every cell. Methods that can leave out rays ignore the missing rows; for other
+        methods the missing rows are interpolated in angle.
         """
 
     def report(self, found: BlockFindings) -> MethodReport:
-        """The report of what was found in all blocks."""
+        """Return the report of the findings in all blocks."""
 
 
 def may_fit(name: ReconstructionMethod) -> bool:
-    """Whether the method, or one that `auto` may choose, is a fitted one."""
+    """Return whether the method, or a method that `auto` may choose, is a fitted method."""
     kind = METHODS.get(name)
     return kind is None or issubclass(kind, FittedMethod)
 
 
 def method_of(name: ReconstructionMethod, options: ReconstructionOptions) -> Method:
-    """The method with those of the options that are its own."""
+    """Return the method with the options that apply to it."""
     kind = METHODS[name]
     return kind(**{option.name: getattr(options, option.name) for option in fields(kind)})
 
@@ -166,19 +166,19 @@ def method_of(name: ReconstructionMethod, options: ReconstructionOptions) -> Met
 def solver_of(
     name: ReconstructionMethod, task: LogTask, recommended: Recommendation | None, settings: Settings | None = None
 ) -> BlockSolver:
-    """The solver of a method.
+    """Create the solver of a method.
 
     Parameters
     ----------
     recommended : Recommendation or None
-        What `auto` chose the method by.
+        The criterion by which `auto` chose the method.
     settings : mapping, optional
-        Of an earlier solver of the same task; by default they are chosen.
+        Settings of an earlier solver of the same task; by default settings are chosen.
 
     Raises
     ------
     sawmill_worker.use_cases.failures.JobFailure
-        One slice does not fit into the memory, or the slice to choose parameters from is empty.
+        One slice does not fit into the memory, or the slice from which parameters are chosen is empty.
     """
     method, general = method_of(name, task.options), BlockFindings()
     if task.options.uncertainty:
@@ -190,7 +190,7 @@ def solver_of(
 
 
 class _DirectSolver:
-    """Concurrent blocks of the field alone; the misfit of a few slices."""
+    """Solver by a direct method: concurrent blocks of the field alone, and the misfit of a few slices."""
 
     halo = 0
 
@@ -254,12 +254,12 @@ class _DirectSolver:
 
 
 class _FittedSolver:
-    """One block after another, on a grid that holds all of the log, from line integrals whose air stands at 0.
+    """Solver by a fitted method: one block after another, on a grid that holds the whole log, with air levelled to 0.
 
-    Of a field far smaller than the log, on a grid of its own, from what the larger pixels outside leave of the lines.
+    A field far smaller than the log has its own fine grid, fitted to the residual of the larger pixels outside it.
 
-    Parameters that are not given are chosen from the middle slice, and are the same along the log. An empty slice is an
-    empty image: it has no scale to choose anything by.
+    Parameters that are not given are chosen from the middle slice and are the same along the log. An empty slice gives
+    an empty image, because parameters cannot be scaled to it.
     """
 
     concurrent = 1
@@ -339,7 +339,7 @@ class _FittedSolver:
         if couples or chooses:
             self._choose_for_the_log(phases)
         if isinstance(self._method, CoupledMethod) and not self._method.halo:
-            # Chosen to be by itself, a slice needs no neighbours.
+            # A slice whose coupling was chosen as 0 needs no neighbours.
             first, rows, part = first + (part.start or 0), rows[:, part], WHOLE
         complete = filled(rows, self._projector.geometry.angles_rad)
         lines, lost = _levelled(np.ascontiguousarray(complete.transpose(1, 0, 2)), findings), ~present_rows(rows)
@@ -364,14 +364,14 @@ class _FittedSolver:
         return Solved(images[part], findings)
 
     def _left_out(self, block: WithoutMetal, lost: NDArray[np.bool_]) -> NDArray[np.bool_] | None:
-        """The rays that the method does without: through metal, and of views that lost the row (slices, views)."""
+        """Return the rays that the method leaves out: through metal, and of `lost` views (slices, views) of a row."""
         if not (self._method.leaves_out and lost.any()):
             return block.left_out
         rays = np.broadcast_to(lost[:, :, None], block.lines.shape)
         return rays if block.left_out is None else block.left_out | rays
 
     def _choose_for_the_log(self, phases: Phases) -> None:
-        """From the sample, and where slices may help each other from its neighbours as well."""
+        """Choose the parameters from the sample, and the coupling of slices from the sample and its neighbours."""
         chosen = self._method
         if chosen.is_open:
             sample = self._metal(self._sample)
@@ -399,7 +399,7 @@ class _FittedSolver:
     def _solve(
         self, lines: Images, left_out: NDArray[np.bool_] | None, numbers: NDArray[np.int64], on_progress: OnProgress
     ) -> Estimate:
-        """Slices of the grid, from line integrals (slices, views, detector)."""
+        """Reconstruct slices on the grid from line integrals (slices, views, detector)."""
         method = self._method
         noise = self._noise(lines, left_out)
         lines, below = self._taken_out(lines, noise)
@@ -410,19 +410,19 @@ class _FittedSolver:
         return found if below is None else replace(found, image=found.image + below)
 
     def _taken_out(self, lines: Images, noise: FloatArray) -> tuple[Images, Images | None]:
-        """The lines (slices, views, detector) that the grid's pixels are to explain, and what these are on top of."""
+        """Return the lines (slices, views, detector) that the grid's pixels must explain, and images to add to them."""
         if self._outside is None:
             return lines, None
         return self._outside.taken_out(lines, noise, inside=self._method.shrinks)
 
     def _noise(self, lines: Images, left_out: NDArray[np.bool_] | None) -> FloatArray:
-        """All rays of a method that leaves none out weigh the same."""
+        """Return the noise of the rays; uniform for a method that leaves out no rays."""
         if not self._method.leaves_out:
             return noise_of_rays(lines, counts=False, left_out=left_out)
         return noise_of_rays(lines, counts=self._task.counts, beam=self._task.beam, left_out=left_out)
 
     def _curve_of(self, numbers: NDArray[np.int64], found: Estimate) -> CurvePoints | None:
-        """Of the slice nearest to the middle of the log."""
+        """Return the curve of the slice nearest to the middle of the log."""
         if not found.curves:
             return None
         distances = np.abs(numbers - self._task.slices // 2)
@@ -446,7 +446,7 @@ def _metal_reduction(task: LogTask, *, leave_out: bool) -> MetalReduction:
 
 
 def _levelled(lines: Images, findings: BlockFindings) -> Images:
-    """Line integrals (slices, views, detector) without the background that their air shows."""
+    """Subtract from line integrals (slices, views, detector) the background that their air shows."""
     backgrounds = _backgrounds(lines)
     if not backgrounds.any():
         return lines
@@ -455,7 +455,7 @@ def _levelled(lines: Images, findings: BlockFindings) -> Images:
 
 
 def _backgrounds(lines: Images) -> NDArray[np.float32]:
-    """The level of the air of each slice; 0 where it is small beside the noise or no air is seen."""
+    """Estimate the air level of each slice; 0 where the level is small compared with the noise or no air is seen."""
     backgrounds = np.zeros(len(lines), np.float32)
     for index, line in enumerate(lines):
         air = find_air(line)

@@ -1,4 +1,4 @@
-"""A calibration from a sinogram in memory: what the job and the command line share."""
+"""Calibration from a sinogram in memory, shared by the job and the command line."""
 
 import math
 import time
@@ -33,24 +33,24 @@ from sawmill_worker.use_cases.conversion import (
 from sawmill_worker.use_cases.keeping import NOTHING_KEPT, Keeper
 from sawmill_worker.use_cases.size_measurements import measurement_reasons
 
-# Runs of rows that are tried, longest first: a phantom covers more rows than a saw's kerf.
+# Number of runs of rows that are tried, longest first: a phantom covers more rows than a saw's kerf.
 MOST_RUNS = 8
-# Of the progress: where the search for the phantom's rows ends, and where the search for the geometry ends.
+# Fractions of the progress at which the search for the phantom's rows and the search for the geometry end.
 ROWS_DONE, SEARCH_DONE = 0.5, 0.95
-# Steps of a search and its fits are reported that often; this number fills half of what is left of the progress.
+# Interval between reports of search steps, s; number of steps that fill half of the remaining progress.
 STEPS_EVERY_S, MANY_STEPS = 1.0, 1000
 
 
 @dataclass(frozen=True)
 class CalibrationInput:
-    """What is calibrated: a sinogram (views, detector) with each view's angle, and what is known of it.
+    """Input of a calibration: a sinogram (views, detector), the angle of each view, and known properties.
 
     Attributes
     ----------
     views : (views,) integers, or None
-        The numbers of the sinogram's views among those that were read: views that lack all of the rows are left out.
+        The numbers of the sinogram's views among the views that were read; views that lack all rows are left out.
     log_rows : tuple of int
-        The rows of which the log was heard as a second witness.
+        The rows whose log serves as the second witness.
     """
 
     sinogram: FloatArray
@@ -69,11 +69,11 @@ class CalibrationInput:
     log_rows: tuple[int, ...] = ()
 
     def of_views(self, read: NDArray[np.float32]) -> NDArray[np.float32]:
-        """The sinogram's views of what was read, (views, ...)."""
+        """Select the sinogram's views from an array over all views that were read, (views, ...)."""
         return read if self.views is None else read[self.views]
 
     def of_rows(self, stack: NDArray[np.float32], rows: tuple[int, int]) -> "CalibrationInput":
-        """With the mean over these rows of a stack (views, rows, detector), whose views are those of the sinogram."""
+        """Replace the sinogram by the mean over rows of a stack (views, rows, detector) with the sinogram's views."""
         mean = mean_of_rows(stack)
         views = mean.views if self.views is None else self.views[mean.views]
         return replace(self, sinogram=mean.sinogram, angles_rad=self.angles_rad[mean.views], rows=rows, views=views)
@@ -87,18 +87,18 @@ def run_calibration(
     stack: NDArray[np.float32] | None = None,
     keeper: Keeper = NOTHING_KEPT,
 ) -> tuple[CalibrationInput, Calibration]:
-    """Calibrate by the method asked for; errors of `sawmill_tomography` pass through.
+    """Calibrate by the requested method; errors of `sawmill_tomography` propagate.
 
     Parameters
     ----------
     stack : (views, rows, detector) float32, optional
-        Of the input's rows, where it is not known which of them show the phantom: they are found first.
+        Stack of the input's rows, where the rows that show the phantom are not known and must be found first.
     keeper
-        Of the published search, which is long.
+        Keeps the progress of the published search, which is long.
 
     Returns
     -------
-    The input, narrowed to the phantom's rows where they were found, and its calibration.
+    The input, narrowed to the phantom's rows where these were found, and the calibration.
     """
     if Adjustment.PHANTOM_ROWS in options.without:
         stack = None
@@ -122,7 +122,7 @@ def _narrowed(
     on_progress: ProgressCallback,
     keeper: Keeper,
 ) -> CalibrationInput:
-    """The input narrowed to the rows that show the phantom, which are looked for once."""
+    """Narrow the input to the rows that show the phantom; later attempts take the rows from the keeper."""
     kept = keeper.kept("rows")
     if kept is not None:
         first, last = kept["rows"].tolist()
@@ -135,7 +135,7 @@ def _narrowed(
 
 
 def _of_rows(given: CalibrationInput, stack: NDArray[np.float32], rows: tuple[int, int]) -> CalibrationInput:
-    """The input narrowed to some rows of a stack of its views, with a remark that says so."""
+    """Narrow the input to some rows of a stack, and add a remark about the rows."""
     first, last = rows
     remark = f"of rows {given.rows[0]}:{given.rows[1]}, {first}:{last} show the phantom and were used"
     narrowed = given.of_rows(stack[:, first - given.rows[0] : last - given.rows[0]], rows)
@@ -148,9 +148,9 @@ def _in_phantom_rows(
     options: contracts.CalibrationOptions,
     on_progress: ProgressCallback,
 ) -> tuple[CalibrationInput, Calibration] | None:
-    """The input narrowed to those rows of the stack that show the phantom, and the default calibration with them.
+    """Narrow the input to the rows of the stack that show the phantom, and calibrate by the default method.
 
-    None where nothing changes from row to row, or no run of rows explains itself by the phantom: all rows stay.
+    Return None where nothing changes from row to row, or no run of rows fits the phantom: then all rows are used.
     """
     stack = given.of_views(stack)
     runs = segments(stack)[:MOST_RUNS]
@@ -176,7 +176,7 @@ def _in_phantom_rows(
 def _as_published(
     given: CalibrationInput, options: contracts.CalibrationOptions, on_round: SearchCallback, keeper: Keeper
 ) -> Calibration:
-    # Imported here because it brings the reconstruction along, for which the default need not wait.
+    # Imported here because the module imports the reconstruction, which the default method does not need.
     from sawmill_tomography.calibration.paper import PaperOptions, calibrate_as_published  # noqa: PLC0415
 
     def keep(search: RecallingObjective) -> None:
@@ -195,9 +195,9 @@ def _as_published(
 
 
 class _Reporting:
-    """Turns rounds of the search, and the steps between them, into progress: from the fraction `begun` towards `end`.
+    """Progress from the rounds of a search and the steps between rounds: from the fraction `begun` towards `end`.
 
-    How many steps there will be is not known, so they never reach the end; they are reported once a second at most.
+    The number of steps is not known in advance, so steps never reach the end; they are reported at most once a second.
     """
 
     def __init__(
@@ -221,7 +221,7 @@ class _Reporting:
         )
 
     def on_step(self) -> None:
-        """Report that one more step was done, if that is due."""
+        """Count one more step, and report the progress if a report is due."""
         self._steps += 1
         if time.monotonic() - self._reported_at >= STEPS_EVERY_S:
             left = (self._end - self._stepped_from) * MANY_STEPS / (self._steps + MANY_STEPS)
@@ -257,7 +257,7 @@ def calibration_result(
     comparison: contracts.Comparison | None = None,
     witness: contracts.SecondWitness | None = None,
 ) -> contracts.CalibrationResult:
-    """The answer as it crosses a boundary; a scanner that moved is the first of its reasons."""
+    """Convert a calibration to its contract; a scanner that moved is the first of the reasons."""
     fit, bars, judgement = calibration.fit, calibration.error_bars, calibration.judgement
     moved = [] if comparison is None or comparison.within_tolerance else [comparison.reason]
     return contracts.CalibrationResult(
@@ -302,7 +302,7 @@ def calibration_result(
 
 
 def _with_error_bars(frame: SourceFrame, bars: ErrorBars | None, radius_mm: float) -> dict[str, Any]:
-    """The fields that are null without error bars."""
+    """Return the fields that are null without error bars."""
     if bars is None:
         return dict.fromkeys(("standard_deviation", "covariance", "theta_covariance", "predicted_ray_error_mm"))
     return {
@@ -314,7 +314,7 @@ def _with_error_bars(frame: SourceFrame, bars: ErrorBars | None, radius_mm: floa
 
 
 def _hypotheses(alternatives: Alternatives) -> list[contracts.Hypothesis]:
-    """All that were tried, with how far each is behind the best in log-likelihood."""
+    """List all hypotheses that were tried, each with its log-likelihood deficit to the best."""
     exact = alternatives.hypotheses[0].relative_residual <= 0.0
     return [
         contracts.Hypothesis(

@@ -1,4 +1,4 @@
-"""The files of a calibration: its HDF5, and the report, which is drawn from the same answer and arrays."""
+"""Files of a calibration: the HDF5 file, and the report, which is drawn from the same answer and arrays."""
 
 import math
 from dataclasses import replace
@@ -26,13 +26,13 @@ if TYPE_CHECKING:
 
 PHANTOM_SIZE = 256
 PAGES = frozenset({".html", ".htm"})
-# Of the image of a phantom that was not seen all round: as smooth as the weight that cross-validation chooses for the
-# measured disc (docs/measured.md), in a tenth of the time.
+# Regularisation weight of the image of a phantom with views over less than a full turn: as smooth as with the weight
+# that cross-validation chooses for the measured disc (docs/measured.md), in a tenth of the time.
 MOST_VIEWS, WEIGHT, ITERATIONS = 60, 200.0, 60
 
 
 def calibration_arrays(calibration: Calibration, given: CalibrationInput, log: LogImages | None) -> CalibrationArrays:
-    """The arrays behind a calibration's pictures, as docs/formats.md lists them."""
+    """Compute the arrays from which a calibration's pictures are drawn, as docs/formats.md lists them."""
     seen = calibration.seen
     reach = max(float(np.abs(outline).max()) for outline in seen.outlines())
     frame = calibration.frame
@@ -55,12 +55,12 @@ def calibration_arrays(calibration: Calibration, given: CalibrationInput, log: L
 def report_arrays(
     calibration: Calibration, given: CalibrationInput, stack: NDArray[np.float32], rows: tuple[int, int]
 ) -> CalibrationArrays:
-    """The arrays behind the report of a stack in memory, with the log that its other rows may show.
+    """Compute the arrays of the report on a stack in memory, with the log that other rows may show.
 
     Parameters
     ----------
     stack : (views, rows, detector) float32
-        Of the rows first..last of the scan.
+        The rows first..last of the scan.
     """
     log = log_row_beside(given, rows, lambda row: stack[:, row - rows[0]])
     images = None if log is None else log_images(log, given, calibration.geometry, None)
@@ -68,7 +68,7 @@ def report_arrays(
 
 
 def write_result(folder: Path, result: CalibrationResult, arrays: CalibrationArrays, *, log_unit: str) -> None:
-    """Write result.h5 into the folder; `log_unit` is that of the log's images."""
+    """Write result.h5 into the folder; `log_unit` is the unit of the log's images."""
     named = {
         "sinogram": NamedArray(arrays.sinogram, "as given", "view, detector"),
         "model": NamedArray(arrays.model, "as given", "view, detector"),
@@ -92,8 +92,8 @@ def write_result(folder: Path, result: CalibrationResult, arrays: CalibrationArr
 
 
 def write_report(path: Path, result: CalibrationResult, arrays: CalibrationArrays, about: "About") -> None:
-    """Write the report: a page that prints where the name ends in `.html`, else the one picture."""
-    # Drawing is imported here because no job needs it, and the picture's takes longer than a calibration.
+    """Write the report: a printable page if the name ends in `.html`, otherwise a single picture."""
+    # Imported here because no job needs drawing, and importing the picture's module takes longer than a calibration.
     if path.suffix.lower() in PAGES:
         from sawmill_worker.pictures.report_page import report_html  # noqa: PLC0415
 
@@ -107,13 +107,13 @@ def write_report(path: Path, result: CalibrationResult, arrays: CalibrationArray
 def _phantom_image(
     calibration: Calibration, given: CalibrationInput, field_mm: float
 ) -> tuple[NDArray[np.float32], ReconstructionMethod]:
-    """The phantom in units of its drawing's density: FBP, or total variation where the views do not go all round."""
+    """Reconstruct the phantom in units of the drawing's density: FBP, or total variation for less than a full turn."""
     fan = FanBeamGeometry(calibration.scanner, calibration.theta, calibration.rotation.apply(given.angles_rad))
     projector = Projector(fan, ImageGrid(PHANTOM_SIZE, field_mm))
     lines = (given.sinogram - calibration.fit.offset) / calibration.fit.gain
     try:
         return fbp(projector, lines).image, ReconstructionMethod.FBP
-    except GeometryError:  # the views do not go all round
+    except GeometryError:  # the views cover less than a full turn
         # Imported here because few scans need it.
         from sawmill_tomography.reconstruction.total_variation import total_variation  # noqa: PLC0415
 
@@ -124,7 +124,7 @@ def _phantom_image(
 
 
 def _closed(phantom: Phantom) -> NDArray[np.float64]:
-    """All outlines one after the other, each closed, NaN between two of them."""
+    """Concatenate all outlines, each closed, with NaN between outlines."""
     gap = np.full((1, 2), np.nan)
     pieces = [piece for outline in phantom.outlines() for piece in (gap, outline, outline[:1])]
     return np.concatenate(pieces[1:])

@@ -1,4 +1,4 @@
-"""The active calibration as the science knows it, and what changed since it, as it crosses a boundary."""
+"""Comparison of a new calibration with the active calibration, as a contract."""
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from sawmill_tomography.calibration.comparison import ChangeLimits, compare
 
 
 def geometry_of(result: CalibrationResult) -> CalibratedGeometry:
-    """The geometry of a stored calibration."""
+    """Return the geometry of a stored calibration."""
     return CalibratedGeometry(
         scanner=result.scanner,
         theta=result.theta,
@@ -20,7 +20,7 @@ def geometry_of(result: CalibrationResult) -> CalibratedGeometry:
 
 
 def compared(active: CalibrationSucceeded, new: CalibratedGeometry, scanner: StoredScanner) -> Comparison:
-    """What changed since the active calibration, by the scanner's constants and tolerances."""
+    """Compute what changed since the active calibration, by the scanner's constants and tolerances."""
     tolerances = scanner.tolerances
     radius_mm = scanner.log_radius_mm or active.radius_mm
     limits = ChangeLimits(tolerances.ray_change_mm, tolerances.angle_change_deg, radius_mm, tolerances.scale_percent)

@@ -1,4 +1,4 @@
-"""Drift from a sinogram in memory: what the job and the command line share."""
+"""Drift check of a sinogram in memory, shared by the job and the command line."""
 
 import time
 from dataclasses import dataclass
@@ -40,21 +40,21 @@ from sawmill_worker.use_cases.averaged import of_masked_rays
 from sawmill_worker.use_cases.failures import refused
 from sawmill_worker.use_cases.given_geometry import GivenGeometry, corrected_theta, found_column, with_coarse_column
 
-# Refusals to which interpolated rays may lead.
+# Codes of refusals that interpolated rays may cause.
 MASKED_CAUSES = ("nothing-seen", "moved-too-far")
 
 
 @dataclass(frozen=True, eq=False)
 class CommonMean:
-    """The mean over the rows that every view has.
+    """Mean over the rows that every view has.
 
     Attributes
     ----------
     sinogram : (views, detector) float64
     deviations : (views, detector) float64 or None
-        Its standard deviations, 0 of rays of which none is known; None where those are all.
+        Standard deviations of the sinogram, 0 for rays without a known one; None if no ray has one.
     remarks : tuple of str
-        What was left out, in sentences.
+        Sentences about what was left out.
     """
 
     sinogram: FloatArray
@@ -64,20 +64,20 @@ class CommonMean:
 
 @dataclass(frozen=True, eq=False)
 class DriftInput:
-    """The mean of rows with each view's angle, and what it is compared with.
+    """Input of a drift check: the mean of rows, the angle of each view, and the geometry to compare with.
 
     Attributes
     ----------
     calibration : CalibrationResult or GivenGeometry
-        What the scan is compared with; a given geometry is no more than where the search starts.
+        The geometry with which the scan is compared; a given geometry is only the start of the search.
     log_radius_mm : float or None
-        Of the disc in which rays are counted; None takes the calibration's own.
+        Radius of the disc in which rays are counted; None selects the calibration's radius.
     averaged_rows : int or None
-        The number of rows whose mean was sent; None where the rows themselves were.
+        Number of rows whose mean was sent; None if the rows themselves were sent.
     preparation : tuple of str
-        What was done on reading; reported of a mean that was sent.
+        Steps of reading; reported for a mean that was sent.
     baselines : tuple of KnownBaseline
-        Zero of the changes, by method; the one of this scan's method counts.
+        Baselines of the changes by method; the baseline of this scan's method is used.
     """
 
     mean: CommonMean
@@ -96,9 +96,9 @@ class DriftInput:
 def mean_of_common_rows(
     stack: NDArray[np.float32], first_row: int, row_step: int = 1, deviations: NDArray[np.float32] | None = None
 ) -> CommonMean:
-    """Of a stack (views, rows, detector): views compare only where they cross the same part of the log.
+    """Average the common rows of a stack (views, rows, detector): views must cross the same part of the log.
 
-    Refused where no row is in every view.
+    Refuse a stack in which no row is in every view.
 
     Parameters
     ----------
@@ -111,7 +111,7 @@ def mean_of_common_rows(
         raise refused("rows-missing", f"no row from {first_row} to {last} is in every view: give others with rows")
     left_out = first_row + row_step * np.flatnonzero(~common)
     remarks = (f"rows {', '.join(map(str, left_out))} were left out, which some views lack",) if left_out.size else ()
-    # A view of the stack where all rows are there: nothing is copied.
+    # Where no row is missing, this is a view of the stack: nothing is copied.
     mean = (stack[:, common] if left_out.size else stack).mean(axis=1, dtype=np.float64)
     if deviations is None:
         return CommonMean(mean, None, remarks)
@@ -119,7 +119,7 @@ def mean_of_common_rows(
 
 
 def run_drift(given: DriftInput) -> DriftResult:
-    """Pair opposite rays or views and compare; errors of `sawmill_tomography` pass through."""
+    """Pair opposite rays or views and compare; errors of `sawmill_tomography` propagate."""
     started = time.perf_counter()
     known = given.calibration
     nominal = known if isinstance(known, GivenGeometry) else None
@@ -190,7 +190,7 @@ def run_drift(given: DriftInput) -> DriftResult:
 
 
 def _within(changed: DriftChange, given: DriftInput, zero: DriftBaseline | None, *, turned_over: bool) -> bool | None:
-    # A scale that this scan hardly sees is no reason for an alarm, and neither are rays.
+    # A scale that this scan hardly determines is no reason for an alarm, and neither are rays.
     allowed = max(given.tolerance_scale_percent / 100.0, SIGNIFICANT * changed.scale_deviation)
     if turned_over or _is_far(zero, given) or abs(changed.scale_change) > allowed:
         return False
@@ -200,7 +200,7 @@ def _within(changed: DriftChange, given: DriftInput, zero: DriftBaseline | None,
 
 
 def _is_far(zero: DriftBaseline | None, given: DriftInput) -> bool:
-    """Whether the first logs were out of tolerance already: a baseline must not hide a move before it."""
+    """Return whether the first logs were already out of tolerance: a baseline must not hide an earlier move."""
     return zero is not None and zero.ray_offset_mm > given.tolerance_mm
 
 

@@ -1,4 +1,4 @@
-"""Baselines of drift checks: of a chart, and of the answers of earlier checks."""
+"""Baselines of drift checks: from a chart, or from the answers of earlier checks."""
 
 import json
 from collections.abc import Iterable, Iterator, Sequence
@@ -17,14 +17,14 @@ from sawmill_tomography.drift.chart.looks import Baseline, Look
 from sawmill_worker.use_cases.failures import JobFailure, refused
 from sawmill_worker.use_cases.given_geometry import GivenGeometry
 
-# What the service or the command line wrote has some kilobytes.
+# Answers written by the service or the command line have a few kilobytes.
 LONGEST_ANSWER = 1_000_000
 
 
 def known_baseline(
     baseline: Baseline, method: DriftMethod, first_at: datetime | None, last_at: datetime | None
 ) -> KnownBaseline:
-    """As contracts have it."""
+    """Convert a baseline to its contract."""
     zero = baseline.estimate
     column, tilt = (float(value) for value in zero.change)
     return KnownBaseline(
@@ -40,12 +40,12 @@ def known_baseline(
 
 
 def read_answers(paths: Iterable[Path]) -> Iterator[tuple[str, DriftResult]]:
-    """What `drift --json` printed, or the service's answers with the results in them, each with its file's name.
+    """Read the output of `drift --json` or answers of the service that hold results, each with the file's name.
 
     Raises
     ------
     JobFailure
-        A file holds no such answer.
+        A file holds no answer of a drift check.
     """
     for path in paths:
         yield path.name, _read(path)
@@ -54,22 +54,22 @@ def read_answers(paths: Iterable[Path]) -> Iterator[tuple[str, DriftResult]]:
 def baselines_of(
     answers: Iterable[tuple[str, DriftResult]], known: CalibrationResult | GivenGeometry, checked_sha256: str
 ) -> tuple[KnownBaseline, ...]:
-    """Of the answers of earlier drift checks against the same calibration, one for each of their methods.
+    """Compute baselines from answers of earlier drift checks against the same calibration, one for each method.
 
     Parameters
     ----------
     answers
-        Each with the name that a refusal calls it by.
+        Answers, each with the name that a refusal gives.
     known
         The calibration; a given geometry has no baseline.
     checked_sha256
-        Of the scan that is checked, which is no part of its own zero.
+        Checksum of the scan that is checked, which must not be part of the baseline.
 
     Raises
     ------
     JobFailure
-        An answer is of another calibration or of the scan that is checked, one is there twice, or those of a
-        method are too few.
+        An answer belongs to another calibration or to the scan that is checked, an answer is given twice, or a
+        method has too few answers.
     """
     if isinstance(known, GivenGeometry):
         raise refused("baseline", "a baseline is of checks against a calibration: give one, or leave the baseline out")
@@ -101,7 +101,7 @@ def _look(result: DriftResult) -> Look:
 
 
 def _why_not(result: DriftResult, known: CalibrationResult, checked_sha256: str) -> str | None:
-    """What keeps an answer from being in a baseline, after its name."""
+    """Return why an answer cannot be in a baseline, as the end of a sentence that begins with its name."""
     if result.input_sha256 == checked_sha256:
         return "is of the scan that is checked: a baseline is of earlier ones"
     if result.method is None:

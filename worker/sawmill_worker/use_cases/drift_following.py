@@ -1,4 +1,4 @@
-"""A scanner's drift chart, continued look by look: what housekeeping calls, on plain values."""
+"""A scanner's drift chart, continued drift check by drift check, on plain values; housekeeping calls it."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -20,7 +20,7 @@ from sawmill_worker.use_cases.drift_baseline import known_baseline
 def follow(
     state: dict[str, Any], method: DriftMethod, before: list[CountedLook], looks: list[CountedLook]
 ) -> Followed | None:
-    """Continue a chart with one look or more; None where the state is none of this version's."""
+    """Continue a chart with one or more drift checks; return None if the state was written by another version."""
     try:
         chart = chart_from_state(state) if state else DriftChart()
     except ValueError:
@@ -50,7 +50,7 @@ def _look(counted: CountedLook) -> Look:
 
 
 def _pools(before: Sequence[CountedLook], looks: Sequence[CountedLook], scatters: Sequence[float]) -> Iterator[Pool]:
-    """Of each look, it and those before it: as they measured it, and as uncertain as they scatter by then."""
+    """Yield for each drift check the pool of the latest checks, as uncertain as the checks scatter by then."""
     change, covariance = stacked([_look(counted) for counted in (*before, *looks)])
     newest = iter(zip(looks, scatters, strict=True))
     ends = range(len(before) + 1, len(before) + len(looks) + 1)
@@ -74,7 +74,7 @@ def _reported(found: Finding, start: datetime) -> DriftFinding:
     if found.began_days is None or found.between_days is None or found.change is None or found.covariance is None:
         return plain
     (column, tilt), (column_deviation, tilt_deviation) = found.change, np.sqrt(np.diag(found.covariance))
-    # Looks have the times of the clock by which they ended, and it may have been set back.
+    # Checks have the clock times at which they ended, and the clock may have been set back.
     first, last = sorted(found.between_days)
     return plain.model_copy(
         update={

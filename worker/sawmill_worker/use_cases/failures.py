@@ -1,4 +1,4 @@
-"""How a job fails, and whose fault it is: the one place where errors of science and readers are translated."""
+"""Failures of jobs and their causes: the only module that translates errors of science and readers."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -20,11 +20,11 @@ class JobFailure(Exception):  # noqa: N818 - the contract's word
     Attributes
     ----------
     kind : FailureKind
-        The user's input, a passing trouble, or our fault.
+        The user's input, a temporary problem, or a defect of the product.
     code : str
-        Stable, for programs.
+        Stable code for programs.
     detail : str
-        One sentence: which value, and what would be right.
+        One sentence: the wrong value, and what would be right.
     """
 
     def __init__(self, kind: FailureKind, code: str, detail: str) -> None:
@@ -33,13 +33,13 @@ class JobFailure(Exception):  # noqa: N818 - the contract's word
 
 
 def refused(code: str, detail: str) -> JobFailure:
-    """A failure that the user can correct."""
+    """Create a failure that the user can correct."""
     return JobFailure(FailureKind.INPUT, code, detail)
 
 
 @contextmanager
 def input_errors_translated() -> Iterator[None]:
-    """Turn errors of readers and science about unusable input into a failure of the input, the cause chained."""
+    """Turn errors of readers and science about unusable input into a failure of the input, with the cause chained."""
     try:
         yield
     except UnreadableScan as error:
@@ -57,7 +57,7 @@ def input_errors_translated() -> Iterator[None]:
 
 
 def _of_file(error: UnreadableScan) -> JobFailure:
-    """The reader's error; but some libraries call a file damaged when they had no memory to unpack it."""
+    """Convert a reader's error; some libraries report a damaged file when they had no memory to unpack it."""
     limit = limit_bytes()
     if error.code != "broken-file" or limit is None or not ran_short():
         return refused(error.code, str(error))

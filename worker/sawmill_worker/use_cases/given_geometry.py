@@ -1,4 +1,4 @@
-"""A geometry that was measured by hand, for a drift check without a calibration: its start, and theta corrected."""
+"""A geometry measured by hand, for a drift check without a calibration: the start, and the corrected theta."""
 
 import math
 from dataclasses import dataclass, replace
@@ -21,7 +21,7 @@ from sawmill_vocabulary import LARGEST_ASSUMED_LOG_RADIUS_MM, Rotation
 
 @dataclass(frozen=True)
 class GivenGeometry:
-    """Theta from nominal distances, which has no error bars."""
+    """A geometry from nominal distances, without error bars."""
 
     scanner: ScannerConstants
     theta: Theta
@@ -29,17 +29,17 @@ class GivenGeometry:
 
     @property
     def source_frame(self) -> SourceFrame:
-        """The source frame of theta."""
+        """Source frame of theta."""
         return self.theta.source_frame(self.scanner.source_to_cor_mm)
 
     @property
     def covariance(self) -> None:
-        """No error bars."""
+        """Covariance, which a given geometry does not have."""
         return
 
     @property
     def radius_mm(self) -> float:
-        """Radius of the disc in which rays are compared: what the detector sees, at most the largest assumed log's."""
+        """Radius of the disc in which rays are compared: what the detector sees, at most the largest assumed log."""
         seen = seen_radius_mm(FanBeamGeometry(self.scanner, self.theta, np.zeros(1)))
         return min(LARGEST_ASSUMED_LOG_RADIUS_MM, seen)
 
@@ -47,17 +47,17 @@ class GivenGeometry:
 def with_coarse_column(
     scanner: Scanner, frame: SourceFrame, sinogram: FloatArray, angles_rad: FloatArray
 ) -> SourceFrame:
-    """Replace u_c by the column about which the views' centres of mass swing once a turn.
+    """Replace u_c by the column about which the centres of mass of the views oscillate once per turn.
 
-    A body's centre of mass turns about the COR, so its shadow swings about u_c; the fan's second order cancels over a
-    full turn (Helgason-Ludwig's condition of first order, Natterer 2001, section 2.1). The fits need a few hundredths
-    of the detector.
+    The centre of mass of a body rotates about the COR, so its shadow oscillates about u_c; the fan's second order
+    cancels over a full turn (first-order Helgason-Ludwig condition, Natterer 2001, section 2.1). The fits need u_c
+    to a few hundredths of the detector.
     """
     u = cell_centres_mm(scanner)
     lines = np.where(np.isfinite(sinogram), sinogram, 0.0)
     mass = lines.sum(axis=1)
     heavy = mass > 0.5 * np.median(mass)
-    if not heavy.any():  # no body: the fits refuse it
+    if not heavy.any():  # no body: the fits refuse the scan
         return frame
     centres = lines[heavy] @ u / mass[heavy]
     phi = angles_rad[heavy]
@@ -68,12 +68,12 @@ def with_coarse_column(
 
 @dataclass(frozen=True)
 class Correction:
-    """What a scan corrects of a given geometry, with SDD held at the given one.
+    """Correction of a given geometry by a scan, with SDD held at the given value.
 
     Attributes
     ----------
     column_deviation_mm, tilt_deviation_rad : float
-        Standard deviations of u_c and tau at that SDD.
+        Standard deviations of u_c and tau at the given SDD.
     """
 
     theta: Theta
@@ -83,7 +83,7 @@ class Correction:
 
 
 def corrected_theta(given: GivenGeometry, fit: DetectorFit) -> Correction:
-    """Set u_c and tau to what the scan shows at the given SDD, which a ruler knows better than a log shows it."""
+    """Set u_c and tau to the scan's values at the given SDD, which a ruler measures better than a log shows it."""
     frame, covariance = given.source_frame, fit.covariance
     values, spread = np.array([fit.cor_column_mm, fit.tilt_rad]), covariance[:2, :2]
     if not fit.distance_held:
@@ -99,7 +99,7 @@ def corrected_theta(given: GivenGeometry, fit: DetectorFit) -> Correction:
 
 
 def found_column(given: GivenGeometry, fit: DetectorFit, correction: Correction) -> str:
-    """Say what was found and what was kept, with `--theta` to reconstruct by, in one sentence each."""
+    """Describe what was found and what was kept, in one sentence each, with the `--theta` for a reconstruction."""
     theta = correction.theta
     written = (
         f"{math.degrees(theta.initial_angle_rad):.8g}deg,{theta.detector_to_cor_mm:.8g},{theta.source_shift_mm:.8g},"

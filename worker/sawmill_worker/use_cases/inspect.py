@@ -1,4 +1,4 @@
-"""What is in a file, what of it would be read as a scan, and what is missing: nothing is converted or calibrated."""
+"""Inspection of a file: contents, the part that would be read as a scan, and missing data; nothing is converted."""
 
 from collections.abc import Iterator
 from contextlib import ExitStack
@@ -31,7 +31,7 @@ from sawmill_vocabulary import DataKind
 from sawmill_worker.use_cases.capacity import memory_available
 from sawmill_worker.use_cases.own_disk import links_offered
 
-# More are not listed: a person reads the first page, and a program names what it looks for.
+# Largest number of listed parts: a person reads the first page, and a program names the part that it needs.
 MOST_PARTS = 2_000
 NO_SCAN = {
     OwnKind.VOLUME: "it is a reconstructed volume and no scan; docs/formats.md names the programs that show it",
@@ -45,7 +45,7 @@ PICTURE_GIVEN = "a phantom's drawing is given as --phantom, with --phantom-width
 
 @dataclass(frozen=True)
 class GivenBeside:
-    """A file, and what its owner gives beside it; names and units as in `reading_scan`."""
+    """A file and the values that its owner gives with it; names and units as in `reading_scan`."""
 
     path: Path
     data: DataKind | None = None
@@ -63,7 +63,7 @@ class GivenBeside:
 
 @dataclass
 class _Found:
-    """What was found of a file's reading so far."""
+    """Results of an inspection so far."""
 
     format: str | None = None
     reading: InspectedReading | None = None
@@ -78,10 +78,10 @@ class _Found:
 
 
 def inspect_file(given: GivenBeside) -> InspectionResult:
-    """Look at a file's headers, and at what its reading would begin with.
+    """Inspect a file's headers and the data that reading would begin with.
 
-    Flat and dark fields, angles and short texts are read, and no projections. What is wrong with the file is part of
-    the answer.
+    Flat and dark fields, angles and short texts are read, but no projections. Defects of the file are part of the
+    answer.
 
     Raises
     ------
@@ -115,13 +115,13 @@ def inspect_file(given: GivenBeside) -> InspectionResult:
 
 
 def _size(path: Path) -> int:
-    """Of a file, or of all files in a folder."""
+    """Return the bytes of a file, or of all files in a folder."""
     files = filter(Path.is_file, path.iterdir()) if path.is_dir() else [path]
     return sum(file.stat().st_size for file in files)
 
 
 def _listed(path: Path, known: Format | None, *, follow_links: bool) -> tuple[list[FilePart], str | None]:
-    """The parts of a file of a format or of a picture, and why they are not all."""
+    """List the parts of a file of a known format or of a picture, and the reason if the list is incomplete."""
     parts: list[FilePart] = []
     try:
         with ExitStack() as files, library_errors_translated(known.name if known else PNG):
@@ -184,7 +184,7 @@ def _of_contents(contents: FileContents, given: GivenBeside, kind: OwnKind | Non
 
 
 def _canonical(contents: FileContents, given: GivenBeside) -> CanonicalScan:
-    """The scan as it would be read once its kind is given, and its flat fields where they are missing."""
+    """Return the scan as it would be read once its kind is given, and its flat fields if they are missing."""
     of_integrals = given.data is DataKind.LINE_INTEGRALS
     lacks_flats = contents.flats is None and not of_integrals
     return canonical_scan(

@@ -1,4 +1,4 @@
-"""Progress that is kept: what a long computation leaves for the attempt after it, if it is ended in the middle."""
+"""Saved progress of a long computation, from which the next attempt continues if the computation is interrupted."""
 
 from collections.abc import Mapping
 from typing import Any, Protocol
@@ -11,50 +11,50 @@ MadeWith = Mapping[str, object]
 
 
 class Keeper(Protocol):
-    """Takes progress, as arrays under a name, and has what an earlier attempt at the same thing gave it.
+    """A store of progress, as arrays under names, which also holds the progress of an earlier attempt.
 
     Attributes
     ----------
     has_begun : bool
-        Whether the work has taken so long that its progress is worth keeping: a short job keeps nothing.
+        True if the work has taken so long that progress is worth keeping; a short job keeps nothing.
     is_due : bool
-        Whether it is time to give the newest progress.
+        True if it is time to keep the newest progress.
     """
 
     @property
     def has_begun(self) -> bool:
-        """See above."""
+        """True if progress is worth keeping."""
 
     @property
     def is_due(self) -> bool:
-        """See above."""
+        """True if it is time to keep progress."""
 
     def keep(self, name: str, arrays: Arrays, made_with: MadeWith | None = None) -> None:
-        """Take progress in place of what had this name.
+        """Keep progress, in place of earlier progress of this name.
 
         Parameters
         ----------
         arrays
-            Of numbers.
+            Arrays of numbers.
         made_with
-            What the work chose, and the progress depends on: `kept` asks for the same.
+            Choices of the work on which the progress depends; `kept` requires the same choices.
         """
 
     def kept(self, name: str, made_with: MadeWith | None = None) -> Arrays | None:
-        """What an earlier attempt gave; None where there is nothing of the same input, options and version."""
+        """Return what an earlier attempt kept; None if nothing is of the same input, options and version."""
 
 
 class NothingKept:
-    """For commands and Python users, who begin again themselves."""
+    """A keeper that keeps nothing, for commands and Python users, who start again themselves."""
 
     has_begun = False
     is_due = False
 
     def keep(self, name: str, arrays: Arrays, made_with: MadeWith | None = None) -> None:
-        """Drop it."""
+        """Drop the progress."""
 
     def kept(self, name: str, made_with: MadeWith | None = None) -> Arrays | None:  # noqa: ARG002 - a `Keeper`'s
-        """Nothing."""
+        """Return None."""
         return None
 
 

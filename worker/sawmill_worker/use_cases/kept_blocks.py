@@ -1,4 +1,4 @@
-"""Finished blocks of a volume, kept as they are stored, and written into the next attempt's file as they are."""
+"""Finished blocks of a volume, kept in stored form and written unchanged into the next attempt's file."""
 
 import json
 from collections.abc import Mapping
@@ -19,14 +19,14 @@ SETTINGS = "settings"
 
 @dataclass(frozen=True, eq=False)
 class FinishedBlock:
-    """What the report needs of a block whose slices are written.
+    """Data for the report from a block whose slices are written.
 
     Attributes
     ----------
     sample : (values,) float32
-        Of its values.
+        Sample of the block's values.
     fewest_views : int
-        Of any of its slices.
+        Smallest number of views of a slice in the block.
     """
 
     sample: NDArray[np.float32]
@@ -35,18 +35,18 @@ class FinishedBlock:
 
 
 def settings_of(keeper: Keeper) -> Settings | None:
-    """What an earlier attempt at the volume had chosen."""
+    """Return the settings that an earlier attempt at the volume had chosen."""
     kept = keeper.kept(SETTINGS)
     return None if kept is None else _parsed(kept[SETTINGS])
 
 
 def keep_settings(keeper: Keeper, settings: Settings) -> None:
-    """Keep what was chosen for all blocks."""
+    """Keep the settings that were chosen for all blocks."""
     keeper.keep(SETTINGS, {SETTINGS: _text(settings)})
 
 
 class KeptVolume:
-    """A volume that is being written, from any thread, whose blocks are kept beside it once that is worth while."""
+    """A volume that is being written, from any thread; its blocks are also kept once the job has taken long enough."""
 
     def __init__(self, volume: NewVolume, solver: BlockSolver, keeper: Keeper, kept_settings: Settings | None) -> None:
         self._volume, self._solver, self._keeper = volume, solver, keeper
@@ -54,7 +54,7 @@ class KeptVolume:
         self._keeping_settings = Lock()
 
     def take_up(self, first: int) -> FinishedBlock | None:
-        """Write the block that begins with a slice, if an earlier attempt finished it with the same settings."""
+        """Write the block that begins with slice `first`, if an earlier attempt finished it with the same settings."""
         kept = self._keeper.kept(_name(first), self._solver.settings)
         if kept is None:
             return None
@@ -62,7 +62,7 @@ class KeptVolume:
         return FinishedBlock(kept["sample"], _findings(_parsed(kept["findings"])), int(kept["fewest_views"]))
 
     def write(self, first: int, images: Images, block: FinishedBlock) -> None:
-        """Write a block (slices, x, y) and, in a long job, keep it."""
+        """Write a block (slices, x, y) and, in a long job, keep the block."""
         slices = PackedSlices.of(images)
         self._volume.write_packed(first, slices)
         if self._keeper.has_begun:

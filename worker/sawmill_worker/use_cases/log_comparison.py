@@ -1,4 +1,4 @@
-"""A log in the same scan as the phantom, reconstructed with the geometry found and with the one before it."""
+"""A log in the same scan as the phantom, reconstructed with the new and with the previous geometry."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -18,13 +18,13 @@ from sawmill_vocabulary import LARGEST_ASSUMED_LOG_RADIUS_MM
 from sawmill_worker.use_cases.calibrate import CalibrationInput
 
 SIZE = 256
-# Beyond the largest log's radius, so that its bark is seen to be round.
+# Field larger than the largest log's radius, so that the bark is seen to be round.
 MARGIN = 1.15
 
 
 @dataclass(frozen=True)
 class LogRow:
-    """A row of the scan beside the phantom's that shows a log: its number and its sinogram (views, detector)."""
+    """A row of the scan outside the phantom's rows that shows a log: its number and sinogram (views, detector)."""
 
     row: int
     sinogram: FloatArray
@@ -33,14 +33,14 @@ class LogRow:
 def log_row_beside(
     given: CalibrationInput, rows: tuple[int, int], read: Callable[[int], NDArray[np.float32]]
 ) -> LogRow | None:
-    """The row amid the longer run of rows beside the phantom's, if it shows a log.
+    """Return the middle row of the longer run of rows outside the phantom's rows, if the row shows a log.
 
     Parameters
     ----------
     rows : (first, after the last)
-        Those that can be read.
+        Rows that can be read.
     read : callable
-        The sinogram (views, detector) float32 of a row, of all views that were read; NaN in those that lack it.
+        Returns the sinogram (views, detector) float32 of a row, of all views that were read; NaN in views without it.
     """
     first, after_last = max((rows[0], given.rows[0]), (given.rows[1], rows[1]), key=lambda run: run[1] - run[0])
     if after_last <= first:
@@ -53,9 +53,9 @@ def log_row_beside(
 def log_images(
     log: LogRow, given: CalibrationInput, found: CalibratedGeometry, active: CalibratedGeometry | None
 ) -> LogImages | None:
-    """The log with the geometry found, and with the active calibration's or, without one, with nothing shifted.
+    """Reconstruct the log with the new geometry, and with the active calibration's or, without one, unshifted.
 
-    None where the views do not go all round.
+    Return None where the views cover less than a full turn.
     """
     field = 2.0 * MARGIN * (given.log_radius_mm or LARGEST_ASSUMED_LOG_RADIUS_MM)
     after = _image(log, given, found, field)
@@ -68,10 +68,10 @@ def log_images(
 
 
 def unshifted(found: CalibratedGeometry) -> CalibratedGeometry:
-    """A scanner as drawn: its constants, and source and detector neither shifted nor tilted.
+    """Return the geometry of a scanner as drawn: its constants, with source and detector neither shifted nor tilted.
 
-    No constant has the detector's distance nor the first angle: they are as found, so that the log keeps its size and
-    its place.
+    No constant holds the detector's distance or the first angle: both are taken from the new geometry, so that the log
+    keeps its size and position.
     """
     theta = Theta(found.frame.psi_rad, found.theta.detector_to_cor_mm, 0.0, 0.0, 0.0)
     frame = theta.source_frame(found.scanner.source_to_cor_mm)

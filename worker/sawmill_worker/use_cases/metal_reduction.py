@@ -1,4 +1,4 @@
-"""Metal in a block of slices: taken out before a method works on it, counted, and put back into its images."""
+"""Metal in a block of slices: removed before a method solves the block, counted, and put back into the images."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -24,9 +24,9 @@ class WithoutMetal:
     ----------
     lines : (slices, views, detector) float32
     metal : mapping of int to Metal
-        By the slice's place in the block.
+        Metal by the slice's index in the block.
     left_out : (slices, views, detector) bool, optional
-        The rays that the method is to work without; None where there are none.
+        The rays that the method must leave out; None if there are none.
     """
 
     lines: Images
@@ -34,7 +34,7 @@ class WithoutMetal:
     left_out: NDArray[np.bool_] | None = None
 
     def count(self, asked: NDArray[np.bool_] | None = None) -> MetalCount:
-        """Of the metal in the block, or in those of its slices (slices,) that are asked for."""
+        """Count the metal in the block, or in the slices of the mask `asked` (slices,)."""
         traces = [found.trace for index, found in self.metal.items() if asked is None or asked[index]]
         return MetalCount(len(traces), sum(int(trace.sum()) for trace in traces), sum(trace.size for trace in traces))
 
@@ -45,16 +45,16 @@ class WithoutMetal:
 
 
 class MetalReduction:
-    """Looks for metal in the blocks of a log.
+    """Reduction of metal in the blocks of a log.
 
     Parameters
     ----------
     radius_mm : float
-        Of the disc around the rotation centre that holds the log.
+        Radius of the disc around the rotation centre that holds the log.
     leave_out : bool
-        Whether the method works without the rays, rather than with interpolated ones.
+        True if the method leaves out rays through metal rather than using interpolated rays.
     wanted : bool
-        Without it every block is returned as it is.
+        False returns every block unchanged.
     """
 
     def __init__(self, geometry: FanBeamGeometry, radius_mm: float, *, leave_out: bool, wanted: bool) -> None:
@@ -62,7 +62,7 @@ class MetalReduction:
         self._leave_out, self._working = leave_out, Lock()
 
     def __call__(self, lines: Images) -> WithoutMetal:
-        """A block (slices, views, detector) of any strides without its metal."""
+        """Return a block (slices, views, detector) of any strides without its metal."""
         if self._search is None:
             return WithoutMetal(lines)
         with self._working:
@@ -77,7 +77,7 @@ class MetalReduction:
         return WithoutMetal(filled, found, trace if self._leave_out else None)
 
     def report(self, found: MetalCount) -> MetalReport | None:
-        """The report of what was counted; None for no metal."""
+        """Return the report of the counted metal; None if there is none."""
         if not found.slices:
             return None
         return MetalReport(

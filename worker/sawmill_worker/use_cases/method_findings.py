@@ -1,4 +1,4 @@
-"""The findings of a reconstruction's method, block by block, and their report."""
+"""Findings of a reconstruction method, block by block, and the report of the findings."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -14,14 +14,14 @@ from sawmill_vocabulary import ReconstructionMethod
 
 @dataclass
 class MetalCount:
-    """Metal in some slices.
+    """Count of metal in some slices.
 
     Attributes
     ----------
     slices : int
-        That show metal.
+        Number of slices that show metal.
     samples, all_samples : int
-        Line integrals of these slices, through metal or beside it, and altogether.
+        Number of line integrals of these slices through or next to metal, and number of all their line integrals.
     """
 
     slices: int = 0
@@ -31,12 +31,12 @@ class MetalCount:
 
 @dataclass
 class CurvePoints:
-    """What the parameters of a slice were chosen from: columns, and the parameters taken.
+    """Data from which the parameters of a slice were chosen: columns, and the chosen parameters.
 
     Attributes
     ----------
     slices_from_middle : int
-        Of the log.
+        Distance of the slice from the middle of the log.
     """
 
     slices_from_middle: int
@@ -45,7 +45,7 @@ class CurvePoints:
 
 @dataclass
 class BlockFindings:
-    """What a method found in a block of slices: JSON-able by `dataclasses.asdict`."""
+    """Findings of a method in a block of slices; JSON-able by `dataclasses.asdict`."""
 
     noise: list[float] = field(default_factory=list)
     misfit: list[float] = field(default_factory=list)
@@ -56,12 +56,12 @@ class BlockFindings:
     curve: CurvePoints | None = None
 
     def remark(self, sentence: str) -> None:
-        """Add a remark, once."""
+        """Add a remark if it is new."""
         if sentence not in self.remarks:
             self.remarks.append(sentence)
 
     def add(self, found: Estimate) -> None:
-        """Add what a method found: its quality, and the parameters of its slices."""
+        """Add an estimate's quality and the parameters of its slices."""
         if found.noise is not None:
             self.noise.append(float(found.noise))
         if found.misfit is not None:
@@ -73,18 +73,18 @@ class BlockFindings:
             self.parameters.setdefault(name, []).extend(values.tolist())
 
     def add_checked(self, noise: float, misfit: NDArray[np.float64] | None = None) -> None:
-        """Add the quality of a slice that was checked after its reconstruction."""
+        """Add the quality of a slice that was checked after the reconstruction."""
         self.noise.append(float(noise))
         if misfit is not None:
             self.misfit.extend(misfit.tolist())
 
     def add_empty(self, slices: int) -> None:
-        """Add slices whose image and data are both 0: their misfit is 0."""
+        """Add slices whose image and data are both 0, with misfit 0."""
         self.misfit.extend([0.0] * slices)
 
 
 def gathered(blocks: Iterable[BlockFindings]) -> BlockFindings:
-    """All blocks as one; of the curves the one nearest to the middle."""
+    """Merge the findings of all blocks; of the curves, keep the curve nearest to the middle."""
     every = BlockFindings()
     for block in blocks:
         every.noise += block.noise
@@ -107,7 +107,7 @@ def gathered(blocks: Iterable[BlockFindings]) -> BlockFindings:
 def report_of(
     method: ReconstructionMethod, recommended: Recommendation | None, found: BlockFindings, metal: MetalReport | None
 ) -> MethodReport:
-    """Medians over the slices, the worst misfit, and the metal that was found."""
+    """Summarise the findings: medians over the slices, the worst misfit, and the metal."""
     return MethodReport(
         name=method,
         reason=None if recommended is None else recommended.reason,

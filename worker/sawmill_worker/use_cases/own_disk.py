@@ -1,4 +1,4 @@
-"""What a file on one's own disk may be that an upload may not."""
+"""Permissions of a file on the user's own disk that an upload does not have."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -8,7 +8,7 @@ from sawmill_formats.errors import UnreadableScan
 
 @contextmanager
 def links_offered(*, followed: bool) -> Iterator[None]:
-    """Name the flag that follows links, where a file is refused for them: nobody hears of it who uploads."""
+    """Name the flag that follows links where a file is refused for its links; a refused upload does not name it."""
     try:
         yield
     except UnreadableScan as error:

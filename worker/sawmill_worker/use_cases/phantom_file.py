@@ -7,7 +7,7 @@ from sawmill_worker.use_cases.json_file import read_json
 
 
 def read_drawing(path: Path) -> PhantomDrawing:
-    """The drawing in a JSON file.
+    """Read a drawing from a JSON file.
 
     Raises
     ------

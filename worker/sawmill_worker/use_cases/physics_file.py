@@ -1,4 +1,4 @@
-"""A mill's physics in a file."""
+"""Physical effects of a mill in a file."""
 
 from pathlib import Path
 
@@ -7,7 +7,7 @@ from sawmill_worker.use_cases.json_file import read_json
 
 
 def read_physics(path: Path) -> Physics:
-    """The effects in a JSON file; docs/simulating.md has its fields.
+    """Read physical effects from a JSON file; docs/simulating.md lists the fields.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""A plan from a phantom's drawing and a nominal geometry: what the job and the command line share."""
+"""Plan of a calibration from a phantom's drawing and a nominal geometry, shared by the job and the command line."""
 
 from dataclasses import dataclass
 
@@ -16,7 +16,7 @@ from sawmill_worker.use_cases.conversion import from_deviation, from_predicted, 
 
 @dataclass(frozen=True)
 class PlanInput:
-    """What is planned with."""
+    """Input of a plan."""
 
     drawing: PhantomDrawing
     scanner: ScannerConstants
@@ -25,7 +25,7 @@ class PlanInput:
 
 
 def run_plan(given: PlanInput, options: PlanOptions) -> PlanResult:
-    """Plan; errors of `sawmill_tomography` pass through."""
+    """Plan a calibration; errors of `sawmill_tomography` propagate."""
     angles_rad = (np.arange(options.views) + 0.5) * 2.0 * np.pi / options.views
     fan = FanBeamGeometry(given.scanner, given.theta, angles_rad)
     phantom = to_phantom(given.drawing, options.size_tolerance_percent)

@@ -1,4 +1,4 @@
-"""From a scan as it is read to the file that every job uses: line integrals, prepared as asked, in bounded memory."""
+"""Preparation of a scan into the file that every job uses: corrected line integrals, in bounded memory."""
 
 import math
 from collections.abc import Collection, Mapping
@@ -24,7 +24,7 @@ from sawmill_worker.use_cases.capacity import check_disk_for_scan
 
 Stack = NDArray[np.float32]
 
-# Samples in memory at a time, as float32. What is computed from them, a row or a view at a time, comes on top.
+# Samples in memory at a time, as float32. Intermediate results, of a row or a view at a time, need additional memory.
 WINDOW_BYTES = 128 * 2**20
 # The largest drift of the source since the flat fields, as a line integral: a quarter fewer counts. A level beyond it
 # is not air (tests/jobs/test_prepare.py).
@@ -33,15 +33,15 @@ LARGEST_DRIFT = 0.3
 
 @dataclass(frozen=True)
 class PreparedScan:
-    """What was made of a scan.
+    """Description of a prepared scan.
 
     Attributes
     ----------
     shape : (views, rows, detector)
     remarks : tuple of str
-        What was done to the data, from reading on.
+        Steps that were applied to the data, including reading.
     usable_rows : (first, one after the last) or None
-        The rows that enough views have, where views lack rows.
+        The rows that enough views have; None if no view lacks rows.
     """
 
     shape: tuple[int, int, int]
@@ -59,10 +59,10 @@ def prepare_scan(
     provenance: Mapping[str, str] | None = None,
     window_bytes: int = WINDOW_BYTES,
 ) -> PreparedScan:
-    """A scan into a file: counts become line integrals, then faulty cells, air, rings and missing rows, as asked.
+    """Write a scan to a file: counts become line integrals; faulty cells, air, rings and missing rows are corrected.
 
-    Rows are prepared as they are read where the file can be read row by row; otherwise they are read once more. Views
-    that are aligned are read two or three times more. The file appears when it is complete.
+    Rows are prepared while they are read if the file can be read row by row; otherwise all rows are read a second
+    time. Aligned views are read two or three more times. The output file appears when it is complete.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ def prepare_scan(
     output : Path
         The file that is written; `sawmill_formats.output.scan_reader` reads it.
     provenance : mapping of str to str, optional
-        Where the data come from; written into the file with the remarks.
+        Origin of the data; written into the file with the remarks.
     window_bytes : int
         Samples in memory at a time, as float32: at least what the file stores in one piece, one view, and one row of
         all views.
@@ -79,7 +79,7 @@ def prepare_scan(
     Raises
     ------
     UnreadableScan, CountsError, RowsError
-        The samples cannot be those of a scan, the counts cannot be converted, or the views cannot be aligned.
+        The samples cannot belong to a scan, the counts cannot be converted, or the views cannot be aligned.
     JobFailure, OSError
         The file does not fit on the disk, or cannot be written.
     """
@@ -88,7 +88,7 @@ def prepare_scan(
     step_views, _ = read.block_shape(window_bytes)
     by_views = step_views < read.shape[0]
     afterwards = preparation.needed and (by_views or aligns)
-    # What is prepared afterwards may be looked at again, and moved.
+    # A scan that is prepared later is read again, and its views may be moved.
     progress = _PassProgress(report, read.shape, passes=1 + afterwards + (2 + afterwards) * aligns)
     at_a_time = _within(window_bytes, read.shape[1:])
     scan = new_scan(
@@ -134,12 +134,12 @@ def prepare_scan(
 
 
 def of_saturation(remarks: Collection[str]) -> tuple[str, ...]:
-    """Of the remarks on a prepared scan those that a calibration has to repeat."""
+    """Select the remarks on a prepared scan that a calibration must repeat."""
     return tuple(remark for remark in remarks if remark.startswith(SATURATION))
 
 
 def _air_level(preparation: "_RowPreparation", aligned: AlignedRows | None) -> Stack | None:
-    """(rows, detector) float32, of counts; of rows that hold samples of several detector rows it is the median."""
+    """Return the air level of counts, (rows, detector) float32; the median where file rows mix detector rows."""
     level = preparation.air_level()
     if level is None or aligned is None or not aligned.mixed:
         return level
@@ -147,7 +147,7 @@ def _air_level(preparation: "_RowPreparation", aligned: AlignedRows | None) -> S
 
 
 class _RowPreparation:
-    """What is done to any rows of a scan: counts to line integrals, then corrections."""
+    """Preparation of any rows of a scan: conversion of counts to line integrals, then corrections."""
 
     def __init__(self, read: CanonicalScan, options: PrepareOptions) -> None:
         _, rows, self._cells = read.shape
@@ -158,11 +158,11 @@ class _RowPreparation:
 
     @property
     def needed(self) -> bool:
-        """Whether there is anything to do."""
+        """True if the scan needs any preparation."""
         return self._exposure is not None or not self._corrections.none
 
     def apply(self, stack: Stack, first_row: int) -> None:
-        """Prepare rows from `first_row` on (views, rows, detector), in place."""
+        """Prepare rows (views, rows, detector), of which the first is `first_row`, in place."""
         if self._exposure is not None:
             self._saturated += self._exposure.saturated_samples(stack)
             self._starved += self._exposure.to_line_integrals(stack, first_row)
@@ -171,35 +171,35 @@ class _RowPreparation:
             self._corrector.correct(stack, first_row)
 
     def check_signal(self) -> None:
-        """Refuse counts without signal, when all of them were prepared."""
+        """Refuse counts without signal, after all counts were prepared."""
         if self._exposure is not None:
             self._exposure.check_signal(self._starved, self._samples)
 
     def remarks(self) -> tuple[str, ...]:
-        """What was done."""
+        """Describe the steps that were applied."""
         of_counts = () if self._exposure is None else self._exposure.remarks(self._starved, self._saturated)
         return of_counts if self._corrections.none else (*of_counts, *self._corrector.result().remarks)
 
     def air_level(self) -> Stack | None:
-        """(rows, detector) float32, of counts: mean flat less mean dark; 0 where a cell was bridged."""
+        """Return the air level of counts, mean flat minus mean dark, (rows, detector) float32; 0 in bridged cells."""
         if self._exposure is None:
             return None
         return np.where(self._corrector.result().faulty, np.float32(0.0), self._exposure.air_level)
 
     def estimate(self, stack: Stack) -> None:
-        """Line integrals of any rows (views, rows, detector), in place, before it is known which rows they are.
+        """Convert any rows (views, rows, detector) to line integrals in place, before their row numbers are known.
 
-        Faulty cells are not known yet either: each sample is the median of itself and its neighbours.
+        Faulty cells are also unknown at this time: each sample is replaced by the median of itself and its neighbours.
         """
         if self._exposure is not None:
             self._exposure.same_in_all_rows().to_line_integrals(stack)
-        for image in stack:  # so that what it takes fits beside a block
+        for image in stack:  # image by image, so that the temporary arrays fit into memory with a block
             left, right = image[:, :-2].copy(), image[:, 2:].copy()
             np.clip(image[:, 1:-1], np.minimum(left, right), np.maximum(left, right), out=image[:, 1:-1])
 
 
 def _corrections(options: PrepareOptions, *, counts: bool) -> Corrections:
-    """The options with `auto` resolved: counts are corrected, declared line integrals are used as they are."""
+    """Resolve `auto` in the options: counts are corrected, declared line integrals are used unchanged."""
     automatic = options.air is AirCorrection.AUTO
     by_kind = FaultyCells.BRIDGE if counts else FaultyCells.KEEP
     faulty_cells = by_kind if options.faulty_cells is FaultyCells.AUTO else options.faulty_cells
@@ -218,19 +218,19 @@ def _decided_air(air: AirCorrection, *, counts: bool) -> DecidedAirCorrection:
 
 
 class _PassProgress:
-    """Progress over several passes of a scan, in samples."""
+    """Progress over several passes through a scan, in samples."""
 
     def __init__(self, report: ProgressCallback, shape: tuple[int, ...], *, passes: int) -> None:
         self._report, self._total, self._done = report, passes * math.prod(shape), 0
 
     def add(self, samples: int, stage: str) -> None:
-        """Report a number of further samples."""
+        """Report a number of additional samples."""
         self._done += samples
         self._report(Progress(fraction=min(self._done / self._total, 1.0), stage=stage))
 
 
 def _within(window_bytes: int, shape: tuple[int, ...]) -> int:
-    """The number of arrays of a shape that fit into the window; at least one."""
+    """Return the number of arrays of a shape that fit into the window; at least one."""
     return max(1, window_bytes // (4 * math.prod(shape)))
 
 
@@ -242,7 +242,7 @@ def _copy(
     window_bytes: int,
     progress: _PassProgress,
 ) -> NDArray[np.bool_]:
-    """Copy every sample into the dataset, prepared where a preparation is given; which rows (views, rows) are there."""
+    """Copy every sample into the dataset, prepared if a preparation is given; return the present (views, rows)."""
     present = np.empty(read.shape[:2], bool)
     for block in read.blocks(window_bytes):
         if averaged is not None:
@@ -252,7 +252,7 @@ def _copy(
             preparation.apply(block.samples, block.rows.start)
         data[block.views, block.rows] = block.samples
         progress.add(block.samples.size, "read")
-        del block  # before the next one is read
+        del block  # before the next block is read
     return present
 
 
@@ -264,4 +264,4 @@ def _prepare_rows(data: h5py.Dataset, preparation: _RowPreparation, window_bytes
         preparation.apply(block, first)
         data[:, first : first + step] = block
         progress.add(block.size, "prepare")
-        del block  # before the next one is read
+        del block  # before the next block is read

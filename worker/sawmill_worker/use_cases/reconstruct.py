@@ -1,4 +1,4 @@
-"""A reconstruction from rows to a volume, block by block: what the job, the command line and Python users share."""
+"""Reconstruction of rows to a volume, block by block, shared by the job, the command line and Python users."""
 
 import math
 import time
@@ -44,38 +44,38 @@ from sawmill_worker.use_cases.method_findings import CurvePoints, gathered
 from sawmill_worker.use_cases.value_range import ValueRange
 from sawmill_worker.use_cases.writing_volumes import VolumeOrigin, new_volume
 
-# Line integrals (views, stop - start, detector) float32 of the slices start..stop.
+# Returns the line integrals (views, stop - start, detector) float32 of the slices start..stop.
 ReadRows = Callable[[int, int], NDArray[np.float32]]
 
-# Takes the number of a block's first slice, its images, and what the report needs of it.
+# Takes the number of a block's first slice, the block's images, and the block's data for the report.
 Write = Callable[[int, Images, FinishedBlock], None]
 
-# The blocks take at most this share of the free memory: the rest is for the files' caches and for other processes.
+# Share of the free memory that blocks take at most: the rest is for file caches and other processes.
 MEMORY_SHARE = 0.5
-# Within the first block the time left is reported once this share of the work is done, or after this time.
+# Within the first block the remaining time is reported once this share of the work is done, or after this time.
 PACE_SHARE, PACE_SECONDS = 0.05, 2.0
-# Rows along the log whose extent is determined: a log tapers, bends and flares at its butt.
+# Number of rows along the log whose extent is determined: a log tapers, bends and flares at its butt.
 EXTENT_ROWS = 17
-# Slices around the middle one from which their coupling is chosen.
+# Number of slices around the middle from which the coupling of slices is chosen.
 SLICES_AROUND = 6
 
 
 @dataclass(frozen=True)
 class ReconstructionInput:
-    """The input of a reconstruction: line integrals, read as they are needed, and the geometry they were taken with.
+    """Input of a reconstruction: line integrals, read when they are needed, and the geometry of the scan.
 
     Attributes
     ----------
     read : callable
-        (views, rows, detector) float32 of the slices start..stop; NaN in every cell of rows that a view lacks.
+        Returns (views, rows, detector) float32 of the slices start..stop; NaN in every cell of rows that a view lacks.
     counts : bool
-        Whether they were made from counts: the volume is then in 1/mm.
+        True if the line integrals were made from counts; the volume is then in 1/mm.
     rows, row_step
-        The scan's rows, the first included, the last not; every row_step-th of them is a slice.
+        The scan's rows, including the first and excluding the last; every row_step-th row is a slice.
     preparation : tuple of str
         The steps that prepared the scan's data.
     beam : BeamCorrection
-        The calibration's: scatter and hardening that are still in the line integrals.
+        Scatter and hardening from the calibration that are still in the line integrals.
     """
 
     read: ReadRows
@@ -93,14 +93,14 @@ class ReconstructionInput:
 
 
 def volume_unit(*, counts: bool) -> str:
-    """The unit of a volume: counts give attenuation per mm; line integrals keep the unit they were given in."""
+    """Return the unit of a volume: counts give attenuation per mm; line integrals keep their own unit."""
     return "1/mm" if counts else "line integral/mm"
 
 
 def with_beam_corrected(given: ReconstructionInput, options: ReconstructionOptions) -> ReconstructionInput:
-    """The input with the calibration's scatter and hardening taken out, and sentences that say so.
+    """Remove the calibration's scatter and hardening from the input, and add sentences that report the removal.
 
-    Where scatter is taken out, so is the level of the air, which has a part of it.
+    Where scatter is removed, the level of the air is removed too, because the level contains a part of the scatter.
     """
     beam = given.beam
     if beam == NOTHING_FOUND or options.hardening is HardeningHandling.NONE:
@@ -140,7 +140,7 @@ def _air_level(line: NDArray[np.float32]) -> np.float32:
 
 
 def _scatter_sentence(largest_change: float) -> str:
-    """`largest_change` is of a line integral."""
+    """Describe the removal of scatter; `largest_change` is the largest change of a line integral."""
     share = 1.0 - math.exp(-largest_change)
     sentence = f"scattered radiation of {share:.1%} of the intensity in the deepest shadow was taken out"
     limited = share > 0.999 * (1.0 - 1.0 / STEEPEST)
@@ -148,7 +148,7 @@ def _scatter_sentence(largest_change: float) -> str:
 
 
 def _hardening_sentence(hardening: BeamHardening, longest: float) -> str:
-    """`longest` is the largest line integral of the scan."""
+    """Describe the removal of hardening; `longest` is the largest line integral of the scan."""
     share = ""
     if longest > 0.0:
         change = longest / float(straightened(hardening, np.array([longest], np.float32))[0]) - 1.0
@@ -167,7 +167,7 @@ class ReconstructedVolume:
     Attributes
     ----------
     data : (slices, x, y) float32
-        In the result's unit.
+        The values, in the result's unit.
     """
 
     data: NDArray[np.float32]
@@ -181,12 +181,12 @@ def run_reconstruction(
     report: ProgressCallback,
     keeper: Keeper = NOTHING_KEPT,
 ) -> ReconstructionResult:
-    """Reconstruct each row into the volume's file, which exists once it is complete; return the result beside it.
+    """Reconstruct each row into the volume's file, which appears when it is complete, and return the result.
 
     Parameters
     ----------
     keeper
-        Of finished blocks, and of what was chosen for all of them.
+        Keeps finished blocks, and the settings that were chosen for all blocks.
 
     Raises
     ------
@@ -229,7 +229,7 @@ def run_reconstruction(
 def reconstruct_in_memory(
     given: ReconstructionInput, options: ReconstructionOptions, report: ProgressCallback
 ) -> ReconstructedVolume:
-    """Reconstruct each row into arrays; as `run_reconstruction`, without a file."""
+    """Reconstruct each row into arrays in memory; otherwise the same as `run_reconstruction`."""
     given = with_beam_corrected(given, options)
     run = _Run(given, options, report)
     data = np.empty(run.shape, np.float32)
@@ -242,7 +242,7 @@ def reconstruct_in_memory(
 
 
 class _Run:
-    """One reconstruction: its geometry and grid, the solver, and the blocks through it."""
+    """A reconstruction: the geometry, the grid, the solver, and the blocks to solve."""
 
     def __init__(self, given: ReconstructionInput, options: ReconstructionOptions, report: ProgressCallback) -> None:
         self._started = time.perf_counter()
@@ -267,13 +267,13 @@ class _Run:
 
     @property
     def views(self) -> int:
-        """The views that are used."""
+        """Number of views that are used."""
         return int(self._given.angles_rad.size)
 
     def solver(
         self, settings: Settings | None = None, on_chosen: Callable[[Settings], None] = lambda _: None
     ) -> BlockSolver:
-        """The method that was asked for, or that `auto` chooses from the middle slice; with settings chosen earlier."""
+        """Create the solver of the requested method or, for `auto`, of a method chosen by the middle slice."""
         middle = self.slices // 2
         rows = self._given.read(middle, middle + 1)
         sample = np.ascontiguousarray(filled(rows, self._given.angles_rad)[:, 0])
@@ -304,7 +304,7 @@ class _Run:
         return solver_of(name, task, recommended, settings)
 
     def _around_the_middle(self) -> tuple[NDArray[np.int64], Images]:
-        """Numbers and lines (slices, views, detector) around the middle; missing views are interpolated in angle."""
+        """Return numbers and lines (slices, views, detector) around the middle, missing views interpolated in angle."""
         first = max(self.slices // 2 - SLICES_AROUND // 2, 0)
         numbers = np.arange(first, min(first + SLICES_AROUND, self.slices))
         complete = filled(self._given.read(first, first + numbers.size), self._given.angles_rad)
@@ -316,7 +316,7 @@ class _Run:
         return recommend(projector.geometry, sample, projector.grid, fitted_size=size, prefer=options.prefer)
 
     def _thin_out(self, step: int, sample: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Go on with every step-th view; the sample with these views."""
+        """Keep every step-th view from here on, and return the sample with these views."""
         if step == 1:
             return sample
         used, given = views_of_step(self._given.angles_rad, step), self._given
@@ -330,18 +330,18 @@ class _Run:
     def reconstruct(
         self, solver: BlockSolver, write: Write, take_up: Callable[[int], FinishedBlock | None] = lambda _: None
     ) -> tuple[ReconstructionResult, CurvePoints | None]:
-        """All blocks.
+        """Reconstruct all blocks.
 
         Parameters
         ----------
         write : callable
-            Takes the number of a block's first slice, its images, and what the report needs of it.
+            Takes the number of a block's first slice, the block's images, and the block's data for the report.
         take_up : callable
-            Takes the number of a block's first slice; what the report needs of it, where it was finished and written.
+            Takes the number of a block's first slice; returns the data for the report if the block is already written.
 
         Returns
         -------
-        The result, and what the parameters of the middle slice were chosen from.
+        The result, and the data from which the parameters of the middle slice were chosen.
         """
         given, options = self._given, self._options
         seen, blocks = ValueRange(self.slices, options.size), dict[int, FinishedBlock]()
@@ -389,31 +389,31 @@ class _Run:
 
 
 def _radius_mm(read: ReadRows, geometry: FanBeamGeometry, slices: int) -> float:
-    """Of the disc that holds what rows all along the log show, the first and the last included."""
+    """Return the radius of the disc that holds the log in rows all along its length, including first and last."""
     rows = {round(n) for n in np.linspace(0, slices - 1, EXTENT_ROWS)}
     lines = (read(n, n + 1)[:, 0] for n in sorted(rows))
     return max(object_radius_mm(geometry, line[present_rows(line)]) for line in lines)
 
 
 class _Reporting:
-    """Turns the number of slices done into progress with the time left."""
+    """Progress with the remaining time, from the number of finished slices."""
 
     def __init__(self, slices: int, report: ProgressCallback) -> None:
         self._started, self._slices, self._report = time.perf_counter(), slices, report
         self._done = 0
 
     def predict(self, seconds: float | None) -> None:
-        """Report the predicted time of all the work, where it is known."""
+        """Report the predicted time of the whole work, if it is known."""
         self._send(0.0, seconds)
 
     def within_block(self, more: float) -> None:
-        """Report work on a block, in slices beyond those that are done."""
+        """Report work on a block, as a number of slices in addition to the finished slices."""
         done = self._done + more
         paced = done >= PACE_SHARE * self._slices or (done > 0.0 and self._elapsed_s >= PACE_SECONDS)
         self._send(done, self._left(done) if paced else None)
 
     def __call__(self, done: int) -> None:
-        """Report the number of slices that are done."""
+        """Report the number of finished slices."""
         self._done = done
         self._send(done, self._left(done))
 
@@ -425,7 +425,7 @@ class _Reporting:
         return cost.seconds_left(self._elapsed_s, done, self._slices)
 
     def _send(self, done: float, left: float | None) -> None:
-        # The last slices are still to be written when they are done.
+        # The last slices are finished before they are written.
         fraction = done / (self._slices + 1)
         rounded = None if left is None else round(left, 1)
         self._report(Progress(fraction=fraction, stage="reconstruct", seconds_left=rounded))

@@ -1,8 +1,8 @@
-"""What calibrations of one scanner differ by, against their error bars: every pair of them.
+"""Differences between all pairs of calibrations of one scanner, compared with their error bars.
 
-All pairs agree in 95 % of the comparisons of calibrations that differ by their errors alone: the 5 % are divided by the
-number of comparisons (Bonferroni), which holds however the pairs depend on each other, and here each calibration is in
-several; for 24 calibrations the limit of the scale is 3.7 standard deviations, where 3.6 would be exact.
+Calibrations that differ only by their errors agree in all pairs in 95 % of cases. The 5 % are divided by the number of
+comparisons (Bonferroni). The Bonferroni limit holds for any dependence between pairs, and here each calibration is in
+several pairs; for 24 calibrations the limit of the scale is 3.7 standard deviations, and 3.6 would be exact.
 """
 
 import math
@@ -17,14 +17,14 @@ from sawmill_tomography.calibration.fit_parameters import Parameter
 from sawmill_tomography.geometry.ray_error import exceeded_ray_error, predicted_ray_error, ray_error, scale_deviation
 from sawmill_worker.use_cases.failures import refused
 
-# Comparisons in which errors alone take some pair beyond its limits.
+# Share of comparisons in which errors alone take some pair beyond its limits.
 FALSE_ALARMS = 0.05
-# What is compared of a pair: the rays, and the scale.
+# Number of quantities that are compared in a pair: the rays and the scale.
 QUESTIONS = 2
 
 
 def repeatability(named: list[tuple[str, CalibrationResult]]) -> RepeatabilityResult:
-    """Compare every calibration with every other; refused where they are fewer than two, or not of one scanner."""
+    """Compare all pairs of calibrations; refuse fewer than two calibrations, or calibrations of several scanners."""
     if len(named) < 2:
         raise refused("too-few-calibrations", f"{len(named)} calibration was given: give two or more of one scanner")
     share = FALSE_ALARMS / (QUESTIONS * math.comb(len(named), 2))
@@ -52,7 +52,7 @@ def _difference(
     Raises
     ------
     JobFailure
-        They are not of one scanner, or one has no error bars.
+        The calibrations belong to different scanners, or one has no error bars.
     """
     if one.scanner != other.scanner:
         raise refused(

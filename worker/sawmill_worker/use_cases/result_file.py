@@ -1,4 +1,4 @@
-"""A calibration's answer in a file: RESULT.json as `calibrate --json` or the service gave it, or its result.h5."""
+"""A calibration's answer in a file: RESULT.json from `calibrate --json` or from the service, or result.h5."""
 
 import json
 from collections.abc import Iterator
@@ -26,16 +26,16 @@ from sawmill_worker.use_cases.failures import JobFailure, refused
 
 @dataclass(frozen=True)
 class CalibrationRecord:
-    """What a file holds of a calibration.
+    """Calibration data in a file.
 
     Attributes
     ----------
     arrays : CalibrationArrays or None
-        None where the file has the answer alone, as JSON has.
+        None if the file has only the answer, as a JSON file does.
     made_at : datetime or None
-        None where the file does not tell.
+        None if the file has no time.
     header : dict
-        What the service's JSON has beside the answer, as `id` and `scan_id`.
+        Additional fields of the service's JSON, for example `id` and `scan_id`.
     """
 
     result: CalibrationResult
@@ -45,12 +45,12 @@ class CalibrationRecord:
 
 
 def read_calibration(path: Path) -> CalibrationResult:
-    """The calibration in a file, which is recognised by its content and never by its name.
+    """Read the calibration in a file; the format is recognised by the content and never by the name.
 
     Raises
     ------
     JobFailure
-        It holds none.
+        The file holds no calibration.
     """
     with _refusing(path):
         if h5py.is_hdf5(path):
@@ -59,12 +59,12 @@ def read_calibration(path: Path) -> CalibrationResult:
 
 
 def read_calibration_record(path: Path) -> CalibrationRecord:
-    """The calibration in a file with all that the file has beside it.
+    """Read the calibration in a file with all other data of the file.
 
     Raises
     ------
     JobFailure
-        It holds none, or its arrays are damaged or do not agree.
+        The file holds no calibration, or its arrays are damaged or do not agree.
     """
     result = read_calibration(path)
     with _refusing(path):
@@ -90,7 +90,7 @@ def _refusing(path: Path) -> Iterator[None]:
 
 
 def _time(text: object) -> datetime | None:
-    """A time with its zone; None where it is none."""
+    """Parse a time with its zone; return None for any other text."""
     try:
         time = datetime.fromisoformat(str(text))
     except ValueError:

@@ -1,4 +1,4 @@
-"""A scan without a service, for commands and notebooks: its rows as they are needed, all in memory only if asked."""
+"""A scan without a service, for commands and notebooks: rows are read when they are needed."""
 
 import hashlib
 from collections.abc import Callable, Iterator, Sequence
@@ -26,31 +26,31 @@ from sawmill_worker.use_cases.prepare import Stack, prepare_scan
 from sawmill_worker.use_cases.scan_source import ScanSource
 from sawmill_worker.use_cases.selection import chosen_rows, chosen_views
 
-# Of the free memory, for all rows that are asked for; the rest is for what is made of them.
+# Share of the free memory for all requested rows; the rest is for results computed from the rows.
 MEMORY_SHARE = 0.9
-# Of all the progress, for reading and preparing.
+# Share of the progress for reading and preparing.
 PREPARING_SHARE = 0.5
 
 
 @dataclass(frozen=True, eq=False)
 class ScanRows:
-    """The rows and views asked for, read as they are needed.
+    """The requested rows and views, read when they are needed.
 
     Attributes
     ----------
     read : callable
-        (views, rows, detector) float32 line integrals of the rows start..stop of those asked for; NaN in every cell of
-        rows that a view lacks.
+        Returns (views, rows, detector) float32 line integrals of the rows start..stop of the requested rows; NaN in
+        every cell of rows that a view lacks.
     read_row : callable
-        (views, detector) float32 of any row of the scan, asked for or not; NaN in views that lack it.
+        Returns (views, detector) float32 of any row of the scan, requested or not; NaN in views that lack the row.
     usable_rows : (first, after the last)
         The rows that enough views have.
     rows, row_step
-        The first row, the one after the last, and every which of them was asked for.
+        The first row, the row after the last, and the step between requested rows.
     on_progress : callable
-        Called with the progress from here on.
+        Called with the progress of the work after reading.
     deviations : (views, rows, detector) float32, or None
-        Standard deviations of the rows asked for, where the scan came with them.
+        Standard deviations of the requested rows; None if the scan has none.
     """
 
     read: Callable[[int, int], Stack]
@@ -67,7 +67,7 @@ class ScanRows:
     deviations: Stack | None = None
 
     def stack(self) -> Stack:
-        """All of them (views, rows, detector); refused where they do not fit into the free memory."""
+        """Read all requested rows (views, rows, detector); refuse rows that do not fit into the free memory."""
         rows, free = len(range(*self.rows, self.row_step)), int(MEMORY_SHARE * memory_available())
         needed = 4 * self.angles_rad.size * rows * self.scanner.num_detector_pixels
         if needed > free:
@@ -81,20 +81,20 @@ class ScanRows:
 def open_rows(
     source: ScanSource, *, source_to_cor_mm: float, on_progress: ProgressCallback, beside: Path | None = None
 ) -> Iterator[ScanRows]:
-    """Open a scan and take the rows and views asked for.
+    """Open a scan and select the requested rows and views.
 
-    A scan of line integrals that this product wrote is read as it is. Anything else, and a scan with flags that its
-    file must be compared with, is prepared into such a file, in a temporary folder.
+    A scan of line integrals that this product wrote is read directly. Any other scan, and a scan with flags that must
+    be compared with the file, is first prepared into such a file in a temporary folder.
 
     Parameters
     ----------
     beside : Path, optional
-        A file whose folder holds that temporary folder; by default it is where the system keeps its own.
+        A file whose folder holds the temporary folder; by default the system's temporary folder is used.
 
     Raises
     ------
     UnreadableScan, CountsError, RowsError, JobFailure
-        The file, or what is given about it, cannot be used.
+        The file, or a value given for it, cannot be used.
     """
     on_progress(Progress(fraction=0.0, stage="read"))
     opened = (
@@ -107,7 +107,7 @@ def open_rows(
 
 
 def _needs_no_preparing(source: ScanSource) -> bool:
-    """Whether no flag has to be compared with the file or done to it."""
+    """Return whether no flag must be compared with the file or applied to it."""
     options = source.options
     of_file = (options.dataset, source.angles, options.row_pitch_mm, options.averaged_rows)
     beside = (*of_file, options.flats, options.darks)
@@ -229,7 +229,7 @@ def _rows_of(
 
 
 def _scanner(r_s: float, cells: int, pitch: float, row_pitch: float | None) -> ScannerConstants:
-    """The scanner's constants, as far as the file and the flags give them; refused where no scanner has such."""
+    """Return the scanner's constants, as far as file and flags give them; refuse constants that no scanner has."""
     try:
         return ScannerConstants(
             source_to_cor_mm=r_s, num_detector_pixels=cells, detector_pitch_mm=pitch, row_pitch_mm=row_pitch
@@ -240,7 +240,7 @@ def _scanner(r_s: float, cells: int, pitch: float, row_pitch: float | None) -> S
 
 
 def _sha256(paths: Sequence[Path]) -> str:
-    """Of the file; of several, the checksum of their checksums in hexadecimal, one after the other."""
+    """Compute the checksum of a file; for several files, of their hexadecimal checksums one after the other."""
     digests = [_sha256_of_file(path) for path in paths if path.is_file()]
     return digests[0] if len(digests) == 1 else hashlib.sha256("".join(digests).encode()).hexdigest()
 
@@ -251,7 +251,7 @@ def _sha256_of_file(path: Path) -> str:
 
 
 def _part_of(on_progress: ProgressCallback, start: float, stop: float) -> ProgressCallback:
-    """Report the progress of a part of the work as that of all of it, from one fraction of it to another."""
+    """Return a callback that maps the progress of a part of the work to a range of the progress of all work."""
 
     def on_part(progress: Progress) -> None:
         on_progress(replace(progress, fraction=start + (stop - start) * progress.fraction))

@@ -1,4 +1,4 @@
-"""Which scan is meant, before anything is read: light, since the command line imports it at its start."""
+"""Specification of a scan before it is read; a small module, because the command line imports it at its start."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,7 +10,7 @@ from sawmill_formats.input.angles import AnglesGiven
 
 @dataclass(frozen=True)
 class ScanSource:
-    """A scan's file, how it is read, and which of its views and rows are used."""
+    """A scan's file, the options of reading, and the selection of views and rows."""
 
     path: Path
     options: UnregisteredScanOptions
@@ -20,5 +20,5 @@ class ScanSource:
 
     @property
     def prepare(self) -> PrepareOptions:
-        """What is done to the data on reading."""
+        """Preparation of the data on reading."""
         return PrepareOptions(**{name: getattr(self.options, name) for name in PrepareOptions.model_fields})

@@ -1,4 +1,4 @@
-"""The log beside the phantom: which rows show it, and what they say of the calibration."""
+"""The log in the scan of a phantom: the rows that show it, and its test of the calibration."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -17,16 +17,16 @@ from sawmill_vocabulary import FEWEST_PAIRED_VIEWS
 from sawmill_worker.use_cases.calibrate import CalibrationInput
 from sawmill_worker.use_cases.failures import refused
 
-# Rows that are averaged, evenly spaced over those that can be; a row next to the phantom's may show both.
+# Number of averaged rows, evenly spaced over the possible rows; a row next to the phantom's rows may show both.
 MOST_ROWS, GAP = 16, 1
-# Rows are told from the phantom's by means over blocks of views and cells, in which noise has no part: of up to
-# BLOCK_VIEWS views, fewer where those would turn too far for the views of one body to be similar.
+# Rows of the log are distinguished from the phantom's rows by means over blocks of views and cells, which suppress
+# noise. A block has up to BLOCK_VIEWS views, or fewer where the views would turn too far to be similar.
 BLOCK_VIEWS, BLOCK_CELLS, BLOCKS_A_TURN = 6, 8, 20
 
 
 @dataclass(frozen=True)
 class LogRows:
-    """The mean (views, detector) of rows that show a log, and their numbers."""
+    """Mean (views, detector) of rows that show a log, and the row numbers."""
 
     rows: tuple[int, ...]
     sinogram: FloatArray
@@ -40,27 +40,27 @@ def hear_log(
     rows: tuple[int, int],
     read: Callable[[int], NDArray[np.float32]],
 ) -> tuple[CalibrationInput, Calibration]:
-    """The calibration with the log beside the phantom as its second witness, where the scan shows one.
+    """Add the log in the phantom's scan, if the scan shows one, to the calibration as its second witness.
 
     Parameters
     ----------
     asked : str or None
-        The rows A:B that show the log; None looks for them.
+        The rows A:B that show the log; None searches for them.
     rows : (first, after the last)
-        Those that can be read.
+        Rows that can be read.
     read : callable
-        The sinogram (views, detector) of a row, of all views that were read; NaN in those that lack it.
+        Returns the sinogram (views, detector) of a row, of all views that were read; NaN in views that lack the row.
 
     Returns
     -------
-    The input, with a remark where a log could not be heard, and the calibration.
+    The input, with a remark if a log could not be used, and the calibration.
     """
     if calibration.error_bars is None or given.angles_rad.size < FEWEST_PAIRED_VIEWS:
         return given, calibration
     found = log_rows(given, asked=asked, rows=rows, read=read)
     if found is None:
         return given, calibration
-    # Imported here because it brings the reconstruction along, for which a scan without a log need not wait.
+    # Imported here because the module imports the reconstruction, which a scan without a log does not need.
     from sawmill_tomography.calibration.with_log import with_log  # noqa: PLC0415
 
     try:
@@ -73,9 +73,9 @@ def hear_log(
 def log_rows(
     given: CalibrationInput, *, asked: str | None, rows: tuple[int, int], read: Callable[[int], NDArray[np.float32]]
 ) -> LogRows | None:
-    """The rows asked for, or those beside the phantom's that show another body than it, and no air; None without.
+    """Return the given rows, or the rows outside the phantom's that show another body and no air; None without any.
 
-    A row that a view of the phantom's lacks is left out.
+    A row that is missing in one of the phantom's views is left out.
     """
     beside = _beside(given, rows) if asked is None else _asked(given, asked, rows)
     tried = [beside[at] for at in np.unique(np.linspace(0, len(beside) - 1, MOST_ROWS).astype(int))] if beside else []
@@ -88,7 +88,7 @@ def log_rows(
 
 
 def witness_of(calibration: Calibration, given: CalibrationInput) -> contracts.SecondWitness | None:
-    """Both answers as they cross a boundary."""
+    """Convert the answers of phantom and log to the contract."""
     witness = None if calibration.evidence is None else calibration.evidence.witness
     if witness is None:
         return None
@@ -149,7 +149,7 @@ def _asked(given: CalibrationInput, asked: str, rows: tuple[int, int]) -> list[i
 
 
 def _coarse(sinogram: FloatArray) -> FloatArray:
-    """Means over blocks of views and cells, (blocks,)."""
+    """Compute means over blocks of views and cells, (blocks,)."""
     together = min(BLOCK_VIEWS, max(1, len(sinogram) // BLOCKS_A_TURN))
     views, cells = (size // block * block for size, block in zip(sinogram.shape, (together, BLOCK_CELLS), strict=True))
     blocks = sinogram[:views, :cells].reshape(views // together, together, -1, BLOCK_CELLS)

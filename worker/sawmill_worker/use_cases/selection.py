@@ -1,4 +1,4 @@
-"""Which rows and views of a scan are used."""
+"""Selection of rows and views of a scan."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,7 +8,7 @@ from sawmill_worker.use_cases.failures import refused
 
 
 def chosen_rows(rows: str | None, available: int, usable: tuple[int, int] | None = None) -> slice:
-    """The rows A:B or A:B:STEP, or all that are usable; refused where the scan has no such rows.
+    """Parse the rows A:B or A:B:STEP, or select all usable rows; refuse rows that the scan does not have.
 
     Parameters
     ----------
@@ -30,7 +30,7 @@ def chosen_rows(rows: str | None, available: int, usable: tuple[int, int] | None
 
 
 def chosen_views(views: int | None, available: int) -> NDArray[np.intp]:
-    """Indices of every (available / views)-th view, or of all; refused where there are fewer."""
+    """Return indices of every (available / views)-th view, or of all views; refuse more views than available."""
     if views is None:
         return np.arange(available)
     if views > available:

@@ -1,4 +1,4 @@
-"""A simulated stack as the file that a scanner would write."""
+"""File output of a simulated stack, as a scanner would write it."""
 
 from pathlib import Path
 
@@ -20,7 +20,7 @@ def write_simulated_scan(
     Parameters
     ----------
     angles_rad : (views,)
-        As the scanner counts them.
+        Angles as the scanner counts them.
 
     Raises
     ------

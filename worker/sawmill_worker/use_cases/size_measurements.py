@@ -1,4 +1,4 @@
-"""What a phantom's measurements say against its drawing, on the day of a calibration."""
+"""Objections of a phantom's measurements to its drawing, on the day of a calibration."""
 
 from collections.abc import Iterator
 from datetime import date
@@ -8,13 +8,13 @@ import numpy as np
 from sawmill_contracts.phantoms import PhantomDrawing, SizeMeasurement
 from sawmill_worker.use_cases.conversion import to_phantom
 
-# A drawing contradicts a measurement when they differ by more of its standard uncertainties.
+# A drawing contradicts a measurement if the two differ by more than this number of standard uncertainties.
 CONTRADICTION = 3.0
 AXES = {"x": 0, "y": 1}
 
 
 def measurement_reasons(drawing: PhantomDrawing, today: date) -> Iterator[str]:
-    """A sentence for each measurement that has expired, and for each that the drawing does not agree with."""
+    """Yield a sentence for each measurement that has expired, and for each measurement that contradicts the drawing."""
     extent_mm = np.ptp(np.concatenate(to_phantom(drawing).outlines()), axis=0)
     for measured in drawing.measurements:
         if measured.expired(today):

@@ -1,4 +1,4 @@
-"""The range of a volume's values, from a sample of bounded size taken while its slices go by."""
+"""Range of a volume's values, from a sample of bounded size that is taken while the slices are written."""
 
 import math
 
@@ -12,7 +12,7 @@ PERCENTILES = (0.1, 99.9)
 class ValueRange:
     """Percentiles of a volume (slice, x, y) that is never in memory as a whole.
 
-    Every pixel counts where the volume has at most `SAMPLED_VALUES`; else every n-th along either side of a slice.
+    Every pixel counts if the volume has at most `SAMPLED_VALUES` pixels; else every n-th along both sides of a slice.
     """
 
     def __init__(self, slices: int, size: int) -> None:
@@ -20,14 +20,14 @@ class ValueRange:
         self._samples: list[NDArray[np.float32]] = []
 
     def sample(self, block: NDArray[np.float32]) -> NDArray[np.float32]:
-        """The values to take of some slices (slices, x, y)."""
+        """Return the sampled values of some slices (slices, x, y)."""
         return block[:, :: self._step, :: self._step].ravel()
 
     def add(self, sample: NDArray[np.float32]) -> None:
-        """Take a sample."""
+        """Add a sample."""
         self._samples.append(sample)
 
     def percentiles(self) -> tuple[float, float]:
-        """The 0.1 and the 99.9 percentile of what was added."""
+        """Return the 0.1 and the 99.9 percentile of the added samples."""
         low, high = np.percentile(np.concatenate(self._samples), PERCENTILES)
         return float(low), float(high)

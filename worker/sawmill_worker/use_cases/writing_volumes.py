@@ -1,4 +1,4 @@
-"""Writing a reconstruction's volume with everything it was made from."""
+"""Output of a reconstruction's volume with all data about its origin."""
 
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from sawmill_vocabulary.version import VERSION
 
 @dataclass(frozen=True)
 class VolumeOrigin:
-    """Which rows of which scan a volume is of, and the geometry they were taken with."""
+    """Origin of a volume: the scan, its rows, and the geometry."""
 
     scanner: ScannerConstants
     theta: Theta
@@ -34,8 +34,8 @@ def new_volume(
     unit: str,
     views: int,
 ) -> AbstractContextManager[NewVolume]:
-    """Begin a volume (slice, x, y) as HDF5; its slices are written as they come (`new_reconstruction`)."""
-    # What was asked for beyond the options, as a job's identifiers, is no parameter of the method.
+    """Create a volume (slice, x, y) as HDF5, to which slices are written one after another (`new_reconstruction`)."""
+    # Fields of the request beyond the options, for example a job's identifiers, are no parameters of the method.
     asked = options.model_dump(mode="json", exclude_none=True, include=set(ReconstructionOptions.model_fields))
     pitch = origin.scanner.row_pitch_mm
     step = "" if origin.row_step == 1 else f":{origin.row_step}"
@@ -45,7 +45,7 @@ def new_volume(
         pixel_mm=options.field_mm / options.size,
         row_pitch_mm=None if pitch is None else pitch * origin.row_step,
         centre_mm=options.field_centre_mm,
-        # The scan's first row lies at 0, so that volumes of other rows of the same scan lie where they belong.
+        # The scan's first row is at 0, so that volumes of other rows of the same scan have consistent positions.
         first_slice_mm=(pitch or 0.0) * origin.rows[0],
         unit=unit,
         geometry={

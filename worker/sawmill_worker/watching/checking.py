@@ -1,4 +1,4 @@
-"""What a watcher would do: `sawmill watch --check`. Nothing is taken, sent or made."""
+"""`sawmill watch --check`: what a watcher would do; no file is taken or sent, and no folder is made."""
 
 import os
 from collections.abc import Iterator
@@ -15,7 +15,7 @@ Finding = tuple[bool, str]
 
 
 def findings(watching: Watching, service: Service) -> Iterator[Finding]:
-    """Sentences, each with whether all is well."""
+    """Yield sentences, each with whether all is well."""
     try:
         yield from _of_service(watching, service)
     except (ServiceWaits, Refusal, RequestFails) as trouble:

@@ -1,8 +1,8 @@
-"""Sends a taken file, and makes one scan of it, however often this process is killed meanwhile.
+"""Upload of a taken file, and creation of exactly one scan, however often this process is killed.
 
-The record of a taking has each name that the service gave before it is used. Of one upload the service makes one scan,
-in one transaction, and says for a day which one (`used_by`). Where a process comes back after the upload's row is
-gone, the scan is looked for among those that were made since.
+The record of a taking holds each identifier from the service before the identifier is used. The service makes one scan
+from an upload, in one transaction, and reports for a day which scan (`used_by`). If a process restarts after the
+upload's row is gone, the scan is searched for among the scans that were made since.
 """
 
 from collections.abc import Callable
@@ -23,20 +23,20 @@ _SCANS = "/v1/scans/"
 
 
 class Sending:
-    """For one folder.
+    """Sending of the files of one folder.
 
     Parameters
     ----------
     settings
-        Of the folder.
+        Settings of the folder.
     takings
-        Where records are kept.
+        Records of the takings.
     service
-        Where to.
+        The service that receives the files.
     stop
-        Ends it between two pieces of a file.
+        Ends the sending between two pieces of a file.
     show_progress
-        Shows a person how far a file is.
+        Shows a person the progress of a file.
     """
 
     def __init__(
@@ -49,21 +49,21 @@ class Sending:
         self._show_progress = show_progress
 
     def send(self, taking: Taking, query: dict[str, str]) -> Taking:
-        """With its scan.
+        """Send a file and make its scan; return the taking with the scan's id.
 
         Parameters
         ----------
         query
-            Of `POST /v1/scans`.
+            Query of `POST /v1/scans`.
 
         Raises
         ------
         FileChanged
-            Somebody writes to it; nothing was made of it.
+            The file is being written to; no scan was made.
         ServiceWaits, Refusal
-            The service's answer.
+            The service cannot be used, or refuses the request.
         Stopped, OSError
-            Meanwhile.
+            The watcher was asked to end, or the file cannot be read.
         """
         upload = None
         while upload is None:
@@ -87,7 +87,7 @@ class Sending:
         return self._takings.save(replace(taking, scan_id=scan_id))
 
     def is_unchanged(self, taking: Taking) -> bool:
-        """Whether the file is what was sent; only a file with another time or size is read again."""
+        """Return whether the file equals what was sent; only a file with another time or size is read again."""
         path = self._takings.path(taking)
         return signature(path) == taking.signature or sha256_of(path, self._stop) == taking.sha256
 
@@ -108,7 +108,7 @@ class Sending:
         return self._takings.save(began), upload
 
     def _after_expiry(self, taking: Taking) -> Taking:
-        """With the scan that was made of an upload whose row is gone, or as if nothing had been sent."""
+        """Return the taking with the scan of an upload whose row is gone; without a scan, with nothing sent."""
         scan = self._service.find_scan(
             scanner_id=self._settings.scanner_id,
             name=scan_name(taking.name),
