@@ -44,7 +44,7 @@ from sawmill_vocabulary import DataKind, Polygon, ReconstructionMethod
 from sawmill_vocabulary.physics import BeamEffects, DetectorEffects, MotionEffects, Physics, WoodEffects
 from sawmill_worker.execution.logs import configure_logs
 from sawmill_worker.execution.settings import ExecutionSettings
-from sawmill_worker.use_cases.simulated_scan import write_simulated_scan
+from sawmill_worker.use_cases.scans.simulation import write_simulated_scan
 
 EXAMPLE, SPARE, SPARSE = "example", "example-spare", "example-sparse"
 SEED = 2206

@@ -9,8 +9,8 @@ import pytest
 from sawmill_contracts.built_in import BUILT_IN_PHANTOMS
 from sawmill_contracts.calibrations import CalibrationOptions
 from sawmill_tomography.geometry.geometry import TAU
-from sawmill_worker.use_cases import calibrate
-from sawmill_worker.use_cases.calibrate import SEARCH_DONE, CalibrationInput, _Reporting, run_calibration
+from sawmill_worker.use_cases.calibration import calibrate
+from sawmill_worker.use_cases.calibration.calibrate import SEARCH_DONE, CalibrationInput, _Reporting, run_calibration
 
 
 @pytest.mark.slow

@@ -3,8 +3,8 @@ import pytest
 
 from sawmill_tomography.phantoms.phantom import Disc, Phantom, Polygon
 from sawmill_tomography.projection.analytic import DetectorCells, project
-from sawmill_worker.use_cases.calibrate import CalibrationInput
-from sawmill_worker.use_cases.log_comparison import log_row_beside
+from sawmill_worker.use_cases.calibration.calibrate import CalibrationInput
+from sawmill_worker.use_cases.calibration.log_comparison import log_row_beside
 
 
 @pytest.fixture

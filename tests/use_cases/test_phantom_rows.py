@@ -11,8 +11,13 @@ from sawmill_tomography.calibration.errors import CalibrationError
 from sawmill_tomography.geometry.geometry import to_vector
 from sawmill_tomography.geometry.ray_error import ray_error
 from sawmill_tomography.preparing.line_integrals import line_integrals
-from sawmill_worker.use_cases.calibrate import CalibrationInput, _in_phantom_rows, calibration_result, run_calibration
-from sawmill_worker.use_cases.second_witness import hear_log, witness_of
+from sawmill_worker.use_cases.calibration.calibrate import (
+    CalibrationInput,
+    _in_phantom_rows,
+    calibration_result,
+    run_calibration,
+)
+from sawmill_worker.use_cases.calibration.second_witness import hear_log, witness_of
 
 pytestmark = pytest.mark.slow
 

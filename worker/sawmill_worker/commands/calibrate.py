@@ -8,11 +8,11 @@ from sawmill_tomography.sinograms.present_rows import mean_of_rows
 from sawmill_vocabulary import ProgressCallback
 from sawmill_worker.commands.phantom_options import PhantomSource
 from sawmill_worker.commands.phantoms import drawing_of
-from sawmill_worker.use_cases.calibrate import CalibrationInput, calibration_result, run_calibration
-from sawmill_worker.use_cases.prepare import of_saturation
-from sawmill_worker.use_cases.scan_rows import open_rows
-from sawmill_worker.use_cases.scan_source import ScanSource
-from sawmill_worker.use_cases.second_witness import hear_log, witness_of
+from sawmill_worker.use_cases.calibration.calibrate import CalibrationInput, calibration_result, run_calibration
+from sawmill_worker.use_cases.calibration.second_witness import hear_log, witness_of
+from sawmill_worker.use_cases.scans.prepare import of_saturation
+from sawmill_worker.use_cases.scans.scan_rows import open_rows
+from sawmill_worker.use_cases.scans.scan_source import ScanSource
 
 
 def calibrate_scan(
@@ -54,7 +54,7 @@ def calibrate_scan(
     if picture is not None:
         # Imported here because the module imports the reconstruction, which an answer without a report does not need.
         from sawmill_worker.pictures.report_page import About  # noqa: PLC0415
-        from sawmill_worker.use_cases.calibration_files import report_arrays, write_report  # noqa: PLC0415
+        from sawmill_worker.use_cases.calibration.calibration_files import report_arrays, write_report  # noqa: PLC0415
 
         name = scan.path.name
         about = About(made_at=datetime.now().astimezone(), scan_name=name, phantom=drawing, origin=name)

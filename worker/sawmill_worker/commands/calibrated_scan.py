@@ -10,10 +10,10 @@ from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_vocabulary import ProgressCallback
 from sawmill_worker.commands.geometry_options import CalibrationSource
+from sawmill_worker.use_cases.calibration.result_file import read_calibration
 from sawmill_worker.use_cases.failures import refused
-from sawmill_worker.use_cases.result_file import read_calibration
-from sawmill_worker.use_cases.scan_rows import ScanRows, open_rows
-from sawmill_worker.use_cases.scan_source import ScanSource
+from sawmill_worker.use_cases.scans.scan_rows import ScanRows, open_rows
+from sawmill_worker.use_cases.scans.scan_source import ScanSource
 
 
 @contextmanager

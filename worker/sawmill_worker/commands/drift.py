@@ -10,11 +10,11 @@ from sawmill_contracts.drifts import DriftResult
 from sawmill_vocabulary import Progress, ProgressCallback
 from sawmill_worker.commands.calibrated_scan import open_with_calibration
 from sawmill_worker.commands.geometry_options import CalibrationSource, ThetaSource
-from sawmill_worker.use_cases.drift import DriftInput, mean_of_common_rows, run_drift
-from sawmill_worker.use_cases.drift_baseline import baselines_of, read_answers
-from sawmill_worker.use_cases.given_geometry import GivenGeometry
-from sawmill_worker.use_cases.scan_rows import ScanRows, open_rows
-from sawmill_worker.use_cases.scan_source import ScanSource
+from sawmill_worker.use_cases.drift.baselines import baselines_of, read_answers
+from sawmill_worker.use_cases.drift.drift_check import DriftInput, mean_of_common_rows, run_drift
+from sawmill_worker.use_cases.drift.given_geometry import GivenGeometry
+from sawmill_worker.use_cases.scans.scan_rows import ScanRows, open_rows
+from sawmill_worker.use_cases.scans.scan_source import ScanSource
 
 
 def check_drift(

@@ -3,7 +3,7 @@
 from sawmill_contracts.built_in import BUILT_IN_PHANTOMS
 from sawmill_contracts.phantoms import PhantomDrawing
 from sawmill_worker.commands.phantom_options import PhantomSource
-from sawmill_worker.use_cases.phantom_file import read_drawing
+from sawmill_worker.use_cases.phantom_drawings import read_drawing, traced_drawing
 
 
 def drawing_of(source: PhantomSource) -> PhantomDrawing:
@@ -17,8 +17,5 @@ def drawing_of(source: PhantomSource) -> PhantomDrawing:
     if source.is_built_in:
         return BUILT_IN_PHANTOMS[source.text]
     if source.width_mm is not None:
-        # Imported here because only a picture needs the readers of pictures.
-        from sawmill_worker.use_cases.phantom_picture import traced_drawing  # noqa: PLC0415
-
         return traced_drawing(source.path, source.width_mm, name=source.path.stem)
     return read_drawing(source.path)

@@ -13,9 +13,9 @@ from sawmill_worker.commands.calibrated_scan import open_with_calibration
 from sawmill_worker.commands.geometry_options import CalibrationSource, ThetaSource
 from sawmill_worker.commands.options import Pictures
 from sawmill_worker.use_cases.failures import refused
-from sawmill_worker.use_cases.reconstruct import ReconstructionInput, run_reconstruction
-from sawmill_worker.use_cases.scan_rows import ScanRows, open_rows
-from sawmill_worker.use_cases.scan_source import ScanSource
+from sawmill_worker.use_cases.reconstruction.reconstruct import ReconstructionInput, run_reconstruction
+from sawmill_worker.use_cases.scans.scan_rows import ScanRows, open_rows
+from sawmill_worker.use_cases.scans.scan_source import ScanSource
 
 MOSAIC_SLICES = 16
 

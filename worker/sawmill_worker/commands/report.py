@@ -7,8 +7,8 @@ from typing import Any
 from sawmill_contracts.calibration_arrays import CalibrationArrays
 from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_worker.pictures.report_page import About, report_html
+from sawmill_worker.use_cases.calibration.result_file import read_calibration_record
 from sawmill_worker.use_cases.failures import refused
-from sawmill_worker.use_cases.result_file import read_calibration_record
 
 
 def write_report(path: Path, output: Path) -> bool:

@@ -17,8 +17,7 @@ from sawmill_worker.commands.geometry_options import Position
 from sawmill_worker.commands.phantom_options import PhantomSource
 from sawmill_worker.commands.phantoms import drawing_of
 from sawmill_worker.use_cases.conversion import to_phantom
-from sawmill_worker.use_cases.physics_file import read_physics
-from sawmill_worker.use_cases.simulated_scan import write_simulated_scan
+from sawmill_worker.use_cases.scans.simulation import read_physics, write_simulated_scan
 
 
 def simulate_scan(

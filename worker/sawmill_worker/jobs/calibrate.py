@@ -14,17 +14,17 @@ from sawmill_formats.output.scan_reader import read_stored_scan
 from sawmill_tomography.sinograms.present_rows import mean_of_rows
 from sawmill_vocabulary import DataKind
 from sawmill_worker.jobs.attempt import Attempt
-from sawmill_worker.jobs.keeping import AttemptKeeper
+from sawmill_worker.jobs.checkpoints import AttemptKeeper
 from sawmill_worker.jobs.needs import Needs, of_averaged_rows
-from sawmill_worker.use_cases.calibrate import CalibrationInput, calibration_result, run_calibration
-from sawmill_worker.use_cases.calibration_files import calibration_arrays, write_result
-from sawmill_worker.use_cases.compare import compared, geometry_of
+from sawmill_worker.use_cases.calibration.calibrate import CalibrationInput, calibration_result, run_calibration
+from sawmill_worker.use_cases.calibration.calibration_files import calibration_arrays, write_result
+from sawmill_worker.use_cases.calibration.compare import compared, geometry_of
+from sawmill_worker.use_cases.calibration.log_comparison import log_images, log_row_beside
+from sawmill_worker.use_cases.calibration.second_witness import hear_log, witness_of
 from sawmill_worker.use_cases.failures import refused
-from sawmill_worker.use_cases.log_comparison import log_images, log_row_beside
-from sawmill_worker.use_cases.prepare import Stack, of_saturation
-from sawmill_worker.use_cases.reconstruct import volume_unit
-from sawmill_worker.use_cases.second_witness import hear_log, witness_of
-from sawmill_worker.use_cases.selection import chosen_rows, chosen_views
+from sawmill_worker.use_cases.reconstruction.reconstruct import volume_unit
+from sawmill_worker.use_cases.scans.prepare import Stack, of_saturation
+from sawmill_worker.use_cases.scans.selection import chosen_rows, chosen_views
 
 
 def run(attempt: Attempt) -> dict[str, Any]:

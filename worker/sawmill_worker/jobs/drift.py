@@ -7,9 +7,9 @@ from sawmill_formats.output.scan_reader import read_stored_scan
 from sawmill_worker.jobs.attempt import Attempt
 from sawmill_worker.jobs.calibrate import shape_of, usable_calibration, usable_scan
 from sawmill_worker.jobs.needs import Needs, of_averaged_rows
-from sawmill_worker.use_cases.drift import DriftInput, mean_of_common_rows, run_drift
+from sawmill_worker.use_cases.drift.drift_check import DriftInput, mean_of_common_rows, run_drift
 from sawmill_worker.use_cases.failures import refused
-from sawmill_worker.use_cases.selection import chosen_rows, chosen_views
+from sawmill_worker.use_cases.scans.selection import chosen_rows, chosen_views
 
 
 def run(attempt: Attempt) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from sawmill_worker.jobs.attempt import Attempt
 from sawmill_worker.jobs.needs import FILE_BYTES, FILE_SHARE, Needs
 from sawmill_worker.use_cases.capacity import memory_available
 from sawmill_worker.use_cases.failures import refused
-from sawmill_worker.use_cases.prepare import prepare_scan
+from sawmill_worker.use_cases.scans.prepare import prepare_scan
 
 
 def run(attempt: Attempt) -> dict[str, Any]:

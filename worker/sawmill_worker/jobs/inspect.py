@@ -6,7 +6,7 @@ from sawmill_contracts.inspections import Inspection
 from sawmill_formats.input.angles import parse_angles
 from sawmill_worker.jobs.attempt import Attempt
 from sawmill_worker.jobs.needs import Needs
-from sawmill_worker.use_cases.inspect import GivenBeside, inspect_file
+from sawmill_worker.use_cases.scans.inspect import GivenBeside, inspect_file
 
 
 def run(attempt: Attempt) -> dict[str, Any]:

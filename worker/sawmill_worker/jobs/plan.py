@@ -6,7 +6,7 @@ from sawmill_contracts.plans import Plan
 from sawmill_worker.jobs.attempt import Attempt
 from sawmill_worker.jobs.calibrate import drawing_of
 from sawmill_worker.jobs.needs import PROCESS_BYTES, SINOGRAMS, Needs
-from sawmill_worker.use_cases.plan import PlanInput, run_plan
+from sawmill_worker.use_cases.calibration.plan import PlanInput, run_plan
 
 
 def run(attempt: Attempt) -> dict[str, Any]:

@@ -20,12 +20,12 @@ from sawmill_vocabulary import DataKind, Handedness, Rotation, Theta
 from sawmill_vocabulary.scattered_radiation import NOTHING_FOUND, BeamCorrection
 from sawmill_worker.jobs.attempt import Attempt
 from sawmill_worker.jobs.calibrate import shape_of, usable_calibration, usable_scan
-from sawmill_worker.jobs.keeping import AttemptKeeper
+from sawmill_worker.jobs.checkpoints import AttemptKeeper
 from sawmill_worker.jobs.needs import FILE_BYTES, FILE_SHARE, PROCESS_BYTES, Needs
-from sawmill_worker.use_cases.block_solvers import MOST_FITTED_IMAGES, MOST_TOGETHER, may_fit
 from sawmill_worker.use_cases.failures import refused
-from sawmill_worker.use_cases.reconstruct import MEMORY_SHARE, ReconstructionInput, run_reconstruction
-from sawmill_worker.use_cases.selection import chosen_rows, chosen_views
+from sawmill_worker.use_cases.reconstruction.block_solvers import MOST_FITTED_IMAGES, MOST_TOGETHER, may_fit
+from sawmill_worker.use_cases.reconstruction.reconstruct import MEMORY_SHARE, ReconstructionInput, run_reconstruction
+from sawmill_worker.use_cases.scans.selection import chosen_rows, chosen_views
 
 # Arrays in single precision for each slice of a fitted method: the data, residuals and trial steps.
 LINES_A_SLICE = 40

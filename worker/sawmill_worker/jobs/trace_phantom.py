@@ -4,7 +4,7 @@ from typing import Any
 
 from sawmill_worker.jobs.attempt import Attempt
 from sawmill_worker.jobs.needs import Needs
-from sawmill_worker.use_cases.phantom_picture import traced_drawing
+from sawmill_worker.use_cases.phantom_drawings import traced_drawing
 
 
 def run(attempt: Attempt) -> dict[str, Any]:

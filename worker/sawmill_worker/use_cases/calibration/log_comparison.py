@@ -15,7 +15,7 @@ from sawmill_tomography.projection.projector import Projector
 from sawmill_tomography.reconstruction.fbp import fbp
 from sawmill_tomography.sinograms.present_rows import filled
 from sawmill_vocabulary import LARGEST_ASSUMED_LOG_RADIUS_MM
-from sawmill_worker.use_cases.calibrate import CalibrationInput
+from sawmill_worker.use_cases.calibration.calibrate import CalibrationInput
 
 SIZE = 256
 # Field larger than the largest log's radius, so that the bark is seen to be round.

@@ -17,7 +17,7 @@ from sawmill_store.errors import StorageFull
 from sawmill_vocabulary import CalibrationMethod
 from sawmill_worker.jobs import keeping
 from sawmill_worker.jobs.attempt import Attempt
-from sawmill_worker.jobs.keeping import PAUSE_S, AttemptKeeper
+from sawmill_worker.jobs.checkpoints import PAUSE_S, AttemptKeeper
 from sawmill_worker.jobs.running import run
 
 pytestmark = pytest.mark.slow

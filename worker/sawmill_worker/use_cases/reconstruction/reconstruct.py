@@ -36,13 +36,20 @@ from sawmill_vocabulary import (
 from sawmill_vocabulary.hardening import BeamHardening
 from sawmill_vocabulary.scattered_radiation import NOTHING_FOUND, BeamCorrection
 from sawmill_vocabulary.version import VERSION
-from sawmill_worker.use_cases.block_solvers import BlockSolver, Images, LogTask, Settings, method_of, solver_of
 from sawmill_worker.use_cases.capacity import check_disk, memory_available
-from sawmill_worker.use_cases.keeping import NOTHING_KEPT, Keeper
-from sawmill_worker.use_cases.kept_blocks import FinishedBlock, KeptVolume, keep_settings, settings_of
-from sawmill_worker.use_cases.method_findings import CurvePoints, gathered
-from sawmill_worker.use_cases.value_range import ValueRange
-from sawmill_worker.use_cases.writing_volumes import VolumeOrigin, new_volume
+from sawmill_worker.use_cases.checkpoints import NOTHING_KEPT, Keeper
+from sawmill_worker.use_cases.reconstruction.block_solvers import (
+    BlockSolver,
+    Images,
+    LogTask,
+    Settings,
+    method_of,
+    solver_of,
+)
+from sawmill_worker.use_cases.reconstruction.kept_blocks import FinishedBlock, KeptVolume, keep_settings, settings_of
+from sawmill_worker.use_cases.reconstruction.method_findings import CurvePoints, gathered
+from sawmill_worker.use_cases.reconstruction.value_range import ValueRange
+from sawmill_worker.use_cases.reconstruction.volume_writer import VolumeOrigin, new_volume
 
 # Returns the line integrals (views, stop - start, detector) float32 of the slices start..stop.
 ReadRows = Callable[[int, int], NDArray[np.float32]]

@@ -14,7 +14,7 @@ from sawmill_tomography.calibration.second_witness import SecondWitness
 from sawmill_tomography.drift.change import DriftError
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_vocabulary import FEWEST_PAIRED_VIEWS
-from sawmill_worker.use_cases.calibrate import CalibrationInput
+from sawmill_worker.use_cases.calibration.calibrate import CalibrationInput
 from sawmill_worker.use_cases.failures import refused
 
 # Number of averaged rows, evenly spaced over the possible rows; a row next to the phantom's rows may show both.

@@ -35,8 +35,8 @@ from sawmill_vocabulary import MetalHandling, ReconstructionMethod
 from sawmill_vocabulary.scattered_radiation import BeamCorrection
 from sawmill_worker.use_cases.capacity import check_memory
 from sawmill_worker.use_cases.failures import refused
-from sawmill_worker.use_cases.metal_reduction import MetalReduction, WithoutMetal
-from sawmill_worker.use_cases.method_findings import BlockFindings, CurvePoints, gathered, report_of
+from sawmill_worker.use_cases.reconstruction.metal_reduction import MetalReduction, WithoutMetal
+from sawmill_worker.use_cases.reconstruction.method_findings import BlockFindings, CurvePoints, gathered, report_of
 
 Images = NDArray[np.float32]
 WHOLE = slice(None)

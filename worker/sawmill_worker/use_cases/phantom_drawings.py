@@ -1,10 +1,10 @@
-"""A phantom's drawing traced from a picture."""
+"""A phantom's drawing, read from a file or traced from a picture."""
 
 from pathlib import Path
 
 from pydantic import ValidationError
 
-from sawmill_contracts.phantoms import PhantomDrawing
+from sawmill_contracts.phantoms import PhantomAsk, PhantomDrawing
 from sawmill_formats.input.picture import read_picture
 from sawmill_platform.contracts.base import complaint
 from sawmill_tomography.phantoms.tracing import trace
@@ -12,6 +12,18 @@ from sawmill_vocabulary import STANDARD_SIZE_TOLERANCE
 from sawmill_worker.use_cases.capacity import memory_available
 from sawmill_worker.use_cases.conversion import from_phantom
 from sawmill_worker.use_cases.failures import refused
+from sawmill_worker.use_cases.json_file import read_json
+
+
+def read_drawing(path: Path) -> PhantomDrawing:
+    """Read a drawing from a JSON file.
+
+    Raises
+    ------
+    JobFailure
+        The file holds no phantom.
+    """
+    return read_json(path, PhantomAsk, code="phantom", otherwise="not a phantom's drawing")
 
 
 def traced_drawing(

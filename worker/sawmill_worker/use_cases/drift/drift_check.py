@@ -36,9 +36,14 @@ from sawmill_tomography.geometry.geometry import FloatArray, Scanner, SourceFram
 from sawmill_tomography.geometry.log_radius import refuse_log_beyond_source
 from sawmill_tomography.sinograms.present_rows import rows_of_all
 from sawmill_vocabulary.version import VERSION
-from sawmill_worker.use_cases.averaged import of_masked_rays
+from sawmill_worker.use_cases.drift.given_geometry import (
+    GivenGeometry,
+    corrected_theta,
+    found_column,
+    with_coarse_column,
+)
 from sawmill_worker.use_cases.failures import refused
-from sawmill_worker.use_cases.given_geometry import GivenGeometry, corrected_theta, found_column, with_coarse_column
+from sawmill_worker.use_cases.scans.averaged_rays import of_masked_rays
 
 # Codes of refusals that interpolated rays may cause.
 MASKED_CAUSES = ("nothing-seen", "moved-too-far")

@@ -12,7 +12,7 @@ from sawmill_store.errors import FolderUnavailable, StorageFull, disk_outage_rep
 from sawmill_store.files import check_room
 from sawmill_worker.jobs.attempt import Attempt
 from sawmill_worker.software import software
-from sawmill_worker.use_cases.keeping import Arrays, MadeWith
+from sawmill_worker.use_cases.checkpoints import Arrays, MadeWith
 
 # Seconds of work between checkpoints: a short job writes none, and a long job spends little of its time on them. A
 # second or later attempt writes one at once and doubles the pauses, so that it makes progress however soon it ends.

@@ -29,7 +29,7 @@ from sawmill_formats.input.reading import canonical_scan, reading_bounds, readin
 from sawmill_formats.input.recognising import Format, recognise
 from sawmill_vocabulary import DataKind
 from sawmill_worker.use_cases.capacity import memory_available
-from sawmill_worker.use_cases.own_disk import links_offered
+from sawmill_worker.use_cases.scans.scan_source import links_offered
 
 # Largest number of listed parts: a person reads the first page, and a program names the part that it needs.
 MOST_PARTS = 2_000

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_formats.output.volume_writer import NewVolume, PackedSlices
-from sawmill_worker.use_cases.block_solvers import BlockSolver, Images, Settings
-from sawmill_worker.use_cases.keeping import Keeper
-from sawmill_worker.use_cases.method_findings import BlockFindings, CurvePoints, MetalCount
+from sawmill_worker.use_cases.checkpoints import Keeper
+from sawmill_worker.use_cases.reconstruction.block_solvers import BlockSolver, Images, Settings
+from sawmill_worker.use_cases.reconstruction.method_findings import BlockFindings, CurvePoints, MetalCount
 
 SETTINGS = "settings"
 

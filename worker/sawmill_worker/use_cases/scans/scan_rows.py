@@ -21,10 +21,9 @@ from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_vocabulary import DataKind, Progress, ProgressCallback, RowAlignment
 from sawmill_worker.use_cases.capacity import memory_available
 from sawmill_worker.use_cases.failures import refused
-from sawmill_worker.use_cases.own_disk import links_offered
-from sawmill_worker.use_cases.prepare import Stack, prepare_scan
-from sawmill_worker.use_cases.scan_source import ScanSource
-from sawmill_worker.use_cases.selection import chosen_rows, chosen_views
+from sawmill_worker.use_cases.scans.prepare import Stack, prepare_scan
+from sawmill_worker.use_cases.scans.scan_source import ScanSource, links_offered
+from sawmill_worker.use_cases.scans.selection import chosen_rows, chosen_views
 
 # Share of the free memory for all requested rows; the rest is for results computed from the rows.
 MEMORY_SHARE = 0.9

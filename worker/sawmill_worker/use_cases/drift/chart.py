@@ -14,7 +14,7 @@ from sawmill_tomography.drift.chart.chart import DriftChart, Finding
 from sawmill_tomography.drift.chart.looks import Look, pooled_means, stacked
 from sawmill_tomography.drift.chart.matrices import inverse
 from sawmill_tomography.drift.chart.state import chart_from_state, chart_to_state
-from sawmill_worker.use_cases.drift_baseline import known_baseline
+from sawmill_worker.use_cases.drift.baselines import known_baseline
 
 
 def follow(

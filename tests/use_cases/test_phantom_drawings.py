@@ -5,7 +5,7 @@ import pytest
 from PIL import Image
 
 from sawmill_worker.use_cases.failures import JobFailure, input_errors_translated
-from sawmill_worker.use_cases.phantom_picture import traced_drawing
+from sawmill_worker.use_cases.phantom_drawings import traced_drawing
 
 
 def square(side):

@@ -18,8 +18,8 @@ from sawmill_tomography.phantoms.phantom import Phantom
 from sawmill_tomography.projection.projector import Projector
 from sawmill_tomography.reconstruction.fbp import fbp
 from sawmill_vocabulary import ReconstructionMethod
-from sawmill_worker.use_cases.calibrate import CalibrationInput
-from sawmill_worker.use_cases.log_comparison import log_images, log_row_beside
+from sawmill_worker.use_cases.calibration.calibrate import CalibrationInput
+from sawmill_worker.use_cases.calibration.log_comparison import log_images, log_row_beside
 
 if TYPE_CHECKING:
     from sawmill_worker.pictures.report_page import About

@@ -11,7 +11,7 @@ from sawmill_contracts.reconstructions import MetalReport
 from sawmill_tomography.geometry.geometry import FanBeamGeometry
 from sawmill_tomography.geometry.image_grid import ImageGrid
 from sawmill_tomography.reconstruction.metal import INTERPOLATION, WITHOUT_RAYS, Metal, MetalSearch
-from sawmill_worker.use_cases.method_findings import MetalCount
+from sawmill_worker.use_cases.reconstruction.method_findings import MetalCount
 
 Images = NDArray[np.float32]
 

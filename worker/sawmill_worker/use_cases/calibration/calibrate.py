@@ -25,13 +25,13 @@ from sawmill_tomography.geometry.geometry import FloatArray, SourceFrame
 from sawmill_tomography.sinograms.present_rows import mean_of_rows
 from sawmill_vocabulary import Adjustment, CalibrationMethod, Progress, ProgressCallback, ThetaBounds
 from sawmill_vocabulary.version import VERSION
+from sawmill_worker.use_cases.calibration.size_measurements import measurement_reasons
+from sawmill_worker.use_cases.checkpoints import NOTHING_KEPT, Keeper
 from sawmill_worker.use_cases.conversion import (
     from_deviation,
     from_predicted,
     to_phantom,
 )
-from sawmill_worker.use_cases.keeping import NOTHING_KEPT, Keeper
-from sawmill_worker.use_cases.size_measurements import measurement_reasons
 
 # Number of runs of rows that are tried, longest first: a phantom covers more rows than a saw's kerf.
 MOST_RUNS = 8

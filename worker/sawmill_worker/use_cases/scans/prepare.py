@@ -18,9 +18,9 @@ from sawmill_tomography.preparing.row_corrections import Corrections, RowCorrect
 from sawmill_tomography.sinograms.air import DecidedAirCorrection
 from sawmill_tomography.sinograms.present_rows import present_rows
 from sawmill_vocabulary import AirCorrection, FaultyCells, Progress, ProgressCallback, RingRemoval, RowAlignment
-from sawmill_worker.use_cases.aligning import AlignedRows, Views, align_rows
-from sawmill_worker.use_cases.averaged import AveragedRays
 from sawmill_worker.use_cases.capacity import check_disk_for_scan
+from sawmill_worker.use_cases.scans.averaged_rays import AveragedRays
+from sawmill_worker.use_cases.scans.row_alignment import AlignedRows, Views, align_rows
 
 Stack = NDArray[np.float32]
 

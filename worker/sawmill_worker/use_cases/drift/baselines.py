@@ -14,8 +14,8 @@ from sawmill_contracts.drift_baselines import KnownBaseline
 from sawmill_contracts.drifts import DriftResult
 from sawmill_platform.contracts.base import placed_complaint
 from sawmill_tomography.drift.chart.looks import Baseline, Look
+from sawmill_worker.use_cases.drift.given_geometry import GivenGeometry
 from sawmill_worker.use_cases.failures import JobFailure, refused
-from sawmill_worker.use_cases.given_geometry import GivenGeometry
 
 # Answers written by the service or the command line have a few kilobytes.
 LONGEST_ANSWER = 1_000_000
