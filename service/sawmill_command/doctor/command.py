@@ -9,7 +9,7 @@ from rich.table import Table
 
 from sawmill_command.data_option import settings_of
 from sawmill_command.doctor import machine, store
-from sawmill_command.doctor.findings import Finding, State
+from sawmill_command.doctor.findings import DoctorFinding, State
 from sawmill_command.doctor.science import science
 from sawmill_service.settings import ServiceSettings
 from sawmill_store.settings import StorageSettings
@@ -20,7 +20,7 @@ from sawmill_worker.execution.variables import WrongVariableError, variables_che
 _COLOURS = {State.GOOD: "green", State.WATCH: "yellow", State.BAD: "red"}
 
 
-def examine(data: Path | None) -> list[Finding]:
+def examine(data: Path | None) -> list[DoctorFinding]:
     """Check everything from the settings to Redis; nothing is changed and no store is made.
 
     Parameters
@@ -33,12 +33,14 @@ def examine(data: Path | None) -> list[Finding]:
             settings, execution = ServiceSettings(), ExecutionSettings()
             storage = settings_of(data)
     except WrongVariableError as error:
-        return [Finding("settings", State.BAD, str(error), "then ask the doctor again")]
+        return [DoctorFinding("settings", State.BAD, str(error), "then ask the doctor again")]
     return list(_examine(settings, storage, execution))
 
 
-def _examine(settings: ServiceSettings, storage: StorageSettings, execution: ExecutionSettings) -> Iterator[Finding]:
-    yield Finding("settings", State.GOOD, "every SAWMILL_ variable is a setting and holds what it can")
+def _examine(
+    settings: ServiceSettings, storage: StorageSettings, execution: ExecutionSettings
+) -> Iterator[DoctorFinding]:
+    yield DoctorFinding("settings", State.GOOD, "every SAWMILL_ variable is a setting and holds what it can")
     yield from machine.packages()
     yield from science()
     yield from machine.limits_of_system(settings, execution)
@@ -55,19 +57,19 @@ def _examine(settings: ServiceSettings, storage: StorageSettings, execution: Exe
         yield from store.files_without_database(storage.data_folder)
 
 
-def _service(settings: ServiceSettings, storage: StorageSettings) -> Iterator[Finding]:
+def _service(settings: ServiceSettings, storage: StorageSettings) -> Iterator[DoctorFinding]:
     try:
         process = serving_process(storage)
     except OSError as error:
-        yield Finding("service", State.BAD, str(error), machine.run_as_owner(storage.data_folder))
+        yield DoctorFinding("service", State.BAD, str(error), machine.run_as_owner(storage.data_folder))
         return
     if process is not None:
-        yield Finding("service", State.GOOD, f"process {process} serves the data folder")
+        yield DoctorFinding("service", State.GOOD, f"process {process} serves the data folder")
     else:
         yield machine.address(settings, may_be_ours=not storage.is_one_file)
 
 
-def show(findings: Sequence[Finding]) -> None:
+def show(findings: Sequence[DoctorFinding]) -> None:
     """Print a row per finding, and the cure below a bad finding."""
     table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
     for finding in findings:

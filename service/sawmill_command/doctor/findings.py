@@ -12,7 +12,7 @@ class State(StrEnum):
     BAD = "bad"
 
 
-class Finding(NamedTuple):
+class DoctorFinding(NamedTuple):
     """Result of one check.
 
     Attributes

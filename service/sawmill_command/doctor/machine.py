@@ -11,7 +11,7 @@ from pathlib import Path
 
 from packaging.requirements import Requirement
 
-from sawmill_command.doctor.findings import Finding, State
+from sawmill_command.doctor.findings import DoctorFinding, State
 from sawmill_service.http.listening import ListenError, listen
 from sawmill_service.http.open_files import files_needed, possible_connections
 from sawmill_service.pages.system_parts import Disk
@@ -31,15 +31,15 @@ _OTHERS_MAY_WRITE = 0o022
 _OF_THE_DISK = "lost+found"  # belongs to root if the folder is the root of a disk
 
 
-def packages() -> Iterator[Finding]:
+def packages() -> Iterator[DoctorFinding]:
     """Check that the installed packages are the versions that the product requires."""
     wrong = list(_wrong_packages())
     yield from wrong
     if not wrong:
-        yield Finding("versions", State.GOOD, f"{PACKAGE} {VERSION}, Python {platform.python_version()}")
+        yield DoctorFinding("versions", State.GOOD, f"{PACKAGE} {VERSION}, Python {platform.python_version()}")
 
 
-def _wrong_packages() -> Iterator[Finding]:
+def _wrong_packages() -> Iterator[DoctorFinding]:
     for text in requires(PACKAGE) or []:
         needed = Requirement(text)
         if needed.marker is not None and not needed.marker.evaluate({"extra": ""}):
@@ -50,7 +50,7 @@ def _wrong_packages() -> Iterator[Finding]:
             found = "none"
         if found == "none" or not needed.specifier.contains(found, prereleases=True):
             wanted = f"{needed.name}{needed.specifier}"
-            yield Finding(
+            yield DoctorFinding(
                 "versions",
                 State.BAD,
                 f"{wanted} is needed, and {found} is installed",
@@ -58,46 +58,46 @@ def _wrong_packages() -> Iterator[Finding]:
             )
 
 
-def limits_of_system(settings: ServiceSettings, execution: ExecutionSettings) -> Iterator[Finding]:
+def limits_of_system(settings: ServiceSettings, execution: ExecutionSettings) -> Iterator[DoctorFinding]:
     """Check that the system's limits allow the settings."""
     most, possible = settings.max_connections, possible_connections(settings.max_connections)
     if possible == most:
-        yield Finding("open files", State.GOOD, f"enough for {most} connections")
+        yield DoctorFinding("open files", State.GOOD, f"enough for {most} connections")
     else:
-        yield Finding(
+        yield DoctorFinding(
             "open files",
             State.WATCH,
             f"{most} connections need {files_needed(most)} open files; the system allows {possible} connections",
             f"raise its limit (ulimit -n), or set SAWMILL_MAX_CONNECTIONS to {possible}",
         )
     if os.geteuid() == 0:
-        yield Finding(
+        yield DoctorFinding(
             "user",
             State.WATCH,
             "this is root: a service of root that somebody takes over has all rights on the machine",
             "run the service, and the doctor, as a user of its own: see docs/install.md",
         )
     else:
-        yield Finding("user", State.GOOD, f"user {os.geteuid()}, who is not root")
+        yield DoctorFinding("user", State.GOOD, f"user {os.geteuid()}, who is not root")
     if not execution.confine_attempts:
-        yield Finding(
+        yield DoctorFinding(
             "confinement",
             State.WATCH,
             "SAWMILL_CONFINE_ATTEMPTS is off: a hostile upload could reach all files of this user",
             "unset it",
         )
     elif landlock.version() == 0:
-        yield Finding(
+        yield DoctorFinding(
             "confinement",
             State.WATCH,
             "the kernel has no Landlock: a hostile upload could reach all files of this user",
             "use Linux 5.13 or later with Landlock enabled (lsm=landlock,...)",
         )
     else:
-        yield Finding("confinement", State.GOOD, f"Landlock {landlock.version()} keeps jobs to their own files")
+        yield DoctorFinding("confinement", State.GOOD, f"Landlock {landlock.version()} keeps jobs to their own files")
 
 
-def address(settings: ServiceSettings, *, may_be_ours: bool) -> Finding:
+def address(settings: ServiceSettings, *, may_be_ours: bool) -> DoctorFinding:
     """Check that the service could listen; `may_be_ours` if it is unknown whether a present listener is the service."""
     try:
         with closing(listen(settings.host, settings.port, guarded=True)) as listening:
@@ -105,24 +105,24 @@ def address(settings: ServiceSettings, *, may_be_ours: bool) -> Finding:
     except ListenError as error:
         if may_be_ours and isinstance(error.__cause__, OSError) and error.__cause__.errno == errno.EADDRINUSE:
             sentence = f"something listens on {settings.host} with port {settings.port}: the service, if it runs"
-            return Finding("address", State.GOOD, sentence)
-        return Finding("address", State.BAD, str(error), "mend SAWMILL_HOST and SAWMILL_PORT")
-    return Finding("address", State.GOOD, f"{settings.host} with port {port} can be listened on")
+            return DoctorFinding("address", State.GOOD, sentence)
+        return DoctorFinding("address", State.BAD, str(error), "mend SAWMILL_HOST and SAWMILL_PORT")
+    return DoctorFinding("address", State.GOOD, f"{settings.host} with port {port} can be listened on")
 
 
-def data_folder(storage: StorageSettings) -> Iterator[Finding]:
+def data_folder(storage: StorageSettings) -> Iterator[DoctorFinding]:
     """Check that the folder exists, on a suitable disk with free space, and belongs to this user; nothing is made."""
     folder = storage.data_folder
     if not folder.is_dir():
         if storage.is_one_file:  # a database server knows whether a folder should exist
             cure = "the first start of sawmill serve makes it"
-            yield Finding("data folder", State.WATCH, f"{folder} is not there", cure)
+            yield DoctorFinding("data folder", State.WATCH, f"{folder} is not there", cure)
         return
     yield _writable(folder)
     if not is_closed(folder):
         yield from _half_restored(folder)
     if storage.is_one_file and (kind := file_system(folder)) in _OF_NETWORKS:
-        yield Finding(
+        yield DoctorFinding(
             "data folder",
             State.BAD,
             f"{folder} is on a network file system ({kind}), where SQLite loses rows",
@@ -131,12 +131,12 @@ def data_folder(storage: StorageSettings) -> Iterator[Finding]:
     yield from _room(folder, storage.disk_reserve_bytes)
 
 
-def _half_restored(folder: Path) -> Iterator[Finding]:
+def _half_restored(folder: Path) -> Iterator[DoctorFinding]:
     try:
         refuse_half_restored(folder)
     except StorageMisconfigured as error:
         cure = "wait for its end, or give sawmill restore BACKUP once more"
-        yield Finding("data folder", State.BAD, str(error), cure)
+        yield DoctorFinding("data folder", State.BAD, str(error), cure)
 
 
 def is_closed(folder: Path) -> bool:
@@ -147,15 +147,15 @@ def is_closed(folder: Path) -> bool:
         return True
 
 
-def _writable(folder: Path) -> Finding:
+def _writable(folder: Path) -> DoctorFinding:
     cure = "look for the disk's errors in the system's log (dmesg), mend it (fsck), and mount it for writing again"
     try:
         if is_read_only(folder):
-            return Finding("data folder", State.BAD, f"{folder} is on a disk that is read-only", cure)
+            return DoctorFinding("data folder", State.BAD, f"{folder} is on a disk that is read-only", cure)
     except FolderUnavailable as error:
-        return Finding("data folder", State.BAD, str(error), cure)
+        return DoctorFinding("data folder", State.BAD, str(error), cure)
     if is_closed(folder):
-        return Finding(
+        return DoctorFinding(
             "data folder",
             State.BAD,
             f"{folder} belongs to user {_owner(folder)} and cannot be written to by this one",
@@ -164,33 +164,33 @@ def _writable(folder: Path) -> Finding:
     # Files left by a command of another user, above all root, to which the service cannot write.
     stray = next((one for one in _two_levels(folder) if one.lstat().st_uid != folder.stat().st_uid), None)
     if stray is not None:
-        return Finding(
+        return DoctorFinding(
             "data folder",
             State.BAD,
             f"{stray} belongs to user {_owner(stray)}, and the folder to {_owner(folder)}",
             f"chown -R {_owner(folder)} {folder}; give commands as {_owner(folder)}",
         )
     if folder.stat().st_mode & _OTHERS_MAY_WRITE:
-        return Finding(
+        return DoctorFinding(
             "data folder",
             State.BAD,
             f"others on this machine may write to {folder} ({folder.stat().st_mode & 0o777:o})",
             f"chmod go-w {folder}",
         )
-    return Finding("data folder", State.GOOD, f"{folder}, of user {_owner(folder)}")
+    return DoctorFinding("data folder", State.GOOD, f"{folder}, of user {_owner(folder)}")
 
 
-def _room(folder: Path, reserve_bytes: int) -> Iterator[Finding]:
+def _room(folder: Path, reserve_bytes: int) -> Iterator[DoctorFinding]:
     usage = shutil.disk_usage(folder)
     state = State(Disk(usage.free, usage.total, reserve_bytes, scans_bytes=0).tone)
     sentence = f"{usage.free / 1e9:.1f} GB of {usage.total / 1e9:.0f} GB are free; below {reserve_bytes / 1e9:.1f} GB "
     sentence += "it counts as full"
     cure = "delete scans and reconstructions that nobody needs, or move the data folder to a larger disk"
-    yield Finding("disk", state, sentence, "" if state is State.GOOD else cure)
+    yield DoctorFinding("disk", state, sentence, "" if state is State.GOOD else cure)
     names = os.statvfs(folder)
     if names.f_files and names.f_favail < names.f_files // 100:
         sentence = f"{names.f_favail} names of {names.f_files} are left on the disk (inodes)"
-        yield Finding("disk", State.WATCH, sentence, "remove small files: df -i shows the disk")
+        yield DoctorFinding("disk", State.WATCH, sentence, "remove small files: df -i shows the disk")
 
 
 def file_system(folder: Path, mounts: Path = _MOUNTS) -> str:

@@ -191,7 +191,7 @@ def _checked(model: ContractType, name: str) -> Callable[[Any], Any]:
 
 
 @dataclass(frozen=True)
-class Bounds:
+class FieldBounds:
     """Bounds of a number in a contract."""
 
     low: float | None
@@ -200,7 +200,7 @@ class Bounds:
     high_itself: bool
 
     @classmethod
-    def of(cls, model: ContractType, name: str) -> "Bounds":
+    def of(cls, model: ContractType, name: str) -> "FieldBounds":
         """Read the bounds of a contract's field."""
         written = _properties(model)[name]
         schema = next((each for each in written.get("anyOf", ()) if each.get("type") != "null"), written)
@@ -220,7 +220,7 @@ class Bounds:
 
 def _shown_bounds(model: ContractType, name: str) -> tuple[float | None, float | None]:
     """Return the least and the largest value for Typer's help, which has no exclusive bounds."""
-    bounds = Bounds.of(model, name)
+    bounds = FieldBounds.of(model, name)
     return (bounds.low, bounds.high) if bounds.low_itself and bounds.high_itself else (None, None)
 
 
@@ -233,7 +233,7 @@ def _properties(model: ContractType) -> dict[str, Any]:
 def sentence(error: ErrorDetails, model: ContractType) -> str:
     """Return a contract's refusal of one value as a sentence."""
     if error["type"] in OUT_OF_BOUNDS and len(error["loc"]) == 1:
-        return f"must be {Bounds.of(model, str(error['loc'][0]))}, not {error['input']}"
+        return f"must be {FieldBounds.of(model, str(error['loc'][0]))}, not {error['input']}"
     return error["msg"].removeprefix("Value error, ")
 
 

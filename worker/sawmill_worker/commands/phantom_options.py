@@ -12,7 +12,7 @@ from sawmill_vocabulary import BUILT_IN_OUTLINES
 from sawmill_worker.commands.from_contract import option
 
 
-class Body(StrEnum):
+class PhantomShape(StrEnum):
     """Shapes other than a phantom that can be simulated."""
 
     LOG = "log"
@@ -65,7 +65,7 @@ def existing_phantoms(texts: list[str]) -> list[str]:
 
 def body_or_phantom(text: str) -> str:
     """Refuse a text that is neither a phantom nor a log (a Typer callback)."""
-    return text if text in set(Body) else existing_phantom(text)
+    return text if text in set(PhantomShape) else existing_phantom(text)
 
 
 def phantom_names() -> list[str]:
@@ -75,7 +75,7 @@ def phantom_names() -> list[str]:
 
 def body_names() -> list[str]:
     """Return the shapes and phantoms that a shell completes."""
-    return [*phantom_names(), *(each.value for each in Body)]
+    return [*phantom_names(), *(each.value for each in PhantomShape)]
 
 
 PhantomText = Annotated[

@@ -7,7 +7,7 @@ from typing import Any
 from sawmill_contracts.calibration_arrays import CalibrationArrays
 from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_worker.pictures.report_page import About, report_html
-from sawmill_worker.use_cases.calibration.result_file import read_calibration_record
+from sawmill_worker.use_cases.calibration.result_file import read_saved_calibration
 from sawmill_worker.use_cases.failures import refused
 
 
@@ -19,7 +19,7 @@ def write_report(path: Path, output: Path) -> bool:
     JobFailure
         The file holds no calibration, the arrays are damaged or do not agree, or the time is beyond the calendar.
     """
-    record = read_calibration_record(path)
+    record = read_saved_calibration(path)
     about = About(
         calibration_id=_text(record.header, "id"),
         made_at=None if record.made_at is None else _local(path, record.made_at),

@@ -28,7 +28,7 @@ DIVERGING = np.array([(21, 84, 158), (146, 192, 226), (255, 255, 255), (240, 164
 
 
 @dataclass(frozen=True)
-class Field:
+class FigureField:
     """A square image with its side in mm and a scale bar; `outline` is an SVG path in pixels of the image."""
 
     href: str
@@ -39,7 +39,7 @@ class Field:
 
 
 @dataclass(frozen=True)
-class Mark:
+class FigureMark:
     """A position on an axis, 0 to 1, and its label."""
 
     at: float
@@ -63,8 +63,8 @@ class ResidualFigure:
     href: str
     size_px: tuple[int, int]
     limit: str
-    views: list[Mark]
-    cells: list[Mark]
+    views: list[FigureMark]
+    cells: list[FigureMark]
     by_cell: Profile
     by_view: Profile
 
@@ -74,11 +74,11 @@ class SearchFigure:
     """The best value over the evaluations, as SVG points in a box of 1000 x 1000."""
 
     points: str
-    evaluations: list[Mark]
-    values: list[Mark]
+    evaluations: list[FigureMark]
+    values: list[FigureMark]
 
 
-def phantom_field(arrays: CalibrationArrays) -> Field | None:
+def phantom_field(arrays: CalibrationArrays) -> FigureField | None:
     """Return the phantom under the drawing's outline; None if there is no image."""
     image = arrays.phantom_image
     if not image.any():
@@ -88,7 +88,7 @@ def phantom_field(arrays: CalibrationArrays) -> Field | None:
     return _field(image, arrays.phantom_field_mm, window, outline)
 
 
-def log_fields(arrays: CalibrationArrays) -> tuple[Field | None, Field | None]:
+def log_fields(arrays: CalibrationArrays) -> tuple[FigureField | None, FigureField | None]:
     """Return the log before and after, in the grey window of the second image; None for a missing image."""
     log = arrays.log
     if log is None:
@@ -117,8 +117,8 @@ def residual_figure(arrays: CalibrationArrays, pitch_mm: float) -> ResidualFigur
         href=data_url(_diverging(shown / limit)),
         size_px=(shown.shape[1], shown.shape[0]),
         limit=f"{limit:.2g}",
-        views=[Mark((view + 0.5) / views, f"{text}°") for view, text in labelled_views(angles_deg)],
-        cells=[Mark(0.5 + mm / (2 * half_mm), f"{mm:g}") for mm in ticks(-half_mm, half_mm)],
+        views=[FigureMark((view + 0.5) / views, f"{text}°") for view, text in labelled_views(angles_deg)],
+        cells=[FigureMark(0.5 + mm / (2 * half_mm), f"{mm:g}") for mm in ticks(-half_mm, half_mm)],
         by_cell=_profile(residual, axis=0),
         by_view=_profile(residual, axis=1),
     )
@@ -138,8 +138,8 @@ def search_figure(history: NDArray[np.float64]) -> SearchFigure | None:
         corners += [(x, level), (x, y)]
     return SearchFigure(
         points=_points(corners),
-        evaluations=[Mark(0.0, f"{evaluations[0]:.0f}"), Mark(1.0, f"{evaluations[-1]:.0f}")],
-        values=[Mark(1.0, f"{best[np.argmax(shown)]:.2g}"), Mark(0.0, f"{best[np.argmin(shown)]:.2g}")],
+        evaluations=[FigureMark(0.0, f"{evaluations[0]:.0f}"), FigureMark(1.0, f"{evaluations[-1]:.0f}")],
+        values=[FigureMark(1.0, f"{best[np.argmax(shown)]:.2g}"), FigureMark(0.0, f"{best[np.argmin(shown)]:.2g}")],
     )
 
 
@@ -148,10 +148,10 @@ def data_url(image: Image.Image) -> str:
     return "data:image/png;base64," + b64encode(encoded(image)).decode("ascii")
 
 
-def _field(image: NDArray[Any], field_mm: float, window: Window, outline: str = "") -> Field:
+def _field(image: NDArray[Any], field_mm: float, window: Window, outline: str = "") -> FigureField:
     grey = np.rint(to_unit(image, window) * 255).astype(np.uint8)
     bar_mm = round_length(field_mm / 4)
-    return Field(data_url(Image.fromarray(grey)), len(image), bar_mm, bar_mm / field_mm * len(image), outline)
+    return FigureField(data_url(Image.fromarray(grey)), len(image), bar_mm, bar_mm / field_mm * len(image), outline)
 
 
 def _path(outlines_mm: NDArray[np.float64], field_mm: float, side_px: int) -> str:

@@ -16,7 +16,7 @@ FRAME_SYMBOLS = ("psi", "R", "SDD", "u_c", "tau")
 
 
 @dataclass(frozen=True)
-class Parameter:
+class ReportedParameter:
     """A parameter of the geometry: name, symbol, value and standard deviation, also in radians or as a slope."""
 
     name: str
@@ -36,7 +36,7 @@ def moment(time: datetime) -> str:
     return f"{time:%Y-%m-%d %H:%M} {time.tzname()} (UTC{offset[:3]}:{offset[3:]})"
 
 
-def theta_rows(result: CalibrationResult) -> list[Parameter]:
+def theta_rows(result: CalibrationResult) -> list[ReportedParameter]:
     """Return theta with its standard deviations, and its twin."""
     theta, twin = result.theta, result.theta_twin
     deviation = None if result.standard_deviation is None else result.standard_deviation.theta
@@ -44,13 +44,13 @@ def theta_rows(result: CalibrationResult) -> list[Parameter]:
     def spread(name: str) -> float | None:
         return None if deviation is None else getattr(deviation, name)
 
-    def length(name: str, text: str, symbol: str) -> Parameter:
+    def length(name: str, text: str, symbol: str) -> ReportedParameter:
         value, other = getattr(theta, name), "" if twin is None else f"{getattr(twin, name):.2f} mm"
-        return Parameter(text, symbol, f"{value:.3f} mm", _plus_minus(spread(name), "mm"), twin=other)
+        return ReportedParameter(text, symbol, f"{value:.3f} mm", _plus_minus(spread(name), "mm"), twin=other)
 
     angle = theta.initial_angle_rad
     return [
-        Parameter(
+        ReportedParameter(
             "first angle",
             "alpha_0",
             f"{math.degrees(angle):.4f}°",
@@ -61,7 +61,7 @@ def theta_rows(result: CalibrationResult) -> list[Parameter]:
         length("detector_to_cor_mm", "COR to detector", "r_D"),
         length("source_shift_mm", "source shift", "h_S"),
         length("detector_shift_mm", "detector shift", "h_D"),
-        Parameter(
+        ReportedParameter(
             "detector tilt",
             "alpha_D",
             f"{_slope_degrees(theta):.4f}°",
@@ -93,7 +93,7 @@ def theta_change(before: Theta, after: Theta) -> list[str]:
     return [f"{name} {change:+.3g}{unit}" for name, change, unit in changes if change]
 
 
-def frame_rows(result: CalibrationResult) -> list[Parameter]:
+def frame_rows(result: CalibrationResult) -> list[ReportedParameter]:
     """Return the source frame with its standard deviations."""
     frame = result.source_frame
     deviation = None if result.standard_deviation is None else result.standard_deviation.source_frame
@@ -101,14 +101,14 @@ def frame_rows(result: CalibrationResult) -> list[Parameter]:
     def spread(name: str) -> float | None:
         return None if deviation is None else getattr(deviation, name)
 
-    def angle(name: str, text: str, symbol: str) -> Parameter:
+    def angle(name: str, text: str, symbol: str) -> ReportedParameter:
         value = getattr(frame, name)
-        return Parameter(
+        return ReportedParameter(
             text, symbol, f"{math.degrees(value):.4f}°", _plus_minus_degrees(spread(name)), f"{value:.6f} rad"
         )
 
-    def length(name: str, text: str, symbol: str) -> Parameter:
-        return Parameter(text, symbol, f"{getattr(frame, name):.3f} mm", _plus_minus(spread(name), "mm"))
+    def length(name: str, text: str, symbol: str) -> ReportedParameter:
+        return ReportedParameter(text, symbol, f"{getattr(frame, name):.3f} mm", _plus_minus(spread(name), "mm"))
 
     return [
         angle("psi_rad", "direction of the first view", "psi"),
@@ -116,7 +116,7 @@ def frame_rows(result: CalibrationResult) -> list[Parameter]:
         length("source_to_detector_mm", "source to detector", "SDD"),
         length("cor_column_mm", "COR on the detector", "u_c"),
         angle("tilt_rad", "detector tilt", "tau"),
-        Parameter("magnification", "M", f"{frame.magnification:.5f}", _plus_minus(spread("magnification"), "")),
+        ReportedParameter("magnification", "M", f"{frame.magnification:.5f}", _plus_minus(spread("magnification"), "")),
     ]
 
 

@@ -11,10 +11,10 @@ from sawmill_worker.watching.news import News
 from sawmill_worker.watching.service import Json, Refusal, RequestFails, Service, ServiceWaits, speaks_openly
 from sawmill_worker.watching.settings import WatchedFolder, Watching
 
-Finding = tuple[bool, str]
+CheckResult = tuple[bool, str]
 
 
-def findings(watching: Watching, service: Service) -> Iterator[Finding]:
+def findings(watching: Watching, service: Service) -> Iterator[CheckResult]:
     """Yield sentences, each with whether all is well."""
     try:
         yield from _of_service(watching, service)
@@ -27,7 +27,7 @@ def findings(watching: Watching, service: Service) -> Iterator[Finding]:
             yield False, f"{folder.folder}: {error}"
 
 
-def _of_service(watching: Watching, service: Service) -> Iterator[Finding]:
+def _of_service(watching: Watching, service: Service) -> Iterator[CheckResult]:
     own = service.get("/v1/keys/own")
     enough = Scope(own["scope"]).covers(Scope.SUBMIT)
     needed = "" if enough else f", and {Scope.SUBMIT.value} is needed"
@@ -41,7 +41,7 @@ def _of_service(watching: Watching, service: Service) -> Iterator[Finding]:
         yield _named(service, "phantom", phantom_id)
 
 
-def _named(service: Service, noun: str, identifier: str) -> Finding:
+def _named(service: Service, noun: str, identifier: str) -> CheckResult:
     found = service.found(f"/v1/{noun}s/{identifier}", f"{noun}-not-found")
     if found is not None:
         return True, f"{noun} {identifier} is {found['name']!r}"
@@ -50,7 +50,7 @@ def _named(service: Service, noun: str, identifier: str) -> Finding:
     return False, f"there is no {noun} {identifier!r}; the newest are {known or 'none'}"
 
 
-def _of_folder(settings: WatchedFolder) -> Iterator[Finding]:
+def _of_folder(settings: WatchedFolder) -> Iterator[CheckResult]:
     name = settings.folder
     if not settings.path.is_dir():
         yield False, f"{name} is not there, or no folder"

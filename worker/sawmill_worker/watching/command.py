@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from sawmill_worker.watching.checking import Finding, findings
+from sawmill_worker.watching.checking import CheckResult, findings
 from sawmill_worker.watching.folder import FolderWaits
 from sawmill_worker.watching.sending import ShowProgress
 from sawmill_worker.watching.service import Service
@@ -15,7 +15,7 @@ class CannotWatch(Exception):  # noqa: N818 - as the sentence says
     """A folder cannot be watched from the start; the sentence gives the reason."""
 
 
-def check(file: Path) -> list[Finding]:
+def check(file: Path) -> list[CheckResult]:
     """Describe what would be done, in sentences, each with whether all is well.
 
     Raises

@@ -13,7 +13,7 @@ from sawmill_worker.watching.durable import FileChanged, make_folder, signature
 from sawmill_worker.watching.fates import Fates
 from sawmill_worker.watching.looks import Looks
 from sawmill_worker.watching.news import News
-from sawmill_worker.watching.sending import Sending, ShowProgress
+from sawmill_worker.watching.sending import FileSending, ShowProgress
 from sawmill_worker.watching.service import Json, Refusal, RequestFails, Service
 from sawmill_worker.watching.settings import WatchedFolder
 from sawmill_worker.watching.stopping import Stop
@@ -63,7 +63,7 @@ class Folder:
         self._news = news
         self._stop = stop
         self._takings = Takings(settings.path, settings.taken_folder)
-        self._sending = Sending(settings, self._takings, service, stop, show_progress)
+        self._sending = FileSending(settings, self._takings, service, stop, show_progress)
         self._fates = Fates(settings, self._takings)
         self._looking = False
         self._on_way: list[Taking] = []

@@ -22,7 +22,7 @@ _UNFINISHED = (".tmp", ".part", ".filepart", ".crdownload", "~")
 
 
 @dataclass(frozen=True)
-class Look:
+class FileLook:
     """State of a file, and when the state was first seen."""
 
     signature: Signature
@@ -47,7 +47,7 @@ class Looks:
         self._settings = settings
         self._news = news
         self._now_s = now_s
-        self._looks: dict[str, Look] = {}
+        self._looks: dict[str, FileLook] = {}
         self._left_alone: set[str] = set()
         self._orphans: dict[str, float] = {}
         # Files that may be taken, and files that are still awaited.
@@ -63,7 +63,7 @@ class Looks:
             The folder cannot be read.
         """
         names = {path.name for path in self._settings.path.iterdir()}
-        looks: dict[str, Look] = {}
+        looks: dict[str, FileLook] = {}
         self.whole, self.growing = {}, set()
         for name in sorted(names):
             if self._is_watched(name):
@@ -79,7 +79,7 @@ class Looks:
         suffix = self._settings.done_suffix
         return None if suffix is None else self._settings.path / f"{name}{suffix}"
 
-    def _look_at(self, name: str, names: set[str], looks: dict[str, Look]) -> None:
+    def _look_at(self, name: str, names: set[str], looks: dict[str, FileLook]) -> None:
         path = self._settings.path / name
         try:
             seen = signature(path)
@@ -93,14 +93,14 @@ class Looks:
         self._news.over(str(path))
         before = self._looks.get(name)
         same = before is not None and before.signature == seen
-        look = Look(seen, before.since_s, before.number + 1) if before and same else Look(seen, self._now_s())
+        look = FileLook(seen, before.since_s, before.number + 1) if before and same else FileLook(seen, self._now_s())
         looks[name] = look
         if marked or self._is_still(look):
             self.whole[name] = seen
         else:
             self.growing.add(name)
 
-    def _is_still(self, look: Look) -> bool:
+    def _is_still(self, look: FileLook) -> bool:
         """Return whether a file is constant; an empty file has just been created by its writer."""
         still_for_s = self._settings.still_for_s
         if still_for_s is None or not look.signature[0]:

@@ -22,7 +22,7 @@ ShowProgress = Callable[[str], AbstractContextManager[ProgressCallback]]
 _SCANS = "/v1/scans/"
 
 
-class Sending:
+class FileSending:
     """Sending of the files of one folder.
 
     Parameters

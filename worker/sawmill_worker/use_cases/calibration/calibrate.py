@@ -103,7 +103,7 @@ def run_calibration(
     if Adjustment.PHANTOM_ROWS in options.without:
         stack = None
     begun = 0.0 if stack is None else ROWS_DONE
-    reporting = _Reporting(on_progress, begun)
+    reporting = SearchProgress(on_progress, begun)
     if options.method is CalibrationMethod.PAPER:
         if stack is not None:
             given = _narrowed(given, stack, options, on_progress, keeper)
@@ -161,7 +161,7 @@ def _in_phantom_rows(
         rows = (given.rows[0] + run.start, given.rows[0] + run.stop)
         narrowed = _of_rows(given, stack, rows)
         begun, end = (ROWS_DONE * each / len(runs) for each in (number - 1, number))
-        reporting = _Reporting(on_progress, begun, end, stage="rows")
+        reporting = SearchProgress(on_progress, begun, end, stage="rows")
         try:
             found.append((narrowed, calibrate(_task(narrowed, options), seed=options.seed, on_step=reporting.on_step)))
         except CalibrationError:  # these rows show something else
@@ -194,7 +194,7 @@ def _as_published(
     )
 
 
-class _Reporting:
+class SearchProgress:
     """Progress from the rounds of a search and the steps between rounds: from the fraction `begun` towards `end`.
 
     The number of steps is not known in advance, so steps never reach the end; they are reported at most once a second.

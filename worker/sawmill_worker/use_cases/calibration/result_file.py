@@ -25,7 +25,7 @@ from sawmill_worker.use_cases.failures import JobFailure, refused
 
 
 @dataclass(frozen=True)
-class CalibrationRecord:
+class SavedCalibration:
     """Calibration data in a file.
 
     Attributes
@@ -58,7 +58,7 @@ def read_calibration(path: Path) -> CalibrationResult:
         return CalibrationFile.read(_text(path))
 
 
-def read_calibration_record(path: Path) -> CalibrationRecord:
+def read_saved_calibration(path: Path) -> SavedCalibration:
     """Read the calibration in a file with all other data of the file.
 
     Raises
@@ -71,10 +71,10 @@ def read_calibration_record(path: Path) -> CalibrationRecord:
         if h5py.is_hdf5(path):
             arrays = read_calibration_arrays(path)
             read = None if arrays is None else CalibrationArrays.of(arrays)
-            return CalibrationRecord(result, read, _time(read_time_of_writing(path)), {})
+            return SavedCalibration(result, read, _time(read_time_of_writing(path)), {})
         document = json.loads(_text(path))
         header = {name: value for name, value in document.items() if name not in CalibrationResult.model_fields}
-        return CalibrationRecord(result, None, _time(header.get("created_at")), header)
+        return SavedCalibration(result, None, _time(header.get("created_at")), header)
 
 
 @contextmanager

@@ -266,7 +266,7 @@ class _Run:
             )
         self.slices = len(range(*given.rows, given.row_step))
         self.shape = (self.slices, options.size, options.size)
-        self._reporting = _Reporting(self.slices, report)
+        self._reporting = _SliceProgress(self.slices, report)
 
     @property
     def elapsed_s(self) -> float:
@@ -402,7 +402,7 @@ def _radius_mm(read: ReadRows, geometry: FanBeamGeometry, slices: int) -> float:
     return max(object_radius_mm(geometry, line[present_rows(line)]) for line in lines)
 
 
-class _Reporting:
+class _SliceProgress:
     """Progress with the remaining time, from the number of finished slices."""
 
     def __init__(self, slices: int, report: ProgressCallback) -> None:
