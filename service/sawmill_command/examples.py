@@ -121,8 +121,8 @@ def seed_examples(store: Store) -> None:
     stack = folder / "log-with-phantom.h5"
     write_mill_stack(stack, 120, mill_slices())
     _write_npz(folder / "phantom-scan.npz")
-    known = {item.id for item in store.scanners.page().items}
-    for identifier in {EXAMPLE, SPARE} - known:
+    existing = {item.id for item in store.scanners.page().items}
+    for identifier in {EXAMPLE, SPARE} - existing:
         store.scanners.create(_scanner_spec(identifier), scanner_id=identifier)
     if SPARE not in {item.id for item in store.phantoms.page().items}:
         store.phantoms.create(_spare_phantom(), phantom_id=SPARE)
@@ -159,7 +159,7 @@ def seed_examples(store: Store) -> None:
 
 
 def _ask_once(
-    asked: Asked[Ask, Any],
+    requests: Asked[Ask, Any],
     ask: Ask,
     identifier: str = EXAMPLE,
     *,
@@ -167,8 +167,8 @@ def _ask_once(
     given: Mapping[str, str] = NOTHING,
 ) -> None:
     """Request an example in the background, unless it was requested before."""
-    if identifier not in {item.id for item in asked.page().items}:
-        asked.accept(ask, identifier=identifier, job_id=job_id, priority=Priority.BACKGROUND, given=given)
+    if identifier not in {item.id for item in requests.page().items}:
+        requests.accept(ask, identifier=identifier, job_id=job_id, priority=Priority.BACKGROUND, given=given)
 
 
 def _scanner_spec(identifier: str) -> ScannerSpec:
@@ -189,9 +189,9 @@ def _spare_phantom() -> PhantomDrawing:
 
 
 def _seed_scans(store: Store, stack: Path) -> None:
-    known = {item.id for item in store.scans.page().items}
+    existing = {item.id for item in store.scans.page().items}
     for identifier in (SPARE, EXAMPLE):
-        if identifier not in known:
+        if identifier not in existing:
             spec = ScanSpec(
                 scanner_id=EXAMPLE,
                 data=DataKind.COUNTS,
@@ -204,8 +204,8 @@ def _seed_scans(store: Store, stack: Path) -> None:
 
 
 def _seed_inspections(store: Store, file: Path) -> None:
-    known = {item.id for item in store.inspections.page().items}
-    for identifier in {SPARE, EXAMPLE} - known:
+    existing = {item.id for item in store.inspections.page().items}
+    for identifier in {SPARE, EXAMPLE} - existing:
         received = store.files.receive([file.read_bytes()], max_bytes=2**30)
         store.inspections.accept_file(
             InspectionOptions(), received, name=file.name, identifier=identifier, priority=Priority.BACKGROUND

@@ -160,8 +160,8 @@ class Installation:
         if STATE not in self.data.parents:
             steps.append(shlex.join(["install", "--directory", f"--owner={self.user}", "--mode=700", str(self.data)]))
         if not written:
-            given = [str(self.program), "install-service", "--to", "/etc/systemd/system", *self._flags()]
-            steps.append(shlex.join(given))
+            command = [str(self.program), "install-service", "--to", "/etc/systemd/system", *self._flags()]
+            steps.append(shlex.join(command))
         return [*steps, "systemctl daemon-reload", "systemctl enable --now sawmill.service"]
 
     def _flags(self) -> Iterator[str]:

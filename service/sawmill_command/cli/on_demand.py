@@ -65,9 +65,9 @@ def _docstring(module: str, command: str) -> str | None:
     assert spec is not None  # noqa: S101 - ours
     assert spec.origin is not None  # noqa: S101
     function = command.replace("-", "_")
-    found = (
+    functions = (
         node
         for node in ast.parse(Path(spec.origin).read_bytes()).body
         if isinstance(node, ast.FunctionDef) and node.name.removesuffix("_") == function
     )
-    return ast.get_docstring(next(found))
+    return ast.get_docstring(next(functions))

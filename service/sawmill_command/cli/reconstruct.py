@@ -28,8 +28,8 @@ app = typer.Typer()
 
 def _picture(description: str) -> OptionInfo:
     """Create the flag of a picture to write."""
-    found: OptionInfo = typer.Option(metavar="OUT.png", dir_okay=False, callback=shared.writable, help=description)
-    return found
+    flag: OptionInfo = typer.Option(metavar="OUT.png", dir_okay=False, callback=shared.writable, help=description)
+    return flag
 
 
 def _one_number(text: str) -> float:

@@ -45,15 +45,15 @@ def _wrong_packages() -> Iterator[DoctorFinding]:
         if needed.marker is not None and not needed.marker.evaluate({"extra": ""}):
             continue
         try:
-            found = version(needed.name)
+            installed = version(needed.name)
         except PackageNotFoundError:
-            found = "none"
-        if found == "none" or not needed.specifier.contains(found, prereleases=True):
-            wanted = f"{needed.name}{needed.specifier}"
+            installed = "none"
+        if installed == "none" or not needed.specifier.contains(installed, prereleases=True):
+            requirement = f"{needed.name}{needed.specifier}"
             yield DoctorFinding(
                 "versions",
                 State.BAD,
-                f"{wanted} is needed, and {found} is installed",
+                f"{requirement} is needed, and {installed} is installed",
                 f"install {PACKAGE} again with its constraints.txt",
             )
 
@@ -196,13 +196,13 @@ def _room(folder: Path, reserve_bytes: int) -> Iterator[DoctorFinding]:
 def file_system(folder: Path, mounts: Path = _MOUNTS) -> str:
     """Return the type of the file system of a folder, as in /proc/self/mountinfo (proc(5))."""
     resolved = folder.resolve()
-    found, kind = Path("/"), "?"
+    mount_point, kind = Path("/"), "?"
     for line in mounts.read_text().splitlines():
         mount, _, source = line.partition(" - ")
         point = Path(mount.split()[4].replace(r"\040", " "))
         # The last mount at a point hides earlier mounts at the same point.
-        if resolved.is_relative_to(point) and point.is_relative_to(found):
-            found, kind = point, source.split()[0]
+        if resolved.is_relative_to(point) and point.is_relative_to(mount_point):
+            mount_point, kind = point, source.split()[0]
     return kind
 
 

@@ -21,20 +21,20 @@ def open_with_calibration(
     scan: ScanSource, geometry: CalibrationSource, *, on_progress: ProgressCallback, beside: Path | None = None
 ) -> Iterator[tuple[CalibrationResult, ScanRows]]:
     """Open a calibration and a scan of the same scanner; additional constants must agree with the calibration."""
-    known, scan = _calibrated(scan, geometry)
-    r_s = known.scanner.source_to_cor_mm
+    calibration, scan = _calibrated(scan, geometry)
+    r_s = calibration.scanner.source_to_cor_mm
     with open_rows(scan, source_to_cor_mm=r_s, on_progress=on_progress, beside=beside) as used:
-        _check_same_detector(known, used.scanner)
-        yield known, used
+        _check_same_detector(calibration, used.scanner)
+        yield calibration, used
 
 
 def _calibrated(scan: ScanSource, geometry: CalibrationSource) -> tuple[CalibrationResult, ScanSource]:
     """Return the calibration, and the scan with the detector pitch of the calibration."""
-    known = read_calibration(geometry.path)
-    r_s, pitch = known.scanner.source_to_cor_mm, known.scanner.detector_pitch_mm
+    calibration = read_calibration(geometry.path)
+    r_s, pitch = calibration.scanner.source_to_cor_mm, calibration.scanner.detector_pitch_mm
     _check_agreement("source_to_cor_mm", r_s, geometry.source_to_cor_mm)
     _check_agreement("detector_pitch_mm", pitch, scan.options.detector_pitch_mm)
-    return known, replace(scan, options=scan.options.model_copy(update={"detector_pitch_mm": pitch}))
+    return calibration, replace(scan, options=scan.options.model_copy(update={"detector_pitch_mm": pitch}))
 
 
 def _check_agreement(name: str, carried: float, flag: float | None) -> None:
@@ -44,8 +44,8 @@ def _check_agreement(name: str, carried: float, flag: float | None) -> None:
         )
 
 
-def _check_same_detector(known: CalibrationResult, scanner: ScannerConstants) -> None:
-    calibrated, cells = known.scanner.num_detector_pixels, scanner.num_detector_pixels
+def _check_same_detector(calibration: CalibrationResult, scanner: ScannerConstants) -> None:
+    calibrated, cells = calibration.scanner.num_detector_pixels, scanner.num_detector_pixels
     if calibrated != cells:
         raise refused(
             "contradiction",

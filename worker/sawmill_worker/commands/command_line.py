@@ -71,7 +71,7 @@ class Command(TyperCommand):
 
     def _missing(self, given: Mapping[str, Any]) -> list[Any]:
         """Return the parameters that must be given and are not."""
-        needed = [self._parameter(other) for name, other in self.needs.items() if name in given]
+        needed = [self._parameter(needed_name) for name, needed_name in self.needs.items() if name in given]
         always = [parameter for parameter in self.params if parameter.required]
         return [parameter for parameter in always + needed if parameter.name not in given]
 
@@ -81,8 +81,8 @@ class Command(TyperCommand):
 
 def nearest(text: str, choices: Sequence[str]) -> str:
     """Return a question that suggests the nearest choice; an empty text if no choice is near."""
-    found = get_close_matches(text, choices, n=1)
-    return f" Did you mean {found[0]!r}?" if found else ""
+    matches = get_close_matches(text, choices, n=1)
+    return f" Did you mean {matches[0]!r}?" if matches else ""
 
 
 def _nearest(ctx: Any, parameter: Any, given: Mapping[str, Any]) -> str:  # noqa: ANN401 - Typer's

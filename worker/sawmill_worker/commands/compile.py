@@ -25,13 +25,13 @@ def compile_kernels(on_progress: ProgressCallback) -> None:
     on_progress(Progress(fraction=0.0, stage=", ".join(PARTS)))
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         compiled = {pool.submit(_compile, part): part for part in PARTS}
-        left = list(PARTS)
+        remaining = list(PARTS)
         # The byte code takes half a second, while the kernels are compiled.
         hdf5_chunks.load_kernels()
         for future in as_completed(compiled):
             future.result()
-            left.remove(compiled[future])
-            on_progress(Progress(fraction=1.0 - len(left) / len(PARTS), stage=", ".join(left) or "done"))
+            remaining.remove(compiled[future])
+            on_progress(Progress(fraction=1.0 - len(remaining) / len(PARTS), stage=", ".join(remaining) or "done"))
 
 
 def compile_bytecode(folders: Iterable[str]) -> None:

@@ -26,22 +26,22 @@ def check_drift(
     on_progress: ProgressCallback,
 ) -> DriftResult:
     """Read, compare views, and compute the change from the geometry or from a baseline of earlier answers."""
-    with _open(scan, geometry, on_progress) as (known, used):
-        baselines = baselines_of(read_answers(baseline), known, used.sha256) if baseline else ()
+    with _open(scan, geometry, on_progress) as (reference, used):
+        baselines = baselines_of(read_answers(baseline), reference, used.sha256) if baseline else ()
         mean = mean_of_common_rows(used.stack(), used.rows[0], used.row_step, used.deviations)
     used.on_progress(Progress(fraction=0.0, stage="pair rays"))
-    given = DriftInput(
+    drift_input = DriftInput(
         mean=mean,
         angles_rad=used.angles_rad,
         rows=used.rows,
-        calibration=known,
+        calibration=reference,
         input_sha256=used.sha256,
         tolerance_mm=tolerance_mm,
         averaged_rows=scan.options.averaged_rows,
         preparation=used.remarks,
         baselines=baselines,
     )
-    return run_drift(given).ended(datetime.now(UTC))
+    return run_drift(drift_input).ended(datetime.now(UTC))
 
 
 @contextmanager
@@ -52,5 +52,5 @@ def _open(
         with open_rows(scan, source_to_cor_mm=geometry.source_to_cor_mm, on_progress=on_progress) as used:
             yield GivenGeometry(used.scanner, geometry.theta, geometry.rotation), used
         return
-    with open_with_calibration(scan, geometry, on_progress=on_progress) as (known, used):
-        yield known, used
+    with open_with_calibration(scan, geometry, on_progress=on_progress) as (reference, used):
+        yield reference, used

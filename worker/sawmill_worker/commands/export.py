@@ -23,9 +23,9 @@ def export_geometry(target: ExportTarget, calibration: Path, output: Path, angle
     JobFailure, UnreadableScan
         The file holds no calibration, or the number of angles differs from the number of views.
     """
-    known = read_calibration(calibration)
-    turned = known.rotation.apply(np.deg2rad(angles.expand(views)))
-    _WRITERS[target](output, FanBeamGeometry(known.scanner, known.theta, turned))
+    result = read_calibration(calibration)
+    turned = result.rotation.apply(np.deg2rad(angles.expand(views)))
+    _WRITERS[target](output, FanBeamGeometry(result.scanner, result.theta, turned))
 
 
 def _write_for_astra(output: Path, fan: FanBeamGeometry) -> None:

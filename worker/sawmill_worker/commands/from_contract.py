@@ -58,8 +58,8 @@ def option(model: ContractType, name: str, *, flag: str | None = None, **changes
         "callback": _checked(model, name),
     }
     names = () if flag is None else (flag,)
-    found: OptionInfo = typer.Option(*names, **(settings | changes))
-    return found
+    info: OptionInfo = typer.Option(*names, **(settings | changes))
+    return info
 
 
 def from_contracts(command: Callable[..., None]) -> Callable[..., None]:
@@ -109,16 +109,16 @@ class _Group:
 
     def read(self, values: dict[str, Any], given: set[str]) -> Any:  # noqa: ANN401 - of any contract
         """Take the contract's values out of all values of the command line."""
-        known = {}
+        fields = {}
         for name in self.model.__pydantic_fields__:
             inner = self._inside(name)
             if inner is not None:
-                known[name] = inner.read(values, given)
+                fields[name] = inner.read(values, given)
             elif not self.flags.leaves_out(name):
                 value = values.pop(self.prefix + name)
                 if self.prefix + name in given or "default" in self.flags.added_to(name):
-                    known[name] = value
-        return TypeAdapter(self.model).validate_python(known)
+                    fields[name] = value
+        return TypeAdapter(self.model).validate_python(fields)
 
     def _inside(self, name: str) -> "_Group | None":
         inner = _group_of(self.model.__pydantic_fields__[name].annotation)
@@ -182,9 +182,9 @@ def _checked(model: ContractType, name: str) -> Callable[[Any], Any]:
         try:
             TypeAdapter(model).validate_python({name: value})
         except ValidationError as error:
-            own = [each for each in error.errors() if each["loc"][:1] == (name,)]
-            if own:
-                raise typer.BadParameter(sentence(own[0], model)) from error
+            faults = [each for each in error.errors() if each["loc"][:1] == (name,)]
+            if faults:
+                raise typer.BadParameter(sentence(faults[0], model)) from error
         return value
 
     return check

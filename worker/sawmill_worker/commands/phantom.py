@@ -20,8 +20,8 @@ def plan_phantoms(
     log_radius_mm: float | None,
 ) -> list[PlanResult]:
     """Plan with each phantom and each number of views, the phantoms in the given order."""
-    given = [PlanInput(drawing_of(phantom), scanner, theta, log_radius_mm) for phantom in phantoms]
-    return [run_plan(phantom, scan) for phantom in given for scan in options]
+    inputs = [PlanInput(drawing_of(phantom), scanner, theta, log_radius_mm) for phantom in phantoms]
+    return [run_plan(phantom, scan) for phantom in inputs for scan in options]
 
 
 def draw_phantom(phantom: PhantomSource, output: Path) -> None:

@@ -16,10 +16,10 @@ class _TimeLeft(TimeRemainingColumn):
     """Remaining time as the work reports it; by the pace of the bar if the work reports none."""
 
     def render(self, task: Task) -> Text:
-        left = task.fields["seconds_left"]
-        if left is None:
+        seconds_left = task.fields["seconds_left"]
+        if seconds_left is None:
             return super().render(task)
-        return Text(str(timedelta(seconds=round(left))), style="progress.remaining")
+        return Text(str(timedelta(seconds=round(seconds_left))), style="progress.remaining")
 
 
 @contextmanager

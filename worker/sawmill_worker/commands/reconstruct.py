@@ -30,8 +30,8 @@ def reconstruct_scan(
     on_progress: ProgressCallback,
 ) -> ReconstructionResult:
     """Read, reconstruct each row into the volume, and draw the requested pictures."""
-    with _open(scan, geometry, output, on_progress) as (used, given):
-        result = run_reconstruction(given, options, output, used.on_progress)
+    with _open(scan, geometry, output, on_progress) as (used, reconstruction_input):
+        result = run_reconstruction(reconstruction_input, options, output, used.on_progress)
     drawings = (
         (pictures.middle, _middle),
         (pictures.mosaic, _mosaic),
@@ -91,8 +91,8 @@ def _open(
         with open_rows(scan, source_to_cor_mm=r_s, on_progress=on_progress, beside=output) as used:
             yield used, _input(used, geometry.theta, geometry.rotation, Handedness.AS_DRAWN, NOTHING_FOUND)
         return
-    with open_with_calibration(scan, geometry, on_progress=on_progress, beside=output) as (known, used):
-        yield used, _input(used, known.theta, known.rotation, known.handedness, known.beam)
+    with open_with_calibration(scan, geometry, on_progress=on_progress, beside=output) as (calibration, used):
+        yield used, _input(used, calibration.theta, calibration.rotation, calibration.handedness, calibration.beam)
 
 
 def _input(

@@ -64,8 +64,8 @@ def print_drift(result: DriftResult) -> None:
     if not of_given:
         moved = f"{result.ray_change_mm:.3f} ± {result.ray_change_uncertainty_mm:.2g} mm RMS"
         table.add_row("rays moved", "", "", moved, "", "")
-    known = result.scale_change_percent is not None and result.scale_change_uncertainty_percent is not None
-    if known and not of_given:
+    has_scale = result.scale_change_percent is not None and result.scale_change_uncertainty_percent is not None
+    if has_scale and not of_given:
         scale = f"{result.scale_change_percent:+.3f} ± {result.scale_change_uncertainty_percent:.2g} %"
         table.add_row("scale changed", "", "", scale, "", "")
     console = Console()

@@ -20,7 +20,7 @@ from sawmill_worker.use_cases.calibration.calibrate import CalibrationInput, cal
 from sawmill_worker.use_cases.calibration.calibration_files import calibration_arrays, write_result
 from sawmill_worker.use_cases.calibration.compare import compared, geometry_of
 from sawmill_worker.use_cases.calibration.log_comparison import log_images, log_row_beside
-from sawmill_worker.use_cases.calibration.second_witness import hear_log, witness_of
+from sawmill_worker.use_cases.calibration.second_witness import with_second_witness, witness_of
 from sawmill_worker.use_cases.failures import refused
 from sawmill_worker.use_cases.reconstruction.reconstruct import volume_unit
 from sawmill_worker.use_cases.scans.prepare import Stack, of_saturation
@@ -29,32 +29,34 @@ from sawmill_worker.use_cases.scans.selection import chosen_rows, chosen_views
 
 def run(attempt: Attempt) -> dict[str, Any]:
     """Write result.h5, from which the pictures are drawn, and return the full result."""
-    asked, scanner = attempt.asked(CalibrationUnfinished), attempt.scanner
-    options = asked.options.model_copy(
+    request, scanner = attempt.asked(CalibrationUnfinished), attempt.scanner
+    options = request.options.model_copy(
         update={
-            "handedness": asked.options.handedness or scanner.handedness,
-            "rotation": asked.options.rotation or scanner.rotation,
+            "handedness": request.options.handedness or scanner.handedness,
+            "rotation": request.options.rotation or scanner.rotation,
         }
     )
     scan = usable_scan(attempt)
     attempt.report_stage(0.0, "read")
-    given, stack = _load(attempt, scan, options)
-    given, calibration = run_calibration(
-        given, options, attempt.report, stack=stack, keeper=_keeper(attempt, given, options)
+    calibration_input, stack = _load(attempt, scan, options)
+    calibration_input, calibration = run_calibration(
+        calibration_input, options, attempt.report, stack=stack, keeper=_keeper(attempt, calibration_input, options)
     )
     usable = scan.usable_rows or (0, shape_of(scan).rows)
     attempt.report_stage(0.96, "log")
     read = _row_reader(attempt, scan, options)
-    given, calibration = hear_log(calibration, given, asked=options.log_rows, rows=usable, read=read)
+    calibration_input, calibration = with_second_witness(
+        calibration, calibration_input, row_range=options.log_rows, rows=usable, read=read
+    )
     active = _active(attempt)
     comparison = None if active is None else compared(active, calibration.geometry, scanner)
     attempt.report_stage(0.97, "result")
-    log = log_row_beside(given, usable, read)
+    log = log_row_beside(calibration_input, usable, read)
     before = None if active is None else geometry_of(active)
-    images = None if log is None else log_images(log, given, calibration.geometry, before)
-    result = calibration_result(calibration, given, comparison, witness_of(calibration, given))
-    kept = calibration_arrays(calibration, given, images)
-    write_result(attempt.output, result, kept, log_unit=volume_unit(counts=given.from_counts))
+    images = None if log is None else log_images(log, calibration_input, calibration.geometry, before)
+    result = calibration_result(calibration, calibration_input, comparison, witness_of(calibration, calibration_input))
+    kept = calibration_arrays(calibration, calibration_input, images)
+    write_result(attempt.output, result, kept, log_unit=volume_unit(counts=calibration_input.from_counts))
     return result.model_dump(mode="json")
 
 
@@ -107,7 +109,7 @@ def _load(attempt: Attempt, scan: Scan, options: CalibrationOptions) -> tuple[Ca
     views = chosen_views(options.views, shape.views)
     stored = read_stored_scan(attempt.file, rows, views)
     mean = mean_of_rows(stored.line_integrals)
-    given = CalibrationInput(
+    calibration_input = CalibrationInput(
         sinogram=mean.sinogram,
         angles_rad=stored.angles_rad[mean.views],
         rows=(rows.start, rows.stop),
@@ -123,17 +125,17 @@ def _load(attempt: Attempt, scan: Scan, options: CalibrationOptions) -> tuple[Ca
         remarks=of_saturation(scan.remarks),
     )
     named = options.rows is not None or scan.phantom_rows is not None
-    return given, None if named else stored.line_integrals
+    return calibration_input, None if named else stored.line_integrals
 
 
-def _keeper(attempt: Attempt, given: CalibrationInput, options: CalibrationOptions) -> AttemptKeeper:
+def _keeper(attempt: Attempt, calibration_input: CalibrationInput, options: CalibrationOptions) -> AttemptKeeper:
     origin = {
-        "input_sha256": given.input_sha256,
+        "input_sha256": calibration_input.input_sha256,
         "options": options.model_dump(mode="json"),
-        "rows": given.rows,
-        "scanner": vars(given.scanner),
-        "bounds": None if given.bounds is None else asdict(given.bounds),
-        "phantom": given.drawing.model_dump(mode="json"),
+        "rows": calibration_input.rows,
+        "scanner": vars(calibration_input.scanner),
+        "bounds": None if calibration_input.bounds is None else asdict(calibration_input.bounds),
+        "phantom": calibration_input.drawing.model_dump(mode="json"),
     }
     return AttemptKeeper(attempt, origin)
 

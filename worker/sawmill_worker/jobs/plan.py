@@ -11,11 +11,11 @@ from sawmill_worker.use_cases.calibration.plan import PlanInput, run_plan
 
 def run(attempt: Attempt) -> dict[str, Any]:
     """Return the precision to expect; no files are written."""
-    asked = attempt.asked(Plan)
-    assert asked.options.theta is not None  # noqa: S101 - settled when it was asked for
+    request = attempt.asked(Plan)
+    assert request.options.theta is not None  # noqa: S101 - settled when it was asked for
     scanner = attempt.scanner
-    given = PlanInput(drawing_of(attempt), scanner.constants, asked.options.theta, scanner.log_radius_mm)
-    return run_plan(given, asked.options).model_dump(mode="json")
+    plan_input = PlanInput(drawing_of(attempt), scanner.constants, request.options.theta, scanner.log_radius_mm)
+    return run_plan(plan_input, request.options).model_dump(mode="json")
 
 
 def needs(attempt: Attempt) -> Needs:

@@ -40,7 +40,7 @@ def run(attempt: Attempt) -> dict[str, Any]:
     views = chosen_views(options.views, shape.views)
     theta, rotation, handedness, beam = _geometry_of(attempt, options)
     with open_scan(attempt.file) as stored:
-        given = ReconstructionInput(
+        reconstruction_input = ReconstructionInput(
             read=lambda start, stop: stored.rows(rows[start:stop], views),
             angles_rad=stored.angles_rad[views],
             rows=(rows.start, rows.stop),
@@ -54,23 +54,23 @@ def run(attempt: Attempt) -> dict[str, Any]:
             preparation=tuple(scan.remarks),
             beam=beam,
         )
-        keeper = _keeper(attempt, given, options)
-        result = run_reconstruction(given, options, attempt.output / "volume.h5", attempt.report, keeper)
+        keeper = _keeper(attempt, reconstruction_input, options)
+        result = run_reconstruction(reconstruction_input, options, attempt.output / "volume.h5", attempt.report, keeper)
     return result.model_dump(mode="json")
 
 
-def _keeper(attempt: Attempt, given: ReconstructionInput, options: ReconstructionAsked) -> AttemptKeeper:
-    slices = len(range(*given.rows, given.row_step))
+def _keeper(attempt: Attempt, reconstruction_input: ReconstructionInput, options: ReconstructionAsked) -> AttemptKeeper:
+    slices = len(range(*reconstruction_input.rows, reconstruction_input.row_step))
     origin = {
-        "input_sha256": given.input_sha256,
+        "input_sha256": reconstruction_input.input_sha256,
         "options": options.model_dump(mode="json"),
-        "rows": (*given.rows, given.row_step),
-        "views": len(given.angles_rad),
-        "scanner": vars(given.scanner),
-        "theta": asdict(given.theta),
-        "beam": asdict(given.beam),
-        "rotation": given.rotation,
-        "handedness": given.handedness,
+        "rows": (*reconstruction_input.rows, reconstruction_input.row_step),
+        "views": len(reconstruction_input.angles_rad),
+        "scanner": vars(reconstruction_input.scanner),
+        "theta": asdict(reconstruction_input.theta),
+        "beam": asdict(reconstruction_input.beam),
+        "rotation": reconstruction_input.rotation,
+        "handedness": reconstruction_input.handedness,
     }
     return AttemptKeeper(attempt, origin, still_to_write_bytes=cost.volume_bytes(options.size, slices))
 

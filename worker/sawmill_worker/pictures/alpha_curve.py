@@ -37,15 +37,15 @@ def alpha_curve_png(
     bytes
         A PNG file.
     """
-    taken = float(alpha)
+    chosen = float(alpha)
     figure = Figure(figsize=(6.0 if gcv is None else 12.0, 5.0), layout="constrained")
-    left, *right = figure.subplots(1, 1 if gcv is None else 2, squeeze=False)[0]
+    l_curve, *right = figure.subplots(1, 1 if gcv is None else 2, squeeze=False)[0]
     for axes in right:
         axes.loglog(alphas, gcv, color=INK)
-        axes.axvline(taken, color=CHOSEN, linestyle="--", label=f"taken: {taken:.3g} mm²")
+        axes.axvline(chosen, color=CHOSEN, linestyle="--", label=f"taken: {chosen:.3g} mm²")
         axes.set(xlabel="alpha, mm²", ylabel="GCV", title="generalised cross-validation")
         axes.legend()
-    _draw_l_curve(figure, left, alphas, residual_norms, solution_norms, taken)
+    _draw_l_curve(figure, l_curve, alphas, residual_norms, solution_norms, chosen)
     return encoded(figure)
 
 

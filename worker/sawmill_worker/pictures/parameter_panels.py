@@ -78,8 +78,8 @@ def draw_theta_and_twin(figure: SubFigure, theta: Theta, twin: Theta | None, dev
             label="the answer",
         )
         if twin is not None:
-            other = _shown(twin)[index]
-            ax.plot([twin.source_shift_mm], [other], "s", color=TWIN, fillstyle="none", label="its twin")
+            twin_value = _shown(twin)[index]
+            ax.plot([twin.source_shift_mm], [twin_value], "s", color=TWIN, fillstyle="none", label="its twin")
         ax.margins(0.25)
         ax.set_ylabel(label)
         ax.ticklabel_format(useOffset=False)

@@ -45,8 +45,8 @@ def theta_rows(result: CalibrationResult) -> list[ReportedParameter]:
         return None if deviation is None else getattr(deviation, name)
 
     def length(name: str, text: str, symbol: str) -> ReportedParameter:
-        value, other = getattr(theta, name), "" if twin is None else f"{getattr(twin, name):.2f} mm"
-        return ReportedParameter(text, symbol, f"{value:.3f} mm", _plus_minus(spread(name), "mm"), twin=other)
+        value, twin_text = getattr(theta, name), "" if twin is None else f"{getattr(twin, name):.2f} mm"
+        return ReportedParameter(text, symbol, f"{value:.3f} mm", _plus_minus(spread(name), "mm"), twin=twin_text)
 
     angle = theta.initial_angle_rad
     return [
@@ -126,16 +126,16 @@ def correlations(result: CalibrationResult) -> list[tuple[str, list[str]]]:
         return []
     covariance = np.array(result.covariance)
     deviations = np.sqrt(np.diag(covariance))
-    known = [index for index in range(len(FRAME_SYMBOLS)) if deviations[index] > 0.0]
+    determined = [index for index in range(len(FRAME_SYMBOLS)) if deviations[index] > 0.0]
     return [
         (
             FRAME_SYMBOLS[row],
             [
                 f"{covariance[row, column] / (deviations[row] * deviations[column]):+z.3f}"
-                for column in known[: place + 1]
+                for column in determined[: place + 1]
             ],
         )
-        for place, row in enumerate(known)
+        for place, row in enumerate(determined)
     ]
 
 

@@ -28,8 +28,8 @@ def memory_available(meminfo: Path = MEMINFO, cgroup: Path = CGROUP, membership:
 
 def _left_in_groups(root: Path, membership: Path) -> Iterator[int]:
     """Yield the bytes left in this process's cgroup (version 2) and in each parent, as far as they have limits."""
-    own = next((line[3:] for line in membership.read_text().splitlines() if line.startswith("0::")), "/")
-    group = root / own.lstrip("/")
+    own_group = next((line[3:] for line in membership.read_text().splitlines() if line.startswith("0::")), "/")
+    group = root / own_group.lstrip("/")
     # Inside a container the container's own group may be the visible root, under a name that is not visible.
     for folder in {root, group, *(above for above in group.parents if above.is_relative_to(root))}:
         limit, used = folder / "memory.max", folder / "memory.current"

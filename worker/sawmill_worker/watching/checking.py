@@ -28,10 +28,10 @@ def findings(watching: Watching, service: Service) -> Iterator[CheckResult]:
 
 
 def _of_service(watching: Watching, service: Service) -> Iterator[CheckResult]:
-    own = service.get("/v1/keys/own")
-    enough = Scope(own["scope"]).covers(Scope.SUBMIT)
+    key = service.get("/v1/keys/own")
+    enough = Scope(key["scope"]).covers(Scope.SUBMIT)
     needed = "" if enough else f", and {Scope.SUBMIT.value} is needed"
-    yield enough, f"{watching.service} answers {own['name']!r}, whose scope is {own['scope']}{needed}"
+    yield enough, f"{watching.service} answers {key['name']!r}, whose scope is {key['scope']}{needed}"
     if watching.key_file is not None and speaks_openly(watching.service):
         yield False, f"{watching.service} takes the key over the network as everybody can read it: use https"
     for scanner_id in sorted({folder.scanner_id for folder in watching.folders}):
@@ -42,12 +42,12 @@ def _of_service(watching: Watching, service: Service) -> Iterator[CheckResult]:
 
 
 def _named(service: Service, noun: str, identifier: str) -> CheckResult:
-    found = service.found(f"/v1/{noun}s/{identifier}", f"{noun}-not-found")
-    if found is not None:
-        return True, f"{noun} {identifier} is {found['name']!r}"
+    row = service.found(f"/v1/{noun}s/{identifier}", f"{noun}-not-found")
+    if row is not None:
+        return True, f"{noun} {identifier} is {row['name']!r}"
     items: list[Json] = service.get(f"/v1/{noun}s")["items"]
-    known = ", ".join(f"{item['id']} ({item['name']})" for item in items)
-    return False, f"there is no {noun} {identifier!r}; the newest are {known or 'none'}"
+    newest = ", ".join(f"{item['id']} ({item['name']})" for item in items)
+    return False, f"there is no {noun} {identifier!r}; the newest are {newest or 'none'}"
 
 
 def _of_folder(settings: WatchedFolder) -> Iterator[CheckResult]:
@@ -64,6 +64,6 @@ def _of_folder(settings: WatchedFolder) -> Iterator[CheckResult]:
     for file in sorted({*looks.whole, *looks.growing}):
         rule = settings.files_named(file)
         assert rule is not None  # noqa: S101 - others are not looked at
-        given = " ".join(f"{field}={value}" for field, value in rule.query(settings.scanner_id, file).items())
-        yield True, f"{name}/{file} would be sent with {given}"
+        parameters = " ".join(f"{field}={value}" for field, value in rule.query(settings.scanner_id, file).items())
+        yield True, f"{name}/{file} would be sent with {parameters}"
     yield True, f"{name}: {len(looks.whole) + len(looks.growing)} file(s) would be taken once they are whole"

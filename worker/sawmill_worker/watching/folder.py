@@ -110,9 +110,9 @@ class Folder:
     @property
     def is_busy(self) -> bool:
         """True if a file can be processed further, without a trouble that holds it up."""
-        taken = {self._takings.path(taking) for taking in self._on_way}
-        whole = {self.settings.path / name for name in self.looks.whole if len(taken) < MOST_TAKEN}
-        return bool({str(path) for path in taken | whole} - self._news.troubles.keys())
+        taken_paths = {self._takings.path(taking) for taking in self._on_way}
+        whole = {self.settings.path / name for name in self.looks.whole if len(taken_paths) < MOST_TAKEN}
+        return bool({str(path) for path in taken_paths | whole} - self._news.troubles.keys())
 
     def go_on(self, *, look: bool) -> list[Taking]:
         """Process taken files further, and take more files; return the takings that are on their way afterwards.
@@ -202,8 +202,8 @@ class Folder:
         if not self._sending.is_unchanged(taking):
             reason = f"the file was written to after it was taken; scan {taking.scan_id} has what it was then"
             raise _FileRefused("file-changed", reason)
-        known = {"job_id": scan["job_id"], "scanner_id": scan["scanner_id"], "phantom_id": scan["phantom_id"]}
-        place = self._fates.done(taking, **known)
+        identifiers = {"job_id": scan["job_id"], "scanner_id": scan["scanner_id"], "phantom_id": scan["phantom_id"]}
+        place = self._fates.done(taking, **identifiers)
         self.counts["done"] += 1
         self._news.event("done", file=str(place), scan_id=taking.scan_id)
         return True
@@ -230,10 +230,10 @@ class Folder:
 
     def _check_still(self, taking: Taking) -> None:
         """Check that two inspections of a file that was written to after it was taken agree."""
-        now = signature(self._takings.path(taking))
-        if now != taking.signature:
-            self._takings.save(taking.anew(now))
-        if now != taking.signature or not self._looking:
+        present = signature(self._takings.path(taking))
+        if present != taking.signature:
+            self._takings.save(taking.restarted(present))
+        if present != taking.signature or not self._looking:
             raise FileChanged("it was written to after it was taken")
 
     def _refuse(self, taking: Taking, code: str, reason: str) -> None:

@@ -95,15 +95,15 @@ class FileSending:
         if taking.sha256 is not None:
             return taking
         path = self._takings.path(taking)
-        digest, now = sha256_of(path, self._stop), signature(path)
-        if now != taking.signature:
-            self._takings.save(taking.anew(now))
+        digest, present = sha256_of(path, self._stop), signature(path)
+        if present != taking.signature:
+            self._takings.save(taking.restarted(present))
             raise FileChanged("it was written to after it was taken")
         return self._takings.save(replace(taking, sha256=digest))
 
     def _begun(self, taking: Taking) -> tuple[Taking, Json]:
-        asked = {"size_bytes": taking.signature[0], "name": scan_name(taking.name), "sha256": taking.sha256}
-        upload = self._service.begin_upload(asked, once=taking.upload_name)
+        declaration = {"size_bytes": taking.signature[0], "name": scan_name(taking.name), "sha256": taking.sha256}
+        upload = self._service.begin_upload(declaration, once=taking.upload_name)
         began = replace(taking, upload_id=upload["id"], upload_began=upload["created_at"])
         return self._takings.save(began), upload
 
@@ -115,8 +115,8 @@ class FileSending:
             sha256=str(taking.sha256),
             since=str(taking.upload_began),
         )
-        known = taking.anew(taking.signature) if scan is None else replace(taking, scan_id=scan["id"])
-        return self._takings.save(known)
+        updated = taking.restarted(taking.signature) if scan is None else replace(taking, scan_id=scan["id"])
+        return self._takings.save(updated)
 
     def _sent(self, taking: Taking, upload: Json) -> Json:
         path = self._takings.path(taking)
@@ -127,5 +127,5 @@ class FileSending:
         if self.is_unchanged(taking):
             return
         self._service.delete_upload(str(taking.upload_id))
-        self._takings.save(taking.anew(signature(self._takings.path(taking))))
+        self._takings.save(taking.restarted(signature(self._takings.path(taking))))
         raise FileChanged("it was written to while it was sent")

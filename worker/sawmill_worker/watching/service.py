@@ -156,8 +156,8 @@ class Service:
             page = self.get("/v1/scans", **query)
             for scan in page["items"]:
                 if (scan["sha256"], scan["name"]) == (sha256, name):
-                    found: Json = scan
-                    return found
+                    newest: Json = scan
+                    return newest
             if page["next"] is None:
                 return None
             query["after"] = page["next"]

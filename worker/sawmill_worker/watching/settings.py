@@ -76,8 +76,8 @@ class Files(ScanFileOptions, Given):
 
     def query(self, scanner_id: str, name: str) -> dict[str, str]:
         """Return the query of `POST /v1/scans` for a file of this name."""
-        given = self.model_dump(mode="json", exclude={"match"}, exclude_none=True, exclude_unset=True)
-        return {**given, "scanner_id": scanner_id, "name": scan_name(name)}
+        options = self.model_dump(mode="json", exclude={"match"}, exclude_none=True, exclude_unset=True)
+        return {**options, "scanner_id": scanner_id, "name": scan_name(name)}
 
 
 class WatchedFolder(Given):
@@ -185,7 +185,7 @@ def read_settings(path: Path) -> Watching:
         toml = path.with_suffix(".toml")
         raise WrongFileError(f"{path}: write {toml} instead, in TOML as docs/watched-folder.md shows")
     try:
-        given = tomllib.loads(path.read_text(encoding="utf-8"))
+        document = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise WrongFileError(f"{path} cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
@@ -194,7 +194,7 @@ def read_settings(path: Path) -> Watching:
         raise WrongFileError(f"{path} is no TOML: {error}") from error
     try:
         # JSON has no dates and times, and a text must be in quotes.
-        sent = json.dumps(given, default=lambda moment: {"date or time": str(moment)})
+        sent = json.dumps(document, default=lambda moment: {"date or time": str(moment)})
         return Watching.model_validate_json(sent, strict=True)
     except ValidationError as error:
         raise WrongFileError("\n".join(f"{path}: {_sentence(fault)}" for fault in error.errors())) from error
@@ -204,9 +204,9 @@ def _sentence(fault: Any) -> str:  # noqa: ANN401 - pydantic's own type of a fau
     place: tuple[str | int, ...] = fault["loc"]
     name = ".".join(str(part) for part in place)
     if fault["type"] == "extra_forbidden":
-        known = _KNOWN.get(len(place), ())
-        near = get_close_matches(str(place[-1]), known, n=1)
-        return f"{name} is not a known field" + (f": {near[0]!r} is" if near else f"; known are {', '.join(known)}")
+        fields = _KNOWN.get(len(place), ())
+        near = get_close_matches(str(place[-1]), fields, n=1)
+        return f"{name} is not a known field" + (f": {near[0]!r} is" if near else f"; known are {', '.join(fields)}")
     if fault["type"] == "missing":
         return f"{name} is missing"
     sentence = _ORDINARY.sub("", fault["msg"])

@@ -81,7 +81,7 @@ class Taking:
         """Key by which the service recognises a repeated request for the upload of one try."""
         return f"watch-{self.id}-{self.tries}"
 
-    def anew(self, signature: Signature) -> Self:
+    def restarted(self, signature: Signature) -> Self:
         """Return the taking of the changed file, with nothing sent yet."""
         return replace(
             self,
@@ -129,7 +129,7 @@ class Takings:
         """Return the path of the taken file."""
         return self._taken / taking.id / taking.name
 
-    def take(self, name: str, looked: Signature) -> Taking:
+    def take(self, name: str, inspected: Signature) -> Taking:
         """Take a file, which must be unchanged since its inspection.
 
         Raises
@@ -140,9 +140,9 @@ class Takings:
             The file cannot be read or moved, for example because its writer holds it open on a share; it is not moved.
         """
         with open_regular(self._folder / name) as file:
-            if signature_of(file) != looked:
+            if signature_of(file) != inspected:
                 raise FileChanged("it changed when it was to be taken")
-        taking = Taking(uuid4().hex, name, looked, datetime.now(UTC).isoformat(timespec="milliseconds"))
+        taking = Taking(uuid4().hex, name, inspected, datetime.now(UTC).isoformat(timespec="milliseconds"))
         self.save(taking)
         try:
             make_folder(self.path(taking).parent)

@@ -80,7 +80,7 @@ class CalibrationInput:
 
 
 def run_calibration(
-    given: CalibrationInput,
+    calibration_input: CalibrationInput,
     options: contracts.CalibrationOptions,
     on_progress: ProgressCallback,
     *,
@@ -102,21 +102,21 @@ def run_calibration(
     """
     if Adjustment.PHANTOM_ROWS in options.without:
         stack = None
-    begun = 0.0 if stack is None else ROWS_DONE
-    reporting = SearchProgress(on_progress, begun)
+    start = 0.0 if stack is None else ROWS_DONE
+    reporting = SearchProgress(on_progress, start)
     if options.method is CalibrationMethod.PAPER:
         if stack is not None:
-            given = _narrowed(given, stack, options, on_progress, keeper)
-        return given, _as_published(given, options, reporting.on_round, keeper)
-    found = None if stack is None else _in_phantom_rows(given, stack, options, on_progress)
-    if found is not None:
-        return found
-    task = _task(given, options)
-    return given, calibrate(task, seed=options.seed, progress=reporting.on_round, on_step=reporting.on_step)
+            calibration_input = _narrowed(calibration_input, stack, options, on_progress, keeper)
+        return calibration_input, _as_published(calibration_input, options, reporting.on_round, keeper)
+    narrowed_result = None if stack is None else _in_phantom_rows(calibration_input, stack, options, on_progress)
+    if narrowed_result is not None:
+        return narrowed_result
+    task = _task(calibration_input, options)
+    return calibration_input, calibrate(task, seed=options.seed, progress=reporting.on_round, on_step=reporting.on_step)
 
 
 def _narrowed(
-    given: CalibrationInput,
+    calibration_input: CalibrationInput,
     stack: NDArray[np.float32],
     options: contracts.CalibrationOptions,
     on_progress: ProgressCallback,
@@ -126,24 +126,33 @@ def _narrowed(
     kept = keeper.kept("rows")
     if kept is not None:
         first, last = kept["rows"].tolist()
-        return given if (first, last) == given.rows else _of_rows(given, given.of_views(stack), (first, last))
-    found = _in_phantom_rows(given, stack, options, on_progress)
-    narrowed = given if found is None else found[0]
+        return (
+            calibration_input
+            if (first, last) == calibration_input.rows
+            else _of_rows(calibration_input, calibration_input.of_views(stack), (first, last))
+        )
+    result = _in_phantom_rows(calibration_input, stack, options, on_progress)
+    narrowed = calibration_input if result is None else result[0]
     if keeper.has_begun:
         keeper.keep("rows", {"rows": np.array(narrowed.rows)})
     return narrowed
 
 
-def _of_rows(given: CalibrationInput, stack: NDArray[np.float32], rows: tuple[int, int]) -> CalibrationInput:
+def _of_rows(
+    calibration_input: CalibrationInput, stack: NDArray[np.float32], rows: tuple[int, int]
+) -> CalibrationInput:
     """Narrow the input to some rows of a stack, and add a remark about the rows."""
     first, last = rows
-    remark = f"of rows {given.rows[0]}:{given.rows[1]}, {first}:{last} show the phantom and were used"
-    narrowed = given.of_rows(stack[:, first - given.rows[0] : last - given.rows[0]], rows)
-    return replace(narrowed, remarks=(*given.remarks, remark))
+    span = "{}:{}".format(*calibration_input.rows)
+    remark = f"of rows {span}, {first}:{last} show the phantom and were used"
+    narrowed = calibration_input.of_rows(
+        stack[:, first - calibration_input.rows[0] : last - calibration_input.rows[0]], rows
+    )
+    return replace(narrowed, remarks=(*calibration_input.remarks, remark))
 
 
 def _in_phantom_rows(
-    given: CalibrationInput,
+    calibration_input: CalibrationInput,
     stack: NDArray[np.float32],
     options: contracts.CalibrationOptions,
     on_progress: ProgressCallback,
@@ -152,29 +161,31 @@ def _in_phantom_rows(
 
     Return None where nothing changes from row to row, or no run of rows fits the phantom: then all rows are used.
     """
-    stack = given.of_views(stack)
+    stack = calibration_input.of_views(stack)
     runs = segments(stack)[:MOST_RUNS]
     if len(runs) <= 1:
         return None
-    found: list[tuple[CalibrationInput, Calibration]] = []
+    results: list[tuple[CalibrationInput, Calibration]] = []
     for number, run in enumerate(runs, start=1):
-        rows = (given.rows[0] + run.start, given.rows[0] + run.stop)
-        narrowed = _of_rows(given, stack, rows)
-        begun, end = (ROWS_DONE * each / len(runs) for each in (number - 1, number))
-        reporting = SearchProgress(on_progress, begun, end, stage="rows")
+        rows = (calibration_input.rows[0] + run.start, calibration_input.rows[0] + run.stop)
+        narrowed = _of_rows(calibration_input, stack, rows)
+        start, end = (ROWS_DONE * each / len(runs) for each in (number - 1, number))
+        reporting = SearchProgress(on_progress, start, end, stage="rows")
         try:
-            found.append((narrowed, calibrate(_task(narrowed, options), seed=options.seed, on_step=reporting.on_step)))
+            results.append(
+                (narrowed, calibrate(_task(narrowed, options), seed=options.seed, on_step=reporting.on_step))
+            )
         except CalibrationError:  # these rows show something else
             continue
         finally:
             on_progress(Progress(fraction=end, stage="rows"))
-    if not found:
+    if not results:
         return None
-    return min(found, key=lambda one: one[1].fit.relative_residual)
+    return min(results, key=lambda one: one[1].fit.relative_residual)
 
 
 def _as_published(
-    given: CalibrationInput, options: contracts.CalibrationOptions, on_round: SearchCallback, keeper: Keeper
+    calibration_input: CalibrationInput, options: contracts.CalibrationOptions, on_round: SearchCallback, keeper: Keeper
 ) -> Calibration:
     # Imported here because the module imports the reconstruction, which the default method does not need.
     from sawmill_tomography.calibration.paper import PaperOptions, calibrate_as_published  # noqa: PLC0415
@@ -185,7 +196,7 @@ def _as_published(
 
     earlier = keeper.kept("search")
     return calibrate_as_published(
-        _task(given, options),
+        _task(calibration_input, options),
         options=PaperOptions(**options.paper.model_dump()),
         seed=options.seed,
         progress=on_round,
@@ -195,21 +206,21 @@ def _as_published(
 
 
 class SearchProgress:
-    """Progress from the rounds of a search and the steps between rounds: from the fraction `begun` towards `end`.
+    """Progress from the rounds of a search and the steps between rounds: from the fraction `start` to `end`.
 
     The number of steps is not known in advance, so steps never reach the end; they are reported at most once a second.
     """
 
     def __init__(
-        self, on_progress: ProgressCallback, begun: float, end: float = SEARCH_DONE, *, stage: str = "search"
+        self, on_progress: ProgressCallback, start: float, end: float = SEARCH_DONE, *, stage: str = "search"
     ) -> None:
-        self._on_progress, self._begun, self._end = on_progress, begun, end
-        self._progress = Progress(fraction=begun, stage=stage)
-        self._steps, self._stepped_from, self._reported_at = 0, begun, time.monotonic()
+        self._on_progress, self._start, self._end = on_progress, start, end
+        self._progress = Progress(fraction=start, stage=stage)
+        self._steps, self._stepped_from, self._reported_at = 0, start, time.monotonic()
 
     def on_round(self, generation: int, most: int, best: float) -> None:
         """Report a round; before the first fit there is no best value."""
-        fraction = min(self._begun + (1.0 - self._begun) * generation / most, self._end)
+        fraction = min(self._start + (1.0 - self._start) * generation / most, self._end)
         self._steps, self._stepped_from = 0, max(fraction, self._progress.fraction)
         self._tell(
             replace(
@@ -224,36 +235,36 @@ class SearchProgress:
         """Count one more step, and report the progress if a report is due."""
         self._steps += 1
         if time.monotonic() - self._reported_at >= STEPS_EVERY_S:
-            left = (self._end - self._stepped_from) * MANY_STEPS / (self._steps + MANY_STEPS)
-            self._tell(replace(self._progress, fraction=self._end - left))
+            remaining = (self._end - self._stepped_from) * MANY_STEPS / (self._steps + MANY_STEPS)
+            self._tell(replace(self._progress, fraction=self._end - remaining))
 
     def _tell(self, progress: Progress) -> None:
         self._progress, self._reported_at = progress, time.monotonic()
         self._on_progress(progress)
 
 
-def _task(given: CalibrationInput, chosen: contracts.CalibrationOptions) -> CalibrationTask:
+def _task(calibration_input: CalibrationInput, chosen: contracts.CalibrationOptions) -> CalibrationTask:
     return CalibrationTask(
-        scanner=given.scanner,
-        phantom=to_phantom(given.drawing, chosen.size_tolerance_percent),
-        sinogram=given.sinogram,
-        angles_rad=given.angles_rad,
-        bounds=given.bounds,
+        scanner=calibration_input.scanner,
+        phantom=to_phantom(calibration_input.drawing, chosen.size_tolerance_percent),
+        sinogram=calibration_input.sinogram,
+        angles_rad=calibration_input.angles_rad,
+        bounds=calibration_input.bounds,
         handedness=chosen.handedness,
         rotation=chosen.rotation,
         rays_per_cell=chosen.rays_per_cell,
-        log_radius_mm=given.log_radius_mm,
-        tolerance_mm=given.tolerance_mm,
-        scale_tolerance_percent=given.scale_tolerance_percent,
-        true_axis=chosen.true_axis or given.drawing.true_axis,
-        from_counts=given.from_counts,
+        log_radius_mm=calibration_input.log_radius_mm,
+        tolerance_mm=calibration_input.tolerance_mm,
+        scale_tolerance_percent=calibration_input.scale_tolerance_percent,
+        true_axis=chosen.true_axis or calibration_input.drawing.true_axis,
+        from_counts=calibration_input.from_counts,
         without=frozenset(chosen.without),
     )
 
 
 def calibration_result(
     calibration: Calibration,
-    given: CalibrationInput,
+    calibration_input: CalibrationInput,
     comparison: contracts.Comparison | None = None,
     witness: contracts.SecondWitness | None = None,
 ) -> contracts.CalibrationResult:
@@ -278,24 +289,28 @@ def calibration_result(
         residual=contracts.Residual(rms=fit.residual_rms, relative=fit.relative_residual),
         beam_hardening=calibration.beam.hardening,
         scattered_radiation=calibration.beam.scatter,
-        adjustments=[*given.remarks, *calibration.adjustments],
+        adjustments=[*calibration_input.remarks, *calibration.adjustments],
         status=judgement.status,
         verdict=judgement.verdict,
         rays_verdict=judgement.rays_verdict,
         limits=contracts.CalibrationLimits(
-            tolerance_mm=given.tolerance_mm,
-            scale_tolerance_percent=given.scale_tolerance_percent,
-            log_radius_mm=given.log_radius_mm,
+            tolerance_mm=calibration_input.tolerance_mm,
+            scale_tolerance_percent=calibration_input.scale_tolerance_percent,
+            log_radius_mm=calibration_input.log_radius_mm,
         ),
-        reasons=[*moved, *judgement.reasons, *measurement_reasons(given.drawing, datetime.now(tz=UTC).date())],
-        scanner=given.scanner,
-        phantom=given.drawing.name,
-        views=int(given.angles_rad.size),
-        rows=given.rows,
+        reasons=[
+            *moved,
+            *judgement.reasons,
+            *measurement_reasons(calibration_input.drawing, datetime.now(tz=UTC).date()),
+        ],
+        scanner=calibration_input.scanner,
+        phantom=calibration_input.drawing.name,
+        views=int(calibration_input.angles_rad.size),
+        rows=calibration_input.rows,
         search=contracts.Search(**{name: getattr(calibration.search, name) for name in contracts.Search.model_fields}),
         timing_s=contracts.Timing(**vars(calibration.timing)),
         software_version=VERSION,
-        input_sha256=given.input_sha256,
+        input_sha256=calibration_input.input_sha256,
         comparison=comparison,
         second_witness=witness,
     )

@@ -31,18 +31,20 @@ PAGES = frozenset({".html", ".htm"})
 MOST_VIEWS, WEIGHT, ITERATIONS = 60, 200.0, 60
 
 
-def calibration_arrays(calibration: Calibration, given: CalibrationInput, log: LogImages | None) -> CalibrationArrays:
+def calibration_arrays(
+    calibration: Calibration, calibration_input: CalibrationInput, log: LogImages | None
+) -> CalibrationArrays:
     """Compute the arrays from which a calibration's pictures are drawn, as docs/formats.md lists them."""
     seen = calibration.seen
     reach = max(float(np.abs(outline).max()) for outline in seen.outlines())
     frame = calibration.frame
     field = min(2.4 * reach, 1.3 * frame.source_distance_mm * math.cos(frame.tilt_rad))
-    image, method = _phantom_image(calibration, given, field)
+    image, method = _phantom_image(calibration, calibration_input, field)
     return CalibrationArrays(
-        sinogram=given.sinogram.astype(np.float32),
+        sinogram=calibration_input.sinogram.astype(np.float32),
         model=calibration.model.astype(np.float32),
         residual=calibration.residual.astype(np.float32),
-        angles_rad=given.angles_rad,
+        angles_rad=calibration_input.angles_rad,
         phantom_image=image,
         phantom_field_mm=field,
         phantom_outlines_mm=_closed(seen),
@@ -53,7 +55,7 @@ def calibration_arrays(calibration: Calibration, given: CalibrationInput, log: L
 
 
 def report_arrays(
-    calibration: Calibration, given: CalibrationInput, stack: NDArray[np.float32], rows: tuple[int, int]
+    calibration: Calibration, calibration_input: CalibrationInput, stack: NDArray[np.float32], rows: tuple[int, int]
 ) -> CalibrationArrays:
     """Compute the arrays of the report on a stack in memory, with the log that other rows may show.
 
@@ -62,9 +64,9 @@ def report_arrays(
     stack : (views, rows, detector) float32
         The rows first..last of the scan.
     """
-    log = log_row_beside(given, rows, lambda row: stack[:, row - rows[0]])
-    images = None if log is None else log_images(log, given, calibration.geometry, None)
-    return calibration_arrays(calibration, given, images)
+    log = log_row_beside(calibration_input, rows, lambda row: stack[:, row - rows[0]])
+    images = None if log is None else log_images(log, calibration_input, calibration.geometry, None)
+    return calibration_arrays(calibration, calibration_input, images)
 
 
 def write_result(folder: Path, result: CalibrationResult, arrays: CalibrationArrays, *, log_unit: str) -> None:
@@ -105,12 +107,14 @@ def write_report(path: Path, result: CalibrationResult, arrays: CalibrationArray
 
 
 def _phantom_image(
-    calibration: Calibration, given: CalibrationInput, field_mm: float
+    calibration: Calibration, calibration_input: CalibrationInput, field_mm: float
 ) -> tuple[NDArray[np.float32], ReconstructionMethod]:
     """Reconstruct the phantom in units of the drawing's density: FBP, or total variation for less than a full turn."""
-    fan = FanBeamGeometry(calibration.scanner, calibration.theta, calibration.rotation.apply(given.angles_rad))
+    fan = FanBeamGeometry(
+        calibration.scanner, calibration.theta, calibration.rotation.apply(calibration_input.angles_rad)
+    )
     projector = Projector(fan, ImageGrid(PHANTOM_SIZE, field_mm))
-    lines = (given.sinogram - calibration.fit.offset) / calibration.fit.gain
+    lines = (calibration_input.sinogram - calibration.fit.offset) / calibration.fit.gain
     try:
         return fbp(projector, lines).image, ReconstructionMethod.FBP
     except GeometryError:  # the views cover less than a full turn

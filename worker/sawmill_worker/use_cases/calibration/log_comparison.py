@@ -31,7 +31,7 @@ class LogRow:
 
 
 def log_row_beside(
-    given: CalibrationInput, rows: tuple[int, int], read: Callable[[int], NDArray[np.float32]]
+    calibration_input: CalibrationInput, rows: tuple[int, int], read: Callable[[int], NDArray[np.float32]]
 ) -> LogRow | None:
     """Return the middle row of the longer run of rows outside the phantom's rows, if the row shows a log.
 
@@ -42,46 +42,57 @@ def log_row_beside(
     read : callable
         Returns the sinogram (views, detector) float32 of a row, of all views that were read; NaN in views without it.
     """
-    first, after_last = max((rows[0], given.rows[0]), (given.rows[1], rows[1]), key=lambda run: run[1] - run[0])
+    first, after_last = max(
+        (rows[0], calibration_input.rows[0]), (calibration_input.rows[1], rows[1]), key=lambda run: run[1] - run[0]
+    )
     if after_last <= first:
         return None
     row = (first + after_last) // 2
-    sinogram = filled(given.of_views(read(row))[:, None], given.angles_rad)[:, 0].astype(np.float64)
-    return LogRow(row, sinogram) if shows_another_body(sinogram, given.sinogram) else None
+    sinogram = filled(calibration_input.of_views(read(row))[:, None], calibration_input.angles_rad)[:, 0].astype(
+        np.float64
+    )
+    return LogRow(row, sinogram) if shows_another_body(sinogram, calibration_input.sinogram) else None
 
 
 def log_images(
-    log: LogRow, given: CalibrationInput, found: CalibratedGeometry, active: CalibratedGeometry | None
+    log: LogRow,
+    calibration_input: CalibrationInput,
+    new_geometry: CalibratedGeometry,
+    active: CalibratedGeometry | None,
 ) -> LogImages | None:
     """Reconstruct the log with the new geometry, and with the active calibration's or, without one, unshifted.
 
     Return None where the views cover less than a full turn.
     """
-    field = 2.0 * MARGIN * (given.log_radius_mm or LARGEST_ASSUMED_LOG_RADIUS_MM)
-    after = _image(log, given, found, field)
+    field = 2.0 * MARGIN * (calibration_input.log_radius_mm or LARGEST_ASSUMED_LOG_RADIUS_MM)
+    after = _image(log, calibration_input, new_geometry, field)
     if after is None:
         return None
-    comparable = active is not None and active.scanner.num_detector_pixels == given.scanner.num_detector_pixels
+    comparable = (
+        active is not None and active.scanner.num_detector_pixels == calibration_input.scanner.num_detector_pixels
+    )
     if active is not None and comparable:
-        return LogImages(log.row, field, after, _image(log, given, active, field), LogBefore.ACTIVE)
-    return LogImages(log.row, field, after, _image(log, given, unshifted(found), field), LogBefore.UNSHIFTED)
+        return LogImages(log.row, field, after, _image(log, calibration_input, active, field), LogBefore.ACTIVE)
+    return LogImages(
+        log.row, field, after, _image(log, calibration_input, unshifted(new_geometry), field), LogBefore.UNSHIFTED
+    )
 
 
-def unshifted(found: CalibratedGeometry) -> CalibratedGeometry:
+def unshifted(new_geometry: CalibratedGeometry) -> CalibratedGeometry:
     """Return the geometry of a scanner as drawn: its constants, with source and detector neither shifted nor tilted.
 
     No constant holds the detector's distance or the first angle: both are taken from the new geometry, so that the log
     keeps its size and position.
     """
-    theta = Theta(found.frame.psi_rad, found.theta.detector_to_cor_mm, 0.0, 0.0, 0.0)
-    frame = theta.source_frame(found.scanner.source_to_cor_mm)
-    return replace(found, theta=theta, frame=frame, covariance=None)
+    theta = Theta(new_geometry.frame.psi_rad, new_geometry.theta.detector_to_cor_mm, 0.0, 0.0, 0.0)
+    frame = theta.source_frame(new_geometry.scanner.source_to_cor_mm)
+    return replace(new_geometry, theta=theta, frame=frame, covariance=None)
 
 
 def _image(
-    log: LogRow, given: CalibrationInput, geometry: CalibratedGeometry, field_mm: float
+    log: LogRow, calibration_input: CalibrationInput, geometry: CalibratedGeometry, field_mm: float
 ) -> NDArray[np.float32] | None:
-    angles = geometry.rotation.apply(given.angles_rad)
+    angles = geometry.rotation.apply(calibration_input.angles_rad)
     try:
         fan = FanBeamGeometry(geometry.scanner, geometry.theta, angles)
         return fbp(Projector(fan, ImageGrid(SIZE, field_mm)), log.sinogram).image

@@ -24,14 +24,14 @@ class PlanInput:
     log_radius_mm: float | None = None
 
 
-def run_plan(given: PlanInput, options: PlanOptions) -> PlanResult:
+def run_plan(plan_input: PlanInput, options: PlanOptions) -> PlanResult:
     """Plan a calibration; errors of `sawmill_tomography` propagate."""
     angles_rad = (np.arange(options.views) + 0.5) * 2.0 * np.pi / options.views
-    fan = FanBeamGeometry(given.scanner, given.theta, angles_rad)
-    phantom = to_phantom(given.drawing, options.size_tolerance_percent)
-    planned = plan(fan, phantom, noise=options.noise, log_radius_mm=given.log_radius_mm)
+    fan = FanBeamGeometry(plan_input.scanner, plan_input.theta, angles_rad)
+    phantom = to_phantom(plan_input.drawing, options.size_tolerance_percent)
+    planned = plan(fan, phantom, noise=options.noise, log_radius_mm=plan_input.log_radius_mm)
     return PlanResult(
-        theta=given.theta,
+        theta=plan_input.theta,
         source_frame=fan.frame,
         standard_deviation=from_deviation(planned.theta_deviation, planned.frame_deviation),
         covariance=planned.covariance.tolist(),
@@ -41,8 +41,8 @@ def run_plan(given: PlanInput, options: PlanOptions) -> PlanResult:
         scale_uncertainty_percent=planned.scale.percent_95,
         noise_mm=planned.noise,
         views_cut_off=planned.views_cut_off,
-        phantom=given.drawing.name,
-        scanner=given.scanner,
+        phantom=plan_input.drawing.name,
+        scanner=plan_input.scanner,
         views=options.views,
         noise=options.noise,
         software_version=VERSION,

@@ -29,10 +29,10 @@ def repeatability(named: list[tuple[str, CalibrationResult]]) -> RepeatabilityRe
         raise refused("too-few-calibrations", f"{len(named)} calibration was given: give two or more of one scanner")
     share = FALSE_ALARMS / (QUESTIONS * math.comb(len(named), 2))
     pairs = [_difference(*first, *second, share) for first, second in combinations(named, 2)]
-    beyond = [pair for pair in pairs if not pair.within_error_bars]
+    differing = [pair for pair in pairs if not pair.within_error_bars]
     worst = max(pair.ray_difference_mm for pair in pairs)
-    if beyond:
-        who = "the two calibrations differ" if len(pairs) == 1 else f"{len(beyond)} of {len(pairs)} pairs differ"
+    if differing:
+        who = "the two calibrations differ" if len(pairs) == 1 else f"{len(differing)} of {len(pairs)} pairs differ"
         reason = (
             f"{who} by more than their error bars: fasten the phantom, let the scanner warm up, and look at the "
             "reasons of each calibration"
@@ -40,12 +40,12 @@ def repeatability(named: list[tuple[str, CalibrationResult]]) -> RepeatabilityRe
     else:
         who = "the two calibrations" if len(pairs) == 1 else f"all {len(pairs)} pairs"
         reason = f"{who} agree within their error bars; the rays differ by {worst:.3f} mm at most"
-    verdict = "beyond-error-bars" if beyond else "repeatable"
+    verdict = "beyond-error-bars" if differing else "repeatable"
     return RepeatabilityResult(pairs=pairs, worst_ray_difference_mm=worst, verdict=verdict, reason=reason)
 
 
 def _difference(
-    first: str, one: CalibrationResult, second: str, other: CalibrationResult, share: float
+    first: str, first_result: CalibrationResult, second: str, second_result: CalibrationResult, share: float
 ) -> PairDifference:
     """Compare two calibrations; errors alone take the rays, and the scale, beyond their limits in this share of cases.
 
@@ -54,17 +54,22 @@ def _difference(
     JobFailure
         The calibrations belong to different scanners, or one has no error bars.
     """
-    if one.scanner != other.scanner:
+    if first_result.scanner != second_result.scanner:
         raise refused(
             "other-scanner", f"{first} and {second} have not the same scanner's constants: compare those of one scanner"
         )
-    if one.covariance is None or other.covariance is None:
+    if first_result.covariance is None or second_result.covariance is None:
         raise refused("without-error-bars", f"{first} or {second} has no error bars: calibrate with --method default")
-    radius_mm, covariance = one.radius_mm, np.array(one.covariance) + np.array(other.covariance)
-    rays = ray_error(one.scanner, one.source_frame, other.source_frame, radius_mm=radius_mm)
-    expected = predicted_ray_error(one.scanner, one.source_frame, covariance, radius_mm=radius_mm)
-    scale = scale_deviation(one.scanner, one.source_frame, covariance, radius_mm=radius_mm)
-    allowed = exceeded_ray_error(one.scanner, one.source_frame, covariance, share, radius_mm=radius_mm)
+    radius_mm, covariance = (
+        first_result.radius_mm,
+        np.array(first_result.covariance) + np.array(second_result.covariance),
+    )
+    rays = ray_error(first_result.scanner, first_result.source_frame, second_result.source_frame, radius_mm=radius_mm)
+    expected = predicted_ray_error(first_result.scanner, first_result.source_frame, covariance, radius_mm=radius_mm)
+    scale = scale_deviation(first_result.scanner, first_result.source_frame, covariance, radius_mm=radius_mm)
+    allowed = exceeded_ray_error(
+        first_result.scanner, first_result.source_frame, covariance, share, radius_mm=radius_mm
+    )
     allowed_scale = -float(scipy.special.ndtri(0.5 * share)) * scale
     return PairDifference(
         first=first,
@@ -75,9 +80,9 @@ def _difference(
         scale_difference_percent=100.0 * rays.scale_change,
         scale_difference_deviation_percent=100.0 * scale,
         scale_allowed_percent=100.0 * allowed_scale,
-        cor_column_difference_mm=other.source_frame.cor_column_mm - one.source_frame.cor_column_mm,
+        cor_column_difference_mm=second_result.source_frame.cor_column_mm - first_result.source_frame.cor_column_mm,
         cor_column_deviation_mm=math.sqrt(covariance[Parameter.U_C, Parameter.U_C]),
-        tilt_difference_deg=math.degrees(other.source_frame.tilt_rad - one.source_frame.tilt_rad),
+        tilt_difference_deg=math.degrees(second_result.source_frame.tilt_rad - first_result.source_frame.tilt_rad),
         tilt_deviation_deg=math.degrees(math.sqrt(covariance[Parameter.TILT, Parameter.TILT])),
         within_error_bars=rays.rms_mm <= allowed and abs(rays.scale_change) <= allowed_scale,
     )

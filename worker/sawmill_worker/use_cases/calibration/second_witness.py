@@ -32,11 +32,11 @@ class LogRows:
     sinogram: FloatArray
 
 
-def hear_log(
+def with_second_witness(
     calibration: Calibration,
-    given: CalibrationInput,
+    calibration_input: CalibrationInput,
     *,
-    asked: str | None,
+    row_range: str | None,
     rows: tuple[int, int],
     read: Callable[[int], NDArray[np.float32]],
 ) -> tuple[CalibrationInput, Calibration]:
@@ -44,7 +44,7 @@ def hear_log(
 
     Parameters
     ----------
-    asked : str or None
+    row_range : str or None
         The rows A:B that show the log; None searches for them.
     rows : (first, after the last)
         Rows that can be read.
@@ -55,47 +55,53 @@ def hear_log(
     -------
     The input, with a remark if a log could not be used, and the calibration.
     """
-    if calibration.error_bars is None or given.angles_rad.size < FEWEST_PAIRED_VIEWS:
-        return given, calibration
-    found = log_rows(given, asked=asked, rows=rows, read=read)
-    if found is None:
-        return given, calibration
+    if calibration.error_bars is None or calibration_input.angles_rad.size < FEWEST_PAIRED_VIEWS:
+        return calibration_input, calibration
+    log = log_rows(calibration_input, row_range=row_range, rows=rows, read=read)
+    if log is None:
+        return calibration_input, calibration
     # Imported here because the module imports the reconstruction, which a scan without a log does not need.
     from sawmill_tomography.calibration.with_log import with_log  # noqa: PLC0415
 
     try:
-        heard = with_log(calibration, found.sinogram)
+        combined = with_log(calibration, log.sinogram)
     except DriftError as error:
-        return _with_remark(given, f"the log in rows {_span(found.rows)} is no second witness: {error}"), calibration
-    return replace(given, log_rows=found.rows), heard
+        return _with_remark(
+            calibration_input, f"the log in rows {_span(log.rows)} is no second witness: {error}"
+        ), calibration
+    return replace(calibration_input, log_rows=log.rows), combined
 
 
 def log_rows(
-    given: CalibrationInput, *, asked: str | None, rows: tuple[int, int], read: Callable[[int], NDArray[np.float32]]
+    calibration_input: CalibrationInput,
+    *,
+    row_range: str | None,
+    rows: tuple[int, int],
+    read: Callable[[int], NDArray[np.float32]],
 ) -> LogRows | None:
     """Return the given rows, or the rows outside the phantom's that show another body and no air; None without any.
 
     A row that is missing in one of the phantom's views is left out.
     """
-    beside = _beside(given, rows) if asked is None else _asked(given, asked, rows)
+    beside = _beside(calibration_input, rows) if row_range is None else _asked(calibration_input, row_range, rows)
     tried = [beside[at] for at in np.unique(np.linspace(0, len(beside) - 1, MOST_ROWS).astype(int))] if beside else []
-    phantom = _coarse(given.sinogram)
-    lines = ((row, given.of_views(read(row)).astype(np.float64)) for row in tried)
+    phantom = _coarse(calibration_input.sinogram)
+    lines = ((row, calibration_input.of_views(read(row)).astype(np.float64)) for row in tried)
     shown = {row: sinogram for row, sinogram in lines if shows_another_body(_coarse(sinogram), phantom)}
-    if asked is not None and not shown:
-        raise refused("log-not-found", f"rows {asked} of the scan show no log: give rows that do, or leave it out")
+    if row_range is not None and not shown:
+        raise refused("log-not-found", f"rows {row_range} of the scan show no log: give rows that do, or leave it out")
     return LogRows(tuple(shown), np.mean(list(shown.values()), axis=0)) if shown else None
 
 
-def witness_of(calibration: Calibration, given: CalibrationInput) -> contracts.SecondWitness | None:
+def witness_of(calibration: Calibration, calibration_input: CalibrationInput) -> contracts.SecondWitness | None:
     """Convert the answers of phantom and log to the contract."""
     witness = None if calibration.evidence is None else calibration.evidence.witness
     if witness is None:
         return None
     jump = witness.log.movement
     return contracts.SecondWitness(
-        log_rows=(given.log_rows[0], given.log_rows[-1] + 1),
-        log_rows_averaged=len(given.log_rows),
+        log_rows=(calibration_input.log_rows[0], calibration_input.log_rows[-1] + 1),
+        log_rows_averaged=len(calibration_input.log_rows),
         log=_pair(witness.log.seen),
         log_standard_deviation=_deviation(witness.log.covariance),
         phantom=_pair(witness.phantom_seen),
@@ -116,34 +122,37 @@ def witness_of(calibration: Calibration, given: CalibrationInput) -> contracts.S
 
 
 def _reason(witness: SecondWitness) -> str:
-    beyond = f"chi-squared {witness.chi_squared:.1f} of 2 degrees of freedom"
+    statistic = f"chi-squared {witness.chi_squared:.1f} of 2 degrees of freedom"
     if witness.other_sense:
         return "the log turned the other way than the phantom is explained by: its answer was not used"
     jump = witness.log.movement
     match witness.taken:
         case "log" if jump is None:
-            return f"the phantom slipped and the log contradicts it ({beyond}): the log's u_c and tilt were taken"
+            return f"the phantom slipped and the log contradicts it ({statistic}): the log's u_c and tilt were taken"
         case "log":
-            return f"the log stood still and contradicts the phantom ({beyond}): its u_c and tilt were taken"
+            return f"the log stood still and contradicts the phantom ({statistic}): its u_c and tilt were taken"
         case "phantom" if jump is None:
-            return f"the log contradicts the phantom ({beyond}), so few views do not tell why: the phantom's were taken"
+            return (
+                f"the log contradicts the phantom ({statistic}), so few views do not tell why: the phantom's were taken"
+            )
         case "phantom" if jump is not None:
             return f"the log moved by {jump.by_mm:.2g} mm at view {jump.view}: the phantom's u_c and tilt were taken"
-    return f"both agree ({beyond}): they were combined by their covariances"
+    return f"both agree ({statistic}): they were combined by their covariances"
 
 
-def _beside(given: CalibrationInput, rows: tuple[int, int]) -> list[int]:
-    first, after_last = given.rows
+def _beside(calibration_input: CalibrationInput, rows: tuple[int, int]) -> list[int]:
+    first, after_last = calibration_input.rows
     return [*range(rows[0], first - GAP), *range(after_last + GAP, rows[1])]
 
 
-def _asked(given: CalibrationInput, asked: str, rows: tuple[int, int]) -> list[int]:
-    chosen, (first, after_last) = parse_rows(asked), given.rows
+def _asked(calibration_input: CalibrationInput, row_range: str, rows: tuple[int, int]) -> list[int]:
+    chosen, (first, after_last) = parse_rows(row_range), calibration_input.rows
     if chosen.start < rows[0] or chosen.stop > rows[1]:
-        raise refused("rows-outside", f"log rows {asked} were asked for, but the scan has rows {rows[0]}:{rows[1]}")
+        raise refused("rows-outside", f"log rows {row_range} were asked for, but the scan has rows {rows[0]}:{rows[1]}")
     if chosen.start < after_last and first < chosen.stop:
         raise refused(
-            "rows-overlap", f"log rows {asked} overlap the phantom's rows {first}:{after_last}: give rows beside them"
+            "rows-overlap",
+            f"log rows {row_range} overlap the phantom's rows {first}:{after_last}: give rows beside them",
         )
     return list(range(chosen.start, chosen.stop))
 
@@ -157,8 +166,8 @@ def _coarse(sinogram: FloatArray) -> FloatArray:
     return means
 
 
-def _with_remark(given: CalibrationInput, remark: str) -> CalibrationInput:
-    return replace(given, remarks=(*given.remarks, remark))
+def _with_remark(calibration_input: CalibrationInput, remark: str) -> CalibrationInput:
+    return replace(calibration_input, remarks=(*calibration_input.remarks, remark))
 
 
 def _span(rows: tuple[int, ...]) -> str:

@@ -52,7 +52,7 @@ def read_answers(paths: Iterable[Path]) -> Iterator[tuple[str, DriftResult]]:
 
 
 def baselines_of(
-    answers: Iterable[tuple[str, DriftResult]], known: CalibrationResult | GivenGeometry, checked_sha256: str
+    answers: Iterable[tuple[str, DriftResult]], calibration: CalibrationResult | GivenGeometry, checked_sha256: str
 ) -> tuple[KnownBaseline, ...]:
     """Compute baselines from answers of earlier drift checks against the same calibration, one for each method.
 
@@ -71,11 +71,11 @@ def baselines_of(
         An answer belongs to another calibration or to the scan that is checked, an answer is given twice, or a
         method has too few answers.
     """
-    if isinstance(known, GivenGeometry):
+    if isinstance(calibration, GivenGeometry):
         raise refused("baseline", "a baseline is of checks against a calibration: give one, or leave the baseline out")
     by_method: dict[DriftMethod, dict[str, DriftResult]] = {}
     for name, result in answers:
-        reason = _why_not(result, known, checked_sha256)
+        reason = _why_not(result, calibration, checked_sha256)
         if reason is not None:
             raise refused("baseline", f"{name} {reason}")
         if result.method is not None:  # else `_why_not` has a reason
@@ -100,7 +100,7 @@ def _look(result: DriftResult) -> Look:
     return Look(0.0, change, np.array(result.covariance)[:2, :2])
 
 
-def _why_not(result: DriftResult, known: CalibrationResult, checked_sha256: str) -> str | None:
+def _why_not(result: DriftResult, calibration: CalibrationResult, checked_sha256: str) -> str | None:
     """Return why an answer cannot be in a baseline, as the end of a sentence that begins with its name."""
     if result.input_sha256 == checked_sha256:
         return "is of the scan that is checked: a baseline is of earlier ones"
@@ -108,12 +108,16 @@ def _why_not(result: DriftResult, known: CalibrationResult, checked_sha256: str)
         return "does not say how views were compared, as an earlier version wrote it: check that scan again"
     if result.reference == "given-geometry":
         return "is of a check without a calibration"
-    frame = known.source_frame
+    frame = calibration.source_frame
     calibrated = (frame.cor_column_mm, frame.tilt_rad, frame.source_to_detector_mm)
     then = result.calibrated
-    if (then.cor_column_mm, then.tilt_rad, then.source_to_detector_mm) != calibrated or result.scanner != known.scanner:
+    if (
+        then.cor_column_mm,
+        then.tilt_rad,
+        then.source_to_detector_mm,
+    ) != calibrated or result.scanner != calibration.scanner:
         return "is of a check against another calibration: a baseline is of checks against the one that is given"
-    if result.rotation is not known.rotation:
+    if result.rotation is not calibration.rotation:
         return "is of a log that turned the other way than at the calibration"
     return None
 

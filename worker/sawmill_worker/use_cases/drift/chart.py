@@ -28,16 +28,16 @@ def follow(
     start = looks[0].at - timedelta(days=looks[0].days)
     finding, baseline, alarm, scatters = _reported(chart.finding(), start), None, None, []
     for counted in looks:
-        known, chart = chart, chart.with_look(_look(counted))
-        if chart.baseline is not None and known.baseline is None:
+        previous, chart = chart, chart.with_look(_look(counted))
+        if chart.baseline is not None and previous.baseline is None:
             first_at, last_at = (
-                start + timedelta(days=days) for days in (known.pending[0].days, chart.baseline.until_days)
+                start + timedelta(days=days) for days in (previous.pending[0].days, chart.baseline.until_days)
             )
             baseline = known_baseline(chart.baseline, method, first_at, last_at)
-        if chart.history is not known.history:
-            found = chart.finding()
-            finding = _reported(found, start)
-            if found.alarm and alarm is None:
+        if chart.history is not previous.history:
+            newest = chart.finding()
+            finding = _reported(newest, start)
+            if newest.alarm and alarm is None:
                 alarm = (finding, counted.at)
         scatters.append(finding.scatter)
     pools = list(_pools(before, looks, scatters))
@@ -69,16 +69,23 @@ def _pools(before: Sequence[CountedLook], looks: Sequence[CountedLook], scatters
             )
 
 
-def _reported(found: Finding, start: datetime) -> DriftFinding:
-    plain = DriftFinding(kind=found.kind.value, evidence=found.evidence, limit=found.limit, scatter=found.scatter)
-    if found.began_days is None or found.between_days is None or found.change is None or found.covariance is None:
+def _reported(finding: Finding, start: datetime) -> DriftFinding:
+    plain = DriftFinding(
+        kind=finding.kind.value, evidence=finding.evidence, limit=finding.limit, scatter=finding.scatter
+    )
+    if (
+        finding.began_days is None
+        or finding.between_days is None
+        or finding.change is None
+        or finding.covariance is None
+    ):
         return plain
-    (column, tilt), (column_deviation, tilt_deviation) = found.change, np.sqrt(np.diag(found.covariance))
+    (column, tilt), (column_deviation, tilt_deviation) = finding.change, np.sqrt(np.diag(finding.covariance))
     # Checks have the clock times at which they ended, and the clock may have been set back.
-    first, last = sorted(found.between_days)
+    first, last = sorted(finding.between_days)
     return plain.model_copy(
         update={
-            "began_at": start + timedelta(days=min(max(found.began_days, first), last)),
+            "began_at": start + timedelta(days=min(max(finding.began_days, first), last)),
             "began_between": (start + timedelta(days=first), start + timedelta(days=last)),
             "cor_column_change_mm": float(column),
             "cor_column_standard_deviation_mm": float(column_deviation),

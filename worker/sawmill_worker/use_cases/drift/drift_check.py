@@ -123,34 +123,40 @@ def mean_of_common_rows(
     return CommonMean(mean, np.linalg.norm(deviations[:, common].astype(np.float64), axis=1) / common.sum(), remarks)
 
 
-def run_drift(given: DriftInput) -> DriftResult:
+def run_drift(drift_input: DriftInput) -> DriftResult:
     """Pair opposite rays or views and compare; errors of `sawmill_tomography` propagate."""
     started = time.perf_counter()
-    known = given.calibration
-    nominal = known if isinstance(known, GivenGeometry) else None
-    scanner, calibrated = known.scanner, known.source_frame
-    refuse_log_beyond_source(given.log_radius_mm, scanner)
-    radius_mm = given.log_radius_mm or known.radius_mm
-    mean = given.mean
-    start = calibrated if nominal is None else with_coarse_column(scanner, calibrated, mean.sinogram, given.angles_rad)
+    reference = drift_input.calibration
+    nominal = reference if isinstance(reference, GivenGeometry) else None
+    scanner, calibrated = reference.scanner, reference.source_frame
+    refuse_log_beyond_source(drift_input.log_radius_mm, scanner)
+    radius_mm = drift_input.log_radius_mm or reference.radius_mm
+    mean = drift_input.mean
+    start = (
+        calibrated
+        if nominal is None
+        else with_coarse_column(scanner, calibrated, mean.sinogram, drift_input.angles_rad)
+    )
     try:
-        fit = detector_fit(scanner, mean.sinogram, given.angles_rad, start, known.rotation, deviations=mean.deviations)
+        fit = detector_fit(
+            scanner, mean.sinogram, drift_input.angles_rad, start, reference.rotation, deviations=mean.deviations
+        )
     except DriftError as error:
-        masked = of_masked_rays(given.preparation)
+        masked = of_masked_rays(drift_input.preparation)
         if masked is None or error.code not in MASKED_CAUSES:
             raise
         raise DriftError(error.code, f"{error}. {masked} Wide masks do that too: send narrower ones") from error
-    came = () if given.averaged_rows is None else given.preparation
-    covariance = None if known.covariance is None else np.array(known.covariance)
+    came = () if drift_input.averaged_rows is None else drift_input.preparation
+    covariance = None if reference.covariance is None else np.array(reference.covariance)
     absolute = drift_change(scanner, calibrated, covariance, fit, radius_mm=radius_mm)
     method = _method(fit)
-    baseline = next((each for each in given.baselines if each.method == method), None)
+    baseline = next((each for each in drift_input.baselines if each.method == method), None)
     changed, zero = absolute, None
     if baseline is not None:
         changed = drift_change(scanner, calibrated, covariance, fit, zero=_zero_of(baseline), radius_mm=radius_mm)
         zero = _reported(baseline, scanner, calibrated, fit, changed, radius_mm)
-    turned_over = fit.rotation is not known.rotation
-    within = None if nominal else _within(changed, given, zero, turned_over=turned_over)
+    turned_over = fit.rotation is not reference.rotation
+    within = None if nominal else _within(changed, drift_input, zero, turned_over=turned_over)
     correction = None if nominal is None else corrected_theta(nominal, fit)
     return DriftResult(
         measured=_detector(seen_vector(fit)),
@@ -169,10 +175,10 @@ def run_drift(given: DriftInput) -> DriftResult:
         scale_change_percent=100.0 * changed.scale_change,
         scale_change_uncertainty_percent=100.0 * TWO_SIDED_95 * changed.scale_deviation,
         radius_mm=radius_mm,
-        tolerance_mm=given.tolerance_mm,
+        tolerance_mm=drift_input.tolerance_mm,
         within_tolerance=within,
         reason=(
-            _reason(given, fit, changed, zero, within=within, turned_over=turned_over)
+            _reason(drift_input, fit, changed, zero, within=within, turned_over=turned_over)
             if nominal is None or correction is None
             else found_column(nominal, fit, correction)
         ),
@@ -185,32 +191,34 @@ def run_drift(given: DriftInput) -> DriftResult:
         encoder_bound_mm=fit.encoder_bound_mm,
         disturbances=[_disturbance(each, amplitude) for each, amplitude in fit.disturbances.items()],
         adjustments=[*came, *mean.remarks, *fit.adjustments],
-        scanner=known.scanner,
-        views=int(given.angles_rad.size),
-        rows=given.rows,
+        scanner=reference.scanner,
+        views=int(drift_input.angles_rad.size),
+        rows=drift_input.rows,
         time_s=time.perf_counter() - started,
         software_version=VERSION,
-        input_sha256=given.input_sha256,
+        input_sha256=drift_input.input_sha256,
     )
 
 
-def _within(changed: DriftChange, given: DriftInput, zero: DriftBaseline | None, *, turned_over: bool) -> bool | None:
+def _within(
+    changed: DriftChange, drift_input: DriftInput, zero: DriftBaseline | None, *, turned_over: bool
+) -> bool | None:
     # A scale that this scan hardly determines is no reason for an alarm, and neither are rays.
-    allowed = max(given.tolerance_scale_percent / 100.0, SIGNIFICANT * changed.scale_deviation)
-    if turned_over or _is_far(zero, given) or abs(changed.scale_change) > allowed:
+    allowed = max(drift_input.tolerance_scale_percent / 100.0, SIGNIFICANT * changed.scale_deviation)
+    if turned_over or _is_far(zero, drift_input) or abs(changed.scale_change) > allowed:
         return False
-    if changed.ray_change_mm > given.tolerance_mm:
+    if changed.ray_change_mm > drift_input.tolerance_mm:
         return False if changed.moved else None
-    return True if changed.ray_change_uncertainty_mm <= given.tolerance_mm else None
+    return True if changed.ray_change_uncertainty_mm <= drift_input.tolerance_mm else None
 
 
-def _is_far(zero: DriftBaseline | None, given: DriftInput) -> bool:
+def _is_far(zero: DriftBaseline | None, drift_input: DriftInput) -> bool:
     """Return whether the first logs were already out of tolerance: a baseline must not hide an earlier move."""
-    return zero is not None and zero.ray_offset_mm > given.tolerance_mm
+    return zero is not None and zero.ray_offset_mm > drift_input.tolerance_mm
 
 
 def _reason(
-    given: DriftInput,
+    drift_input: DriftInput,
     fit: DetectorFit,
     changed: DriftChange,
     zero: DriftBaseline | None,
@@ -219,12 +227,12 @@ def _reason(
     turned_over: bool,
 ) -> str:
     of_the_turn = disturbed_turn(fit)
-    of_the_detector = _of_the_detector(given, changed, zero, within=within, turned_over=turned_over)
+    of_the_detector = _of_the_detector(drift_input, changed, zero, within=within, turned_over=turned_over)
     return of_the_detector if of_the_turn is None else f"{of_the_turn}; apart from that, {of_the_detector}"
 
 
 def _of_the_detector(
-    given: DriftInput,
+    drift_input: DriftInput,
     changed: DriftChange,
     zero: DriftBaseline | None,
     *,
@@ -233,20 +241,20 @@ def _of_the_detector(
 ) -> str:
     if turned_over:
         return "the log turned the other way than at the calibration: check the drive's direction and the angles' sign"
-    if zero is not None and _is_far(zero, given):
+    if zero is not None and _is_far(zero, drift_input):
         return (
             f"the first {zero.looks} logs after the calibration lie {zero.ray_offset_mm:.2g} mm of the rays from it, "
-            f"and {given.tolerance_mm:.2g} mm is allowed: the scanner moved before them, or its flat field is wrong: "
-            "take a new flat field, scan the phantom and calibrate"
+            f"and {drift_input.tolerance_mm:.2g} mm is allowed: the scanner moved before them, or its flat field is "
+            "wrong: take a new flat field, scan the phantom and calibrate"
         )
     if within is None:
         return (
             f"this scan sees the rays {changed.ray_change_mm:.2g} mm from where they were and places them to "
             f"{changed.ray_change_uncertainty_mm:.2g} mm, so it cannot tell whether they are within the "
-            f"{given.tolerance_mm:.2g} mm that are allowed: average more rows, or scan a log that is less round or "
-            "less centred"
+            f"{drift_input.tolerance_mm:.2g} mm that are allowed: average more rows, or scan a log that is less round "
+            "or less centred"
         )
-    cause = likely_cause(given.calibration.source_frame, changed)
+    cause = likely_cause(drift_input.calibration.source_frame, changed)
     return cause if zero is None else f"since the first {zero.looks} logs after the calibration, {cause}"
 
 

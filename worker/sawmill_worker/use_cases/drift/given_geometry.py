@@ -82,9 +82,9 @@ class Correction:
     tilt_deviation_rad: float
 
 
-def corrected_theta(given: GivenGeometry, fit: DetectorFit) -> Correction:
+def corrected_theta(geometry: GivenGeometry, fit: DetectorFit) -> Correction:
     """Set u_c and tau to the scan's values at the given SDD, which a ruler measures better than a log shows it."""
-    frame, covariance = given.source_frame, fit.covariance
+    frame, covariance = geometry.source_frame, fit.covariance
     values, spread = np.array([fit.cor_column_mm, fit.tilt_rad]), covariance[:2, :2]
     if not fit.distance_held:
         by_distance = covariance[:2, 2] / covariance[2, 2]
@@ -92,13 +92,13 @@ def corrected_theta(given: GivenGeometry, fit: DetectorFit) -> Correction:
         spread = spread - np.outer(by_distance, covariance[2, :2])
     column, tilt = values.tolist()
     corrected = replace(frame, cor_column_mm=column, tilt_rad=tilt)
-    sign = int(math.copysign(1, given.theta.source_shift_mm))
-    theta = corrected.theta(given.scanner.source_to_cor_mm, source_shift_sign=sign)
+    sign = int(math.copysign(1, geometry.theta.source_shift_mm))
+    theta = corrected.theta(geometry.scanner.source_to_cor_mm, source_shift_sign=sign)
     deviations = np.sqrt(np.diag(spread)).tolist()
     return Correction(theta, corrected, *deviations)
 
 
-def found_column(given: GivenGeometry, fit: DetectorFit, correction: Correction) -> str:
+def found_column(geometry: GivenGeometry, fit: DetectorFit, correction: Correction) -> str:
     """Describe what was found and what was kept, in one sentence each, with the `--theta` for a reconstruction."""
     theta = correction.theta
     written = (
@@ -112,8 +112,8 @@ def found_column(given: GivenGeometry, fit: DetectorFit, correction: Correction)
         f"{math.degrees(correction.tilt_deviation_rad):.2g} degrees (standard deviations): reconstruct with --theta "
         f"{written}{turned}, in which these two are measured, and R, SDD and the first angle are as given"
     )
-    if fit.rotation is not given.rotation:
-        sentence += f"; the views turn {fit.rotation.value}, not {given.rotation.value}"
+    if fit.rotation is not geometry.rotation:
+        sentence += f"; the views turn {fit.rotation.value}, not {geometry.rotation.value}"
     distance, deviation = fit.source_to_detector_mm, fit.deviation[2]
     if abs(distance - correction.frame.source_to_detector_mm) > SIGNIFICANT * deviation > 0.0:
         sentence += f"; the scan itself shows an SDD of {distance:.5g} ± {deviation:.2g} mm: check the distances"

@@ -147,7 +147,7 @@ class BlockSolver(Protocol):
         methods the missing rows are interpolated in angle.
         """
 
-    def report(self, found: BlockFindings) -> MethodReport:
+    def report(self, findings: BlockFindings) -> MethodReport:
         """Return the report of the findings in all blocks."""
 
 
@@ -249,8 +249,8 @@ class _DirectSolver:
         if remark is not None:
             findings.remark(remark)
 
-    def report(self, found: BlockFindings) -> MethodReport:
-        return self._report(gathered([self._general, found]), self._metal.report(found.metal))
+    def report(self, findings: BlockFindings) -> MethodReport:
+        return self._report(gathered([self._general, findings]), self._metal.report(findings.metal))
 
 
 class _FittedSolver:
@@ -351,13 +351,13 @@ class _FittedSolver:
             block = self._metal(lines[shown])
             in_part = np.zeros(len(lines), bool)
             in_part[part] = True
-            asked: NDArray[np.bool_] = in_part[shown]
-            findings.metal = block.count(asked)
+            in_shown: NDArray[np.bool_] = in_part[shown]
+            findings.metal = block.count(in_shown)
             left_out = self._left_out(block, lost.T[shown])
-            found = self._solve(block.lines, left_out, numbers, phases.of("reconstruct"))
-            findings.add(found.part(asked))
-            findings.curve = self._curve_of(numbers, found)
-            images_found = found.image
+            estimate = self._solve(block.lines, left_out, numbers, phases.of("reconstruct"))
+            findings.add(estimate.part(in_shown))
+            findings.curve = self._curve_of(numbers, estimate)
+            images_found = estimate.image
             block.put_back(images_found, self._projector.grid)
             images[shown] = images_found[(slice(None), *self._field)]
         findings.add_empty(int((~shown[part]).sum()))
@@ -406,8 +406,8 @@ class _FittedSolver:
         reconstruct = (
             partial(method.reconstruct, numbers=numbers) if isinstance(method, CoupledMethod) else method.reconstruct
         )
-        found = reconstruct(self._projector, lines, noise=noise, on_progress=on_progress)
-        return found if below is None else replace(found, image=found.image + below)
+        estimate = reconstruct(self._projector, lines, noise=noise, on_progress=on_progress)
+        return estimate if below is None else replace(estimate, image=estimate.image + below)
 
     def _taken_out(self, lines: Images, noise: FloatArray) -> tuple[Images, Images | None]:
         """Return the lines (slices, views, detector) that the grid's pixels must explain, and images to add to them."""
@@ -421,27 +421,27 @@ class _FittedSolver:
             return noise_of_rays(lines, counts=False, left_out=left_out)
         return noise_of_rays(lines, counts=self._task.counts, beam=self._task.beam, left_out=left_out)
 
-    def _curve_of(self, numbers: NDArray[np.int64], found: Estimate) -> CurvePoints | None:
+    def _curve_of(self, numbers: NDArray[np.int64], estimate: Estimate) -> CurvePoints | None:
         """Return the curve of the slice nearest to the middle of the log."""
-        if not found.curves:
+        if not estimate.curves:
             return None
         distances = np.abs(numbers - self._task.slices // 2)
         index = int(np.argmin(distances))
-        columns = {name: column.tolist() for name, column in found.curves[index].items()}
-        taken = {name: float(values[index]) for name, values in found.parameters.items()}
-        return CurvePoints(int(distances[index]), {**columns, **taken})
+        columns = {name: column.tolist() for name, column in estimate.curves[index].items()}
+        chosen = {name: float(values[index]) for name, values in estimate.parameters.items()}
+        return CurvePoints(int(distances[index]), {**columns, **chosen})
 
-    def report(self, found: BlockFindings) -> MethodReport:
-        return self._report(gathered([self._general, found]), self._metal.report(found.metal))
+    def report(self, findings: BlockFindings) -> MethodReport:
+        return self._report(gathered([self._general, findings]), self._metal.report(findings.metal))
 
 
 def _metal_reduction(task: LogTask, *, leave_out: bool) -> MetalReduction:
-    asked = task.options.metal
+    handling = task.options.metal
     return MetalReduction(
         task.projector.geometry,
         task.radius_mm,
-        leave_out=leave_out and asked is MetalHandling.AUTO,
-        wanted=asked is not MetalHandling.NONE,
+        leave_out=leave_out and handling is MetalHandling.AUTO,
+        enabled=handling is not MetalHandling.NONE,
     )
 
 

@@ -33,15 +33,15 @@ class WithoutMetal:
     metal: Mapping[int, Metal] = field(default_factory=dict)
     left_out: NDArray[np.bool_] | None = None
 
-    def count(self, asked: NDArray[np.bool_] | None = None) -> MetalCount:
-        """Count the metal in the block, or in the slices of the mask `asked` (slices,)."""
-        traces = [found.trace for index, found in self.metal.items() if asked is None or asked[index]]
+    def count(self, selected: NDArray[np.bool_] | None = None) -> MetalCount:
+        """Count the metal in the block, or in the slices of the mask `selected` (slices,)."""
+        traces = [metal.trace for index, metal in self.metal.items() if selected is None or selected[index]]
         return MetalCount(len(traces), sum(int(trace.sum()) for trace in traces), sum(trace.size for trace in traces))
 
     def put_back(self, images: Images, grid: ImageGrid) -> None:
         """Add the metal to images (slices, size, size), in place."""
-        for index, found in self.metal.items():
-            images[index] += found.on(grid)
+        for index, metal in self.metal.items():
+            images[index] += metal.on(grid)
 
 
 class MetalReduction:
@@ -53,12 +53,12 @@ class MetalReduction:
         Radius of the disc around the rotation centre that holds the log.
     leave_out : bool
         True if the method leaves out rays through metal rather than using interpolated rays.
-    wanted : bool
+    enabled : bool
         False returns every block unchanged.
     """
 
-    def __init__(self, geometry: FanBeamGeometry, radius_mm: float, *, leave_out: bool, wanted: bool) -> None:
-        self._search = MetalSearch.of(geometry, radius_mm) if wanted else None
+    def __init__(self, geometry: FanBeamGeometry, radius_mm: float, *, leave_out: bool, enabled: bool) -> None:
+        self._search = MetalSearch.of(geometry, radius_mm) if enabled else None
         self._leave_out, self._working = leave_out, Lock()
 
     def __call__(self, lines: Images) -> WithoutMetal:
@@ -67,23 +67,23 @@ class MetalReduction:
             return WithoutMetal(lines)
         with self._working:
             suspects = np.flatnonzero(self._search.suspects(lines)).tolist()
-            looked = {index: self._search.find(np.ascontiguousarray(lines[index])) for index in suspects}
-        found = {index: metal for index, metal in looked.items() if metal is not None}
-        if not found:
+            searched = {index: self._search.find(np.ascontiguousarray(lines[index])) for index in suspects}
+        metals = {index: metal for index, metal in searched.items() if metal is not None}
+        if not metals:
             return WithoutMetal(lines)
         filled, trace = lines.copy(), np.zeros(lines.shape, bool)
-        for index, metal in found.items():
+        for index, metal in metals.items():
             filled[index], trace[index] = metal.filled, metal.trace
-        return WithoutMetal(filled, found, trace if self._leave_out else None)
+        return WithoutMetal(filled, metals, trace if self._leave_out else None)
 
-    def report(self, found: MetalCount) -> MetalReport | None:
+    def report(self, count: MetalCount) -> MetalReport | None:
         """Return the report of the counted metal; None if there is none."""
-        if not found.slices:
+        if not count.slices:
             return None
         return MetalReport(
-            slices=found.slices,
-            samples=found.samples,
-            share_of_samples=found.samples / found.all_samples,
+            slices=count.slices,
+            samples=count.samples,
+            share_of_samples=count.samples / count.all_samples,
             treatment="left-out" if self._leave_out else "interpolated",
             source=WITHOUT_RAYS if self._leave_out else INTERPOLATION,
         )

@@ -60,16 +60,16 @@ class BlockFindings:
         if sentence not in self.remarks:
             self.remarks.append(sentence)
 
-    def add(self, found: Estimate) -> None:
+    def add(self, estimate: Estimate) -> None:
         """Add an estimate's quality and the parameters of its slices."""
-        if found.noise is not None:
-            self.noise.append(float(found.noise))
-        if found.misfit is not None:
-            self.misfit.extend(found.misfit.tolist())
-        self.unconverged += int((~found.converged).sum())
-        for sentence in found.remarks:
+        if estimate.noise is not None:
+            self.noise.append(float(estimate.noise))
+        if estimate.misfit is not None:
+            self.misfit.extend(estimate.misfit.tolist())
+        self.unconverged += int((~estimate.converged).sum())
+        for sentence in estimate.remarks:
             self.remark(sentence)
-        for name, values in found.parameters.items():
+        for name, values in estimate.parameters.items():
             self.parameters.setdefault(name, []).extend(values.tolist())
 
     def add_checked(self, noise: float, misfit: NDArray[np.float64] | None = None) -> None:
@@ -105,7 +105,7 @@ def gathered(blocks: Iterable[BlockFindings]) -> BlockFindings:
 
 
 def report_of(
-    method: ReconstructionMethod, recommended: Recommendation | None, found: BlockFindings, metal: MetalReport | None
+    method: ReconstructionMethod, recommended: Recommendation | None, findings: BlockFindings, metal: MetalReport | None
 ) -> MethodReport:
     """Summarise the findings: medians over the slices, the worst misfit, and the metal."""
     return MethodReport(
@@ -113,11 +113,11 @@ def report_of(
         reason=None if recommended is None else recommended.reason,
         expected_error=None if recommended is None else recommended.expected_error,
         view_step=1 if recommended is None else recommended.view_step,
-        noise=float(np.median(found.noise)) if found.noise else 0.0,
-        data_misfit=float(np.median(found.misfit)) if found.misfit else None,
-        worst_data_misfit=max(found.misfit) if found.misfit else None,
+        noise=float(np.median(findings.noise)) if findings.noise else 0.0,
+        data_misfit=float(np.median(findings.misfit)) if findings.misfit else None,
+        worst_data_misfit=max(findings.misfit) if findings.misfit else None,
         metal=metal,
-        unconverged_slices=found.unconverged,
-        remarks=found.remarks,
-        **{name: float(np.median(values)) for name, values in found.parameters.items()},
+        unconverged_slices=findings.unconverged,
+        remarks=findings.remarks,
+        **{name: float(np.median(values)) for name, values in findings.parameters.items()},
     )

@@ -104,22 +104,24 @@ def volume_unit(*, counts: bool) -> str:
     return "1/mm" if counts else "line integral/mm"
 
 
-def with_beam_corrected(given: ReconstructionInput, options: ReconstructionOptions) -> ReconstructionInput:
+def with_beam_corrected(source: ReconstructionInput, options: ReconstructionOptions) -> ReconstructionInput:
     """Remove the calibration's scatter and hardening from the input, and add sentences that report the removal.
 
     Where scatter is removed, the level of the air is removed too, because the level contains a part of the scatter.
     """
-    beam = given.beam
+    beam = source.beam
     if beam == NOTHING_FOUND or options.hardening is HardeningHandling.NONE:
-        return replace(given, beam=NOTHING_FOUND)
-    if beam.from_counts != given.counts:
+        return replace(source, beam=NOTHING_FOUND)
+    if beam.from_counts != source.counts:
         names = {"scattered radiation": beam.scatter, "beam hardening": beam.hardening}
-        found = " with the ".join(name for name, of in names.items() if of is not None)
+        corrections = " with the ".join(name for name, of in names.items() if of is not None)
         kinds = ("counts", "line integrals") if beam.from_counts else ("line integrals", "counts")
-        sentence = "the {} of the calibration was not taken out: it is of {}, and this scan of {}".format(found, *kinds)
-        return replace(given, beam=NOTHING_FOUND, preparation=(*given.preparation, sentence))
-    slices = len(range(*given.rows, given.row_step))
-    sample = filled(given.read(slices // 2, slices // 2 + 1), given.angles_rad)[:, 0]
+        sentence = "the {} of the calibration was not taken out: it is of {}, and this scan of {}".format(
+            corrections, *kinds
+        )
+        return replace(source, beam=NOTHING_FOUND, preparation=(*source.preparation, sentence))
+    slices = len(range(*source.rows, source.row_step))
+    sample = filled(source.read(slices // 2, slices // 2 + 1), source.angles_rad)[:, 0]
     level = kept = _air_level(sample)
     beside = np.float32(0.0)
     sample = sample - level
@@ -133,12 +135,12 @@ def with_beam_corrected(given: ReconstructionInput, options: ReconstructionOptio
         sentences.append(_hardening_sentence(beam.hardening, float(sample.max())))
 
     def read(start: int, stop: int) -> NDArray[np.float32]:
-        lines = given.read(start, stop) - level
+        lines = source.read(start, stop) - level
         if beam.scatter is not None:
             lines = without_scatter(beam.scatter, lines) - beside
         return (lines if beam.hardening is None else straightened(beam.hardening, lines)) + kept
 
-    return replace(given, read=read, preparation=(*given.preparation, *sentences))
+    return replace(source, read=read, preparation=(*source.preparation, *sentences))
 
 
 def _air_level(line: NDArray[np.float32]) -> np.float32:
@@ -162,8 +164,8 @@ def _hardening_sentence(hardening: BeamHardening, longest: float) -> str:
         share = f" of {change:+.1%} on the longest path"
     sentence = f"beam hardening{share}, as the calibration found it, was taken out"
     if longest > hardening.longest:
-        beyond = longest / hardening.longest - 1.0
-        sentence += f"; the longest line integral is {beyond:.0%} larger than any of the phantom's: extrapolated"
+        excess = longest / hardening.longest - 1.0
+        sentence += f"; the longest line integral is {excess:.0%} larger than any of the phantom's: extrapolated"
     return sentence
 
 
@@ -182,7 +184,7 @@ class ReconstructedVolume:
 
 
 def run_reconstruction(
-    given: ReconstructionInput,
+    source: ReconstructionInput,
     options: ReconstructionOptions,
     output: Path,
     report: ProgressCallback,
@@ -202,8 +204,8 @@ def run_reconstruction(
     OSError
         The file cannot be written.
     """
-    given = with_beam_corrected(given, options)
-    run = _Run(given, options, report)
+    source = with_beam_corrected(source, options)
+    run = _Run(source, options, report)
     check_disk(output.parent, run.shape, cost.volume_bytes(options.size, run.slices))
     settings = settings_of(keeper)
 
@@ -213,17 +215,17 @@ def run_reconstruction(
 
     solver = run.solver(settings, on_chosen)
     origin = VolumeOrigin(
-        given.scanner,
-        given.theta,
-        given.rotation,
-        given.handedness,
-        given.rows,
-        given.input_sha256,
-        given.preparation,
-        given.row_step,
+        source.scanner,
+        source.theta,
+        source.rotation,
+        source.handedness,
+        source.rows,
+        source.input_sha256,
+        source.preparation,
+        source.row_step,
     )
     views = run.views
-    with new_volume(output, run.shape, origin, options, unit=volume_unit(counts=given.counts), views=views) as volume:
+    with new_volume(output, run.shape, origin, options, unit=volume_unit(counts=source.counts), views=views) as volume:
         kept = KeptVolume(volume, solver, keeper, settings)
         result, curve = run.reconstruct(solver, kept.write, kept.take_up)
         assert result.method is not None  # noqa: S101 - a reconstruction made now has a report
@@ -234,11 +236,11 @@ def run_reconstruction(
 
 
 def reconstruct_in_memory(
-    given: ReconstructionInput, options: ReconstructionOptions, report: ProgressCallback
+    source: ReconstructionInput, options: ReconstructionOptions, report: ProgressCallback
 ) -> ReconstructedVolume:
     """Reconstruct each row into arrays in memory; otherwise the same as `run_reconstruction`."""
-    given = with_beam_corrected(given, options)
-    run = _Run(given, options, report)
+    source = with_beam_corrected(source, options)
+    run = _Run(source, options, report)
     data = np.empty(run.shape, np.float32)
 
     def write(start: int, images: Images, _block: FinishedBlock) -> None:
@@ -251,12 +253,12 @@ def reconstruct_in_memory(
 class _Run:
     """A reconstruction: the geometry, the grid, the solver, and the blocks to solve."""
 
-    def __init__(self, given: ReconstructionInput, options: ReconstructionOptions, report: ProgressCallback) -> None:
+    def __init__(self, source: ReconstructionInput, options: ReconstructionOptions, report: ProgressCallback) -> None:
         self._started = time.perf_counter()
-        self._given, self._options = given, options
-        angles = given.rotation.apply(given.angles_rad)
+        self._source, self._options = source, options
+        angles = source.rotation.apply(source.angles_rad)
         grid = ImageGrid(options.size, options.field_mm, options.field_centre_mm)
-        self._projector = Projector(FanBeamGeometry(given.scanner, given.theta, angles), grid)
+        self._projector = Projector(FanBeamGeometry(source.scanner, source.theta, angles), grid)
         seen_mm = seen_radius_mm(self._projector.geometry)
         if grid.nearest_mm >= seen_mm:
             raise GeometryError(
@@ -264,7 +266,7 @@ class _Run:
                 f"{grid.nearest_mm:.4g} mm from the rotation centre, and the rays see {seen_mm:.4g} mm around it: "
                 "move it nearer"
             )
-        self.slices = len(range(*given.rows, given.row_step))
+        self.slices = len(range(*source.rows, source.row_step))
         self.shape = (self.slices, options.size, options.size)
         self._reporting = _SliceProgress(self.slices, report)
 
@@ -275,22 +277,22 @@ class _Run:
     @property
     def views(self) -> int:
         """Number of views that are used."""
-        return int(self._given.angles_rad.size)
+        return int(self._source.angles_rad.size)
 
     def solver(
         self, settings: Settings | None = None, on_chosen: Callable[[Settings], None] = lambda _: None
     ) -> BlockSolver:
         """Create the solver of the requested method or, for `auto`, of a method chosen by the middle slice."""
         middle = self.slices // 2
-        rows = self._given.read(middle, middle + 1)
-        sample = np.ascontiguousarray(filled(rows, self._given.angles_rad)[:, 0])
-        radius_mm = _radius_mm(self._given.read, self._projector.geometry, self.slices)
+        rows = self._source.read(middle, middle + 1)
+        sample = np.ascontiguousarray(filled(rows, self._source.angles_rad)[:, 0])
+        radius_mm = _radius_mm(self._source.read, self._projector.geometry, self.slices)
         name, recommended = self._options.method, None
         if name is ReconstructionMethod.AUTO:
             recommended = self._recommended(sample, radius_mm)
             name = recommended.method
             sample = self._thin_out(recommended.view_step, sample)
-        given, method = self._given, method_of(name, self._options)
+        source, method = self._source, method_of(name, self._options)
         self._reporting.predict(
             method.seconds(self._projector, self.slices) if isinstance(method, DirectMethod) else None
         )
@@ -300,9 +302,9 @@ class _Run:
             sample=sample,
             radius_mm=radius_mm,
             slices=self.slices,
-            middle_row=given.rows[0] + middle * given.row_step,
-            counts=given.counts,
-            beam=given.beam,
+            middle_row=source.rows[0] + middle * source.row_step,
+            counts=source.counts,
+            beam=source.beam,
             memory_bytes=int(MEMORY_SHARE * memory_available()),
             on_progress=self._reporting.within_block,
             on_chosen=on_chosen,
@@ -314,7 +316,7 @@ class _Run:
         """Return numbers and lines (slices, views, detector) around the middle, missing views interpolated in angle."""
         first = max(self.slices // 2 - SLICES_AROUND // 2, 0)
         numbers = np.arange(first, min(first + SLICES_AROUND, self.slices))
-        complete = filled(self._given.read(first, first + numbers.size), self._given.angles_rad)
+        complete = filled(self._source.read(first, first + numbers.size), self._source.angles_rad)
         return numbers, np.ascontiguousarray(complete.transpose(1, 0, 2))
 
     def _recommended(self, sample: NDArray[np.float32], radius_mm: float) -> Recommendation:
@@ -326,11 +328,11 @@ class _Run:
         """Keep every step-th view from here on, and return the sample with these views."""
         if step == 1:
             return sample
-        used, given = views_of_step(self._given.angles_rad, step), self._given
+        used, source = views_of_step(self._source.angles_rad, step), self._source
         geometry = self._projector.geometry
         self._projector = Projector(geometry.with_angles(geometry.angles_rad[used]), self._projector.grid)
-        self._given = replace(
-            given, angles_rad=given.angles_rad[used], read=lambda start, stop: given.read(start, stop)[used]
+        self._source = replace(
+            source, angles_rad=source.angles_rad[used], read=lambda start, stop: source.read(start, stop)[used]
         )
         return sample[used]
 
@@ -350,7 +352,7 @@ class _Run:
         -------
         The result, and the data from which the parameters of the middle slice were chosen.
         """
-        given, options = self._given, self._options
+        source, options = self._source, self._options
         seen, blocks = ValueRange(self.slices, options.size), dict[int, FinishedBlock]()
 
         def reconstruct_block(start: int, stop: int) -> Iterator[None]:
@@ -358,7 +360,8 @@ class _Run:
             yield
             if block is None:
                 first = max(start - solver.halo, 0)
-                rows, part = given.read(first, min(stop + solver.halo, self.slices)), slice(start - first, stop - first)
+                rows = source.read(first, min(stop + solver.halo, self.slices))
+                part = slice(start - first, stop - first)
                 yield
                 images, findings = solver(first, rows, part)
                 yield
@@ -373,26 +376,26 @@ class _Run:
         in_order = [blocks[start] for start in sorted(blocks)]
         for block in in_order:
             seen.add(block.sample)
-        found = gathered(block.findings for block in in_order)
+        merged = gathered(block.findings for block in in_order)
         result = ReconstructionResult(
             shape=self.shape,
             pixel_mm=self._projector.grid.pixel_mm,
-            unit=volume_unit(counts=given.counts),
+            unit=volume_unit(counts=source.counts),
             value_range=seen.percentiles(),
-            theta=given.theta,
-            rotation=given.rotation,
-            handedness=given.handedness,
+            theta=source.theta,
+            rotation=source.rotation,
+            handedness=source.handedness,
             views=self.views,
             fewest_views=min(block.fewest_views for block in in_order),
-            rows=given.rows,
-            row_step=given.row_step,
+            rows=source.rows,
+            row_step=source.row_step,
             time_s=self.elapsed_s,
             software_version=VERSION,
-            input_sha256=given.input_sha256,
-            preparation=list(given.preparation),
-            method=solver.report(found),
+            input_sha256=source.input_sha256,
+            preparation=list(source.preparation),
+            method=solver.report(merged),
         )
-        return result, found.curve
+        return result, merged.curve
 
 
 def _radius_mm(read: ReadRows, geometry: FanBeamGeometry, slices: int) -> float:
@@ -431,8 +434,8 @@ class _SliceProgress:
     def _left(self, done: float) -> float:
         return cost.seconds_left(self._elapsed_s, done, self._slices)
 
-    def _send(self, done: float, left: float | None) -> None:
+    def _send(self, done: float, seconds_left: float | None) -> None:
         # The last slices are finished before they are written.
         fraction = done / (self._slices + 1)
-        rounded = None if left is None else round(left, 1)
+        rounded = None if seconds_left is None else round(seconds_left, 1)
         self._report(Progress(fraction=fraction, stage="reconstruct", seconds_left=rounded))

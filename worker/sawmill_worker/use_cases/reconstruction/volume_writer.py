@@ -36,7 +36,7 @@ def new_volume(
 ) -> AbstractContextManager[NewVolume]:
     """Create a volume (slice, x, y) as HDF5, to which slices are written one after another (`new_reconstruction`)."""
     # Fields of the request beyond the options, for example a job's identifiers, are no parameters of the method.
-    asked = options.model_dump(mode="json", exclude_none=True, include=set(ReconstructionOptions.model_fields))
+    parameters = options.model_dump(mode="json", exclude_none=True, include=set(ReconstructionOptions.model_fields))
     pitch = origin.scanner.row_pitch_mm
     step = "" if origin.row_step == 1 else f":{origin.row_step}"
     return new_reconstruction(
@@ -55,7 +55,7 @@ def new_volume(
             "handedness": origin.handedness.value,
         },
         parameters={
-            **asked,
+            **parameters,
             "views": views,
             "rows": f"{origin.rows[0]}:{origin.rows[1]}{step}",
             "preparation": list(origin.preparation),

@@ -47,13 +47,15 @@ class AveragedRays:
         rays[...] = bridged
         if self.deviations is None:
             self.deviations = np.zeros(self._shape[::2], np.float32)
-        for known, misses, gaps in zip(self.deviations[first_view:], missed, masked, strict=False):
-            known[gaps] = np.maximum(misses[gaps], np.median(known[~gaps]))
+        for deviations, misses, gaps in zip(self.deviations[first_view:], missed, masked, strict=False):
+            deviations[gaps] = np.maximum(misses[gaps], np.median(deviations[~gaps]))
 
     def remarks(self) -> tuple[str, ...]:
         """Report what was sent, and how it was changed."""
-        known = "without standard deviations" if self._averaged.deviations is None else "with their standard deviations"
-        came = f"It came as the mean of the line integrals of {self._averaged.rows} rows, {known}."
+        precision = (
+            "without standard deviations" if self._averaged.deviations is None else "with their standard deviations"
+        )
+        came = f"It came as the mean of the line integrals of {self._averaged.rows} rows, {precision}."
         if not self._masked:
             return came, "No ray of it was masked: a nail in those rows counts as log."
         return came, f"{self._masked} of {self._samples} {MASKED}, and interpolated along the detector."

@@ -44,7 +44,7 @@ PICTURE_GIVEN = "a phantom's drawing is given as --phantom, with --phantom-width
 
 
 @dataclass(frozen=True)
-class GivenBeside:
+class InspectionInput:
     """A file and the values that its owner gives with it; names and units as in `reading_scan`."""
 
     path: Path
@@ -77,7 +77,7 @@ class _Found:
         return FileVerdict.INCOMPLETE if any(part.needed for part in self.missing) else FileVerdict.READY
 
 
-def inspect_file(given: GivenBeside) -> InspectionResult:
+def inspect_file(source: InspectionInput) -> InspectionResult:
     """Inspect a file's headers and the data that reading would begin with.
 
     Flat and dark fields, angles and short texts are read, but no projections. Defects of the file are part of the
@@ -88,29 +88,29 @@ def inspect_file(given: GivenBeside) -> InspectionResult:
     OSError
         The file cannot be opened.
     """
-    file, size_bytes = str(given.path), _size(given.path)
+    file, size_bytes = str(source.path), _size(source.path)
     try:
-        known = None if given.path.is_file() and is_picture(given.path) else recognise(given.path)
+        format_ = None if source.path.is_file() and is_picture(source.path) else recognise(source.path)
     except UnreadableScan as error:
         refusal = _failure(error.code, str(error))
         return InspectionResult(
             file=file, size_bytes=size_bytes, verdict=FileVerdict.REFUSED, parts=[], refusal=refusal
         )
-    kind = own_kind(given.path)
-    parts, ended = _listed(given.path, known, follow_links=given.follow_links)
-    found = _read(given, kind) if known else _no_scan(given, PICTURE, PICTURE_GIVEN)
+    kind = own_kind(source.path)
+    parts, ended = _listed(source.path, format_, follow_links=source.follow_links)
+    result = _read(source, kind) if format_ else _no_scan(source, PICTURE, PICTURE_GIVEN)
     return InspectionResult(
         file=file,
         size_bytes=size_bytes,
-        format=found.format or (known.name if known else PNG),
+        format=result.format or (format_.name if format_ else PNG),
         own_kind=kind,
-        verdict=found.verdict,
+        verdict=result.verdict,
         parts=parts[:MOST_PARTS],
         parts_left_out=max(0, len(parts) - MOST_PARTS),
         listing_ended=ended,
-        reading=found.reading,
-        missing=list(found.missing),
-        refusal=found.refusal,
+        reading=result.reading,
+        missing=list(result.missing),
+        refusal=result.refusal,
     )
 
 
@@ -120,96 +120,96 @@ def _size(path: Path) -> int:
     return sum(file.stat().st_size for file in files)
 
 
-def _listed(path: Path, known: Format | None, *, follow_links: bool) -> tuple[list[FilePart], str | None]:
+def _listed(path: Path, format_: Format | None, *, follow_links: bool) -> tuple[list[FilePart], str | None]:
     """List the parts of a file of a known format or of a picture, and the reason if the list is incomplete."""
     parts: list[FilePart] = []
     try:
-        with ExitStack() as files, library_errors_translated(known.name if known else PNG):
+        with ExitStack() as files, library_errors_translated(format_.name if format_ else PNG):
             linked = LinkedFiles(files) if follow_links else None
             bounds = replace(reading_bounds(memory_available()), linked=linked)
-            listed = known.parts(path, bounds) if known else picture_parts(path)
+            listed = format_.parts(path, bounds) if format_ else picture_parts(path)
             parts.extend(FilePart.model_validate(asdict(part)) for part in alike_together(listed))
     except UnreadableScan as error:
         return parts, str(error)
     return parts, None
 
 
-def _read(given: GivenBeside, kind: OwnKind | None) -> _Found:
+def _read(source: InspectionInput, kind: OwnKind | None) -> _Found:
     if kind in NO_SCAN:
-        return _no_scan(given, NO_SCAN[kind], GIVEN_ELSEWHERE.get(kind))
+        return _no_scan(source, NO_SCAN[kind], GIVEN_ELSEWHERE.get(kind))
     try:
         opened = reading_contents(
-            given.path,
-            dataset=given.dataset,
-            transpose=given.transpose,
-            flats=given.flats,
-            darks=given.darks,
-            follow_links=given.follow_links,
+            source.path,
+            dataset=source.dataset,
+            transpose=source.transpose,
+            flats=source.flats,
+            darks=source.darks,
+            follow_links=source.follow_links,
             free_bytes=memory_available(),
         )
-        with links_offered(followed=given.follow_links or given.uploaded), opened as contents:
-            return _of_contents(contents, given, kind)
+        with links_offered(followed=source.follow_links or source.uploaded), opened as contents:
+            return _of_contents(contents, source, kind)
     except UnreadableScan as error:
-        return _refused_or_missing(error, given)
+        return _refused_or_missing(error, source)
 
 
-def _no_scan(given: GivenBeside, what: str, given_elsewhere: str | None) -> _Found:
-    known = what if given.uploaded or given_elsewhere is None else f"{what}; {given_elsewhere}"
-    return _Found(refusal=_failure("not-a-scan", known))
+def _no_scan(source: InspectionInput, what: str, given_elsewhere: str | None) -> _Found:
+    sentence = what if source.uploaded or given_elsewhere is None else f"{what}; {given_elsewhere}"
+    return _Found(refusal=_failure("not-a-scan", sentence))
 
 
-def _refused_or_missing(error: UnreadableScan, given: GivenBeside) -> _Found:
+def _refused_or_missing(error: UnreadableScan, source: InspectionInput) -> _Found:
     supplied_by: dict[str, tuple[str, str, str | None]] = {
         "dataset-ambiguous": ("which array holds the projections", "--dataset", "dataset"),
         "external-storage": ("what other files hold", "--follow-links", None),
         "angles-missing": ("the views' angles", "--angles-deg or --angles-file", "angles_deg"),
     }
     what, flag, field = supplied_by.get(error.code, ("", "", None))
-    if not what or (given.uploaded and field is None):
+    if not what or (source.uploaded and field is None):
         return _Found(refusal=_failure(error.code, str(error)))
     return _Found(missing=(MissingPart(what=what, flag=flag, field=field, why=str(error)),))
 
 
-def _of_contents(contents: FileContents, given: GivenBeside, kind: OwnKind | None) -> _Found:
+def _of_contents(contents: FileContents, source: InspectionInput, kind: OwnKind | None) -> _Found:
     try:
-        scan = _canonical(contents, given)
-        found = _Found()
+        scan = _canonical(contents, source)
+        result = _Found()
     except UnreadableScan as error:
-        scan, found = None, _refused_or_missing(error, given)
-    found.format = contents.format
-    found.reading = _reading(contents, given, scan)
-    missing = (*found.missing, *_missing(contents, found.reading, kind, uploaded=given.uploaded))
-    found.missing = tuple(sorted(missing, key=lambda part: not part.needed))
-    return found
+        scan, result = None, _refused_or_missing(error, source)
+    result.format = contents.format
+    result.reading = _reading(contents, source, scan)
+    missing = (*result.missing, *_missing(contents, result.reading, kind, uploaded=source.uploaded))
+    result.missing = tuple(sorted(missing, key=lambda part: not part.needed))
+    return result
 
 
-def _canonical(contents: FileContents, given: GivenBeside) -> CanonicalScan:
+def _canonical(contents: FileContents, source: InspectionInput) -> CanonicalScan:
     """Return the scan as it would be read once its kind is given, and its flat fields if they are missing."""
-    of_integrals = given.data is DataKind.LINE_INTEGRALS
+    of_integrals = source.data is DataKind.LINE_INTEGRALS
     lacks_flats = contents.flats is None and not of_integrals
     return canonical_scan(
         replace(contents, darks=None) if lacks_flats else contents,
         counts=not (of_integrals or lacks_flats),
-        angles_deg=given.angles,
-        detector_pitch_mm=given.detector_pitch_mm,
-        row_pitch_mm=given.row_pitch_mm,
+        angles_deg=source.angles,
+        detector_pitch_mm=source.detector_pitch_mm,
+        row_pitch_mm=source.row_pitch_mm,
     )
 
 
-def _reading(contents: FileContents, given: GivenBeside, scan: CanonicalScan | None) -> InspectedReading:
+def _reading(contents: FileContents, source: InspectionInput, scan: CanonicalScan | None) -> InspectedReading:
     views, *rows, detector = contents.projections.shape
     fields = [
         None if fields is None else len(fields) if fields.ndim == len(contents.projections.shape) else 1
         for fields in (contents.flats, contents.darks)
     ]
     return InspectedReading(
-        data=given.data,
+        data=source.data,
         shape=ScanShape(views=views, rows=rows[0] if rows else 1, detector=detector),
         flats=fields[0],
         darks=fields[1],
         angles=None if scan is None else _angles(scan, contents),
-        detector_pitch_mm=contents.detector_pitch_mm or given.detector_pitch_mm,
-        row_pitch_mm=contents.row_pitch_mm or given.row_pitch_mm,
+        detector_pitch_mm=contents.detector_pitch_mm or source.detector_pitch_mm,
+        row_pitch_mm=contents.row_pitch_mm or source.row_pitch_mm,
         unused=contents.unused,
         other_files=[str(path) for path in contents.others],
         remarks=list(contents.remarks if scan is None else scan.remarks),

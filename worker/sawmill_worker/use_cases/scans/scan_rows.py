@@ -167,14 +167,14 @@ def _prepared_rows(
                 detector_pitch_mm=read.detector_pitch_mm,
                 report=_part_of(on_progress, 0.0, PREPARING_SHARE),
             )
-        left = _part_of(on_progress, PREPARING_SHARE, 1.0)
+        rest = _part_of(on_progress, PREPARING_SHARE, 1.0)
         with open_scan(path) as scan:
             yield _rows_of(
                 scan,
                 source,
                 source_to_cor_mm,
                 read.angles_rad,
-                left,
+                rest,
                 counts=read.counts,
                 others=read.others,
                 remarks=prepared.remarks,
