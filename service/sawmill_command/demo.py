@@ -257,7 +257,7 @@ class _Demo:
         )
 
     def _pair(self, prefix: str, log_scan: str, asks: dict[str, Json], rows: str, field_mm: float) -> tuple[str, str]:
-        """Draw the first log slice by tape geometry and calibrated, in one grey window; return both paths."""
+        """Draw the first log slice by tape geometry and calibrated, in one grey window; return both file names."""
         first = int(rows.partition(":")[0])
         shown = {"scan_id": log_scan, "rows": f"{first}:{first + 1}", "size": SHOWN_SIZE, "field_mm": field_mm}
         images = {

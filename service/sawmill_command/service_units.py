@@ -26,7 +26,7 @@ _HOMES = (Path("/home"), Path("/root"), Path("/run/user"))
 # Time in addition to SAWMILL_STOP_GRACE_S and SAWMILL_KILL_GRACE_S, s, for answers, uploads and a slow database.
 STOP_S = 30
 
-# Characters with which systemd starts no program if the path contains one.
+# Characters that systemd does not accept in the path of a program.
 _QUOTING = re.compile(r"[\"'\\]")
 
 _LASTING = f"""\

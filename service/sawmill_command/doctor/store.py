@@ -61,7 +61,7 @@ def database(storage: StorageSettings, settings: ServiceSettings) -> Iterator[Do
 
 
 def files_without_database(folder: Path) -> Iterator[DoctorFinding]:
-    """Report files in a data folder whose SQLite file would be new."""
+    """Report a data folder that is in use although its SQLite file would be new."""
     try:
         refuse_used(folder)
     except StorageMisconfigured as error:
@@ -78,11 +78,9 @@ def backup(folder: Path) -> DoctorFinding:
     if newest.lacking:
         sentence += f", and lacks {newest.lacking} files that rows name"
         return DoctorFinding("backup", State.BAD, sentence, "take one by hand, which names them: sawmill backup FOLDER")
-    return (
-        DoctorFinding("backup", State.WATCH, sentence, _TAKE)
-        if age > _OLD
-        else DoctorFinding("backup", State.GOOD, sentence)
-    )
+    if age > _OLD:
+        return DoctorFinding("backup", State.WATCH, sentence, _TAKE)
+    return DoctorFinding("backup", State.GOOD, sentence)
 
 
 def broker(url: str | None) -> DoctorFinding:

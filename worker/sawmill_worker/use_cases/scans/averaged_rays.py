@@ -52,10 +52,9 @@ class AveragedRays:
 
     def remarks(self) -> tuple[str, ...]:
         """Report what was sent, and how it was changed."""
-        precision = (
-            "without standard deviations" if self._averaged.deviations is None else "with their standard deviations"
-        )
-        came = f"It came as the mean of the line integrals of {self._averaged.rows} rows, {precision}."
+        precision = "with their" if self._averaged.deviations is not None else "without"
+        rows = self._averaged.rows
+        came = f"It came as the mean of the line integrals of {rows} rows, {precision} standard deviations."
         if not self._masked:
             return came, "No ray of it was masked: a nail in those rows counts as log."
         return came, f"{self._masked} of {self._samples} {MASKED}, and interpolated along the detector."
