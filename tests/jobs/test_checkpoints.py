@@ -15,7 +15,7 @@ from sawmill_contracts.jobs import JobKind
 from sawmill_contracts.reconstructions import ReconstructionAsk
 from sawmill_store.errors import StorageFull
 from sawmill_vocabulary import CalibrationMethod
-from sawmill_worker.jobs import keeping
+from sawmill_worker.jobs import checkpoints
 from sawmill_worker.jobs.attempt import Attempt
 from sawmill_worker.jobs.checkpoints import PAUSE_S, AttemptKeeper
 from sawmill_worker.jobs.running import run
@@ -33,7 +33,7 @@ class Killed(Exception):  # noqa: N818 - what happened to it
 @pytest.fixture
 def hours_go_by(monkeypatch):
     """A second goes by whenever the clock is looked at: a checkpoint every few evaluations."""
-    monkeypatch.setattr(keeping, "time", SimpleNamespace(monotonic=map(float, count()).__next__))
+    monkeypatch.setattr(checkpoints, "time", SimpleNamespace(monotonic=map(float, count()).__next__))
 
 
 @pytest.fixture
@@ -91,7 +91,7 @@ def test_a_published_search_killed_again_and_again_finds_the_same_theta(search, 
 
 
 def test_a_short_job_keeps_nothing(search, attempt, monkeypatch):
-    monkeypatch.setattr(keeping, "time", SimpleNamespace(monotonic=lambda: 0.0))
+    monkeypatch.setattr(checkpoints, "time", SimpleNamespace(monotonic=lambda: 0.0))
     search()
     announced = []
     job = attempt(JobKind.CALIBRATE)
@@ -116,12 +116,12 @@ def test_progress_that_does_not_fit_is_passed_over(search, store, attempt, spec,
     if damage == "truncated":
         path.write_bytes(path.read_bytes()[:-7])
     elif damage == "another version":
-        monkeypatch.setattr(keeping, "software", lambda: "0.0.1")
+        monkeypatch.setattr(checkpoints, "software", lambda: "0.0.1")
     else:
         constants = replace(store.scanners.get("line-2").constants, source_to_cor_mm=900.0)
         store.scanners.update("line-2", spec().model_copy(update={"constants": constants}))
     log = []
-    monkeypatch.setattr(keeping.structlog, "get_logger", lambda: Log(log))
+    monkeypatch.setattr(checkpoints.structlog, "get_logger", lambda: Log(log))
     run(replace(job, given=store.jobs.handed_over(job.job.id), announce=lambda _: None))
     assert ("checkpoint-passed-over", "search") in log
 
@@ -199,7 +199,7 @@ def test_blocks_that_are_damaged_are_made_again(volume, store, attempt, run_kill
 def test_checkpoints_leave_room_for_the_volume(volume, attempt, monkeypatch):
     volume(150, method="fbp")
     job = attempt(JobKind.RECONSTRUCT)
-    free = keeping.check_room
+    free = checkpoints.check_room
 
     def nearly_full(folder, needed, *, needed_by):
         if "checkpoint" in needed_by:
@@ -207,7 +207,7 @@ def test_checkpoints_leave_room_for_the_volume(volume, attempt, monkeypatch):
             raise StorageFull("the disk is full")
         free(folder, needed, needed_by=needed_by)
 
-    monkeypatch.setattr(keeping, "check_room", nearly_full)
+    monkeypatch.setattr(checkpoints, "check_room", nearly_full)
     announced = []
     assert run(replace(job, announce=announced.append))["shape"] == [150, 32, 32]
     assert announced == []
@@ -220,11 +220,11 @@ def test_a_full_disk_is_logged_once_and_tried_again_after_the_pause(search, atte
         if full[0]:
             raise StorageFull(f"the disk is full: {needed_by}")
 
-    monkeypatch.setattr(keeping, "time", SimpleNamespace(monotonic=lambda: now[0]))
-    monkeypatch.setattr(keeping, "check_room", check_room)
+    monkeypatch.setattr(checkpoints, "time", SimpleNamespace(monotonic=lambda: now[0]))
+    monkeypatch.setattr(checkpoints, "check_room", check_room)
     search()
     lines, announced = [], []
-    monkeypatch.setattr(keeping.structlog, "get_logger", lambda: Log(lines))
+    monkeypatch.setattr(checkpoints.structlog, "get_logger", lambda: Log(lines))
     keeper = AttemptKeeper(replace(attempt(JobKind.CALIBRATE), announce=announced.extend), {})
 
     def keep_when_due(name):
