@@ -3,7 +3,6 @@
 from sawmill_contracts.built_in import BUILT_IN_PHANTOMS
 from sawmill_contracts.phantoms import PhantomDrawing
 from sawmill_worker.commands.phantom_options import PhantomSource
-from sawmill_worker.use_cases.phantom_drawings import read_drawing, traced_drawing
 
 
 def drawing_of(source: PhantomSource) -> PhantomDrawing:
@@ -16,6 +15,9 @@ def drawing_of(source: PhantomSource) -> PhantomDrawing:
     """
     if source.is_built_in:
         return BUILT_IN_PHANTOMS[source.text]
+    # Imported here because a built-in phantom needs no readers of files and pictures.
+    from sawmill_worker.use_cases.phantom_drawings import read_drawing, traced_drawing  # noqa: PLC0415
+
     if source.width_mm is not None:
         return traced_drawing(source.path, source.width_mm, name=source.path.stem)
     return read_drawing(source.path)
