@@ -62,7 +62,7 @@ def running_service(
     # Settings of a mill's own service, above all its database, must not apply to the demo's service.
     kept = {name: value for name, value in os.environ.items() if not name.startswith("SAWMILL_")}
     with log.open("wb") as sink:
-        service = subprocess.Popen(  # noqa: S603 - ourselves
+        service = subprocess.Popen(  # noqa: S603 - the product itself
             [*command, "--no-examples"], stdout=sink, stderr=sink, env={**kept, **settings}
         )
         try:

@@ -21,7 +21,7 @@ STATE, CACHE, SETTINGS = Path("/var/lib"), Path("/var/cache/sawmill"), Path("/et
 DATA = STATE / "sawmill"
 _MOVE = "keep installations in a folder that all may read, as /opt/sawmill, and data in one as /var/lib/sawmill"
 # Folders that `PrivateTmp` and `ProtectHome` hide.
-_EMPTIED = (Path("/tmp"), Path("/var/tmp"))  # noqa: S108 - looked for, not written to
+_EMPTIED = (Path("/tmp"), Path("/var/tmp"))  # noqa: S108 - compared, not written to
 _HOMES = (Path("/home"), Path("/root"), Path("/run/user"))
 # Time in addition to SAWMILL_STOP_GRACE_S and SAWMILL_KILL_GRACE_S, s, for answers, uploads and a slow database.
 STOP_S = 30

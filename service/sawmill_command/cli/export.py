@@ -36,7 +36,7 @@ def export(
 ) -> None:
     """Write a calibrated geometry for another toolkit."""
     angles = shared.given_angles(angles_deg, angles_file)
-    assert angles is not None  # noqa: S101 - WithAngles saw to it
+    assert angles is not None  # noqa: S101 - checked by WithAngles
     with answering():
         from sawmill_worker.commands.export import export_geometry
 

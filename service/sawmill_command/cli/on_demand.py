@@ -62,7 +62,7 @@ class _Imported(Mapping[str, Any]):
 def _docstring(module: str, command: str) -> str | None:
     """Read the docstring of a command's function from its source, if the function has the command's name."""
     spec = find_spec(module)
-    assert spec is not None  # noqa: S101 - ours
+    assert spec is not None  # noqa: S101 - a module of the product
     assert spec.origin is not None  # noqa: S101
     function = command.replace("-", "_")
     functions = (

@@ -51,4 +51,4 @@ def bytecode_folders() -> set[str]:
 
 def _compile(part: str) -> None:
     command = [sys.executable, "-m", "sawmill_tomography.warm_up", part]
-    subprocess.run(command, check=True)  # noqa: S603 - ourselves
+    subprocess.run(command, check=True)  # noqa: S603 - the product itself

@@ -60,7 +60,7 @@ def given_geometry(
 ) -> ThetaSource | CalibrationSource:
     """Return the geometry of the flags; a rotation together with a calibration is wrong use."""
     if calibration is None:
-        assert theta is not None  # noqa: S101 - WithGeometry saw to it
+        assert theta is not None  # noqa: S101 - checked by WithGeometry
         assert source_to_cor_mm is not None  # noqa: S101
         return ThetaSource(theta, rotation or Rotation.AS_GIVEN, source_to_cor_mm)
     if rotation is not None:

@@ -47,18 +47,18 @@ class Attempt:
     @property
     def file(self) -> Path:
         """File that the job reads."""
-        assert self.given.file is not None  # noqa: S101 - of a kind that reads one
+        assert self.given.file is not None  # noqa: S101 - required by kinds that read a file
         return self.given.file
 
     @property
     def scanner(self) -> StoredScanner:
         """Scanner of the scan or of the request."""
-        assert self.given.scanner is not None  # noqa: S101 - of a kind that has one
+        assert self.given.scanner is not None  # noqa: S101 - required by kinds with a scanner
         return self.given.scanner
 
     def asked(self, contract: type[Asked]) -> Asked:
         """Return the job's own row as the contract of unfinished jobs of this kind."""
-        assert self.given.asked_json is not None  # noqa: S101 - of a kind that is asked for
+        assert self.given.asked_json is not None  # noqa: S101 - required by kinds that are requested
         return contract.model_validate_json(self.given.asked_json)
 
     def report_stage(self, fraction: float, stage: str) -> None:

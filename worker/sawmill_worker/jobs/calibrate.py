@@ -69,7 +69,7 @@ def needs(attempt: Attempt) -> Needs:
 def usable_scan(attempt: Attempt) -> Scan:
     """Return the scan, which must be ready; the job that reads a scan may have refused it since the request."""
     scan = attempt.given.scan
-    assert scan is not None  # noqa: S101 - of a kind that refers to one
+    assert scan is not None  # noqa: S101 - required by this kind of job
     if scan.state is not ScanState.READY or scan.shape is None:
         raise refused("scan-refused", f"scan {scan.id!r} cannot be used: {scan.reason or scan.state.value}")
     return scan
@@ -77,14 +77,14 @@ def usable_scan(attempt: Attempt) -> Scan:
 
 def shape_of(scan: Scan) -> ScanShape:
     """Return the shape of a usable scan."""
-    assert scan.shape is not None  # noqa: S101 - usable_scan saw to it
+    assert scan.shape is not None  # noqa: S101 - checked by usable_scan
     return scan.shape
 
 
 def usable_calibration(attempt: Attempt, purpose: str) -> CalibrationSucceeded:
     """Return the calibration, which must have succeeded; a refusal's sentence ends with the geometry's purpose."""
     calibration = attempt.given.calibration
-    assert calibration is not None  # noqa: S101 - of an ask that refers to one
+    assert calibration is not None  # noqa: S101 - required by this request
     if not isinstance(calibration, CalibrationSucceeded):
         raise refused(
             "calibration-without-result",
@@ -96,7 +96,7 @@ def usable_calibration(attempt: Attempt, purpose: str) -> CalibrationSucceeded:
 def drawing_of(attempt: Attempt) -> PhantomDrawing:
     """Return the phantom's drawing; the job that traces a picture may have refused it since the request."""
     phantom = attempt.given.phantom
-    assert phantom is not None  # noqa: S101 - of a kind that refers to one
+    assert phantom is not None  # noqa: S101 - required by this kind of job
     if phantom.drawing is None:
         raise refused("phantom-refused", f"phantom {phantom.id!r} has no drawing: {phantom.reason}")
     return phantom.drawing

@@ -20,7 +20,7 @@ from sawmill_worker.use_cases.scans.prepare import prepare_scan
 def run(attempt: Attempt) -> dict[str, Any]:
     """Write scan.h5 and return the properties of the scan."""
     scan, constants = attempt.given.scan, attempt.scanner.constants
-    assert scan is not None  # noqa: S101 - of the one kind that reads uploaded scans
+    assert scan is not None  # noqa: S101 - required by this kind of job
     attempt.report_stage(0.0, "read")
     reading = reading_scan(
         attempt.file,

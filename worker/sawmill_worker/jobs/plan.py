@@ -12,7 +12,7 @@ from sawmill_worker.use_cases.calibration.plan import PlanInput, run_plan
 def run(attempt: Attempt) -> dict[str, Any]:
     """Return the precision to expect; no files are written."""
     request = attempt.asked(Plan)
-    assert request.options.theta is not None  # noqa: S101 - settled when it was asked for
+    assert request.options.theta is not None  # noqa: S101 - set when the job was accepted
     scanner = attempt.scanner
     plan_input = PlanInput(drawing_of(attempt), scanner.constants, request.options.theta, scanner.log_radius_mm)
     return run_plan(plan_input, request.options).model_dump(mode="json")

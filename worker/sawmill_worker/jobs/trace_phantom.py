@@ -10,7 +10,7 @@ from sawmill_worker.use_cases.phantom_drawings import traced_drawing
 def run(attempt: Attempt) -> dict[str, Any]:
     """Return the drawing."""
     picture = attempt.given.picture
-    assert picture is not None  # noqa: S101 - of the one kind that traces
+    assert picture is not None  # noqa: S101 - required by this kind of job
     attempt.report_stage(0.1, "trace")
     drawing = traced_drawing(attempt.file, picture.width_mm, name=picture.name, size_tolerance=picture.size_tolerance)
     return drawing.model_dump(mode="json")

@@ -63,7 +63,7 @@ def _of_folder(settings: WatchedFolder) -> Iterator[CheckResult]:
     looks.look()
     for file in sorted({*looks.whole, *looks.growing}):
         rule = settings.files_named(file)
-        assert rule is not None  # noqa: S101 - others are not looked at
+        assert rule is not None  # noqa: S101 - only matching files are listed
         parameters = " ".join(f"{field}={value}" for field, value in rule.query(settings.scanner_id, file).items())
         yield True, f"{name}/{file} would be sent with {parameters}"
     yield True, f"{name}: {len(looks.whole) + len(looks.growing)} file(s) would be taken once they are whole"

@@ -221,7 +221,7 @@ class _DirectSolver:
     def settings(self) -> Settings:
         return {"step": self.step}
 
-    def __call__(self, first: int, rows: Images, part: slice = WHOLE) -> Solved:  # noqa: ARG002 - each is by itself
+    def __call__(self, first: int, rows: Images, part: slice = WHOLE) -> Solved:  # noqa: ARG002 - slices are independent
         complete = filled(rows, self._projector.geometry.angles_rad)
         block = self._metal(complete.transpose(1, 0, 2))
         findings = BlockFindings(metal=block.count())

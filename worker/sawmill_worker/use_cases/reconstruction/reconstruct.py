@@ -228,7 +228,7 @@ def run_reconstruction(
     with new_volume(output, run.shape, origin, options, unit=volume_unit(counts=source.counts), views=views) as volume:
         kept = KeptVolume(volume, solver, keeper, settings)
         result, curve = run.reconstruct(solver, kept.write, kept.take_up)
-        assert result.method is not None  # noqa: S101 - a reconstruction made now has a report
+        assert result.method is not None  # noqa: S101 - a new reconstruction has a report
         volume.note_method(result.method.model_dump(mode="json", exclude_none=True))
         if curve is not None:
             volume.note_alpha_curve({name: np.array(column) for name, column in curve.columns.items()})
