@@ -19,7 +19,7 @@ from sawmill_worker.jobs.needs import Needs, of_averaged_rows
 from sawmill_worker.use_cases.calibration.calibrate import CalibrationInput, calibration_result, run_calibration
 from sawmill_worker.use_cases.calibration.calibration_files import calibration_arrays, write_result
 from sawmill_worker.use_cases.calibration.compare import compared, geometry_of
-from sawmill_worker.use_cases.calibration.log_comparison import log_images, log_row_beside
+from sawmill_worker.use_cases.calibration.log_comparison import find_log_row, log_images
 from sawmill_worker.use_cases.calibration.second_witness import with_second_witness, witness_of
 from sawmill_worker.use_cases.failures import refused
 from sawmill_worker.use_cases.reconstruction.reconstruct import volume_unit
@@ -51,7 +51,7 @@ def run(attempt: Attempt) -> dict[str, Any]:
     active = _active(attempt)
     comparison = None if active is None else compared(active, calibration.geometry, scanner)
     attempt.report_stage(0.97, "result")
-    log = log_row_beside(calibration_input, usable, read)
+    log = find_log_row(calibration_input, usable, read)
     before = None if active is None else geometry_of(active)
     images = None if log is None else log_images(log, calibration_input, calibration.geometry, before)
     result = calibration_result(calibration, calibration_input, comparison, witness_of(calibration, calibration_input))

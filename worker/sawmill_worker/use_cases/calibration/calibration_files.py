@@ -19,7 +19,7 @@ from sawmill_tomography.projection.projector import Projector
 from sawmill_tomography.reconstruction.fbp import fbp
 from sawmill_vocabulary import ReconstructionMethod
 from sawmill_worker.use_cases.calibration.calibrate import CalibrationInput
-from sawmill_worker.use_cases.calibration.log_comparison import log_images, log_row_beside
+from sawmill_worker.use_cases.calibration.log_comparison import find_log_row, log_images
 
 if TYPE_CHECKING:
     from sawmill_worker.pictures.report_page import About
@@ -64,7 +64,7 @@ def report_arrays(
     stack : (views, rows, detector) float32
         The rows first..last of the scan.
     """
-    log = log_row_beside(calibration_input, rows, lambda row: stack[:, row - rows[0]])
+    log = find_log_row(calibration_input, rows, lambda row: stack[:, row - rows[0]])
     images = None if log is None else log_images(log, calibration_input, calibration.geometry, None)
     return calibration_arrays(calibration, calibration_input, images)
 

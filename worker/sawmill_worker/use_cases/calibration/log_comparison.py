@@ -30,7 +30,7 @@ class LogRow:
     sinogram: FloatArray
 
 
-def log_row_beside(
+def find_log_row(
     calibration_input: CalibrationInput, rows: tuple[int, int], read: Callable[[int], NDArray[np.float32]]
 ) -> LogRow | None:
     """Return the middle row of the longer run of rows outside the phantom's rows, if the row shows a log.

@@ -83,8 +83,10 @@ def log_rows(
 
     A row that is missing in one of the phantom's views is left out.
     """
-    beside = _beside(calibration_input, rows) if row_range is None else _asked(calibration_input, row_range, rows)
-    tried = [beside[at] for at in np.unique(np.linspace(0, len(beside) - 1, MOST_ROWS).astype(int))] if beside else []
+    phantom_rows = calibration_input.rows
+    candidates = _outside(phantom_rows, rows) if row_range is None else _requested(phantom_rows, row_range, rows)
+    spaced = np.linspace(0, len(candidates) - 1, MOST_ROWS).astype(int) if candidates else []
+    tried = [candidates[index] for index in np.unique(spaced)]
     phantom = _coarse(calibration_input.sinogram)
     lines = ((row, calibration_input.of_views(read(row)).astype(np.float64)) for row in tried)
     shown = {row: sinogram for row, sinogram in lines if shows_another_body(_coarse(sinogram), phantom)}
@@ -140,13 +142,13 @@ def _reason(witness: SecondWitness) -> str:
     return f"both agree ({statistic}): they were combined by their covariances"
 
 
-def _beside(calibration_input: CalibrationInput, rows: tuple[int, int]) -> list[int]:
-    first, after_last = calibration_input.rows
+def _outside(phantom_rows: tuple[int, int], rows: tuple[int, int]) -> list[int]:
+    first, after_last = phantom_rows
     return [*range(rows[0], first - GAP), *range(after_last + GAP, rows[1])]
 
 
-def _asked(calibration_input: CalibrationInput, row_range: str, rows: tuple[int, int]) -> list[int]:
-    chosen, (first, after_last) = parse_rows(row_range), calibration_input.rows
+def _requested(phantom_rows: tuple[int, int], row_range: str, rows: tuple[int, int]) -> list[int]:
+    chosen, (first, after_last) = parse_rows(row_range), phantom_rows
     if chosen.start < rows[0] or chosen.stop > rows[1]:
         raise refused("rows-outside", f"log rows {row_range} were asked for, but the scan has rows {rows[0]}:{rows[1]}")
     if chosen.start < after_last and first < chosen.stop:
