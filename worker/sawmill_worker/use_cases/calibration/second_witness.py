@@ -85,8 +85,8 @@ def log_rows(
     """
     phantom_rows = calibration_input.rows
     candidates = _outside(phantom_rows, rows) if row_range is None else _requested(phantom_rows, row_range, rows)
-    spaced = np.linspace(0, len(candidates) - 1, MOST_ROWS).astype(int) if candidates else []
-    tried = [candidates[index] for index in np.unique(spaced)]
+    spaced = np.unique(np.linspace(0, len(candidates) - 1, MOST_ROWS).astype(int))
+    tried = [candidates[index] for index in spaced] if candidates else []
     phantom = _coarse(calibration_input.sinogram)
     lines = ((row, calibration_input.of_views(read(row)).astype(np.float64)) for row in tried)
     shown = {row: sinogram for row, sinogram in lines if shows_another_body(_coarse(sinogram), phantom)}
