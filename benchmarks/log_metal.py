@@ -29,7 +29,7 @@ from sawmill_tomography.reconstruction.metal import MetalSearch
 from sawmill_tomography.reconstruction.object_extent import object_radius_mm
 from sawmill_tomography.reconstruction.quality import relative_error, structural_similarity_index
 from sawmill_vocabulary import Handedness, MetalHandling, ReconstructionMethod, Rotation
-from sawmill_worker.use_cases.reconstruct import ReconstructionInput, reconstruct_in_memory
+from sawmill_worker.use_cases.reconstruction.reconstruct import ReconstructionInput, reconstruct_in_memory
 
 FIELD_MM = 320.0
 

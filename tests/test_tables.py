@@ -32,8 +32,8 @@ PARTIAL = {
     "worker/sawmill_tomography/calibration/scan_model.py: LARGEST": "the other terms may have any size",
     "worker/sawmill_tomography/calibration/steps.py: arms": "the other terms do not move the phantom's rim",
     "worker/sawmill_tomography/reconstruction/choosing.py: EXPECTED_ERRORS": "`auto` takes measured methods only",
-    "worker/sawmill_worker/use_cases/inspect.py: GIVEN_ELSEWHERE": "the other files are given nowhere else",
-    "worker/sawmill_worker/use_cases/inspect.py: NO_SCAN": "a scan is one",
+    "worker/sawmill_worker/use_cases/scans/inspect.py: GIVEN_ELSEWHERE": "the other files are given nowhere else",
+    "worker/sawmill_worker/use_cases/scans/inspect.py: NO_SCAN": "a scan is one",
 }
 # Members that belong to no table of their enum but to those of other code.
 LEFT_OUT = {"worker/sawmill_tomography/reconstruction/methods.py: METHODS": {"ReconstructionMethod.AUTO"}}

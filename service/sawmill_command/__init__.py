@@ -1,1 +1,1 @@
-"""The program `sawmill`: its command line, doctor, demo and example resources."""
+"""The program `sawmill`: command line, doctor, demo and example resources."""

@@ -1,5 +1,5 @@
 """`sawmill backup` and `sawmill restore`."""
-# ruff: noqa: PLC0415, FBT002 - imports inside the commands: none waits for another's libraries; flags are booleans
+# ruff: noqa: PLC0415, FBT002 - imports inside the commands: a command loads only its libraries; flags are booleans
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -86,7 +86,7 @@ def restore(
 
 @contextmanager
 def _reported(trouble: str) -> Iterator[None]:
-    """One sentence and exit code 1 for what goes wrong."""
+    """Report an error in one sentence and end with exit code 1."""
     from sawmill_platform.errors import StorageError
 
     try:

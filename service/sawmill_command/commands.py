@@ -1,4 +1,4 @@
-"""The `sawmill` entry: which commands there are. Each is imported when it runs (`sawmill_command/cli/on_demand.py`)."""
+"""List of the commands of `sawmill`; a command is imported when it runs (`sawmill_command/cli/on_demand.py`)."""
 # ruff: noqa: FBT002 - a flag is a boolean with a default
 
 from typing import Annotated, ClassVar
@@ -11,7 +11,7 @@ from sawmill_vocabulary.version import VERSION
 
 
 class SawmillCommands(CommandsOnDemand):
-    """Those that need no server, and those about the service."""
+    """Commands that need no server, and commands of the service."""
 
     modules: ClassVar = COMMANDS | {
         "audit": "sawmill_command.key_commands",

@@ -1,5 +1,5 @@
-"""The option of commands that work on the service's data, and the settings that follow from it."""
-# ruff: noqa: PLC0415 - imports inside: none of the commands waits for another's libraries
+"""Option for the data folder, for commands that work on the service's data, and the settings from the option."""
+# ruff: noqa: PLC0415 - imports inside functions: a command loads only its libraries
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -13,14 +13,14 @@ Data = Annotated[Path | None, typer.Option(help="Data folder; SAWMILL_DATA_FOLDE
 
 
 def settings_of(data: Path | None) -> "StorageSettings":
-    """Of a data folder; null: that of the environment. Whoever calls checks the variables."""
+    """Return the settings of a data folder; None selects the environment's folder. The caller checks the variables."""
     from sawmill_platform.settings import StorageSettings
 
     return StorageSettings() if data is None else StorageSettings(data_folder=data)
 
 
 def storage_settings(data: Path | None) -> "StorageSettings":
-    """The same for a command; a wrong variable is wrong use."""
+    """Return the settings of a data folder for a command; a wrong environment variable is wrong use."""
     from sawmill_platform.workers.variables import WrongVariableError, variables_checked
 
     try:

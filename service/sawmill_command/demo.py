@@ -1,4 +1,4 @@
-"""`sawmill demo`: the whole job over HTTP, on a simulated stack and, where they are, on the published scans."""
+"""`sawmill demo`: the whole job over HTTP, on a simulated stack and, if available, on the published scans."""
 
 import math
 import os
@@ -34,11 +34,11 @@ from sawmill_worker.pictures.report_numbers import theta_change, theta_rows, the
 from sawmill_worker.pictures.windows import LOG_WINDOW, window_of
 
 PUBLISHED_THETA = Theta(2.55023549, 714.683839, 319.943788, 43.6514375, 0.280799451)
-# What a tape measure and a spirit level get wrong: the geometry that a mill would have without calibrating.
+# Errors of a tape measure and a spirit level, that is, of the geometry that a mill has without a calibration.
 TAPE_ERROR = Theta(0.0, 18.0, 14.0, -11.0, -0.03)
 VIEWS, SPARSE_VIEWS = 360, 20
 SIZE, FIELD_MM = 256, 400.0
-# Pixels along the sides of the two pictures that people compare.
+# Number of pixels along a side of the two pictures that people compare.
 SHOWN_SIZE = 540
 TAPED, CALIBRATED = "measured by tape", "calibrated"
 FIRST_LOG_ROW = examples.PHANTOM_ROWS
@@ -48,7 +48,7 @@ console = Console()
 
 @dataclass(frozen=True)
 class Truth:
-    """The truth of the scan: theta, the log's slice [x, y] and the side of the square that holds the log."""
+    """Ground truth of the scan: theta, the log's slice [x, y] and the side of the square that holds the log."""
 
     theta: Theta
     image: NDArray[np.float64]
@@ -56,7 +56,7 @@ class Truth:
 
 
 def run_demo(output: Path) -> int:
-    """Write pictures, HDF5 files and index.html into the folder; returns the exit code."""
+    """Write pictures, HDF5 files and index.html into the folder, and return the exit code."""
     started = time.perf_counter()
     published = published_data()
     try:
@@ -86,7 +86,7 @@ def run_demo(output: Path) -> int:
 
 
 def published_data() -> Path | None:
-    """The folder of the published scans, if it is here."""
+    """Return the folder of the published scans, if the folder is available."""
     folder = Path(os.environ.get("SAWMILL_PUBLISHED_DATA", "../shared/data"))
     return folder if (folder / "l-phantom" / "sinogram.mat").is_file() else None
 
@@ -115,13 +115,13 @@ def _step(bar: bars.Progress, what: str) -> Iterator[ProgressCallback]:
 
 
 class _Demo:
-    """The steps, each with its bar."""
+    """Steps of the demo, each with a progress bar."""
 
     def __init__(self, client: httpx.Client, output: Path, folder: Path, bar: bars.Progress) -> None:
         self._client, self._output, self._folder, self._bar = client, output, folder, bar
 
     def simulated(self) -> Section:
-        """One stack of counts in which a log carries the phantom on its end."""
+        """Calibrate with a stack of counts in which a log carries the phantom on its end."""
         stack = self._folder / "stack.h5"
         slices = examples.mill_slices()
         with _step(self._bar, "Simulating a log with the phantom on its end"):
@@ -140,19 +140,19 @@ class _Demo:
             )
         truth = Truth(examples.THETA, image.astype(np.float64), 300.0)
         rows = f"{FIRST_LOG_ROW}:{len(slices)}"
-        found = self._calibrate("Calibrating (simulated)", scan["id"], None)
+        calibrated = self._calibrate("Calibrating (simulated)", scan["id"], None)
         section = self._section(
             "A simulated scan of a log with the phantom on its end",
             f"{VIEWS} views of raw counts with flat and dark fields; rows 0 to {FIRST_LOG_ROW - 1} show the L-shaped "
             "phantom, the others the log: growth rings, knots, photon noise.",
             "simulated",
-            found,
+            calibrated,
         )
-        self._process(section, "simulated", (scan["id"], scan["id"]), found, truth, rows)
+        self._process(section, "simulated", (scan["id"], scan["id"]), calibrated, truth, rows)
         return section
 
     def bad_day(self) -> Section:
-        """A scan of the phantom with much that can be wrong, and what the calibration reports of it."""
+        """Calibrate with a scan of the phantom that has many defects, and show the calibration's remarks."""
         scan = self._folder / "bad-day.h5"
         with _step(self._bar, "Simulating a bad day at the mill"):
             examples.write_bad_day(scan, VIEWS)
@@ -160,22 +160,22 @@ class _Demo:
         with _step(self._bar, "Uploading its scan") as on_progress:
             spec = {"scanner_id": scanner, "data": "counts", "phantom_id": "l-shape"}
             uploaded = demo_client.upload(self._client, scan, on_progress, **spec)
-        found = self._calibrate("Calibrating (bad day)", uploaded["id"], None)
+        calibrated = self._calibrate("Calibrating (bad day)", uploaded["id"], None)
         section = self._section(
             "A bad day at the mill",
             "The same scanner, but much is wrong. Every effect is simulated with the size in the table (its fields: "
             "docs/simulating.md); below is what the calibration found by itself.",
             "bad-day",
-            found,
+            calibrated,
         )
         section.head, section.rows = ("what is wrong", "size"), _physics_rows(examples.BAD_DAY)
-        section.facts.append(("calibration", _verdict(found, examples.THETA)))
-        section.facts += [("adjusted for", sentence) for sentence in found.adjustments]
-        section.facts += [("reason", sentence) for sentence in found.reasons]
+        section.facts.append(("calibration", _verdict(calibrated, examples.THETA)))
+        section.facts += [("adjusted for", sentence) for sentence in calibrated.adjustments]
+        section.facts += [("reason", sentence) for sentence in calibrated.reasons]
         return section
 
     def published(self, folder: Path) -> Section:
-        """The L-phantom and the log of arXiv 2206.14444."""
+        """Calibrate with the L-phantom and the log of arXiv 2206.14444."""
         scanner = self._scanner("published scanner", examples.SCANNER)
         ids = []
         for name, extra in (("l-phantom/sinogram.mat", {"phantom_id": "l-shape"}), ("log-phantom/sinogram.npy", {})):
@@ -192,15 +192,15 @@ class _Demo:
                 ids.append(scan["id"])
         with h5py.File(folder / "log-phantom" / "truth.mat", "r") as file:
             image = np.asarray(file["logPhan"][()], np.float64)
-        found = self._calibrate("Calibrating (published)", ids[0], None)
+        calibrated = self._calibrate("Calibrating (published)", ids[0], None)
         section = self._section(
             "The published scans (arXiv 2206.14444)",
             "The L-shaped phantom calibrates; the log, scanned separately, is reconstructed with that geometry.",
             "published",
-            found,
+            calibrated,
         )
         truth = Truth(PUBLISHED_THETA, image, FIELD_MM)
-        self._process(section, "published", (ids[0], ids[1]), found, truth, "0:1")
+        self._process(section, "published", (ids[0], ids[1]), calibrated, truth, "0:1")
         return section
 
     def _scanner(self, name: str, scanner: Scanner) -> str:
@@ -208,14 +208,14 @@ class _Demo:
         created = demo_client.post(self._client, "/v1/scanners", json={"name": name, "constants": constants})
         return str(created["id"])
 
-    def _section(self, title: str, text: str, prefix: str, found: CalibrationSucceeded) -> Section:
-        """A section of one calibration, whose files are saved."""
+    def _section(self, title: str, text: str, prefix: str, calibrated: CalibrationSucceeded) -> Section:
+        """Create a section for a calibration, and save the calibration's files."""
         report, overlay, result = (f"{prefix}-{name}" for name in ("report.html", "overlay.png", "result.h5"))
-        path = f"/v1/calibrations/{found.id}"
-        demo_client.download(self._client, f"/calibrations/{found.id}/report", self._output / report)
+        path = f"/v1/calibrations/{calibrated.id}"
+        demo_client.download(self._client, f"/calibrations/{calibrated.id}/report", self._output / report)
         demo_client.download(self._client, f"{path}/overlay.png", self._output / overlay)
         demo_client.download(self._client, f"{path}/result.h5", self._output / result)
-        section = Section(title, text, found.verdict, TwoQuestions.of(found, None), report)
+        section = Section(title, text, calibrated.verdict, TwoQuestions.of(calibrated, None), report)
         section.pictures.append((overlay, "The phantom with the geometry found, and its drawing's outline."))
         section.files += [
             (report, "the calibration's report"),
@@ -228,22 +228,22 @@ class _Demo:
         section: Section,
         prefix: str,
         scans: tuple[str, str],
-        found: CalibrationSucceeded,
+        calibrated: CalibrationSucceeded,
         truth: Truth,
         rows: str,
     ) -> None:
-        """The numbers and the log of a section; `scans` are the phantom's and the log's."""
+        """Add the numbers and the log to a section; `scans` are the phantom's scan and the log's scan."""
         phantom_scan, log_scan = scans
         sparse = self._calibrate(f"Calibrating with {SPARSE_VIEWS} views ({prefix})", phantom_scan, SPARSE_VIEWS)
-        section.head, section.rows = ("", "found", "standard deviation", "truth"), _theta_rows(found, truth.theta)
-        for label, calibration in ((f"{found.views} views", found), (f"{SPARSE_VIEWS} views", sparse)):
+        section.head, section.rows = ("", "found", "standard deviation", "truth"), _theta_rows(calibrated, truth.theta)
+        for label, calibration in ((f"{calibrated.views} views", calibrated), (f"{SPARSE_VIEWS} views", sparse)):
             section.facts.append((f"calibration, {label}", _verdict(calibration, truth.theta)))
         taped = Theta.from_vector(to_vector(truth.theta) + to_vector(TAPE_ERROR))
-        asks: dict[str, Json] = {CALIBRATED: {"calibration_id": found.id}, TAPED: {"theta": vars(taped)}}
+        asks: dict[str, Json] = {CALIBRATED: {"calibration_id": calibrated.id}, TAPED: {"theta": vars(taped)}}
         for name, geometry in asks.items():
-            asked = {"scan_id": log_scan, "rows": rows, "size": SIZE, "field_mm": FIELD_MM, **geometry}
+            request = {"scan_id": log_scan, "rows": rows, "size": SIZE, "field_mm": FIELD_MM, **geometry}
             path = self._output / f"{prefix}-log-{name.replace(' ', '-')}.h5"
-            volume = self._reconstruct(f"Reconstructing, {name} ({prefix})", asked, path)
+            volume = self._reconstruct(f"Reconstructing, {name} ({prefix})", request, path)
             error = relative_error(volume, truth.image)
             similarity = structural_similarity_index(volume, truth.image)
             section.facts.append((f"log, geometry {name}", f"relative error {error:.3f}, SSIM {similarity:.3f}"))
@@ -251,13 +251,13 @@ class _Demo:
         section.log = LogPair(
             *self._pair(prefix, log_scan, asks, rows, truth.log_mm),
             before_mm=_ray_error_mm(taped.source_frame(examples.SCANNER.source_to_cor_mm), truth.theta),
-            after_mm=_ray_error_mm(found.source_frame, truth.theta),
+            after_mm=_ray_error_mm(calibrated.source_frame, truth.theta),
             assumed=theta_change(truth.theta, taped),
-            time_s=found.timing_s.total,
+            time_s=calibrated.timing_s.total,
         )
 
     def _pair(self, prefix: str, log_scan: str, asks: dict[str, Json], rows: str, field_mm: float) -> tuple[str, str]:
-        """The pictures of the first log slice, by tape and calibrated, in one grey window."""
+        """Draw the first log slice by tape geometry and calibrated, in one grey window; return both file names."""
         first = int(rows.partition(":")[0])
         shown = {"scan_id": log_scan, "rows": f"{first}:{first + 1}", "size": SHOWN_SIZE, "field_mm": field_mm}
         images = {
@@ -271,13 +271,15 @@ class _Demo:
 
     def _calibrate(self, what: str, scan_id: str, views: int | None) -> CalibrationSucceeded:
         with _step(self._bar, what) as on_progress:
-            asked = demo_client.post(self._client, "/v1/calibrations", json={"scan_id": scan_id, "views": views})
-            demo_client.wait(self._client, asked["job_id"], on_progress)
-            return CalibrationSucceeded.model_validate(demo_client.get(self._client, f"/v1/calibrations/{asked['id']}"))
+            accepted = demo_client.post(self._client, "/v1/calibrations", json={"scan_id": scan_id, "views": views})
+            demo_client.wait(self._client, accepted["job_id"], on_progress)
+            return CalibrationSucceeded.model_validate(
+                demo_client.get(self._client, f"/v1/calibrations/{accepted['id']}")
+            )
 
-    def _reconstruct(self, what: str, asked: Json, path: Path) -> NDArray[np.float32]:
+    def _reconstruct(self, what: str, request: Json, path: Path) -> NDArray[np.float32]:
         with _step(self._bar, what) as on_progress:
-            answer = demo_client.post(self._client, "/v1/reconstructions", json=asked)
+            answer = demo_client.post(self._client, "/v1/reconstructions", json=request)
             demo_client.wait(self._client, answer["job_id"], on_progress)
             log = f"/v1/reconstructions/{answer['id']}"
             demo_client.download(self._client, f"{log}/volume.h5", path)
@@ -285,13 +287,13 @@ class _Demo:
         return volume_slice(path, (slices, x, y), 0).data
 
 
-def _theta_rows(found: CalibrationSucceeded, truth: Theta) -> list[tuple[str, ...]]:
-    rows = zip(theta_rows(found), theta_values(truth), strict=True)
+def _theta_rows(calibrated: CalibrationSucceeded, truth: Theta) -> list[tuple[str, ...]]:
+    rows = zip(theta_rows(calibrated), theta_values(truth), strict=True)
     return [(each.name, each.value, each.deviation, value) for each, value in rows]
 
 
 def _physics_rows(physics: Physics) -> list[tuple[str, ...]]:
-    """The effects that are on."""
+    """List the effects that are switched on."""
     return [
         (f"{group}.{name}", f"{value:g}")
         for group, effects in vars(physics).items()
@@ -300,13 +302,13 @@ def _physics_rows(physics: Physics) -> list[tuple[str, ...]]:
     ]
 
 
-def _verdict(found: CalibrationSucceeded, truth: Theta) -> str:
-    true, frame = truth.source_frame(examples.SCANNER.source_to_cor_mm), found.source_frame
+def _verdict(calibrated: CalibrationSucceeded, truth: Theta) -> str:
+    true, frame = truth.source_frame(examples.SCANNER.source_to_cor_mm), calibrated.source_frame
     psi = math.degrees(angle_difference(frame.psi_rad, true.psi_rad))
-    predicted = found.predicted_ray_error_mm
+    predicted = calibrated.predicted_ray_error_mm
     expected = "" if predicted is None else f" (predicted {predicted.rms:.3f})"
     error = f"ray error {_ray_error_mm(frame, truth):.3f} mm{expected}"
-    return f"{found.verdict}: {error}, psi off by {psi:+.4f}°, in {found.timing_s.total:.2f} s"
+    return f"{calibrated.verdict}: {error}, psi off by {psi:+.4f}°, in {calibrated.timing_s.total:.2f} s"
 
 
 def _ray_error_mm(frame: SourceFrame, truth: Theta) -> float:

@@ -1,4 +1,4 @@
-"""The service as the demo sees it: from outside, over HTTP, like a scanner's software."""
+"""Client of the service for the demo: over HTTP, like a scanner's software."""
 
 import os
 import socket
@@ -25,23 +25,23 @@ NO_SETTINGS: Mapping[str, str] = MappingProxyType({})
 
 
 class DemoError(Exception):
-    """The demo cannot go on; its message gives the reason."""
+    """The demo cannot continue; the message gives the reason."""
 
 
 @contextmanager
 def running_service(
     folder: Path, settings: Mapping[str, str] = NO_SETTINGS, *, workers: int | None = None
 ) -> Iterator[httpx.Client]:
-    """`sawmill serve` on a free loopback port with a data folder of its own; yields a client once it is ready.
+    """Run `sawmill serve` on a free loopback port with a new data folder; yield a client once the service is ready.
 
     Parameters
     ----------
     folder
-        Of the data folder and the log.
+        Folder for the data folder and the log.
     settings
-        Environment variables beside the defaults.
+        Environment variables in addition to the defaults.
     workers
-        How many do its jobs; null: as many as by default.
+        Number of workers; None selects the default.
     """
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
@@ -59,10 +59,10 @@ def running_service(
     if workers is not None:
         command += ["--workers", str(workers)]
     log = folder / "service.log"
-    # What is set for a mill's own service, its database above all, is not for the demo's.
+    # Settings of a mill's own service, above all its database, must not apply to the demo's service.
     kept = {name: value for name, value in os.environ.items() if not name.startswith("SAWMILL_")}
     with log.open("wb") as sink:
-        service = subprocess.Popen(  # noqa: S603 - ourselves
+        service = subprocess.Popen(  # noqa: S603 - the product itself
             [*command, "--no-examples"], stdout=sink, stderr=sink, env={**kept, **settings}
         )
         try:
@@ -77,7 +77,7 @@ def _stop(service: "subprocess.Popen[bytes]") -> None:
     service.terminate()
     try:
         service.wait(STOP_TIMEOUT_S)
-    except subprocess.TimeoutExpired:  # its workers notice its end and follow it
+    except subprocess.TimeoutExpired:  # the workers notice the end of the service and end too
         service.kill()
         service.wait()
 
@@ -89,7 +89,7 @@ def _wait_until_ready(client: httpx.Client, service: "subprocess.Popen[bytes]", 
             raise DemoError(f"the service ended while starting:\n{log.read_text()[-2000:]}")
         try:
             answer = client.get("/health/ready")
-        except httpx.TransportError:  # it does not listen yet
+        except httpx.TransportError:  # the service does not listen yet
             time.sleep(POLL_S)
             continue
         if answer.is_success:
@@ -99,12 +99,12 @@ def _wait_until_ready(client: httpx.Client, service: "subprocess.Popen[bytes]", 
 
 
 def post(client: httpx.Client, path: str, **options: Any) -> Json:  # noqa: ANN401 - httpx's own options
-    """POST, and the JSON that comes back."""
+    """Send a POST request and return the JSON of the answer."""
     return _answer(client.post(path, **options))
 
 
 def get(client: httpx.Client, path: str) -> Json:
-    """GET, and the JSON that comes back."""
+    """Send a GET request and return the JSON of the answer."""
     return _answer(client.get(path))
 
 

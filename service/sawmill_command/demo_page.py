@@ -1,4 +1,4 @@
-"""The page that the demo writes: one log before and after, the verdict, then each scan beside its truth."""
+"""Page that the demo writes: a log before and after, the verdict, then each scan next to its ground truth."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,14 +10,14 @@ from sawmill_worker.pictures.report_page import page_templates
 
 @dataclass(frozen=True)
 class LogPair:
-    """One log with two geometries: the pictures' files, the rays' RMS errors, and what was assumed of the first.
+    """A log with two geometries: files of the pictures, RMS errors of the rays, and assumptions of the first geometry.
 
     Attributes
     ----------
     assumed
-        By what the geometry of a tape measure differs from the truth, as "source shift +14 mm".
+        Differences of the geometry by tape measure from the truth, for example "source shift +14 mm".
     time_s
-        That the calibration took.
+        Duration of the calibration.
     """
 
     before: str
@@ -30,12 +30,14 @@ class LogPair:
 
 @dataclass
 class Section:
-    """One scan: rows of a table under `head`, facts (label, value), pictures (file, caption), files (name, content).
+    """Section on a scan: rows of a table under `head`, facts (label, value), pictures (file, caption), files.
 
     Attributes
     ----------
     report : str
-        The file of the calibration's report.
+        File of the calibration's report.
+    files : list of (str, str)
+        Name and content of each file.
     """
 
     title: str
@@ -52,11 +54,11 @@ class Section:
 
     @property
     def sentence(self) -> str:
-        """What the verdict means."""
+        """Meaning of the verdict."""
         return VERDICTS[self.verdict]
 
 
 def write_page(path: Path, sections: list[Section]) -> None:
-    """Write index.html; every file that it names lies beside it. The first section has a log."""
+    """Write index.html next to the files that the page names. The first section has a log."""
     page = page_templates().get_template("demo.html").render(sections=sections)
     path.write_text(page.lstrip(), encoding="utf-8")

@@ -1,8 +1,8 @@
-"""What the command `sawmill` runs: its command line, and an early Ctrl-C without a traceback."""
+"""Entry point of the command `sawmill`: the command line, and an early Ctrl-C without a traceback."""
 
 import sys
 
-INTERRUPTED = 130  # as shells say it of SIGINT
+INTERRUPTED = 130  # exit code of shells for SIGINT
 
 
 def main() -> None:
@@ -13,7 +13,7 @@ def main() -> None:
 
         configure_threads()
         with importing():
-            # Here, so that an interruption is caught.
+            # Imported here, so that an interruption is caught.
             from sawmill_command.commands import main as command_line  # noqa: PLC0415
 
         command_line()

@@ -1,6 +1,7 @@
-"""Example resources on a fresh data folder, so that the console's "Try it out" works at once.
+"""Example resources in a new data folder, so that the console's "Try it out" works at once.
 
-`python -m sawmill_command.examples` makes them in the store of its environment, and ends with its standard input.
+`python -m sawmill_command.examples` makes the examples in the store of its environment, and ends with its standard
+input.
 """
 
 import io
@@ -43,11 +44,11 @@ from sawmill_tomography.phantoms.phantom import Phantom
 from sawmill_tomography.projection.simulate import SimulatedStack, simulate_stack
 from sawmill_vocabulary import DataKind, Polygon, ReconstructionMethod
 from sawmill_vocabulary.physics import BeamEffects, DetectorEffects, MotionEffects, Physics, WoodEffects
-from sawmill_worker.use_cases.simulated_scan import write_simulated_scan
+from sawmill_worker.use_cases.scans.simulation import write_simulated_scan
 
 EXAMPLE, SPARE, SPARSE = "example", "example-spare", "example-sparse"
 SEED = 2206
-# The published scanner (arXiv 2206.14444) with a geometry of our own.
+# The published scanner (arXiv 2206.14444) with another geometry.
 SCANNER = Scanner(source_to_cor_mm=859.46, num_detector_pixels=768, detector_pitch_mm=1.502864583)
 THETA = Theta(
     initial_angle_rad=1.1, detector_to_cor_mm=741.0, source_shift_mm=212.0, detector_shift_mm=31.0, detector_tilt=0.17
@@ -55,9 +56,9 @@ THETA = Theta(
 ROW_PITCH_MM = 4.0
 PHANTOM_ROWS, LOG_ROWS = 3, 5
 LOG_START_MM = 192.0
-# A dry board.
+# Density of a dry board.
 DRY_WOOD_PER_MM = 0.009
-# A bad day at the mill; examples/bad-day.json holds the same.
+# A bad day at the mill; examples/bad-day.json holds the same values.
 BAD_DAY = Physics(
     BeamEffects(energy_spread=0.2, scatter_share=0.02),
     DetectorEffects(blur_mm=0.8, lag_share=0.01, slope_share=0.01, gain_spread=0.03, dead_cells=2),
@@ -67,35 +68,35 @@ BAD_DAY = Physics(
 
 
 def full_turn(views: int) -> FloatArray:
-    """Equidistant angles (views,) rad from half a step on."""
+    """Return equidistant angles (views,) over a full turn, rad, starting at half a step."""
     angles: FloatArray = (np.arange(views) + 0.5) * 2.0 * np.pi / views
     return angles
 
 
 def mill_log() -> LogModel:
-    """The log of the example stack."""
+    """Return the log of the example stack."""
     return LogModel.random(SEED)
 
 
 def mill_slices(*, log_rows: int = LOG_ROWS, row_pitch_mm: float = ROW_PITCH_MM) -> list[Phantom]:
-    """A log with the L-shaped phantom on its sawn end: phantom rows, then log rows."""
+    """Return a log with the L-shaped phantom on its sawn end: phantom rows, then log rows."""
     wood = L_SHAPE.of_density(SAPWOOD_PER_MM).moved(3.0, -2.0)
     log = mill_log()
     return [wood] * PHANTOM_ROWS + [log.slice_at(LOG_START_MM + row * row_pitch_mm) for row in range(log_rows)]
 
 
 def mill_stack(views: int, slices: list[Phantom]) -> SimulatedStack:
-    """Raw counts of the example scanner."""
+    """Simulate raw counts of the example scanner."""
     return simulate_stack(slices, FanBeamGeometry(SCANNER, THETA, full_turn(views)), seed=SEED)
 
 
 def write_mill_stack(path: Path, views: int, slices: list[Phantom]) -> None:
-    """The same as an NXtomo file."""
+    """Write raw counts of the example scanner as an NXtomo file."""
     _write_stack(path, views, mill_stack(views, slices))
 
 
 def write_bad_day(path: Path, views: int) -> None:
-    """A row of the L-shaped phantom on a bad day at the mill, as an NXtomo file."""
+    """Write a row of the L-shaped phantom on a bad day at the mill, as an NXtomo file."""
     wood = L_SHAPE.of_density(DRY_WOOD_PER_MM).moved(3.0, -2.0)
     geometry = FanBeamGeometry(SCANNER, THETA, full_turn(views))
     _write_stack(path, views, simulate_stack([wood], geometry, BAD_DAY, seed=SEED))
@@ -108,9 +109,9 @@ def _write_stack(path: Path, views: int, stack: SimulatedStack) -> None:
 
 
 def seed_examples(store: Store) -> None:
-    """Queue and store the examples once in the life of a data folder; safe to repeat when it was interrupted.
+    """Queue and store the examples once in the life of a data folder; safe to repeat after an interruption.
 
-    They are computed in the background: whoever asks for something of their own does not wait for them.
+    Examples are computed in the background, so that jobs of users do not wait for examples.
     """
     done = examples_made(store)
     if done.exists():
@@ -120,8 +121,8 @@ def seed_examples(store: Store) -> None:
     stack = folder / "log-with-phantom.h5"
     write_mill_stack(stack, 120, mill_slices())
     _write_npz(folder / "phantom-scan.npz")
-    known = {item.id for item in store.scanners.page().items}
-    for identifier in {EXAMPLE, SPARE} - known:
+    existing = {item.id for item in store.scanners.page().items}
+    for identifier in {EXAMPLE, SPARE} - existing:
         store.scanners.create(_scanner_spec(identifier), scanner_id=identifier)
     if SPARE not in {item.id for item in store.phantoms.page().items}:
         store.phantoms.create(_spare_phantom(), phantom_id=SPARE)
@@ -143,7 +144,7 @@ def seed_examples(store: Store) -> None:
     _ask_once(store.drifts, DriftAsk(scan_id=EXAMPLE, calibration_id=EXAMPLE))
     plan = PlanAsk(scanner_id=EXAMPLE, theta=THETA, views=20)
     _ask_once(store.plans, plan, given={"phantom_id": L_SHAPE.name})
-    # Any other kind is asked for as the console's example asks.
+    # Any other kind is requested with the request body of the console's example.
     for declared in filter(lambda kind: kind.upload is None, asked_kinds()):
         given = dict(declared.to_ask.example)
         ask = declared.ask.model_validate(given.pop("body"))
@@ -158,16 +159,16 @@ def seed_examples(store: Store) -> None:
 
 
 def _ask_once(
-    asked: Asked[Ask, Any],
+    requests: Asked[Ask, Any],
     ask: Ask,
     identifier: str = EXAMPLE,
     *,
     job_id: str | None = None,
     given: Mapping[str, str] = NOTHING,
 ) -> None:
-    """Ask for it in the background, unless it was asked for before."""
-    if identifier not in {item.id for item in asked.page().items}:
-        asked.accept(ask, identifier=identifier, job_id=job_id, priority=Priority.BACKGROUND, given=given)
+    """Request an example in the background, unless it was requested before."""
+    if identifier not in {item.id for item in requests.page().items}:
+        requests.accept(ask, identifier=identifier, job_id=job_id, priority=Priority.BACKGROUND, given=given)
 
 
 def _scanner_spec(identifier: str) -> ScannerSpec:
@@ -188,9 +189,9 @@ def _spare_phantom() -> PhantomDrawing:
 
 
 def _seed_scans(store: Store, stack: Path) -> None:
-    known = {item.id for item in store.scans.page().items}
+    existing = {item.id for item in store.scans.page().items}
     for identifier in (SPARE, EXAMPLE):
-        if identifier not in known:
+        if identifier not in existing:
             spec = ScanSpec(
                 scanner_id=EXAMPLE,
                 data=DataKind.COUNTS,
@@ -203,8 +204,8 @@ def _seed_scans(store: Store, stack: Path) -> None:
 
 
 def _seed_inspections(store: Store, file: Path) -> None:
-    known = {item.id for item in store.inspections.page().items}
-    for identifier in {SPARE, EXAMPLE} - known:
+    existing = {item.id for item in store.inspections.page().items}
+    for identifier in {SPARE, EXAMPLE} - existing:
         received = store.files.receive([file.read_bytes()], max_bytes=2**30)
         store.inspections.accept_file(
             InspectionOptions(), received, name=file.name, identifier=identifier, priority=Priority.BACKGROUND
@@ -212,14 +213,14 @@ def _seed_inspections(store: Store, file: Path) -> None:
 
 
 def _seed_uploads(store: Store) -> None:
-    """Two that wait for their first part."""
+    """Declare two uploads that wait for their first part."""
     for identifier in (EXAMPLE, SPARE):
-        with suppress(Conflict):  # it waits already
+        with suppress(Conflict):  # the upload waits already
             store.uploads.create(UploadAsk(size_bytes=2**20), UploadQuota(2, 2**21, 2**30), identifier=identifier)
 
 
 def _write_npz(path: Path) -> None:
-    """A scan of the phantom alone, small enough to be tried from a browser."""
+    """Write a scan of only the phantom, small enough to be tried from a browser."""
     views = 60
     stack = mill_stack(views, mill_slices()[:1])
     buffer = io.BytesIO()
@@ -234,14 +235,14 @@ def _write_npz(path: Path) -> None:
 
 
 def _end_with_parent() -> None:
-    # Not by a file object, whose lock the interpreter wants at its end: it would abort.
+    # Not read through a file object: the interpreter needs its lock at the end, and would abort.
     while os.read(sys.stdin.fileno(), 1024):
         pass
     os._exit(1)
 
 
 def main() -> None:
-    """Make them, unless whoever asked for them goes away."""
+    """Make the examples, unless the requesting process ends."""
     configure_logs(ExecutionSettings().log_format)
     threading.Thread(target=_end_with_parent, daemon=True).start()
     with closing(Store(StorageSettings())) as store:

@@ -1,5 +1,5 @@
-"""`sawmill key` and `sawmill audit`: who may do what, and who did, on the machine that holds the data folder."""
-# ruff: noqa: PLC0415, FBT002 - imports inside the commands: none waits for another's libraries; flags are booleans
+"""`sawmill key` and `sawmill audit`: permissions and past actions, on the machine that holds the data folder."""
+# ruff: noqa: PLC0415, FBT002 - imports inside the commands: a command loads only its libraries; flags are booleans
 
 import getpass
 import re
@@ -32,7 +32,7 @@ _UNITS = {"h": "hours", "d": "days", "w": "weeks"}
 
 
 def _expiry(text: str) -> datetime:
-    """A time ahead as in 90d, or a date or time of RFC 3339; a date begins at midnight UTC."""
+    """Parse a period from now as in 90d, or a date or time of RFC 3339; a date begins at midnight UTC."""
     try:
         if ahead := _AHEAD.fullmatch(text):
             return datetime.now(UTC) + timedelta(**{_UNITS[ahead[2]]: int(ahead[1])})
@@ -47,7 +47,7 @@ def _expiry(text: str) -> datetime:
 
 @key_app.callback()
 def key() -> None:
-    """Who may do what: make, list, rotate and revoke keys."""
+    """Make, list, rotate and revoke keys, which decide who may do what."""
 
 
 @key_app.command(cls=Command)
@@ -123,7 +123,7 @@ def audit(
 
 @contextmanager
 def opened(data: Path | None) -> Iterator["Store"]:
-    """The store of a data folder, worked on in the name of whoever calls the command."""
+    """Open the store of a data folder, in which actions are recorded with the name of the calling user."""
     from sawmill_platform.acting import Actor, acting_as
     from sawmill_platform.errors import StorageError
     from sawmill_store.store import Store
@@ -138,7 +138,7 @@ def opened(data: Path | None) -> Iterator["Store"]:
 
 
 def _show(key: NewKey, *, as_json: bool) -> None:
-    """The secret alone on standard output, so that a program can take it."""
+    """Print only the secret on standard output, so that a program can read it."""
     if as_json:
         print_json(key.model_dump(mode="json"))
         return

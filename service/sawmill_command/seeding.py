@@ -1,4 +1,4 @@
-"""The example resources, made in a process of their own: the service need not hold the science that they take."""
+"""Creation of the example resources in a separate process, so that the service need not load the science."""
 
 import subprocess
 from pathlib import Path
@@ -14,15 +14,15 @@ COMMAND = (*PROGRAM, "sawmill_command.examples")
 
 
 def examples_made(store: Store) -> Path:
-    """The file that says that a data folder has its examples."""
+    """Return the path of the file that marks a data folder whose examples are made."""
     return store.files.folder / EXAMPLES / "complete"
 
 
 def seed_apart(store: Store) -> None:
-    """Fill a data folder with examples once in its life; if this process ends before, the next start tries again."""
+    """Fill a data folder with examples once in its life; if this process ends earlier, the next start tries again."""
     if examples_made(store).exists():
         return
-    # Its standard input ends with this process, and it with that.
+    # The standard input of the new process ends with this process, and the new process ends with its standard input.
     with subprocess.Popen(  # noqa: S603 - our own command
         COMMAND, stdin=subprocess.PIPE, stdout=2, start_new_session=True, env=environment_with(store.settings)
     ) as process:

@@ -1,5 +1,5 @@
 """`sawmill serve`, `migrate`, `doctor`, `install-service`, `demo` and `openapi`."""
-# ruff: noqa: PLC0415 - imports inside the commands: none waits for another's libraries
+# ruff: noqa: PLC0415 - imports inside the commands: a command loads only its libraries
 
 import os
 import tempfile
@@ -70,14 +70,14 @@ def migrate(data: Data = None) -> None:
 @app.command(cls=Command)
 def doctor(
     data: Annotated[
-        # Whether it can be read is for the doctor to say.
+        # The doctor reports whether the folder can be read.
         Path | None, typer.Option(readable=False, help="Data folder; SAWMILL_DATA_FOLDER or the default otherwise.")
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,  # noqa: FBT002 - a flag
 ) -> None:
-    """Look at everything that the service needs, and say what to do about what is wrong.
+    """Check everything that the service needs, and say what to do about each problem.
 
-    Nothing is changed. Exit code 1 where something is bad.
+    Nothing is changed. The exit code is 1 if a finding is bad.
     """
     from sawmill_command.doctor import command
 
@@ -90,7 +90,7 @@ def doctor(
 
 
 class WithUnits(Command):
-    """Prints the units or writes them."""
+    """A command that prints the units or writes them to a folder."""
 
     one_of = OneOf(("printed", "to"), "what becomes of the units")
 

@@ -1,8 +1,8 @@
-"""systemd units for this installation: what they start and as whom, and what the service may then touch.
+"""systemd units for this installation: programs and users, and the files that the service may access.
 
-The settings of hardening leave out what the product needs: Numba makes memory executable
-(`MemoryDenyWriteExecute`), an attempt looks at the machine's memory and cores (`ProcSubset`), and keeps itself to its
-own files by system calls that are in no set of systemd's (`landlock_...`, `seccomp`).
+The hardening leaves out settings that the product cannot work with: Numba makes memory executable
+(`MemoryDenyWriteExecute`), an attempt reads the machine's memory and cores (`ProcSubset`), and confines itself to its
+own files by system calls that are in none of systemd's sets (`landlock_...`, `seccomp`).
 """
 
 import os
@@ -20,13 +20,13 @@ from sawmill_service.settings import MOST_CONNECTIONS
 STATE, CACHE, SETTINGS = Path("/var/lib"), Path("/var/cache/sawmill"), Path("/etc/sawmill/sawmill.env")
 DATA = STATE / "sawmill"
 _MOVE = "keep installations in a folder that all may read, as /opt/sawmill, and data in one as /var/lib/sawmill"
-# What `PrivateTmp` and `ProtectHome` hide.
-_EMPTIED = (Path("/tmp"), Path("/var/tmp"))  # noqa: S108 - looked for, not written to
+# Folders that `PrivateTmp` and `ProtectHome` hide.
+_EMPTIED = (Path("/tmp"), Path("/var/tmp"))  # noqa: S108 - compared, not written to
 _HOMES = (Path("/home"), Path("/root"), Path("/run/user"))
-# Beyond SAWMILL_STOP_GRACE_S and SAWMILL_KILL_GRACE_S, for answers, uploads and a database that does not answer.
+# Time in addition to SAWMILL_STOP_GRACE_S and SAWMILL_KILL_GRACE_S, s, for answers, uploads and a slow database.
 STOP_S = 30
 
-# systemd starts no program with one of these in its path.
+# Characters that systemd does not accept in the path of a program.
 _QUOTING = re.compile(r"[\"'\\]")
 
 _LASTING = f"""\
@@ -65,7 +65,7 @@ SystemCallErrorNumber=EPERM
 SystemCallFilter=@system-service
 SystemCallFilter=landlock_create_ruleset landlock_add_rule landlock_restrict_self seccomp
 """
-# For what computes.
+# Settings of units that compute.
 _CACHED = f"""\
 Environment=NUMBA_CACHE_DIR={CACHE} MPLCONFIGDIR={CACHE}/matplotlib
 CacheDirectory={CACHE.name}
@@ -76,7 +76,7 @@ _COMMON = _LASTING + _BOUNDED + _STRICT
 
 @dataclass(frozen=True)
 class Installation:
-    """What the units are about.
+    """Installation that the units describe.
 
     Parameters
     ----------
@@ -85,9 +85,9 @@ class Installation:
     data
         The service's data folder.
     user
-        As whom it runs.
+        User as whom the service runs.
     token
-        A file with the first administrator's key, which root alone need be able to read; null: there is none.
+        A file with the first administrator's key, which only root needs to be able to read; None without a key.
 
     Raises
     ------
@@ -114,7 +114,7 @@ class Installation:
         return [self.program, self.data, *([] if self.token is None else [self.token])]
 
     def doubts(self) -> Iterator[str]:
-        """Why the service might not start where it is; it depends on rights of its user that are not known here."""
+        """Yield reasons why the service might not start, which depend on rights of the user that are not known here."""
         ways = [self.program, self.program.resolve(), Path(sys.base_prefix, "bin")]
         folders = [folder for way in ways for folder in reversed(way.parents)]
         closed = next((folder for folder in folders if folder.is_dir() and not folder.stat().st_mode & 1), None)
@@ -126,7 +126,7 @@ class Installation:
                 return
 
     def units(self) -> dict[str, str]:
-        """The units' text by the names of their files."""
+        """Return the text of each unit by the name of its file."""
         return {
             "sawmill.service": self._service(),
             "sawmill-worker@.service": self._worker(),
@@ -136,7 +136,7 @@ class Installation:
         }
 
     def write(self, folder: Path) -> list[Path]:
-        """Write the units, all of them or none; older ones of these names are replaced.
+        """Write all units or none; older units of the same names are replaced.
 
         Raises
         ------
@@ -149,19 +149,19 @@ class Installation:
             return [(Path(fresh) / name).replace(folder / name) for name in self.units()]
 
     def next_steps(self, *, written: bool) -> list[str]:
-        """The commands that root gives after this one.
+        """Return the commands that root must run next.
 
         Parameters
         ----------
         written
-            Whether the units are where systemd looks for them.
+            True if the units are in a folder that systemd reads.
         """
         steps = [f"useradd --system --user-group --home-dir {DATA} --shell /usr/sbin/nologin {self.user}"]
         if STATE not in self.data.parents:
             steps.append(shlex.join(["install", "--directory", f"--owner={self.user}", "--mode=700", str(self.data)]))
         if not written:
-            given = [str(self.program), "install-service", "--to", "/etc/systemd/system", *self._flags()]
-            steps.append(shlex.join(given))
+            command = [str(self.program), "install-service", "--to", "/etc/systemd/system", *self._flags()]
+            steps.append(shlex.join(command))
         return [*steps, "systemctl daemon-reload", "systemctl enable --now sawmill.service"]
 
     def _flags(self) -> Iterator[str]:
@@ -259,7 +259,7 @@ StartLimitBurst=10
 """
 
     def _credential(self) -> str:
-        """What makes root's file the service's alone, in memory; workers need no token."""
+        """Return the setting that gives root's file to the service alone, in memory; workers need no token."""
         if self.token is None:
             return ""
         return f"""\
@@ -276,7 +276,7 @@ ProtectHome={"read-only" if in_homes else "yes"}
 """
 
     def _on_data(self) -> str:
-        """For what works on the service's data, which are its user's alone."""
+        """Return the settings of units that work on the service's data, which belong only to its user."""
         if STATE in self.data.parents:
             folder = f"StateDirectory={_word(self.data.relative_to(STATE))}\nStateDirectoryMode=0700"
         else:
@@ -289,7 +289,7 @@ UMask=0077
 """
 
 
-# Each night, or after the next start where the machine was off.
+# The timer runs each night, or after the next start if the machine was off.
 _NIGHTLY = """\
 [Unit]
 Description=Nightly backup of Sawmill calibration to %f
@@ -305,7 +305,7 @@ WantedBy=timers.target
 
 
 def program() -> Path:
-    """The command `sawmill` by the path that it was called by: a link to one of several installations stays one."""
+    """Return the path by which `sawmill` was called: a link to one of several installations stays a link."""
     called = Path(os.path.normpath(Path(sys.argv[0]).absolute()))
     return called if called.name == "sawmill" and called.is_file() else Path(sys.executable).parent / "sawmill"
 
@@ -319,6 +319,6 @@ def _specifiers(value: object) -> str:
 
 
 def _word(value: object) -> str:
-    """One word, as systemd.syntax(7) and systemd.unit(5) have it."""
+    """Quote a value as one word for systemd.syntax(7) and systemd.unit(5)."""
     text = _specifiers(value)
     return f'"{text}"' if " " in text else text

@@ -14,7 +14,7 @@ from whole_logs import WholeLog
 
 from sawmill_tomography.geometry.image_grid import ImageGrid
 from sawmill_tomography.projection.projector import Projector
-from sawmill_worker.use_cases.reconstruct import reconstruct_in_memory
+from sawmill_worker.use_cases.reconstruction.reconstruct import reconstruct_in_memory
 
 GRID = ImageGrid(32, 400.0)
 

@@ -12,7 +12,7 @@ from sawmill_contracts.calibrations import CalibrationFile
 from sawmill_tomography.geometry.geometry import Scanner, Theta
 from sawmill_tomography.geometry.ray_error import ray_error
 from sawmill_tomography.phantoms.built_in import L_SHAPE
-from sawmill_worker.use_cases import scan_rows
+from sawmill_worker.use_cases.scans import scan_rows
 
 pytestmark = pytest.mark.slow
 

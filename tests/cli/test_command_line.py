@@ -16,7 +16,7 @@ from sawmill_contracts.calibrations import CalibrationOptions, PaperOptions
 from sawmill_contracts.plans import PlanOptions
 from sawmill_contracts.preparing import PrepareOptions
 from sawmill_contracts.reconstructions import ReconstructionOptions
-from sawmill_worker.commands.from_contract import Bounds
+from sawmill_worker.commands.from_contract import FieldBounds
 
 SAWMILL = Path(sys.executable).with_name("sawmill")
 
@@ -63,7 +63,7 @@ def test_every_field_of_a_contract_is_a_flag_with_its_description(command, contr
     ],
 )
 def test_bounds_are_a_contract_s(contract, name, words):
-    assert str(Bounds.of(contract, name)) == words
+    assert str(FieldBounds.of(contract, name)) == words
 
 
 def test_all_that_is_missing_is_named_at_once(wrong_use, scan):

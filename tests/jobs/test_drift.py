@@ -22,8 +22,15 @@ from sawmill_tomography.phantoms.log_model import LogModel
 from sawmill_tomography.projection.simulate import simulate_sinogram
 from sawmill_vocabulary import DataKind
 from sawmill_worker.jobs.running import run
-from sawmill_worker.use_cases.drift import CommonMean, DriftInput, run_drift
-from sawmill_worker.use_cases.drift_baseline import baselines_of, read_answers
+from sawmill_worker.use_cases.drift.baselines import (
+    baselines_of,
+    read_answers,
+)
+from sawmill_worker.use_cases.drift.drift_check import (
+    CommonMean,
+    DriftInput,
+    run_drift,
+)
 
 MILL = Scanner(source_to_cor_mm=859.46, num_detector_pixels=384, detector_pitch_mm=3.0)
 CONSTANTS = ScannerConstants(**vars(MILL))

@@ -29,8 +29,8 @@ from sawmill_tomography.projection.analytic import DetectorCells, project
 from sawmill_vocabulary import DataKind
 from sawmill_worker.jobs.running import run
 from sawmill_worker.use_cases import capacity
-from sawmill_worker.use_cases import prepare as preparing
-from sawmill_worker.use_cases.prepare import prepare_scan
+from sawmill_worker.use_cases.scans import prepare as preparing
+from sawmill_worker.use_cases.scans.prepare import prepare_scan
 
 VIEWS, ROWS = 36, 44
 LOST = 6
@@ -308,7 +308,7 @@ def test_memory_holds_the_window_and_not_the_scan(tmp_path):
         from sawmill_contracts.preparing import PrepareOptions
         from sawmill_formats.input.canonical import CanonicalScan
         from sawmill_formats.input.contents import Projections
-        from sawmill_worker.use_cases.prepare import prepare_scan
+        from sawmill_worker.use_cases.scans.prepare import prepare_scan
 
         def largest():
             return int(re.search(r"VmHWM:\\s+(\\d+)", Path("/proc/self/status").read_text())[1]) / 1024

@@ -19,7 +19,7 @@ from sawmill_store import drift_charts
 from sawmill_store.drift_charts import _counted
 from sawmill_store.tables import ActivationRow, DriftChartRow, MeasurementRow
 from sawmill_vocabulary import DataKind
-from sawmill_worker.use_cases.drift_following import follow
+from sawmill_worker.use_cases.drift.chart import follow
 
 COLUMN, TILT = -209.1, -0.083
 DEVIATIONS = np.array([0.05, 0.002])

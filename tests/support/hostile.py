@@ -16,7 +16,7 @@ DATA_BYTES = 2 * 2**30
 PROCESSOR_SECONDS = 20
 HANGS_AFTER_S = 300.0
 CONTEXT = multiprocessing.get_context("forkserver")
-CONTEXT.set_forkserver_preload(["sawmill_worker.use_cases.inspect", "sawmill_tomography.phantoms.tracing"])
+CONTEXT.set_forkserver_preload(["sawmill_worker.use_cases.scans.inspect", "sawmill_tomography.phantoms.tracing"])
 
 
 @dataclass(frozen=True)
@@ -74,10 +74,10 @@ def _read(path, counts, dataset):
 
 def _inspect(path, counts, dataset):
     from sawmill_vocabulary import DataKind  # noqa: PLC0415
-    from sawmill_worker.use_cases.inspect import GivenBeside, inspect_file  # noqa: PLC0415
+    from sawmill_worker.use_cases.scans.inspect import InspectionInput, inspect_file  # noqa: PLC0415
 
     data = DataKind.COUNTS if counts else DataKind.LINE_INTEGRALS
-    return inspect_file(GivenBeside(path, data, dataset)).verdict.value
+    return inspect_file(InspectionInput(path, data, dataset)).verdict.value
 
 
 def _trace(path, *_):

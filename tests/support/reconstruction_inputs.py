@@ -2,7 +2,7 @@
 
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_vocabulary import Handedness, Rotation
-from sawmill_worker.use_cases.reconstruct import ReconstructionInput
+from sawmill_worker.use_cases.reconstruction.reconstruct import ReconstructionInput
 
 
 def reconstruction_input(stack, fan, *, first_row=0, counts=False):

@@ -9,8 +9,13 @@ import pytest
 from sawmill_contracts.built_in import BUILT_IN_PHANTOMS
 from sawmill_contracts.calibrations import CalibrationOptions
 from sawmill_tomography.geometry.geometry import TAU
-from sawmill_worker.use_cases import calibrate
-from sawmill_worker.use_cases.calibrate import SEARCH_DONE, CalibrationInput, _Reporting, run_calibration
+from sawmill_worker.use_cases.calibration import calibrate
+from sawmill_worker.use_cases.calibration.calibrate import (
+    SEARCH_DONE,
+    CalibrationInput,
+    SearchProgress,
+    run_calibration,
+)
 
 
 @pytest.mark.slow
@@ -31,7 +36,7 @@ def test_the_fits_after_the_search_are_progress(sinogram, constants, monkeypatch
 def test_steps_without_end_go_on_being_progress(monkeypatch):
     monkeypatch.setattr(calibrate, "STEPS_EVERY_S", 0.0)
     reported = []
-    reporting = _Reporting(reported.append, 0.5)
+    reporting = SearchProgress(reported.append, 0.5)
     for _ in range(2000):
         reporting.on_step()
     # After ten million steps too, the next hundred are another fraction: it approaches its end by 1 / n.
@@ -48,7 +53,7 @@ def test_steps_are_told_once_a_second_and_rounds_at_once(monkeypatch):
     now = [0.0]
     monkeypatch.setattr(calibrate.time, "monotonic", lambda: now[0])
     reported = []
-    reporting = _Reporting(reported.append, 0.0)
+    reporting = SearchProgress(reported.append, 0.0)
     for _ in range(50):
         now[0] += 0.1
         reporting.on_step()

@@ -10,8 +10,8 @@ from sawmill_contracts.built_in import BUILT_IN_PHANTOMS
 from sawmill_contracts.calibrations import CalibrationOptions, PredictedRayError
 from sawmill_contracts.scanners import StoredScanner
 from sawmill_tomography.geometry.ray_error import ray_error
-from sawmill_worker.use_cases.calibrate import CalibrationInput, calibration_result, run_calibration
-from sawmill_worker.use_cases.compare import compared, geometry_of
+from sawmill_worker.use_cases.calibration.calibrate import CalibrationInput, calibration_result, run_calibration
+from sawmill_worker.use_cases.calibration.compare import compared, geometry_of
 
 
 @pytest.fixture

@@ -11,8 +11,8 @@ from sawmill_contracts.reconstructions import ReconstructionAsk, ReconstructionA
 from sawmill_tomography.geometry.geometry import TAU, FanBeamGeometry, Scanner, Theta
 from sawmill_tomography.phantoms.phantom import Disc, Phantom
 from sawmill_tomography.projection.simulate import simulate_rows
-from sawmill_worker.use_cases import block_solvers
-from sawmill_worker.use_cases.reconstruct import reconstruct_in_memory
+from sawmill_worker.use_cases.reconstruction import block_solvers
+from sawmill_worker.use_cases.reconstruction.reconstruct import reconstruct_in_memory
 
 MILL = Scanner(source_to_cor_mm=859.46, num_detector_pixels=120, detector_pitch_mm=4.0)
 THETA = Theta(0.7, 715.0, 40.0, 10.0, 0.05)

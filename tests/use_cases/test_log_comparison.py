@@ -3,8 +3,8 @@ import pytest
 
 from sawmill_tomography.phantoms.phantom import Disc, Phantom, Polygon
 from sawmill_tomography.projection.analytic import DetectorCells, project
-from sawmill_worker.use_cases.calibrate import CalibrationInput
-from sawmill_worker.use_cases.log_comparison import log_row_beside
+from sawmill_worker.use_cases.calibration.calibrate import CalibrationInput
+from sawmill_worker.use_cases.calibration.log_comparison import find_log_row
 
 
 @pytest.fixture
@@ -24,27 +24,27 @@ def shadow(scanner, theta, turn):
 
 def test_a_log_is_looked_for_amid_the_longer_run_beside_the_phantom(given, shadow):
     log = shadow(Disc((5.0, -3.0), 120.0))
-    found = log_row_beside(given, (0, 12), lambda _: log)
+    found = find_log_row(given, (0, 12), lambda _: log)
     assert found is not None
     assert found.row == 9
-    assert log_row_beside(given, (0, 7), lambda _: log).row == 1
+    assert find_log_row(given, (0, 7), lambda _: log).row == 1
 
 
 @pytest.mark.parametrize("rows", [(3, 6), (4, 5)])
 def test_without_rows_beside_the_phantom_nothing_is_read(given, rows):
-    assert log_row_beside(given, rows, lambda _: pytest.fail("a row was read")) is None
+    assert find_log_row(given, rows, lambda _: pytest.fail("a row was read")) is None
 
 
 def test_air_and_more_of_the_phantom_are_no_log(given):
     rng = np.random.default_rng(11)
     noise = rng.normal(size=given.sinogram.shape) * 0.02 * given.sinogram.std()
-    assert log_row_beside(given, (0, 12), lambda _: noise) is None
+    assert find_log_row(given, (0, 12), lambda _: noise) is None
     # The same phantom, thicker by a tenth and 2 % of noise on it.
-    assert log_row_beside(given, (0, 12), lambda _: 1.1 * given.sinogram + noise) is None
+    assert find_log_row(given, (0, 12), lambda _: 1.1 * given.sinogram + noise) is None
 
 
 def test_a_log_as_large_as_the_phantom_is_one(given, shadow):
     square = [(-130.0, -130.0), (130.0, -130.0), (130.0, 130.0), (-130.0, 130.0)]
     for shape in (Disc((0.0, 0.0), 150.0), Polygon(tuple(square))):
         row = shadow(shape)
-        assert log_row_beside(given, (0, 12), lambda _, row=row: row) is not None
+        assert find_log_row(given, (0, 12), lambda _, row=row: row) is not None

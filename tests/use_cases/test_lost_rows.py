@@ -14,7 +14,9 @@ from sawmill_tomography.phantoms.log_model import SAPWOOD_PER_MM, LogModel
 from sawmill_tomography.projection import analytic
 from sawmill_tomography.projection.analytic import DetectorCells
 from sawmill_worker.use_cases.conversion import to_phantom
-from sawmill_worker.use_cases.drift import mean_of_common_rows
+from sawmill_worker.use_cases.drift.drift_check import (
+    mean_of_common_rows,
+)
 
 pytestmark = pytest.mark.slow
 

@@ -15,7 +15,7 @@ from sawmill_tomography.phantoms.phantom import Disc, Phantom
 from sawmill_tomography.projection.analytic import DetectorCells, project
 from sawmill_tomography.reconstruction.methods import METHODS
 from sawmill_vocabulary import ReconstructionMethod
-from sawmill_worker.use_cases.reconstruct import reconstruct_in_memory, run_reconstruction
+from sawmill_worker.use_cases.reconstruction.reconstruct import reconstruct_in_memory, run_reconstruction
 
 pytestmark = pytest.mark.slow
 

@@ -11,8 +11,13 @@ from sawmill_tomography.calibration.errors import CalibrationError
 from sawmill_tomography.geometry.geometry import to_vector
 from sawmill_tomography.geometry.ray_error import ray_error
 from sawmill_tomography.preparing.line_integrals import line_integrals
-from sawmill_worker.use_cases.calibrate import CalibrationInput, _in_phantom_rows, calibration_result, run_calibration
-from sawmill_worker.use_cases.second_witness import hear_log, witness_of
+from sawmill_worker.use_cases.calibration.calibrate import (
+    CalibrationInput,
+    _in_phantom_rows,
+    calibration_result,
+    run_calibration,
+)
+from sawmill_worker.use_cases.calibration.second_witness import with_second_witness, witness_of
 
 pytestmark = pytest.mark.slow
 
@@ -66,8 +71,10 @@ def test_the_rows_that_are_found_give_the_answer_that_they_give_when_they_are_na
 
 def test_the_log_beside_the_phantom_is_heard_in_views_six_degrees_apart(stack, calibrated):
     narrowed, calibration, _ = calibrated
-    after, heard = hear_log(calibration, narrowed, asked=None, rows=(0, stack.shape[1]), read=lambda row: stack[:, row])
-    witness = witness_of(heard, after)
+    after, combined = with_second_witness(
+        calibration, narrowed, row_range=None, rows=(0, stack.shape[1]), read=lambda row: stack[:, row]
+    )
+    witness = witness_of(combined, after)
     assert (witness.agreement, witness.taken, witness.log_jump_mm) == ("agree", "both", None)
     assert witness.log_rows[0] > PHANTOM_ROWS
     true = THETA.source_frame(SCANNER.source_to_cor_mm)

@@ -11,8 +11,8 @@ from sawmill_contracts.reconstructions import ReconstructionOptions
 from sawmill_platform.contracts.attempts import JobFailure
 from sawmill_vocabulary import Handedness, Rotation
 from sawmill_worker.use_cases import capacity
-from sawmill_worker.use_cases.reconstruct import ReconstructionInput, run_reconstruction
-from sawmill_worker.use_cases.value_range import SAMPLED_VALUES, ValueRange
+from sawmill_worker.use_cases.reconstruction.reconstruct import ReconstructionInput, run_reconstruction
+from sawmill_worker.use_cases.reconstruction.value_range import SAMPLED_VALUES, ValueRange
 
 pytestmark = pytest.mark.slow
 

@@ -16,8 +16,8 @@ from sawmill_tomography.reconstruction import _fbp_numba as kernels
 from sawmill_tomography.reconstruction.fbp import Preparation
 from sawmill_tomography.reconstruction.iterative.coarse_outside import TwoGrids
 from sawmill_tomography.reconstruction.quality import relative_error
-from sawmill_worker.use_cases.keeping import NothingKept
-from sawmill_worker.use_cases.reconstruct import reconstruct_in_memory, run_reconstruction
+from sawmill_worker.use_cases.checkpoints import NothingKept
+from sawmill_worker.use_cases.reconstruction.reconstruct import reconstruct_in_memory, run_reconstruction
 
 MILL = Scanner(source_to_cor_mm=859.46, num_detector_pixels=384, detector_pitch_mm=1.5)
 THETA = Theta(0.7, 715.0, 40.0, 10.0, 0.05)

@@ -7,7 +7,7 @@ import pytest
 
 from sawmill_contracts.calibrations import PredictedRayError
 from sawmill_platform.contracts.attempts import JobFailure
-from sawmill_worker.use_cases.repeatability import repeatability
+from sawmill_worker.use_cases.calibration.repeatability import repeatability
 
 # Standard deviations of psi, R, SDD, u_c and tau, rad and mm.
 COVARIANCE = (np.diag([1e-4, 0.5, 0.8, 0.02, 5e-4]) ** 2).tolist()

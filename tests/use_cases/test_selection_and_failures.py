@@ -11,7 +11,7 @@ from sawmill_tomography.geometry.geometry import GeometryError
 from sawmill_tomography.phantoms.phantom import PhantomError
 from sawmill_tomography.preparing.line_integrals import CountsError
 from sawmill_worker.use_cases.failures import input_errors_translated
-from sawmill_worker.use_cases.selection import chosen_rows, chosen_views
+from sawmill_worker.use_cases.scans.selection import chosen_rows, chosen_views
 
 
 def test_rows_are_those_named_or_all():

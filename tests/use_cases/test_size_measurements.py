@@ -6,7 +6,7 @@ import pytest
 from pydantic import ValidationError
 
 from sawmill_contracts.phantoms import PhantomAsk, PhantomDrawing
-from sawmill_worker.use_cases.size_measurements import measurement_reasons
+from sawmill_worker.use_cases.calibration.size_measurements import measurement_reasons
 
 BOARD = {
     "kind": "polygon",

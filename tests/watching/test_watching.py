@@ -22,7 +22,7 @@ from sawmill_platform.contracts.keys import KeyAsk, Scope
 from sawmill_worker.watching.command import CannotWatch
 from sawmill_worker.watching.folder import Folder
 from sawmill_worker.watching.news import News
-from sawmill_worker.watching.sending import Sending
+from sawmill_worker.watching.sending import FileSending
 from sawmill_worker.watching.service import Service
 from sawmill_worker.watching.settings import read_settings
 from sawmill_worker.watching.stopping import Stop
@@ -121,14 +121,14 @@ def test_what_is_no_scan_goes_to_refused_with_the_reason(watched, log):
 
 
 def test_a_scan_that_is_read_at_once_is_named_beside_its_refused_file(watched, until, monkeypatch):
-    send = Sending.send
+    send = FileSending.send
 
     def send_and_let_it_be_read(self, *given):
         taking = send(self, *given)
         until(lambda: watched.running.store.scans.get(taking.scan_id).state is ScanState.REFUSED)
         return taking
 
-    monkeypatch.setattr(Sending, "send", send_and_let_it_be_read)
+    monkeypatch.setattr(FileSending, "send", send_and_let_it_be_read)
     watched.put("bad.npy", BAD)
     assert not watched.once()
     (bad,) = watched.scans()

@@ -39,12 +39,16 @@ from sawmill_vocabulary import (
     Verdict,
 )
 from sawmill_vocabulary.scattered_radiation import NOTHING_FOUND
-from sawmill_worker.use_cases.calibrate import CalibrationInput, calibration_result, run_calibration
-from sawmill_worker.use_cases.drift import DriftInput, mean_of_common_rows, run_drift
-from sawmill_worker.use_cases.drift_baseline import baselines_of, read_answers
-from sawmill_worker.use_cases.given_geometry import GivenGeometry
-from sawmill_worker.use_cases.reconstruct import ReconstructionInput, reconstruct_in_memory
-from sawmill_worker.use_cases.result_file import read_calibration as read_result
+from sawmill_worker.use_cases.calibration.calibrate import CalibrationInput, calibration_result, run_calibration
+from sawmill_worker.use_cases.calibration.result_file import read_calibration as read_result
+from sawmill_worker.use_cases.drift.baselines import baselines_of, read_answers
+from sawmill_worker.use_cases.drift.drift_check import (
+    DriftInput,
+    mean_of_common_rows,
+    run_drift,
+)
+from sawmill_worker.use_cases.drift.given_geometry import GivenGeometry
+from sawmill_worker.use_cases.reconstruction.reconstruct import ReconstructionInput, reconstruct_in_memory
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -316,7 +320,7 @@ def calibrate(
         job_input, outcome = run_calibration(job_input, chosen, on_progress, stack=None if scan.rows_chosen else stack)
 
     def arrays() -> CalibrationArrays:
-        from sawmill_worker.use_cases.calibration_files import report_arrays  # noqa: PLC0415 - as a command
+        from sawmill_worker.use_cases.calibration.calibration_files import report_arrays  # noqa: PLC0415 - as a command
 
         return report_arrays(outcome, job_input, stack, scan.rows)
 

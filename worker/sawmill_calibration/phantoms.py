@@ -10,8 +10,7 @@ from sawmill_contracts.phantoms import PhantomDrawing, PhantomPicture
 from sawmill_platform.contracts.base import complaint
 from sawmill_tomography.phantoms.phantom import Phantom
 from sawmill_worker.use_cases.conversion import from_phantom
-from sawmill_worker.use_cases.phantom_file import read_drawing
-from sawmill_worker.use_cases.phantom_picture import traced_drawing
+from sawmill_worker.use_cases.phantom_drawings import read_drawing, traced_drawing
 
 
 def drawing_of(phantom: Phantom | str | Path, width_mm: float | None = None) -> PhantomDrawing:

@@ -26,9 +26,9 @@ from sawmill_vocabulary import (
     RowAlignment,
     Scanner,
 )
-from sawmill_worker.use_cases.scan_rows import open_rows
-from sawmill_worker.use_cases.scan_source import ScanSource
-from sawmill_worker.use_cases.selection import chosen_rows, chosen_views
+from sawmill_worker.use_cases.scans.scan_rows import open_rows
+from sawmill_worker.use_cases.scans.scan_source import ScanSource
+from sawmill_worker.use_cases.scans.selection import chosen_rows, chosen_views
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

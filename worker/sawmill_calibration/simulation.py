@@ -19,8 +19,7 @@ from sawmill_tomography.projection.simulate import simulate_rows, simulate_stack
 from sawmill_vocabulary import DataKind, Handedness, Rotation, Scanner, Theta
 from sawmill_vocabulary.physics import Physics
 from sawmill_worker.use_cases.conversion import to_phantom
-from sawmill_worker.use_cases.physics_file import read_physics
-from sawmill_worker.use_cases.simulated_scan import write_simulated_scan
+from sawmill_worker.use_cases.scans.simulation import read_physics, write_simulated_scan
 
 
 def simulate_phantom_scan(

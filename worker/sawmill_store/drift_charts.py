@@ -1,6 +1,6 @@
 """Charts of scanners' drift checks: each check that counts goes into its chart once, in the order of their ends.
 
-What a chart is, only the science knows (`use_cases/drift_following.py`): it is handed in. A chart has the first looks
+What a chart is, only the science knows (`use_cases/drift/chart.py`): it is handed in. A chart has the first looks
 of its activation, as many as its row says, and goes on with the next ones. Checks that wait for it are marked in their
 own rows. The computing is done between two transactions: nobody waits for it.
 """

@@ -1,4 +1,4 @@
-"""Which software computes: its version, its code as it lies on the disk, and the libraries that numbers come from."""
+"""Identity of the software that computes: version, code on the disk, and libraries that affect numbers."""
 
 import hashlib
 import sys
@@ -17,7 +17,7 @@ LIBRARIES = ("h5py", "numba", "numpy", "Pillow", "scikit-image", "scipy", "tifff
 def software() -> str:
     """Return the version with the first digits of the SHA-256 of all modules of the product and of its libraries.
 
-    They are read once a process, which should be at its start: the modules that it has loaded are those of that time.
+    The modules are read once in a process, which should be at the start, when they equal the modules that are loaded.
     """
     digest = hashlib.sha256(sys.version.encode())
     digest.update("".join(f"{name} {version(name)}\0" for name in LIBRARIES).encode())

@@ -6,7 +6,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 
 def templates_of(package: str, extensions: Sequence[str] = ()) -> Environment:
-    """The templates in a package's folder `templates`: values are escaped, and a missing name is an error."""
+    """Load the templates in a package's folder `templates`; values are escaped, and a missing name is an error."""
     return Environment(
         loader=PackageLoader(package),
         autoescape=True,

@@ -1,7 +1,7 @@
-"""The commands that need no server, from inspect and calibrate to export and worker: a module a command.
+"""Commands that need no server, from inspect and calibrate to export and worker: one module per command.
 
-Here stand their flags and what they print. Flags come from the contracts (`commands/from_contract.py`). What a command
-does stands in `sawmill_worker.commands`, which the command itself imports.
+The modules hold flags and output. Flags come from the contracts (`commands/from_contract.py`). The work of a command is
+in `sawmill_worker.commands`, which the command imports when it runs.
 """
 
 COMMANDS = {

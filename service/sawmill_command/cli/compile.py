@@ -1,5 +1,5 @@
 """`sawmill compile`."""
-# ruff: noqa: PLC0415 - imports inside the command: its help waits for none
+# ruff: noqa: PLC0415 - imports inside the command: its help needs none
 
 import typer
 

@@ -1,5 +1,5 @@
-"""`sawmill drift`: its flags, and what it prints."""
-# ruff: noqa: PLC0415, FBT002 - imports inside the command: its help waits for none; flags are booleans with a default
+"""`sawmill drift`: flags and output."""
+# ruff: noqa: PLC0415, FBT002 - imports inside the command: its help needs none; flags are booleans with a default
 
 from pathlib import Path
 from typing import Annotated

@@ -1,5 +1,5 @@
-"""`sawmill export`: its flags."""
-# ruff: noqa: PLC0415 - imports inside the command: its help waits for none
+"""`sawmill export`: flags."""
+# ruff: noqa: PLC0415 - imports inside the command: its help needs none
 
 from pathlib import Path
 from typing import Annotated
@@ -15,7 +15,7 @@ app = typer.Typer()
 
 
 class WithAngles(Command):
-    """Needs the angles of the views."""
+    """A command that needs the angles of the views."""
 
     one_of = OneOf(("angles_deg", "angles_file"), "the views' angles")
 
@@ -36,7 +36,7 @@ def export(
 ) -> None:
     """Write a calibrated geometry for another toolkit."""
     angles = shared.given_angles(angles_deg, angles_file)
-    assert angles is not None  # noqa: S101 - WithAngles saw to it
+    assert angles is not None  # noqa: S101 - checked by WithAngles
     with answering():
         from sawmill_worker.commands.export import export_geometry
 

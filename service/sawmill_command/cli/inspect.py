@@ -1,5 +1,5 @@
-"""`sawmill inspect`: its flags, and what it prints."""
-# ruff: noqa: PLC0415, FBT002 - imports inside the command: its help waits for none; flags are booleans with a default
+"""`sawmill inspect`: flags and output."""
+# ruff: noqa: PLC0415, FBT002 - imports inside the command: its help needs none; flags are booleans with a default
 
 from typing import Annotated
 
@@ -32,10 +32,10 @@ def inspect(
     """Say what is in a file, what of it would be read as a scan, and what is missing."""
     angles = shared.given_angles(angles_deg, angles_file)
     with answering(as_json=as_json):
-        from sawmill_worker.use_cases.inspect import GivenBeside, inspect_file
+        from sawmill_worker.use_cases.scans.inspect import InspectionInput, inspect_file
 
         result = inspect_file(
-            GivenBeside(
+            InspectionInput(
                 file, data, dataset, angles, detector_pitch_mm, row_pitch_mm, flats, darks, follow_links, transpose
             ),
         )

@@ -1,4 +1,4 @@
-"""A command line that imports a command's module when the command runs: none waits for another's libraries."""
+"""Command line that imports a command's module when the command runs, so that a command loads only its libraries."""
 
 import ast
 from collections.abc import Iterator, Mapping
@@ -14,9 +14,9 @@ from sawmill_platform.attempts.importing import importing
 
 
 class CommandsOnDemand(TyperGroup):
-    """Commands by the names of their modules, each of which has a Typer application `app` with the command.
+    """Commands by the names of their modules; a module has a Typer application `app` with the command.
 
-    Help and a shell's completion list the commands by their docstrings, which are read without importing the modules.
+    Help and shell completion list the commands with their docstrings, which are read without importing the modules.
     """
 
     modules: ClassVar[Mapping[str, str]] = {}
@@ -27,7 +27,7 @@ class CommandsOnDemand(TyperGroup):
 
     # Typer's context has no public type.
     def list_commands(self, ctx: Any) -> list[str]:  # noqa: ANN401, ARG002
-        """List the names, in their order."""
+        """List the names in their order."""
         return list(self.modules)
 
     def get_command(self, ctx: Any, cmd_name: str) -> TyperCommand | None:  # noqa: ANN401, ARG002
@@ -42,7 +42,7 @@ class CommandsOnDemand(TyperGroup):
 
 
 class _Imported(Mapping[str, Any]):
-    """The commands themselves."""
+    """Commands by name, imported on access."""
 
     def __init__(self, modules: Mapping[str, str]) -> None:
         self._modules = modules
@@ -60,14 +60,14 @@ class _Imported(Mapping[str, Any]):
 
 
 def _docstring(module: str, command: str) -> str | None:
-    """Read what the function of a command says, where its name is the command's."""
+    """Read the docstring of a command's function from its source, if the function has the command's name."""
     spec = find_spec(module)
-    assert spec is not None  # noqa: S101 - ours
+    assert spec is not None  # noqa: S101 - a module of the product
     assert spec.origin is not None  # noqa: S101
     function = command.replace("-", "_")
-    found = (
+    functions = (
         node
         for node in ast.parse(Path(spec.origin).read_bytes()).body
         if isinstance(node, ast.FunctionDef) and node.name.removesuffix("_") == function
     )
-    return ast.get_docstring(next(found))
+    return ast.get_docstring(next(functions))

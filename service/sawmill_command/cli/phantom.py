@@ -1,5 +1,5 @@
-"""`sawmill phantom`: the flags of its commands, and what they print."""
-# ruff: noqa: PLC0415, FBT002 - imports inside the command: its help waits for none; flags are booleans with a default
+"""`sawmill phantom`: flags and output of the commands."""
+# ruff: noqa: PLC0415, FBT002 - imports inside the command: its help needs none; flags are booleans with a default
 
 from typing import Annotated
 

@@ -1,5 +1,5 @@
-"""`sawmill reconstruct`: its flags, and what it prints."""
-# ruff: noqa: PLC0415, FBT002 - imports inside the command: its help waits for none; flags are booleans with a default
+"""`sawmill reconstruct`: flags and output."""
+# ruff: noqa: PLC0415, FBT002 - imports inside the command: its help needs none; flags are booleans with a default
 
 from pathlib import Path
 from typing import Annotated
@@ -27,13 +27,13 @@ app = typer.Typer()
 
 
 def _picture(description: str) -> OptionInfo:
-    """The flag of a picture that is written."""
-    found: OptionInfo = typer.Option(metavar="OUT.png", dir_okay=False, callback=shared.writable, help=description)
-    return found
+    """Create the flag of a picture to write."""
+    flag: OptionInfo = typer.Option(metavar="OUT.png", dir_okay=False, callback=shared.writable, help=description)
+    return flag
 
 
 def _one_number(text: str) -> float:
-    """The number; what is not one is refused (a parser of Typer's)."""
+    """Parse a number, or refuse the text (a Typer parser)."""
     try:
         number = float(text)
     except ValueError as error:
@@ -43,7 +43,7 @@ def _one_number(text: str) -> float:
 
 
 def _coordinates_of(text: str) -> tuple[float, float]:
-    """X and Y from X,Y (a parser of Typer's)."""
+    """Parse X and Y from X,Y (a Typer parser)."""
     position = position_of(text)
     return position.x, position.y
 

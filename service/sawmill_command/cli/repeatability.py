@@ -1,5 +1,5 @@
-"""`sawmill repeatability`: its flags, and what it prints."""
-# ruff: noqa: PLC0415, FBT002 - imports inside the command: its help waits for none; flags are booleans with a default
+"""`sawmill repeatability`: flags and output."""
+# ruff: noqa: PLC0415, FBT002 - imports inside the command: its help needs none; flags are booleans with a default
 
 from pathlib import Path
 from typing import Annotated
@@ -28,8 +28,8 @@ def repeatability(
 ) -> None:
     """Report what calibrations of one scanner differ by, against their error bars."""
     with answering(as_json=as_json):
-        from sawmill_worker.use_cases.repeatability import repeatability as compared
-        from sawmill_worker.use_cases.result_file import read_calibration
+        from sawmill_worker.use_cases.calibration.repeatability import repeatability as compared
+        from sawmill_worker.use_cases.calibration.result_file import read_calibration
 
         result = compared([(str(path), read_calibration(path)) for path in results])
     if as_json:

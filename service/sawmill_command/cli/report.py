@@ -1,5 +1,5 @@
-"""`sawmill report`: its flags."""
-# ruff: noqa: PLC0415 - imports inside the command: its help waits for none
+"""`sawmill report`: flags."""
+# ruff: noqa: PLC0415 - imports inside the command: its help needs none
 
 from pathlib import Path
 from typing import Annotated

@@ -1,5 +1,5 @@
-"""`sawmill simulate`: its flags."""
-# ruff: noqa: PLC0415 - imports inside the command: its help waits for none
+"""`sawmill simulate`: flags."""
+# ruff: noqa: PLC0415 - imports inside the command: its help needs none
 
 from pathlib import Path
 from typing import Annotated
@@ -14,7 +14,7 @@ from sawmill_worker.commands.command_line import Command
 from sawmill_worker.commands.from_contract import Flags, from_contracts, option
 from sawmill_worker.commands.geometry_options import Position, ThetaFlag, position_of
 from sawmill_worker.commands.phantom_options import (
-    Body,
+    PhantomShape,
     PhantomSource,
     PhantomText,
     PhantomWidth,
@@ -75,17 +75,17 @@ def simulate(
     from sawmill_formats.input.angles import AngleSteps
 
     angles = shared.given_angles(angles_deg, angles_file) or AngleSteps(180.0 / views, 360.0 / views)
-    if body == Body.LOG_WITH_PHANTOM and phantom_rows >= rows:
+    if body == PhantomShape.LOG_WITH_PHANTOM and phantom_rows >= rows:
         raise typer.BadParameter(f"--phantom-rows {phantom_rows} leaves no row for the log: give more --rows.")
     if physics is not None and data is not DataKind.COUNTS:
         raise typer.BadParameter("--physics makes counts: leave --data line-integrals out.")
-    drawn = PhantomSource(phantom if body in set(Body) else body, phantom_width_mm)
+    drawn = PhantomSource(phantom if body in set(PhantomShape) else body, phantom_width_mm)
     with answering():
         from sawmill_tomography.phantoms.log_model import log_slices
         from sawmill_worker.commands.simulate import phantom_slices, simulate_scan
 
-        wood = 0 if body == Body.LOG else phantom_rows if body == Body.LOG_WITH_PHANTOM else rows
-        as_wood = data is DataKind.COUNTS or body == Body.LOG_WITH_PHANTOM
+        wood = 0 if body == PhantomShape.LOG else phantom_rows if body == PhantomShape.LOG_WITH_PHANTOM else rows
+        as_wood = data is DataKind.COUNTS or body == PhantomShape.LOG_WITH_PHANTOM
         slices = phantom_slices(drawn, wood, handedness=handedness, position=position_mm or Position(), as_wood=as_wood)
         slices += log_slices(rows, row_pitch_mm=scanner.row_pitch_mm or 0.0, seed=seed)[wood:]
         simulate_scan(

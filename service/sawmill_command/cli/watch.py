@@ -1,5 +1,5 @@
-"""`sawmill watch`: its flags."""
-# ruff: noqa: PLC0415, FBT002 - imports inside the command: its help waits for none; flags are booleans with a default
+"""`sawmill watch`: flags."""
+# ruff: noqa: PLC0415, FBT002 - imports inside the command: its help needs none; flags are booleans with a default
 
 from pathlib import Path
 from typing import Annotated
@@ -38,10 +38,10 @@ def watch(
         with variables_checked():
             configure_logs(ExecutionSettings().log_format)
         if check:
-            found = command.check(file)
-            for is_well, sentence in found:
+            results = command.check(file)
+            for is_well, sentence in results:
                 say(sentence, trouble=None if is_well else "wrong")
-            raise typer.Exit(0 if all(is_well for is_well, _ in found) else 1)
+            raise typer.Exit(0 if all(is_well for is_well, _ in results) else 1)
         is_well = command.watch(file, showing_progress, once=once)
     except (WrongVariableError, WrongFileError) as error:
         raise typer.BadParameter(str(error)) from error

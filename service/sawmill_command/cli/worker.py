@@ -1,5 +1,5 @@
-"""`sawmill worker`: its flags."""
-# ruff: noqa: PLC0415 - imports inside the command: its help waits for none
+"""`sawmill worker`: flags."""
+# ruff: noqa: PLC0415 - imports inside the command: its help needs none
 
 import os
 from pathlib import Path
@@ -14,12 +14,12 @@ app = typer.Typer()
 
 
 def _listed(texts: list[str] | None) -> list[str]:
-    """Split what is given with commas between (a callback of Typer's)."""
+    """Split texts at commas (a Typer callback)."""
     return [part.strip() for text in texts or () for part in text.split(",")]
 
 
 def _job_kinds(texts: list[str] | None) -> list[str]:
-    """Split kinds of jobs, and refuse what is none (a callback of Typer's)."""
+    """Split kinds of jobs, and refuse unknown kinds (a Typer callback)."""
     kinds = _listed(texts)
     for kind in kinds:
         if kind not in set(JobKind.all()):
@@ -50,7 +50,7 @@ def worker(
         ),
     ] = None,
 ) -> None:
-    """Run one embedded worker beside a service that uses the same data folder."""
+    """Run one embedded worker next to a service that uses the same data folder."""
     from sawmill_platform.workers.variables import WrongVariableError, variables_checked
     from sawmill_worker.poller import run
 

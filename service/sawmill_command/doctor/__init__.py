@@ -1,1 +1,1 @@
-"""`sawmill doctor`: how an installation is, a sentence each, and what to do about what is wrong."""
+"""`sawmill doctor`: the state of an installation in sentences, and the remedy for each problem."""

@@ -1,4 +1,4 @@
-"""`sawmill doctor` as it is called and printed."""
+"""Call and output of `sawmill doctor`."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -9,7 +9,7 @@ from rich.table import Table
 
 from sawmill_command.data_option import settings_of
 from sawmill_command.doctor import machine, store
-from sawmill_command.doctor.findings import Finding, State
+from sawmill_command.doctor.findings import DoctorFinding, State
 from sawmill_command.doctor.science import science
 from sawmill_platform.settings import StorageSettings
 from sawmill_platform.workers.settings import ExecutionSettings
@@ -20,25 +20,27 @@ from sawmill_service.settings import ServiceSettings
 _COLOURS = {State.GOOD: "green", State.WATCH: "yellow", State.BAD: "red"}
 
 
-def examine(data: Path | None) -> list[Finding]:
-    """Look at everything, from the settings to Redis; nothing is changed and no store is made.
+def examine(data: Path | None) -> list[DoctorFinding]:
+    """Check everything from the settings to Redis; nothing is changed and no store is made.
 
     Parameters
     ----------
     data
-        The data folder; null: that of the settings.
+        The data folder; None selects the settings' folder.
     """
     try:
         with variables_checked():
             settings, execution = ServiceSettings(), ExecutionSettings()
             storage = settings_of(data)
     except WrongVariableError as error:
-        return [Finding("settings", State.BAD, str(error), "then ask the doctor again")]
+        return [DoctorFinding("settings", State.BAD, str(error), "then ask the doctor again")]
     return list(_examine(settings, storage, execution))
 
 
-def _examine(settings: ServiceSettings, storage: StorageSettings, execution: ExecutionSettings) -> Iterator[Finding]:
-    yield Finding("settings", State.GOOD, "every SAWMILL_ variable is a setting and holds what it can")
+def _examine(
+    settings: ServiceSettings, storage: StorageSettings, execution: ExecutionSettings
+) -> Iterator[DoctorFinding]:
+    yield DoctorFinding("settings", State.GOOD, "every SAWMILL_ variable is a setting and holds what it can")
     yield from machine.packages()
     yield from science()
     yield from machine.limits_of_system(settings, execution)
@@ -55,20 +57,20 @@ def _examine(settings: ServiceSettings, storage: StorageSettings, execution: Exe
         yield from store.files_without_database(storage.data_folder)
 
 
-def _service(settings: ServiceSettings, storage: StorageSettings) -> Iterator[Finding]:
+def _service(settings: ServiceSettings, storage: StorageSettings) -> Iterator[DoctorFinding]:
     try:
         process = serving_process(storage)
     except OSError as error:
-        yield Finding("service", State.BAD, str(error), machine.run_as_owner(storage.data_folder))
+        yield DoctorFinding("service", State.BAD, str(error), machine.run_as_owner(storage.data_folder))
         return
     if process is not None:
-        yield Finding("service", State.GOOD, f"process {process} serves the data folder")
+        yield DoctorFinding("service", State.GOOD, f"process {process} serves the data folder")
     else:
         yield machine.address(settings, may_be_ours=not storage.is_one_file)
 
 
-def show(findings: Sequence[Finding]) -> None:
-    """Print a row for each, and the cures below what is wrong."""
+def show(findings: Sequence[DoctorFinding]) -> None:
+    """Print a row per finding, and the cure below a bad finding."""
     table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
     for finding in findings:
         colour = _COLOURS[finding.state]

@@ -1,30 +1,30 @@
-"""What was looked at, how it is, and the cure."""
+"""Findings of the doctor: subject, state and cure."""
 
 from enum import StrEnum
 from typing import NamedTuple
 
 
 class State(StrEnum):
-    """How something is."""
+    """State of a subject."""
 
     GOOD = "good"
     WATCH = "watch"
     BAD = "bad"
 
 
-class Finding(NamedTuple):
-    """One thing that was looked at.
+class DoctorFinding(NamedTuple):
+    """Result of one check.
 
     Attributes
     ----------
     subject : str
-        What.
+        The checked subject.
     state : State
-        How it is.
+        State of the subject.
     sentence : str
-        With the values seen.
+        Description with the values seen.
     cure : str
-        What to do; empty where nothing is to be done.
+        The remedy; empty if nothing is to be done.
     """
 
     subject: str

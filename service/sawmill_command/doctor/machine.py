@@ -1,4 +1,4 @@
-"""What the doctor sees of the machine: packages, the data folder with its disk and owners, limits of the system."""
+"""Checks of the machine: packages, the data folder with its disk and owners, limits of the system."""
 
 import errno
 import os
@@ -11,7 +11,7 @@ from pathlib import Path
 
 from packaging.requirements import Requirement
 
-from sawmill_command.doctor.findings import Finding, State
+from sawmill_command.doctor.findings import DoctorFinding, State
 from sawmill_platform.confinement import landlock
 from sawmill_platform.errors import FolderUnavailable, StorageMisconfigured
 from sawmill_platform.files.file_store import is_read_only, refuse_half_restored
@@ -24,105 +24,105 @@ from sawmill_service.settings import ServiceSettings
 from sawmill_vocabulary.version import VERSION
 
 PACKAGE = "sawmill-calibration"
-# SQLite's write-ahead log needs memory that all its users share, and locks that hold.
+# File systems that do not suit SQLite: its write-ahead log needs memory shared by all processes, and reliable locks.
 _OF_NETWORKS = {"nfs", "nfs4", "cifs", "smb3", "smbfs", "9p", "fuse.sshfs", "ceph", "fuse.glusterfs", "lustre", "afs"}
 _MOUNTS = Path("/proc/self/mountinfo")
 _OTHERS_MAY_WRITE = 0o022
-_OF_THE_DISK = "lost+found"  # root's, where the folder is a disk of its own
+_OF_THE_DISK = "lost+found"  # belongs to root if the folder is the root of a disk
 
 
-def packages() -> Iterator[Finding]:
-    """Whether what is installed is what the product asks for."""
+def packages() -> Iterator[DoctorFinding]:
+    """Check that the installed packages are the versions that the product requires."""
     wrong = list(_wrong_packages())
     yield from wrong
     if not wrong:
-        yield Finding("versions", State.GOOD, f"{PACKAGE} {VERSION}, Python {platform.python_version()}")
+        yield DoctorFinding("versions", State.GOOD, f"{PACKAGE} {VERSION}, Python {platform.python_version()}")
 
 
-def _wrong_packages() -> Iterator[Finding]:
+def _wrong_packages() -> Iterator[DoctorFinding]:
     for text in requires(PACKAGE) or []:
         needed = Requirement(text)
         if needed.marker is not None and not needed.marker.evaluate({"extra": ""}):
             continue
         try:
-            found = version(needed.name)
+            installed = version(needed.name)
         except PackageNotFoundError:
-            found = "none"
-        if found == "none" or not needed.specifier.contains(found, prereleases=True):
-            wanted = f"{needed.name}{needed.specifier}"
-            yield Finding(
+            installed = "none"
+        if installed == "none" or not needed.specifier.contains(installed, prereleases=True):
+            requirement = f"{needed.name}{needed.specifier}"
+            yield DoctorFinding(
                 "versions",
                 State.BAD,
-                f"{wanted} is needed, and {found} is installed",
+                f"{requirement} is needed, and {installed} is installed",
                 f"install {PACKAGE} again with its constraints.txt",
             )
 
 
-def limits_of_system(settings: ServiceSettings, execution: ExecutionSettings) -> Iterator[Finding]:
-    """Whether the system allows what the settings ask for."""
+def limits_of_system(settings: ServiceSettings, execution: ExecutionSettings) -> Iterator[DoctorFinding]:
+    """Check that the system's limits allow the settings."""
     most, possible = settings.max_connections, possible_connections(settings.max_connections)
     if possible == most:
-        yield Finding("open files", State.GOOD, f"enough for {most} connections")
+        yield DoctorFinding("open files", State.GOOD, f"enough for {most} connections")
     else:
-        yield Finding(
+        yield DoctorFinding(
             "open files",
             State.WATCH,
             f"{most} connections need {files_needed(most)} open files; the system allows {possible} connections",
             f"raise its limit (ulimit -n), or set SAWMILL_MAX_CONNECTIONS to {possible}",
         )
     if os.geteuid() == 0:
-        yield Finding(
+        yield DoctorFinding(
             "user",
             State.WATCH,
             "this is root: a service of root that somebody takes over has all rights on the machine",
             "run the service, and the doctor, as a user of its own: see docs/install.md",
         )
     else:
-        yield Finding("user", State.GOOD, f"user {os.geteuid()}, who is not root")
+        yield DoctorFinding("user", State.GOOD, f"user {os.geteuid()}, who is not root")
     if not execution.confine_attempts:
-        yield Finding(
+        yield DoctorFinding(
             "confinement",
             State.WATCH,
             "SAWMILL_CONFINE_ATTEMPTS is off: a hostile upload could reach all files of this user",
             "unset it",
         )
     elif landlock.version() == 0:
-        yield Finding(
+        yield DoctorFinding(
             "confinement",
             State.WATCH,
             "the kernel has no Landlock: a hostile upload could reach all files of this user",
             "use Linux 5.13 or later with Landlock enabled (lsm=landlock,...)",
         )
     else:
-        yield Finding("confinement", State.GOOD, f"Landlock {landlock.version()} keeps jobs to their own files")
+        yield DoctorFinding("confinement", State.GOOD, f"Landlock {landlock.version()} keeps jobs to their own files")
 
 
-def address(settings: ServiceSettings, *, may_be_ours: bool) -> Finding:
-    """Whether the service could listen; `may_be_ours`: nothing tells whether what listens there is the service."""
+def address(settings: ServiceSettings, *, may_be_ours: bool) -> DoctorFinding:
+    """Check that the service could listen; `may_be_ours` if it is unknown whether a present listener is the service."""
     try:
         with closing(listen(settings.host, settings.port, guarded=True)) as listening:
             port = listening.getsockname()[1]
     except ListenError as error:
         if may_be_ours and isinstance(error.__cause__, OSError) and error.__cause__.errno == errno.EADDRINUSE:
             sentence = f"something listens on {settings.host} with port {settings.port}: the service, if it runs"
-            return Finding("address", State.GOOD, sentence)
-        return Finding("address", State.BAD, str(error), "mend SAWMILL_HOST and SAWMILL_PORT")
-    return Finding("address", State.GOOD, f"{settings.host} with port {port} can be listened on")
+            return DoctorFinding("address", State.GOOD, sentence)
+        return DoctorFinding("address", State.BAD, str(error), "mend SAWMILL_HOST and SAWMILL_PORT")
+    return DoctorFinding("address", State.GOOD, f"{settings.host} with port {port} can be listened on")
 
 
-def data_folder(storage: StorageSettings) -> Iterator[Finding]:
-    """Whether it is there, on a disk that will do, with room, and this user's; nothing is made."""
+def data_folder(storage: StorageSettings) -> Iterator[DoctorFinding]:
+    """Check that the folder exists, on a suitable disk with free space, and belongs to this user; nothing is made."""
     folder = storage.data_folder
     if not folder.is_dir():
-        if storage.is_one_file:  # a server knows whether there should be one
+        if storage.is_one_file:  # a database server knows whether a folder should exist
             cure = "the first start of sawmill serve makes it"
-            yield Finding("data folder", State.WATCH, f"{folder} is not there", cure)
+            yield DoctorFinding("data folder", State.WATCH, f"{folder} is not there", cure)
         return
     yield _writable(folder)
     if not is_closed(folder):
         yield from _half_restored(folder)
     if storage.is_one_file and (kind := file_system(folder)) in _OF_NETWORKS:
-        yield Finding(
+        yield DoctorFinding(
             "data folder",
             State.BAD,
             f"{folder} is on a network file system ({kind}), where SQLite loses rows",
@@ -131,83 +131,83 @@ def data_folder(storage: StorageSettings) -> Iterator[Finding]:
     yield from _room(folder, storage.disk_reserve_bytes)
 
 
-def _half_restored(folder: Path) -> Iterator[Finding]:
+def _half_restored(folder: Path) -> Iterator[DoctorFinding]:
     try:
         refuse_half_restored(folder)
     except StorageMisconfigured as error:
         cure = "wait for its end, or give sawmill restore BACKUP once more"
-        yield Finding("data folder", State.BAD, str(error), cure)
+        yield DoctorFinding("data folder", State.BAD, str(error), cure)
 
 
 def is_closed(folder: Path) -> bool:
-    """Whether the folder is there and this user cannot work in it."""
+    """Return whether the folder exists and this user cannot work in it."""
     try:
         return folder.is_dir() and (is_read_only(folder) or not os.access(folder, os.R_OK | os.W_OK | os.X_OK))
     except FolderUnavailable:
         return True
 
 
-def _writable(folder: Path) -> Finding:
+def _writable(folder: Path) -> DoctorFinding:
     cure = "look for the disk's errors in the system's log (dmesg), mend it (fsck), and mount it for writing again"
     try:
         if is_read_only(folder):
-            return Finding("data folder", State.BAD, f"{folder} is on a disk that is read-only", cure)
+            return DoctorFinding("data folder", State.BAD, f"{folder} is on a disk that is read-only", cure)
     except FolderUnavailable as error:
-        return Finding("data folder", State.BAD, str(error), cure)
+        return DoctorFinding("data folder", State.BAD, str(error), cure)
     if is_closed(folder):
-        return Finding(
+        return DoctorFinding(
             "data folder",
             State.BAD,
             f"{folder} belongs to user {_owner(folder)} and cannot be written to by this one",
             run_as_owner(folder),
         )
-    # What a command by another user, root above all, has left: the service could not write to it.
+    # Files left by a command of another user, above all root, to which the service cannot write.
     stray = next((one for one in _two_levels(folder) if one.lstat().st_uid != folder.stat().st_uid), None)
     if stray is not None:
-        return Finding(
+        return DoctorFinding(
             "data folder",
             State.BAD,
             f"{stray} belongs to user {_owner(stray)}, and the folder to {_owner(folder)}",
             f"chown -R {_owner(folder)} {folder}; give commands as {_owner(folder)}",
         )
     if folder.stat().st_mode & _OTHERS_MAY_WRITE:
-        return Finding(
+        return DoctorFinding(
             "data folder",
             State.BAD,
             f"others on this machine may write to {folder} ({folder.stat().st_mode & 0o777:o})",
             f"chmod go-w {folder}",
         )
-    return Finding("data folder", State.GOOD, f"{folder}, of user {_owner(folder)}")
+    return DoctorFinding("data folder", State.GOOD, f"{folder}, of user {_owner(folder)}")
 
 
-def _room(folder: Path, reserve_bytes: int) -> Iterator[Finding]:
+def _room(folder: Path, reserve_bytes: int) -> Iterator[DoctorFinding]:
     usage = shutil.disk_usage(folder)
     state = State(Disk(usage.free, usage.total, reserve_bytes, scans_bytes=0).tone)
     sentence = f"{usage.free / 1e9:.1f} GB of {usage.total / 1e9:.0f} GB are free; below {reserve_bytes / 1e9:.1f} GB "
     sentence += "it counts as full"
     cure = "delete scans and reconstructions that nobody needs, or move the data folder to a larger disk"
-    yield Finding("disk", state, sentence, "" if state is State.GOOD else cure)
+    yield DoctorFinding("disk", state, sentence, "" if state is State.GOOD else cure)
     names = os.statvfs(folder)
     if names.f_files and names.f_favail < names.f_files // 100:
         sentence = f"{names.f_favail} names of {names.f_files} are left on the disk (inodes)"
-        yield Finding("disk", State.WATCH, sentence, "remove small files: df -i shows the disk")
+        yield DoctorFinding("disk", State.WATCH, sentence, "remove small files: df -i shows the disk")
 
 
 def file_system(folder: Path, mounts: Path = _MOUNTS) -> str:
-    """The kind of file system that a folder is on, as /proc/self/mountinfo has it (proc(5))."""
+    """Return the type of the file system of a folder, as in /proc/self/mountinfo (proc(5))."""
     resolved = folder.resolve()
-    found, kind = Path("/"), "?"
+    mount_point, kind = Path("/"), "?"
     for line in mounts.read_text().splitlines():
         mount, _, source = line.partition(" - ")
         point = Path(mount.split()[4].replace(r"\040", " "))
-        # The last of those on one point hides the others.
-        if resolved.is_relative_to(point) and point.is_relative_to(found):
-            found, kind = point, source.split()[0]
+        # The last mount at a point hides earlier mounts at the same point.
+        if resolved.is_relative_to(point) and point.is_relative_to(mount_point):
+            mount_point, kind = point, source.split()[0]
     return kind
 
 
 def run_as_owner(folder: Path) -> str:
-    """What to do where a folder is another user's."""
+    """Return the cure for a folder of another user."""
     return f"run as user {_owner(folder)}, or change the owner: chown -R USER {folder}"
 
 
@@ -221,7 +221,7 @@ def _two_levels(folder: Path) -> Iterator[Path]:
 
 
 def _owner(path: Path) -> str:
-    """By name; by number where it has none, as in containers. chown(1) takes both."""
+    """Return the owner by name, or by number without a name, as in containers; chown(1) accepts both."""
     try:
         return path.owner()
     except KeyError:

@@ -1,11 +1,11 @@
-"""What the doctor sees of the service, the database, the workers, the clocks and Redis."""
+"""Checks of the service, the database, the workers, the clocks and Redis."""
 
 from collections.abc import Iterator
 from contextlib import closing
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
-from sawmill_command.doctor.findings import Finding, State
+from sawmill_command.doctor.findings import DoctorFinding, State
 from sawmill_command.doctor.webhooks import webhooks
 from sawmill_platform.database.report import DatabaseReport
 from sawmill_platform.errors import FolderUnavailable, StorageError, StorageFull, StorageMisconfigured
@@ -20,9 +20,9 @@ from sawmill_store.backups.newest import newest_backup
 from sawmill_store.store import Store
 
 _SLOW_S = 0.5
-_NAMED = 3  # lost files, of any number
+_NAMED = 3  # number of lost files that a finding names
 _RESTORE = "stop the service, move the data folder away, and restore the last backup: sawmill restore BACKUP"
-# A day more than a week, for one that is taken each week.
+# One day more than a week, for weekly backups.
 _OLD = timedelta(days=8)
 _TAKE = "take one to another disk, each night: sawmill backup FOLDER"
 _MOUNT = "mount the folder that the service used before, for writing, or give it with --data or SAWMILL_DATA_FOLDER"
@@ -30,8 +30,8 @@ _NO_KEY = "the service can be reached from other machines by its settings, and t
 _MAKE_A_KEY = "make one with sawmill key create --name NAME --scope admin, or set SAWMILL_TOKEN"
 
 
-def database(storage: StorageSettings, settings: ServiceSettings) -> Iterator[Finding]:
-    """The database, and what can be asked of one that answers and is up to date."""
+def database(storage: StorageSettings, settings: ServiceSettings) -> Iterator[DoctorFinding]:
+    """Check the database, and all that depends on it if the database answers and is up to date."""
     try:
         with closing(Store(storage)) as store:
             report = store.database_report()
@@ -46,7 +46,7 @@ def database(storage: StorageSettings, settings: ServiceSettings) -> Iterator[Fi
                 if State.BAD in {damage.state, folder.state}:
                     return
                 if settings.may_be_reached and settings.token is None and not store.keys.any_good():
-                    yield Finding("keys", State.BAD, _NO_KEY, _MAKE_A_KEY)
+                    yield DoctorFinding("keys", State.BAD, _NO_KEY, _MAKE_A_KEY)
                 yield _files(store)
                 yield _workers(store)
                 yield _clock(store)
@@ -55,131 +55,137 @@ def database(storage: StorageSettings, settings: ServiceSettings) -> Iterator[Fi
                 yield from _retention(store)
     except StorageMisconfigured as error:
         cure = _RESTORE if storage.is_one_file else "mend SAWMILL_DATABASE_URL"
-        yield Finding("database", State.BAD, str(error), cure)
+        yield DoctorFinding("database", State.BAD, str(error), cure)
     except StorageError as error:
-        yield Finding("database", State.BAD, str(error), "start its server, or end the process that holds it")
+        yield DoctorFinding("database", State.BAD, str(error), "start its server, or end the process that holds it")
 
 
-def files_without_database(folder: Path) -> Iterator[Finding]:
-    """What is wrong with a data folder whose SQLite file would be new."""
+def files_without_database(folder: Path) -> Iterator[DoctorFinding]:
+    """Report a data folder that is in use although its SQLite file would be new."""
     try:
         refuse_used(folder)
     except StorageMisconfigured as error:
-        yield Finding("database", State.BAD, str(error), _RESTORE)
+        yield DoctorFinding("database", State.BAD, str(error), _RESTORE)
 
 
-def backup(folder: Path) -> Finding:
-    """How old the newest backup is; whether it is still where it was written is not looked at: its disk may be away."""
+def backup(folder: Path) -> DoctorFinding:
+    """Report the age of the newest backup; its files are not checked, because the backup's disk may be away."""
     newest = newest_backup(folder)
     if newest is None:
-        return Finding("backup", State.WATCH, "none was taken of this data folder", _TAKE)
+        return DoctorFinding("backup", State.WATCH, "none was taken of this data folder", _TAKE)
     age = datetime.now(UTC) - newest.taken_at
     sentence = f"the newest is {age / timedelta(days=1):.1f} days old: {newest.path}"
     if newest.lacking:
         sentence += f", and lacks {newest.lacking} files that rows name"
-        return Finding("backup", State.BAD, sentence, "take one by hand, which names them: sawmill backup FOLDER")
-    return Finding("backup", State.WATCH, sentence, _TAKE) if age > _OLD else Finding("backup", State.GOOD, sentence)
+        return DoctorFinding("backup", State.BAD, sentence, "take one by hand, which names them: sawmill backup FOLDER")
+    if age > _OLD:
+        return DoctorFinding("backup", State.WATCH, sentence, _TAKE)
+    return DoctorFinding("backup", State.GOOD, sentence)
 
 
-def broker(url: str | None) -> Finding:
-    """Redis, where it is used."""
+def broker(url: str | None) -> DoctorFinding:
+    """Check Redis, if it is used."""
     if url is None:
-        return Finding("Redis", State.GOOD, "not used: workers look into the database")
+        return DoctorFinding("Redis", State.GOOD, "not used: workers look into the database")
     report = report_of(url)
     if report.refused:
         sentence = f"{report.host} refuses the user or the password: jobs of Celery workers do not begin"
         cure = (
             "write Redis's password into SAWMILL_BROKER_URL of the service and of each worker: redis://:PASSWORD@HOST"
         )
-        return Finding("Redis", State.BAD, sentence, cure)
+        return DoctorFinding("Redis", State.BAD, sentence, cure)
     if report.answered_s is None:
         sentence = f"{report.host} does not answer: jobs of Celery workers begin only when it does"
-        return Finding("Redis", State.BAD, sentence, "start it, or mend SAWMILL_BROKER_URL")
-    return Finding("Redis", State.GOOD, f"{report.host} answers in {1000 * report.answered_s:.1f} ms")
+        return DoctorFinding("Redis", State.BAD, sentence, "start it, or mend SAWMILL_BROKER_URL")
+    return DoctorFinding("Redis", State.GOOD, f"{report.host} answers in {1000 * report.answered_s:.1f} ms")
 
 
-def _migration(report: DatabaseReport) -> Finding:
+def _migration(report: DatabaseReport) -> DoctorFinding:
     has, needs = report.migration, report.newest_migration
     if report.unreadable is not None:
         cure = "start the version that wrote them, or restore a backup of a release: sawmill restore BACKUP"
-        return Finding("database", State.BAD, report.unreadable, cure)
+        return DoctorFinding("database", State.BAD, report.unreadable, cure)
     if has != needs:
         sentence = f"{report.system} has tables of version {has or 'none'}, and this version needs {needs}"
         cure = "take a backup (sawmill backup FOLDER): the next start of sawmill serve brings them up to date"
-        return Finding("database", State.WATCH, sentence, cure)
+        return DoctorFinding("database", State.WATCH, sentence, cure)
     sentence = f"{report.system} answers in {1000 * report.answered_s:.1f} ms, {report.size_bytes / 1e6:.1f} MB"
     if report.answered_s > _SLOW_S:
-        return Finding("database", State.WATCH, sentence, "look at the load of its machine and its disk")
-    return Finding("database", State.GOOD, sentence)
+        return DoctorFinding("database", State.WATCH, sentence, "look at the load of its machine and its disk")
+    return DoctorFinding("database", State.GOOD, sentence)
 
 
-def _damage(store: Store) -> Finding:
+def _damage(store: Store) -> DoctorFinding:
     damage = store.damage()
     if damage:
         sentence = f"the database's file is damaged: {damage[0]}"
-        return Finding("tables", State.BAD, sentence, _RESTORE)
-    return Finding("tables", State.GOOD, "whole, and of this version")
+        return DoctorFinding("tables", State.BAD, sentence, _RESTORE)
+    return DoctorFinding("tables", State.GOOD, "whole, and of this version")
 
 
-def _files(store: Store) -> Finding:
+def _files(store: Store) -> DoctorFinding:
     try:
         lost = store.lost_files()
     except OSError as error:
         sentence = f"the data folder cannot be read: {error}"
-        return Finding("files", State.BAD, sentence, "look for errors of its disk in the system's log (dmesg)")
+        return DoctorFinding("files", State.BAD, sentence, "look for errors of its disk in the system's log (dmesg)")
     if not lost:
-        return Finding("files", State.GOOD, "every file that rows name is there")
+        return DoctorFinding("files", State.GOOD, "every file that rows name is there")
     named = ", ".join(lost[:_NAMED]) + (", ..." if len(lost) > _NAMED else "")
     sentence = f"{len(lost)} files that rows name are missing in the data folder: {named}"
-    return Finding("files", State.BAD, sentence, f"{_RESTORE}; or delete the scans and results whose files are missing")
+    return DoctorFinding(
+        "files", State.BAD, sentence, f"{_RESTORE}; or delete the scans and results whose files are missing"
+    )
 
 
-def _folder(store: Store) -> Finding:
-    """Whether the data folder is the one that the database knows, and takes files."""
+def _folder(store: Store) -> DoctorFinding:
+    """Check that the data folder is the folder in the database, and that files can be written."""
     try:
         store.check(reserve_bytes=0)
     except FolderUnavailable as error:
-        return Finding("data folder", State.BAD, str(error), _MOUNT)
+        return DoctorFinding("data folder", State.BAD, str(error), _MOUNT)
     except StorageFull:
-        pass  # the disk's own finding says so
-    return Finding("data folder", State.GOOD, "the one that the database knows")
+        pass  # the finding on the disk reports it
+    return DoctorFinding("data folder", State.GOOD, "the one that the database knows")
 
 
-def _workers(store: Store) -> Finding:
+def _workers(store: Store) -> DoctorFinding:
     health = health_of(store)
     if health.state is Readiness.WITHOUT_WORKER:
-        return Finding("workers", State.BAD, health.detail.rpartition(": ")[0], "run sawmill serve or sawmill worker")
+        return DoctorFinding(
+            "workers", State.BAD, health.detail.rpartition(": ")[0], "run sawmill serve or sawmill worker"
+        )
     lately = store.events.workers_since(datetime.now(UTC) - SEEN)
-    return Finding(
+    return DoctorFinding(
         "workers", State.GOOD, f"{len(lately)} took a job within {SEEN.seconds // 60} minutes; none is awaited"
     )
 
 
-def _clock(store: Store) -> Finding:
+def _clock(store: Store) -> DoctorFinding:
     off_s = store.clock_off_s()
     sentence = f"this machine's clock is {off_s:+.1f} s from the service's time"
     if abs(off_s) > TOLERABLE_S:
-        return Finding("clock", State.WATCH, sentence, "set the clock by NTP (timedatectl set-ntp true)")
-    return Finding("clock", State.GOOD, sentence)
+        return DoctorFinding("clock", State.WATCH, sentence, "set the clock by NTP (timedatectl set-ntp true)")
+    return DoctorFinding("clock", State.GOOD, sentence)
 
 
-def _growth(store: Store) -> Finding:
-    """Whether the disk holds what comes under the rules of retention."""
+def _growth(store: Store) -> DoctorFinding:
+    """Check that the disk has room for the files that arrive under the retention rules."""
     growth = store.retention.growth(store.files.room().free_bytes - store.settings.disk_reserve_bytes)
     sentence = f"{growth.bytes_a_day / 1e9:.1f} GB came a day in the last week"
     if growth.full_in_days is None:
-        return Finding("growth", State.GOOD, f"{sentence}, which the disk holds")
+        return DoctorFinding("growth", State.GOOD, f"{sentence}, which the disk holds")
     sentence += f": at that the disk is full in {growth.full_in_days:.0f} days"
     if growth.full_in_days > PLENTY_DAYS:
-        return Finding("growth", State.GOOD, sentence)
+        return DoctorFinding("growth", State.GOOD, sentence)
     cure = "set rules of retention, or stricter ones (the page /retention shows what would go), or take a larger disk"
-    return Finding("growth", State.WATCH, sentence, cure)
+    return DoctorFinding("growth", State.WATCH, sentence, cure)
 
 
-def _retention(store: Store) -> Iterator[Finding]:
-    """Whether rules of days wait for somebody."""
+def _retention(store: Store) -> Iterator[DoctorFinding]:
+    """Report retention rules that wait for a person."""
     since = store.retention.get().days_wait_since
     if since is not None:
         sentence = f"days were counted last at {since.isoformat(timespec='seconds')}: nothing goes by its age"
         cure = "check the clock, then confirm the rules on the page /retention"
-        yield Finding("retention", State.WATCH, sentence, cure)
+        yield DoctorFinding("retention", State.WATCH, sentence, cure)

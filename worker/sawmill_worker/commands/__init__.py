@@ -1,1 +1,1 @@
-"""What each command of `sawmill_command.cli` does, imported by the command that does it: so the others start fast."""
+"""Work of the commands in `sawmill_command.cli`; a command imports only its own module, so that all start fast."""

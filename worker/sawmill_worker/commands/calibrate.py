@@ -1,4 +1,4 @@
-"""`sawmill calibrate`: a scan's file to a calibration."""
+"""`sawmill calibrate`: calibration from a scan's file."""
 
 from datetime import datetime
 from pathlib import Path
@@ -8,11 +8,11 @@ from sawmill_tomography.sinograms.present_rows import mean_of_rows
 from sawmill_vocabulary import ProgressCallback
 from sawmill_worker.commands.phantom_options import PhantomSource
 from sawmill_worker.commands.phantoms import drawing_of
-from sawmill_worker.use_cases.calibrate import CalibrationInput, calibration_result, run_calibration
-from sawmill_worker.use_cases.prepare import of_saturation
-from sawmill_worker.use_cases.scan_rows import open_rows
-from sawmill_worker.use_cases.scan_source import ScanSource
-from sawmill_worker.use_cases.second_witness import hear_log, witness_of
+from sawmill_worker.use_cases.calibration.calibrate import CalibrationInput, calibration_result, run_calibration
+from sawmill_worker.use_cases.calibration.second_witness import with_second_witness, witness_of
+from sawmill_worker.use_cases.scans.prepare import of_saturation
+from sawmill_worker.use_cases.scans.scan_rows import open_rows
+from sawmill_worker.use_cases.scans.scan_source import ScanSource
 
 
 def calibrate_scan(
@@ -26,12 +26,12 @@ def calibrate_scan(
     picture: Path | None,
     on_progress: ProgressCallback,
 ) -> CalibrationResult:
-    """Read, calibrate, and draw the report where one is asked for."""
+    """Read, calibrate, and draw the report if a path for it is given."""
     drawing = drawing_of(phantom)
     with open_rows(scan, source_to_cor_mm=source_to_cor_mm, on_progress=on_progress) as used:
         stack = used.stack()
         mean = mean_of_rows(stack)
-        given = CalibrationInput(
+        calibration_input = CalibrationInput(
             sinogram=mean.sinogram,
             angles_rad=used.angles_rad[mean.views],
             rows=used.rows,
@@ -46,17 +46,19 @@ def calibrate_scan(
             remarks=of_saturation(used.remarks),
         )
         named = scan.rows is not None
-        given, calibration = run_calibration(given, options, used.on_progress, stack=None if named else stack)
-        given, calibration = hear_log(
-            calibration, given, asked=options.log_rows, rows=used.usable_rows, read=used.read_row
+        calibration_input, calibration = run_calibration(
+            calibration_input, options, used.on_progress, stack=None if named else stack
         )
-    result = calibration_result(calibration, given, witness=witness_of(calibration, given))
+        calibration_input, calibration = with_second_witness(
+            calibration, calibration_input, row_range=options.log_rows, rows=used.usable_rows, read=used.read_row
+        )
+    result = calibration_result(calibration, calibration_input, witness=witness_of(calibration, calibration_input))
     if picture is not None:
-        # Imported here because it brings the reconstruction along, for which an answer need not wait.
+        # Imported here because the module imports the reconstruction, which an answer without a report does not need.
         from sawmill_worker.pictures.report_page import About  # noqa: PLC0415
-        from sawmill_worker.use_cases.calibration_files import report_arrays, write_report  # noqa: PLC0415
+        from sawmill_worker.use_cases.calibration.calibration_files import report_arrays, write_report  # noqa: PLC0415
 
         name = scan.path.name
         about = About(made_at=datetime.now().astimezone(), scan_name=name, phantom=drawing, origin=name)
-        write_report(picture, result, report_arrays(calibration, given, stack, used.rows), about)
+        write_report(picture, result, report_arrays(calibration, calibration_input, stack, used.rows), about)
     return result

@@ -10,31 +10,31 @@ from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_vocabulary import ProgressCallback
 from sawmill_worker.commands.geometry_options import CalibrationSource
+from sawmill_worker.use_cases.calibration.result_file import read_calibration
 from sawmill_worker.use_cases.failures import refused
-from sawmill_worker.use_cases.result_file import read_calibration
-from sawmill_worker.use_cases.scan_rows import ScanRows, open_rows
-from sawmill_worker.use_cases.scan_source import ScanSource
+from sawmill_worker.use_cases.scans.scan_rows import ScanRows, open_rows
+from sawmill_worker.use_cases.scans.scan_source import ScanSource
 
 
 @contextmanager
 def open_with_calibration(
     scan: ScanSource, geometry: CalibrationSource, *, on_progress: ProgressCallback, beside: Path | None = None
 ) -> Iterator[tuple[CalibrationResult, ScanRows]]:
-    """A calibration and a scan of the same scanner; what is given beside the calibration must agree with it."""
-    known, scan = _calibrated(scan, geometry)
-    r_s = known.scanner.source_to_cor_mm
+    """Open a calibration and a scan of the same scanner; additional constants must agree with the calibration."""
+    calibration, scan = _calibrated(scan, geometry)
+    r_s = calibration.scanner.source_to_cor_mm
     with open_rows(scan, source_to_cor_mm=r_s, on_progress=on_progress, beside=beside) as used:
-        _check_same_detector(known, used.scanner)
-        yield known, used
+        _check_same_detector(calibration, used.scanner)
+        yield calibration, used
 
 
 def _calibrated(scan: ScanSource, geometry: CalibrationSource) -> tuple[CalibrationResult, ScanSource]:
-    """The calibration, and the scan with the detector pitch that the calibration carries."""
-    known = read_calibration(geometry.path)
-    r_s, pitch = known.scanner.source_to_cor_mm, known.scanner.detector_pitch_mm
+    """Return the calibration, and the scan with the detector pitch of the calibration."""
+    calibration = read_calibration(geometry.path)
+    r_s, pitch = calibration.scanner.source_to_cor_mm, calibration.scanner.detector_pitch_mm
     _check_agreement("source_to_cor_mm", r_s, geometry.source_to_cor_mm)
     _check_agreement("detector_pitch_mm", pitch, scan.options.detector_pitch_mm)
-    return known, replace(scan, options=scan.options.model_copy(update={"detector_pitch_mm": pitch}))
+    return calibration, replace(scan, options=scan.options.model_copy(update={"detector_pitch_mm": pitch}))
 
 
 def _check_agreement(name: str, carried: float, flag: float | None) -> None:
@@ -44,8 +44,8 @@ def _check_agreement(name: str, carried: float, flag: float | None) -> None:
         )
 
 
-def _check_same_detector(known: CalibrationResult, scanner: ScannerConstants) -> None:
-    calibrated, cells = known.scanner.num_detector_pixels, scanner.num_detector_pixels
+def _check_same_detector(calibration: CalibrationResult, scanner: ScannerConstants) -> None:
+    calibrated, cells = calibration.scanner.num_detector_pixels, scanner.num_detector_pixels
     if calibrated != cells:
         raise refused(
             "contradiction",

@@ -1,4 +1,4 @@
-"""How a command reads its line: all that is missing is named at once, and a misspelt value gets the nearest one."""
+"""Parsing of a command line: all missing options are named at once, and a misspelt value gets a suggestion."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -11,18 +11,18 @@ from typer.core import TyperCommand
 
 @dataclass(frozen=True)
 class OneOf:
-    """Flags of which exactly one must be given."""
+    """A group of flags of which exactly one must be given."""
 
     names: tuple[str, ...]
     what: str
 
     def missing(self, flags: Sequence[str], given: Mapping[str, Any]) -> list[str]:
-        """What to write where none is given.
+        """Return what to write if no flag of the group is given.
 
         Raises
         ------
         typer.BadParameter
-            More than one is given.
+            More than one flag is given.
         """
         number = sum(name in given for name in self.names)
         if number > 1:
@@ -31,15 +31,15 @@ class OneOf:
 
 
 class Command(TyperCommand):
-    """Names everything that is missing in one sentence, and the nearest choice to one that does not exist."""
+    """A command that names all missing options in one sentence, and the nearest choice to an unknown value."""
 
     one_of: ClassVar[OneOf | None] = None
-    # Flags that need another flag beside them.
+    # Flags that need another flag.
     needs: ClassVar[Mapping[str, str]] = {}
 
     # Typer's context has no public type.
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # noqa: ANN401
-        """Read the line. What is wrong about it is wrong use."""
+        """Parse the line; errors in the line are wrong use."""
         if ctx.resilient_parsing:
             return super().parse_args(ctx, args)
         given, _, _ = self.make_parser(ctx).parse_args(list(args))
@@ -61,7 +61,7 @@ class Command(TyperCommand):
         return rest
 
     def format_help(self, ctx: Any, formatter: Any) -> None:  # noqa: ANN401
-        """Write the help. Brackets in a parameter's description are no markup of Rich's."""
+        """Write the help, with brackets in a parameter's description as text, not as Rich's markup."""
         from rich.markup import escape  # noqa: PLC0415 - only help needs it
 
         parameters: Sequence[Any] = self.params
@@ -70,8 +70,8 @@ class Command(TyperCommand):
         super().format_help(ctx, formatter)
 
     def _missing(self, given: Mapping[str, Any]) -> list[Any]:
-        """The parameters that must be given and are not."""
-        needed = [self._parameter(other) for name, other in self.needs.items() if name in given]
+        """Return the parameters that must be given and are not."""
+        needed = [self._parameter(needed_name) for name, needed_name in self.needs.items() if name in given]
         always = [parameter for parameter in self.params if parameter.required]
         return [parameter for parameter in always + needed if parameter.name not in given]
 
@@ -80,27 +80,27 @@ class Command(TyperCommand):
 
 
 def nearest(text: str, choices: Sequence[str]) -> str:
-    """A question for the choice that was meant; nothing where none is near."""
-    found = get_close_matches(text, choices, n=1)
-    return f" Did you mean {found[0]!r}?" if found else ""
+    """Return a question that suggests the nearest choice; an empty text if no choice is near."""
+    matches = get_close_matches(text, choices, n=1)
+    return f" Did you mean {matches[0]!r}?" if matches else ""
 
 
 def _nearest(ctx: Any, parameter: Any, given: Mapping[str, Any]) -> str:  # noqa: ANN401 - Typer's
     values = given.get(parameter.name)
-    # What a shell would complete is what can be chosen.
+    # The choices are what a shell would complete.
     choices = [item.value for item in parameter.shell_complete(ctx, "")]
     wrong = [value for value in (values if isinstance(values, list) else [values]) if value not in choices]
     return nearest(wrong[0], choices) if wrong and isinstance(wrong[0], str) else ""
 
 
 def _described(ctx: Any, parameter: Any) -> str:  # noqa: ANN401 - Typer's
-    """A parameter by its kind, its name, its values and what it is."""
+    """Describe a parameter by its kind, name, values and description."""
     values = parameter.metavar or parameter.display_type(ctx)
     shown = "" if parameter.param_type_name == "argument" else f" {values}"
     return f"{parameter.param_type_name} {parameter.get_error_hint()}{shown} ({parameter.help.rstrip('.')})"
 
 
 def _listed(parts: Sequence[str]) -> str:
-    """As in: this, that and another."""
+    """Join parts to a list in words, for example "this, that and another"."""
     *first, last = parts
     return f"{', '.join(first)} and {last}" if first else last

@@ -1,4 +1,4 @@
-"""Compile the numerical kernels, several parts at a time, and the byte code."""
+"""Compilation of the numerical kernels, several parts at a time, and of the byte code."""
 
 import compileall
 import os
@@ -15,39 +15,40 @@ from sawmill_worker.software import code_folders
 
 
 def compile_kernels(on_progress: ProgressCallback) -> None:
-    """Compile every part that is not cached yet, each in a process of its own, one a core.
+    """Compile every part that is not cached yet, in a separate process per part and one process per core.
 
     Raises
     ------
     subprocess.CalledProcessError
-        If a part cannot be compiled; its process has printed why.
+        A part cannot be compiled; the process has printed the reason.
     """
     on_progress(Progress(fraction=0.0, stage=", ".join(PARTS)))
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         compiled = {pool.submit(_compile, part): part for part in PARTS}
-        left = list(PARTS)
-        # In half a second, while those are compiled.
+        remaining = list(PARTS)
+        # The byte code takes half a second, while the kernels are compiled.
         hdf5_chunks.load_kernels()
         for future in as_completed(compiled):
             future.result()
-            left.remove(compiled[future])
-            on_progress(Progress(fraction=1.0 - len(left) / len(PARTS), stage=", ".join(left) or "done"))
+            remaining.remove(compiled[future])
+            on_progress(Progress(fraction=1.0 - len(remaining) / len(PARTS), stage=", ".join(remaining) or "done"))
 
 
 def compile_bytecode(folders: Iterable[str]) -> None:
-    """Compile the byte code of all modules in these folders, where it is missing and may be written.
+    """Compile the byte code of all modules in folders, where it is missing and the folder can be written.
 
-    An editable installation brings none of ours, and where PYTHONDONTWRITEBYTECODE is set no start keeps any.
+    An editable installation has no byte code of this product, and PYTHONDONTWRITEBYTECODE prevents a start from
+    writing byte code.
     """
     for folder in folders:
         compileall.compile_dir(folder, quiet=2)
 
 
 def bytecode_folders() -> set[str]:
-    """Find the folders of our own code and of the libraries."""
+    """Find the folders of the product's code and of the libraries."""
     return {sysconfig.get_path("purelib"), sysconfig.get_path("platlib"), *map(str, code_folders())}
 
 
 def _compile(part: str) -> None:
     command = [sys.executable, "-m", "sawmill_tomography.warm_up", part]
-    subprocess.run(command, check=True)  # noqa: S603 - ourselves
+    subprocess.run(command, check=True)  # noqa: S603 - the product itself

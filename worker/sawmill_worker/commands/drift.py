@@ -1,4 +1,4 @@
-"""`sawmill drift`: a scan's file and a calibration to what moved; or nominal distances to the COR."""
+"""`sawmill drift`: what moved since a calibration, or the COR from nominal distances, by a scan's file."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -10,11 +10,15 @@ from sawmill_contracts.drifts import DriftResult
 from sawmill_vocabulary import Progress, ProgressCallback
 from sawmill_worker.commands.calibrated_scan import open_with_calibration
 from sawmill_worker.commands.geometry_options import CalibrationSource, ThetaSource
-from sawmill_worker.use_cases.drift import DriftInput, mean_of_common_rows, run_drift
-from sawmill_worker.use_cases.drift_baseline import baselines_of, read_answers
-from sawmill_worker.use_cases.given_geometry import GivenGeometry
-from sawmill_worker.use_cases.scan_rows import ScanRows, open_rows
-from sawmill_worker.use_cases.scan_source import ScanSource
+from sawmill_worker.use_cases.drift.baselines import baselines_of, read_answers
+from sawmill_worker.use_cases.drift.drift_check import (
+    DriftInput,
+    mean_of_common_rows,
+    run_drift,
+)
+from sawmill_worker.use_cases.drift.given_geometry import GivenGeometry
+from sawmill_worker.use_cases.scans.scan_rows import ScanRows, open_rows
+from sawmill_worker.use_cases.scans.scan_source import ScanSource
 
 
 def check_drift(
@@ -25,23 +29,23 @@ def check_drift(
     tolerance_mm: float,
     on_progress: ProgressCallback,
 ) -> DriftResult:
-    """Read, compare views, and set the change against the geometry, or against a baseline of earlier answers."""
-    with _open(scan, geometry, on_progress) as (known, used):
-        baselines = baselines_of(read_answers(baseline), known, used.sha256) if baseline else ()
+    """Read, compare views, and compute the change from the geometry or from a baseline of earlier answers."""
+    with _open(scan, geometry, on_progress) as (reference, used):
+        baselines = baselines_of(read_answers(baseline), reference, used.sha256) if baseline else ()
         mean = mean_of_common_rows(used.stack(), used.rows[0], used.row_step, used.deviations)
     used.on_progress(Progress(fraction=0.0, stage="pair rays"))
-    given = DriftInput(
+    drift_input = DriftInput(
         mean=mean,
         angles_rad=used.angles_rad,
         rows=used.rows,
-        calibration=known,
+        calibration=reference,
         input_sha256=used.sha256,
         tolerance_mm=tolerance_mm,
         averaged_rows=scan.options.averaged_rows,
         preparation=used.remarks,
         baselines=baselines,
     )
-    return run_drift(given).ended(datetime.now(UTC))
+    return run_drift(drift_input).ended(datetime.now(UTC))
 
 
 @contextmanager
@@ -52,5 +56,5 @@ def _open(
         with open_rows(scan, source_to_cor_mm=geometry.source_to_cor_mm, on_progress=on_progress) as used:
             yield GivenGeometry(used.scanner, geometry.theta, geometry.rotation), used
         return
-    with open_with_calibration(scan, geometry, on_progress=on_progress) as (known, used):
-        yield known, used
+    with open_with_calibration(scan, geometry, on_progress=on_progress) as (reference, used):
+        yield reference, used

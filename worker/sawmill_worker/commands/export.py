@@ -12,24 +12,24 @@ from sawmill_formats.output.rtk_xml import rtk_xml
 from sawmill_tomography.geometry.export import cil_arguments, odl_arguments, rtk_geometry
 from sawmill_tomography.geometry.geometry import FanBeamGeometry, cell_centres_mm
 from sawmill_worker.commands.options import ExportTarget
-from sawmill_worker.use_cases.result_file import read_calibration
+from sawmill_worker.use_cases.calibration.result_file import read_calibration
 
 
 def export_geometry(target: ExportTarget, calibration: Path, output: Path, angles: AnglesGiven, views: int) -> None:
-    """Write a calibration's geometry at these views for a toolkit.
+    """Write a calibration's geometry at the given views for a toolkit.
 
     Raises
     ------
     JobFailure, UnreadableScan
-        The file holds no calibration, or there are not as many angles as views.
+        The file holds no calibration, or the number of angles differs from the number of views.
     """
-    known = read_calibration(calibration)
-    turned = known.rotation.apply(np.deg2rad(angles.expand(views)))
-    _WRITERS[target](output, FanBeamGeometry(known.scanner, known.theta, turned))
+    result = read_calibration(calibration)
+    turned = result.rotation.apply(np.deg2rad(angles.expand(views)))
+    _WRITERS[target](output, FanBeamGeometry(result.scanner, result.theta, turned))
 
 
 def _write_for_astra(output: Path, fan: FanBeamGeometry) -> None:
-    """A row a view, as ASTRA's `fanflat_vec` wants them."""
+    """Write a row per view, in the form of ASTRA's `fanflat_vec`."""
     header = f"astra fanflat_vec, mm: srcX srcY dX dY uX uY; {fan.scanner.num_detector_pixels} cells"
     np.savetxt(output, fan.astra_vectors(), fmt="%.12g", header=header)
 

@@ -1,4 +1,4 @@
-"""Flags from contracts: a field's type, bounds, default and description are typed once, where the contract has them."""
+"""Flags from contracts: type, bounds, default and description of a flag are declared only in the contract."""
 
 import inspect
 import types
@@ -17,38 +17,38 @@ from typing_extensions import TypeAliasType
 
 from sawmill_platform.contracts.base import complaint
 
-# A model of pydantic's, or a dataclass of its: both have `__pydantic_fields__`.
+# A model or a dataclass of pydantic: both have `__pydantic_fields__`.
 ContractType = Any
-# What pydantic calls a number beyond its bounds.
+# Pydantic's error types for a number beyond its bounds.
 OUT_OF_BOUNDS = frozenset({"greater_than", "greater_than_equal", "less_than", "less_than_equal"})
 
 
 class Flags:
-    """What a command adds to the fields of a contract, by the field's name.
+    """Additions of a command to the fields of a contract, by the field's name.
 
-    For a field: arguments of `typer.Option`, `flag` (another name on the command line) and `default` (another default).
-    None leaves the field out.
+    Additions to a field are arguments of `typer.Option`, `flag` (another name on the command line) and `default`
+    (another default). None leaves the field out.
     """
 
     def __init__(self, **fields: Mapping[str, Any] | None) -> None:
         self._fields = fields
 
     def leaves_out(self, name: str) -> bool:
-        """Whether the field is no flag."""
+        """Return whether the field is left out, so that it is no flag."""
         return name in self._fields and self._fields[name] is None
 
     def added_to(self, name: str) -> dict[str, Any]:
-        """What is added to the field."""
+        """Return the additions to the field."""
         return dict(self._fields.get(name) or {})
 
 
 def field_names(model: ContractType) -> list[str]:
-    """The fields of a contract, in their order."""
+    """Return the names of a contract's fields, in their order."""
     return list(model.__pydantic_fields__)
 
 
 def option(model: ContractType, name: str, *, flag: str | None = None, **changes: Any) -> OptionInfo:  # noqa: ANN401 - Typer's
-    """The flag of one field of a contract: its description, and its bounds, which the contract itself checks."""
+    """Create the flag of a contract's field: its description, and its bounds, which the contract itself checks."""
     field = model.__pydantic_fields__[name]
     low, high = _shown_bounds(model, name)
     settings: dict[str, Any] = {
@@ -58,15 +58,15 @@ def option(model: ContractType, name: str, *, flag: str | None = None, **changes
         "callback": _checked(model, name),
     }
     names = () if flag is None else (flag,)
-    found: OptionInfo = typer.Option(*names, **(settings | changes))
-    return found
+    info: OptionInfo = typer.Option(*names, **(settings | changes))
+    return info
 
 
 def from_contracts(command: Callable[..., None]) -> Callable[..., None]:
-    """A command of Typer's whose parameters that are contracts become one flag a field.
+    """Turn the contract parameters of a command into one Typer flag per field.
 
-    The contracts are built of the flags that were given, so that their own defaults rule, and are handed to the
-    command validated. What they refuse is wrong use.
+    The contracts are built from the flags that were given, so that the defaults of the contract apply, and are passed
+    to the command after validation. A value that a contract refuses is wrong use.
     """
     groups: dict[str, _Group] = {}
     parameters = [inspect.Parameter("context", inspect.Parameter.KEYWORD_ONLY, annotation=typer.Context)]
@@ -85,7 +85,7 @@ def from_contracts(command: Callable[..., None]) -> Callable[..., None]:
             contracts = {name: group.read(values, given) for name, group in groups.items()}
         command(**values, **contracts)
 
-    # The arguments and the flags that must be given come first in the help.
+    # Arguments and required flags come first in the help.
     ordered = sorted(parameters, key=lambda each: each.default is not inspect.Parameter.empty)
     run.__signature__ = inspect.Signature(ordered)  # type: ignore[attr-defined]
     return run
@@ -93,7 +93,7 @@ def from_contracts(command: Callable[..., None]) -> Callable[..., None]:
 
 @dataclass(frozen=True)
 class _Group:
-    """The flags of one contract; those of a contract inside it carry its name before theirs."""
+    """The flags of a contract; flags of a nested contract begin with the name of the nested contract."""
 
     model: ContractType
     flags: Flags
@@ -108,17 +108,17 @@ class _Group:
                 yield self._parameter(name, field.get_default(call_default_factory=True, validated_data={}))
 
     def read(self, values: dict[str, Any], given: set[str]) -> Any:  # noqa: ANN401 - of any contract
-        """Take the contract's values out of all that the command line has."""
-        known = {}
+        """Take the contract's values out of all values of the command line."""
+        fields = {}
         for name in self.model.__pydantic_fields__:
             inner = self._inside(name)
             if inner is not None:
-                known[name] = inner.read(values, given)
+                fields[name] = inner.read(values, given)
             elif not self.flags.leaves_out(name):
                 value = values.pop(self.prefix + name)
                 if self.prefix + name in given or "default" in self.flags.added_to(name):
-                    known[name] = value
-        return TypeAdapter(self.model).validate_python(known)
+                    fields[name] = value
+        return TypeAdapter(self.model).validate_python(fields)
 
     def _inside(self, name: str) -> "_Group | None":
         inner = _group_of(self.model.__pydantic_fields__[name].annotation)
@@ -141,7 +141,7 @@ class _Group:
 
 
 def _group_of(annotation: object) -> _Group | None:
-    """The flags that a parameter or a field stands for, where it is a contract and no single flag."""
+    """Return the flags of a parameter or field whose type is a contract; None if it is a single flag."""
     model, *added = get_args(annotation) if get_origin(annotation) is Annotated else (annotation,)
     if not _is_contract(model) or any(isinstance(x, OptionInfo) for x in added):
         return None
@@ -153,7 +153,7 @@ def _is_contract(kind: object) -> bool:
 
 
 def _typed_as(annotation: object) -> object:
-    """The type that Typer reads: without None, name and bounds; several numbers are one text."""
+    """Return the type that Typer reads: without None, name and bounds; several numbers are one text."""
     if isinstance(annotation, TypeAliasType):
         return _typed_as(annotation.__value__)
     if get_origin(annotation) is Annotated:
@@ -174,7 +174,7 @@ def _dashed(name: str) -> str:
 
 
 def _checked(model: ContractType, name: str) -> Callable[[Any], Any]:
-    """A callback of Typer's that refuses what the contract's field refuses."""
+    """Create a Typer callback that refuses the values that the contract's field refuses."""
 
     def check(value: Any) -> Any:  # noqa: ANN401 - any flag's
         if value is None:
@@ -182,17 +182,17 @@ def _checked(model: ContractType, name: str) -> Callable[[Any], Any]:
         try:
             TypeAdapter(model).validate_python({name: value})
         except ValidationError as error:
-            own = [each for each in error.errors() if each["loc"][:1] == (name,)]
-            if own:
-                raise typer.BadParameter(sentence(own[0], model)) from error
+            faults = [each for each in error.errors() if each["loc"][:1] == (name,)]
+            if faults:
+                raise typer.BadParameter(sentence(faults[0], model)) from error
         return value
 
     return check
 
 
 @dataclass(frozen=True)
-class Bounds:
-    """Of a number, as its contract has them."""
+class FieldBounds:
+    """Bounds of a number in a contract."""
 
     low: float | None
     high: float | None
@@ -200,8 +200,8 @@ class Bounds:
     high_itself: bool
 
     @classmethod
-    def of(cls, model: ContractType, name: str) -> "Bounds":
-        """Those of a contract's field."""
+    def of(cls, model: ContractType, name: str) -> "FieldBounds":
+        """Read the bounds of a contract's field."""
         written = _properties(model)[name]
         schema = next((each for each in written.get("anyOf", ()) if each.get("type") != "null"), written)
         low, high = schema.get("minimum"), schema.get("maximum")
@@ -212,15 +212,15 @@ class Bounds:
         return cls(low if above is None else above, high if below is None else below, above is None, below is None)
 
     def __str__(self) -> str:
-        """As in: above 0 and at most 1."""
+        """Describe the bounds, for example "above 0 and at most 1"."""
         low = "" if self.low is None else f"{'at least' if self.low_itself else 'above'} {self.low:.10g}"
         high = "" if self.high is None else f"{'at most' if self.high_itself else 'below'} {self.high:.10g}"
         return " and ".join(filter(None, (low, high)))
 
 
 def _shown_bounds(model: ContractType, name: str) -> tuple[float | None, float | None]:
-    """The least and the largest value for Typer's help, which knows no bound that is itself outside."""
-    bounds = Bounds.of(model, name)
+    """Return the least and the largest value for Typer's help, which has no exclusive bounds."""
+    bounds = FieldBounds.of(model, name)
     return (bounds.low, bounds.high) if bounds.low_itself and bounds.high_itself else (None, None)
 
 
@@ -231,15 +231,15 @@ def _properties(model: ContractType) -> dict[str, Any]:
 
 
 def sentence(error: ErrorDetails, model: ContractType) -> str:
-    """A contract's complaint about one value."""
+    """Return a contract's refusal of one value as a sentence."""
     if error["type"] in OUT_OF_BOUNDS and len(error["loc"]) == 1:
-        return f"must be {Bounds.of(model, str(error['loc'][0]))}, not {error['input']}"
+        return f"must be {FieldBounds.of(model, str(error['loc'][0]))}, not {error['input']}"
     return error["msg"].removeprefix("Value error, ")
 
 
 @contextmanager
 def wrong_use() -> Iterator[None]:
-    """Turn what a contract refuses into wrong use."""
+    """Turn a contract's refusal into wrong use."""
     try:
         yield
     except ValidationError as error:

@@ -1,4 +1,4 @@
-"""The flags of a geometry, as numbers or as a calibration, and what is wrong use of them."""
+"""Flags of a geometry, as numbers or as a calibration, and checks of their use."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -21,7 +21,7 @@ CALIBRATION_HELP = "What calibrate --json printed, or a calibration's result.h5 
 
 
 class Position(Contract):
-    """A point of the plane that is scanned, in mm."""
+    """A point in the scanned plane, in mm."""
 
     x: CoordinateMm = 0.0
     y: CoordinateMm = 0.0
@@ -33,7 +33,7 @@ DEGREES = "deg"
 
 @dataclass(frozen=True)
 class ThetaSource:
-    """A geometry by its numbers."""
+    """A geometry given by numbers."""
 
     theta: Theta
     rotation: Rotation
@@ -42,14 +42,14 @@ class ThetaSource:
 
 @dataclass(frozen=True)
 class CalibrationSource:
-    """A geometry by the file of a calibration; a constant given beside it must agree."""
+    """A geometry given by the file of a calibration; a constant given in addition must agree."""
 
     path: Path
     source_to_cor_mm: float | None
 
 
 class WithGeometry(Command):
-    """Needs a geometry, as five numbers or as a calibration."""
+    """A command that needs a geometry, as five numbers or as a calibration."""
 
     one_of = OneOf(("theta", "calibration"), "the geometry")
     needs: ClassVar = {"theta": "source_to_cor_mm"}
@@ -58,9 +58,9 @@ class WithGeometry(Command):
 def given_geometry(
     theta: Theta | None, rotation: Rotation | None, calibration: Path | None, source_to_cor_mm: float | None
 ) -> ThetaSource | CalibrationSource:
-    """Tell the geometry of the flags; a rotation beside a calibration is wrong use."""
+    """Return the geometry of the flags; a rotation together with a calibration is wrong use."""
     if calibration is None:
-        assert theta is not None  # noqa: S101 - WithGeometry saw to it
+        assert theta is not None  # noqa: S101 - checked by WithGeometry
         assert source_to_cor_mm is not None  # noqa: S101
         return ThetaSource(theta, rotation or Rotation.AS_GIVEN, source_to_cor_mm)
     if rotation is not None:
@@ -69,23 +69,23 @@ def given_geometry(
 
 
 def theta_of(text: str) -> Theta:
-    """Theta from five numbers with commas between, angles also in degrees as 146.1deg (a parser of Typer's)."""
+    """Parse theta from five numbers separated by commas; angles may be in degrees as 146.1deg (a Typer parser)."""
     angles = {"initial_angle_rad": _angle_rad, "detector_tilt": _slope}
     return _numbers(text, GivenTheta, "five numbers a,r,h,h,t", angles)
 
 
 def position_of(text: str) -> Position:
-    """A position from X,Y (a parser of Typer's)."""
+    """Parse a position from X,Y (a Typer parser)."""
     return _numbers(text, Position, "X,Y")
 
 
 def _angle_rad(text: str) -> float:
-    """In radians, unless the unit says degrees."""
+    """Parse an angle in radians, or in degrees if the unit is degrees."""
     return math.radians(float(text.removesuffix(DEGREES))) if text.endswith(DEGREES) else float(text)
 
 
 def _slope(text: str) -> float:
-    """A slope, unless the unit says degrees."""
+    """Parse a slope, or an angle in degrees if the unit is degrees."""
     return math.tan(_angle_rad(text)) if text.endswith(DEGREES) else float(text)
 
 

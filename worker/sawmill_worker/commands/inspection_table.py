@@ -1,4 +1,4 @@
-"""What `sawmill inspect` found, as people read it."""
+"""Readable output of `sawmill inspect`."""
 
 from collections.abc import Iterator
 
@@ -10,7 +10,7 @@ from rich.table import Table
 from sawmill_contracts.inspections import FilePart, FileVerdict, InspectedReading, InspectionResult
 from sawmill_formats.input.parts import PartKind
 
-# Parts, and other files, that are shown: about a page. `--json` has all of them.
+# Largest number of parts, and of other files, that are shown: about a page. `--json` prints all.
 MOST_ROWS, MOST_FILES = 60, 3
 WORDS = {
     FileVerdict.READY: ("can be read", "green"),
@@ -20,7 +20,7 @@ WORDS = {
 
 
 def print_inspection(result: InspectionResult) -> None:
-    """Print the parts of a file, what would be read, and what is missing."""
+    """Print the parts of a file, the data that would be read, and the data that is missing."""
     word, colour = WORDS[result.verdict]
     what = f"{escape(result.file)}: {result.format or 'not readable'}, {_size(result.size_bytes)}"
     console = Console()
@@ -62,7 +62,7 @@ def _parts_table(parts: list[FilePart]) -> Table:
 
 
 def _indented(name: str, before: set[str]) -> str:
-    """A name below that of its group or struct, where this one is shown."""
+    """Indent a name below its group or struct, if the group or struct is shown."""
     group, slash, last = name.rpartition("/")
     return f"{'  ' * group.count('/')}  {slash if group.startswith('/') else ''}{last}" if group in before else name
 
@@ -106,7 +106,7 @@ def _some(files: list[str]) -> str | None:
 
 
 def _size(number: int) -> str:
-    """Bytes as people read them."""
+    """Format a number of bytes for people."""
     for unit, factor in (("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
         if number >= factor:
             return f"{number / factor:.3g} {unit}"

@@ -1,5 +1,5 @@
-"""The flags that several commands share, and what is wrong use of them: found before any file is read."""
-# ruff: noqa: PLC0415 - a command's help waits for no reader of files
+"""Flags that several commands share, and checks of their use before any file is read."""
+# ruff: noqa: PLC0415 - imports inside functions, so that a command's help need not load the readers of files
 
 from dataclasses import dataclass
 from enum import StrEnum
@@ -15,9 +15,9 @@ from sawmill_worker.commands.from_contract import Flags, option
 
 if TYPE_CHECKING:
     from sawmill_formats.input.angles import AnglesGiven
-    from sawmill_worker.use_cases.scan_source import ScanSource
+    from sawmill_worker.use_cases.scans.scan_source import ScanSource
 
-# The published scanner (arXiv 2206.14444), as flags of the scanner's constants.
+# Flags of the scanner's constants, with the published scanner (arXiv 2206.14444) as the default.
 PUBLISHED_SCANNER = {
     "source_to_cor_mm": {"default": 859.46},
     "num_detector_pixels": {"flag": "--detector-pixels", "default": 768},
@@ -26,7 +26,7 @@ PUBLISHED_SCANNER = {
 
 
 class ExportTarget(StrEnum):
-    """Toolkits that a geometry can be written for."""
+    """Toolkits for which a geometry can be written."""
 
     ASTRA = "astra"
     ODL = "odl"
@@ -35,21 +35,21 @@ class ExportTarget(StrEnum):
 
 
 class ScanOptions(UnregisteredScanOptions):
-    """A scan's file as the command line gives it."""
+    """Options of a scan's file on the command line."""
 
     angles_file: Path | None = Field(None, description="Text file, one view's angle in degrees a line.")
 
 
 def scan_source(path: Path, options: ScanOptions, *, views: int | None, rows: str | None) -> "ScanSource":
-    """The scan of a file and its flags."""
-    from sawmill_worker.use_cases.scan_source import ScanSource
+    """Return the scan of a file and its flags."""
+    from sawmill_worker.use_cases.scans.scan_source import ScanSource
 
     return ScanSource(path, options, given_angles(options.angles_deg, options.angles_file), views, rows)
 
 
 @dataclass(frozen=True)
 class Pictures:
-    """Where pictures of a volume are written: its middle slice, slices along it, its side, the curve of alpha."""
+    """Paths of the pictures of a volume: middle slice, slices along the log, side view, and the curve of alpha."""
 
     middle: Path | None
     mosaic: Path | None
@@ -58,7 +58,7 @@ class Pictures:
 
 
 def given_angles(angles_deg: str | None, angles_file: Path | None) -> "AnglesGiven | None":
-    """The angles of the flags; giving both is wrong use."""
+    """Return the angles of the flags; both flags together are wrong use."""
     from sawmill_formats.errors import UnreadableScan
     from sawmill_formats.input.angles import parse_angles, read_angles_file
 
@@ -73,7 +73,7 @@ def given_angles(angles_deg: str | None, angles_file: Path | None) -> "AnglesGiv
 
 
 def writable(path: Path | None) -> Path | None:
-    """Refuse a file in a folder that does not exist, before long work is done for it (a callback of Typer's)."""
+    """Refuse a file in a folder that does not exist, before long work is done for the file (a Typer callback)."""
     if path is not None and not path.absolute().parent.is_dir():
         raise typer.BadParameter(f"there is no folder {str(path.parent)!r} to write {path.name!r} into.")
     return path

@@ -1,4 +1,4 @@
-"""`sawmill phantom`: how well a phantom will do, and its drawing."""
+"""`sawmill phantom`: predicted precision of phantoms, and their drawings."""
 
 from pathlib import Path
 
@@ -8,7 +8,7 @@ from sawmill_vocabulary import Theta
 from sawmill_worker.commands.phantom_options import PhantomSource
 from sawmill_worker.commands.phantoms import drawing_of
 from sawmill_worker.pictures.phantom_drawing import phantom_svg
-from sawmill_worker.use_cases.plan import PlanInput, run_plan
+from sawmill_worker.use_cases.calibration.plan import PlanInput, run_plan
 
 
 def plan_phantoms(
@@ -19,9 +19,9 @@ def plan_phantoms(
     theta: Theta,
     log_radius_mm: float | None,
 ) -> list[PlanResult]:
-    """Each phantom at each number of views, the phantoms in the order in which they were given."""
-    given = [PlanInput(drawing_of(phantom), scanner, theta, log_radius_mm) for phantom in phantoms]
-    return [run_plan(phantom, scan) for phantom in given for scan in options]
+    """Plan with each phantom and each number of views, the phantoms in the given order."""
+    inputs = [PlanInput(drawing_of(phantom), scanner, theta, log_radius_mm) for phantom in phantoms]
+    return [run_plan(phantom, scan) for phantom in inputs for scan in options]
 
 
 def draw_phantom(phantom: PhantomSource, output: Path) -> None:

@@ -1,4 +1,4 @@
-"""The flags of a phantom, and what is wrong use of them."""
+"""Flags of a phantom, and checks of their use."""
 
 from dataclasses import dataclass
 from enum import StrEnum
@@ -12,8 +12,8 @@ from sawmill_vocabulary import BUILT_IN_OUTLINES
 from sawmill_worker.commands.from_contract import option
 
 
-class Body(StrEnum):
-    """What can be simulated beside a phantom."""
+class PhantomShape(StrEnum):
+    """Shapes other than a phantom that can be simulated."""
 
     LOG = "log"
     LOG_WITH_PHANTOM = "log-with-phantom"
@@ -21,13 +21,13 @@ class Body(StrEnum):
 
 @dataclass(frozen=True)
 class PhantomSource:
-    """A phantom by the name of a built-in one or by its file, and the width of a picture."""
+    """A phantom given by the name of a built-in phantom or by its file, and the width of a picture."""
 
     text: str
     width_mm: float | None
 
     def __post_init__(self) -> None:
-        """Refuse a width that is missing or belongs to nothing."""
+        """Refuse a picture without a width, and a width without a picture."""
         if self.is_built_in and self.width_mm is not None:
             raise typer.BadParameter("--phantom-width-mm is for a picture; a built-in phantom has its size.")
         if self.is_drawing and self.width_mm is not None:
@@ -37,45 +37,45 @@ class PhantomSource:
 
     @property
     def path(self) -> Path:
-        """Of the file."""
+        """Path of the file."""
         return Path(self.text)
 
     @property
     def is_built_in(self) -> bool:
-        """Whether it is one of the published phantoms."""
+        """True if the phantom is built in."""
         return self.text in BUILT_IN_OUTLINES
 
     @property
     def is_drawing(self) -> bool:
-        """Whether the file is JSON."""
+        """True if the file is JSON."""
         return not self.is_built_in and self.path.suffix.lower() == ".json"
 
 
 def existing_phantom(text: str) -> str:
-    """Refuse what is neither a built-in phantom nor a file (a callback of Typer's)."""
+    """Refuse a text that is neither a built-in phantom nor a file (a Typer callback)."""
     if text not in BUILT_IN_OUTLINES and not Path(text).is_file():
         raise typer.BadParameter(f"must be {', '.join(BUILT_IN_OUTLINES)} or an existing file, not {text!r}.")
     return text
 
 
 def existing_phantoms(texts: list[str]) -> list[str]:
-    """Each of them (a callback of Typer's)."""
+    """Refuse any text that is neither a built-in phantom nor a file (a Typer callback)."""
     return [existing_phantom(text) for text in texts]
 
 
 def body_or_phantom(text: str) -> str:
-    """A phantom or a log (a callback of Typer's)."""
-    return text if text in set(Body) else existing_phantom(text)
+    """Refuse a text that is neither a phantom nor a log (a Typer callback)."""
+    return text if text in set(PhantomShape) else existing_phantom(text)
 
 
 def phantom_names() -> list[str]:
-    """What a shell completes."""
+    """Return the phantoms that a shell completes."""
     return list(BUILT_IN_OUTLINES)
 
 
 def body_names() -> list[str]:
-    """What a shell completes."""
-    return [*phantom_names(), *(each.value for each in Body)]
+    """Return the shapes and phantoms that a shell completes."""
+    return [*phantom_names(), *(each.value for each in PhantomShape)]
 
 
 PhantomText = Annotated[

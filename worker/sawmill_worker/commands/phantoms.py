@@ -1,13 +1,12 @@
-"""The drawing of the phantom that the command line means."""
+"""Drawing of the phantom that a command line specifies."""
 
 from sawmill_contracts.built_in import BUILT_IN_PHANTOMS
 from sawmill_contracts.phantoms import PhantomDrawing
 from sawmill_worker.commands.phantom_options import PhantomSource
-from sawmill_worker.use_cases.phantom_file import read_drawing
 
 
 def drawing_of(source: PhantomSource) -> PhantomDrawing:
-    """A built-in phantom, a drawing from its file, or a traced picture.
+    """Return a built-in phantom, the drawing in a file, or the tracing of a picture.
 
     Raises
     ------
@@ -16,9 +15,9 @@ def drawing_of(source: PhantomSource) -> PhantomDrawing:
     """
     if source.is_built_in:
         return BUILT_IN_PHANTOMS[source.text]
-    if source.width_mm is not None:
-        # Imported here: no other phantom needs the readers of pictures.
-        from sawmill_worker.use_cases.phantom_picture import traced_drawing  # noqa: PLC0415
+    # Imported here because a built-in phantom needs no readers of files and pictures.
+    from sawmill_worker.use_cases.phantom_drawings import read_drawing, traced_drawing  # noqa: PLC0415
 
+    if source.width_mm is not None:
         return traced_drawing(source.path, source.width_mm, name=source.path.stem)
     return read_drawing(source.path)

@@ -13,18 +13,18 @@ from sawmill_vocabulary import Progress, ProgressCallback
 
 
 class _TimeLeft(TimeRemainingColumn):
-    """The time left as the work itself reports it; where it reports none, by the bar's pace."""
+    """Remaining time as the work reports it; by the pace of the bar if the work reports none."""
 
     def render(self, task: Task) -> Text:
-        left = task.fields["seconds_left"]
-        if left is None:
+        seconds_left = task.fields["seconds_left"]
+        if seconds_left is None:
             return super().render(task)
-        return Text(str(timedelta(seconds=round(left))), style="progress.remaining")
+        return Text(str(timedelta(seconds=round(seconds_left))), style="progress.remaining")
 
 
 @contextmanager
 def progress_bar(what: str) -> Iterator[ProgressCallback]:
-    """Show a bar of the work `what` until it ends; what is yielded moves it."""
+    """Show a bar of the work `what` until the block ends; yield the callback that moves the bar."""
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),

@@ -1,5 +1,5 @@
-"""`sawmill reconstruct`: a scan's file and a geometry to a volume."""
-# ruff: noqa: PLC0415 - what draws a picture is imported where one is asked for
+"""`sawmill reconstruct`: volume from a scan's file and a geometry."""
+# ruff: noqa: PLC0415 - drawing is imported only if a picture is requested
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,9 +13,9 @@ from sawmill_worker.commands.calibrated_scan import open_with_calibration
 from sawmill_worker.commands.geometry_options import CalibrationSource, ThetaSource
 from sawmill_worker.commands.options import Pictures
 from sawmill_worker.use_cases.failures import refused
-from sawmill_worker.use_cases.reconstruct import ReconstructionInput, run_reconstruction
-from sawmill_worker.use_cases.scan_rows import ScanRows, open_rows
-from sawmill_worker.use_cases.scan_source import ScanSource
+from sawmill_worker.use_cases.reconstruction.reconstruct import ReconstructionInput, run_reconstruction
+from sawmill_worker.use_cases.scans.scan_rows import ScanRows, open_rows
+from sawmill_worker.use_cases.scans.scan_source import ScanSource
 
 MOSAIC_SLICES = 16
 
@@ -29,9 +29,9 @@ def reconstruct_scan(
     pictures: Pictures,
     on_progress: ProgressCallback,
 ) -> ReconstructionResult:
-    """Read, reconstruct each row into the volume, and draw the pictures that are asked for."""
-    with _open(scan, geometry, output, on_progress) as (used, given):
-        result = run_reconstruction(given, options, output, used.on_progress)
+    """Read, reconstruct each row into the volume, and draw the requested pictures."""
+    with _open(scan, geometry, output, on_progress) as (used, reconstruction_input):
+        result = run_reconstruction(reconstruction_input, options, output, used.on_progress)
     drawings = (
         (pictures.middle, _middle),
         (pictures.mosaic, _mosaic),
@@ -91,8 +91,8 @@ def _open(
         with open_rows(scan, source_to_cor_mm=r_s, on_progress=on_progress, beside=output) as used:
             yield used, _input(used, geometry.theta, geometry.rotation, Handedness.AS_DRAWN, NOTHING_FOUND)
         return
-    with open_with_calibration(scan, geometry, on_progress=on_progress, beside=output) as (known, used):
-        yield used, _input(used, known.theta, known.rotation, known.handedness, known.beam)
+    with open_with_calibration(scan, geometry, on_progress=on_progress, beside=output) as (calibration, used):
+        yield used, _input(used, calibration.theta, calibration.rotation, calibration.handedness, calibration.beam)
 
 
 def _input(

@@ -1,4 +1,4 @@
-"""`sawmill report`: a calibration's file to a page that prints."""
+"""`sawmill report`: printable page from a calibration's file."""
 
 from datetime import datetime
 from pathlib import Path
@@ -7,19 +7,19 @@ from typing import Any
 from sawmill_contracts.calibration_arrays import CalibrationArrays
 from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_worker.pictures.report_page import About, report_html
+from sawmill_worker.use_cases.calibration.result_file import read_saved_calibration
 from sawmill_worker.use_cases.failures import refused
-from sawmill_worker.use_cases.result_file import read_calibration_record
 
 
 def write_report(path: Path, output: Path) -> bool:
-    """Write the report of the calibration in a file as one HTML page; returns whether it has pictures of the scan.
+    """Write the report of the calibration in a file as one HTML page; return whether it has pictures of the scan.
 
     Raises
     ------
     JobFailure
-        The file holds no calibration, its arrays are damaged or do not agree, or its time is beyond the calendar.
+        The file holds no calibration, the arrays are damaged or do not agree, or the time is beyond the calendar.
     """
-    record = read_calibration_record(path)
+    record = read_saved_calibration(path)
     about = About(
         calibration_id=_text(record.header, "id"),
         made_at=None if record.made_at is None else _local(path, record.made_at),

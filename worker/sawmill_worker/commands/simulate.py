@@ -1,4 +1,4 @@
-"""`sawmill simulate`: a scan of a phantom or a synthetic log, analytically, seeded."""
+"""`sawmill simulate`: analytic, seeded scan of a phantom or a synthetic log."""
 
 import json
 from pathlib import Path
@@ -17,8 +17,7 @@ from sawmill_worker.commands.geometry_options import Position
 from sawmill_worker.commands.phantom_options import PhantomSource
 from sawmill_worker.commands.phantoms import drawing_of
 from sawmill_worker.use_cases.conversion import to_phantom
-from sawmill_worker.use_cases.physics_file import read_physics
-from sawmill_worker.use_cases.simulated_scan import write_simulated_scan
+from sawmill_worker.use_cases.scans.simulation import read_physics, write_simulated_scan
 
 
 def simulate_scan(
@@ -37,7 +36,7 @@ def simulate_scan(
     seed: int,
     physics: Path | None,
 ) -> None:
-    """Write one cross-section a row, in NXtomo layout: raw counts with flats and darks, or line integrals."""
+    """Write one cross-section per row, in NXtomo layout: raw counts with flats and darks, or line integrals."""
     angles_rad = np.deg2rad(angles.expand(views))
     turned = rotation.apply(angles_rad)
     fan = FanBeamGeometry(scanner, theta, turned)
@@ -66,7 +65,7 @@ def simulate_scan(
 def phantom_slices(
     phantom: PhantomSource, rows: int, *, handedness: Handedness, position: Position, as_wood: bool
 ) -> list[Phantom]:
-    """The same phantom in each row; as wood it attenuates like sapwood, else its densities are as drawn."""
+    """Return the same phantom for each row; with `as_wood` it attenuates like sapwood, else by its drawn densities."""
     drawn = to_phantom(drawing_of(phantom))
     seen = drawn if handedness is Handedness.AS_DRAWN else drawn.mirrored()
     moved = seen.moved(position.x, position.y)

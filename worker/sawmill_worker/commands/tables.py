@@ -1,4 +1,4 @@
-"""Answers as people read them: tables on standard output, remarks on standard error."""
+"""Readable answers: tables on standard output, remarks on standard error."""
 
 import math
 
@@ -31,7 +31,7 @@ def print_calibration(result: CalibrationResult) -> None:
 
 
 def print_drift(result: DriftResult) -> None:
-    """Print what changed or was found, and what a scan without a phantom does not show."""
+    """Print what changed or was determined, and the quantities that a scan without a phantom does not show."""
     of_given = result.reference == "given-geometry"
     word, colour = {
         True: ("within tolerance", "green"),
@@ -64,8 +64,8 @@ def print_drift(result: DriftResult) -> None:
     if not of_given:
         moved = f"{result.ray_change_mm:.3f} ± {result.ray_change_uncertainty_mm:.2g} mm RMS"
         table.add_row("rays moved", "", "", moved, "", "")
-    known = result.scale_change_percent is not None and result.scale_change_uncertainty_percent is not None
-    if known and not of_given:
+    has_scale = result.scale_change_percent is not None and result.scale_change_uncertainty_percent is not None
+    if has_scale and not of_given:
         scale = f"{result.scale_change_percent:+.3f} ± {result.scale_change_uncertainty_percent:.2g} %"
         table.add_row("scale changed", "", "", scale, "", "")
     console = Console()
@@ -78,7 +78,7 @@ def print_drift(result: DriftResult) -> None:
 
 
 def print_repeatability(result: RepeatabilityResult) -> None:
-    """Print one row for a pair of calibrations, differences with their standard deviations."""
+    """Print one row per pair of calibrations: differences with standard deviations."""
     colour = "green" if result.verdict == "repeatable" else "red"
     table = Table(title=f"Repeatability: [bold {colour}]{result.verdict}[/]", box=box.SIMPLE, padding=0)
     table.add_column("pair", overflow="fold")
@@ -100,10 +100,10 @@ def print_repeatability(result: RepeatabilityResult) -> None:
 
 
 def report_method(done: MethodReport) -> None:
-    """Report what the method chose and how well its slices explain the data."""
+    """Report the choices of the method, and how well the slices explain the data."""
     if done.reason is not None:
         say(f"{done.name.value} was chosen: {done.reason}")
-    # FBP fits no data: its misfit is no measure of the fit, and a remark says where it shows a wrong geometry.
+    # FBP fits no data: its misfit does not measure a fit, and a remark reports a misfit that shows a wrong geometry.
     if done.data_misfit is not None and done.name is not ReconstructionMethod.FBP:
         say(f"the slices miss the data by {done.data_misfit:.3g} times the noise")
     if done.metal is not None:
@@ -117,7 +117,7 @@ def report_method(done: MethodReport) -> None:
 
 
 def print_plans(plans: list[PlanResult]) -> None:
-    """Print one row for a phantom and a number of views."""
+    """Print one row per phantom and number of views."""
     table = Table(
         title=f"Standard deviations, noise {plans[0].noise:.3g} of the sinogram's RMS",
         caption="rays: RMS inside the log, and what 95 of 100 calibrations stay below; "

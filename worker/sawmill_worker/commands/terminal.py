@@ -1,5 +1,5 @@
-"""What a command writes: answers on standard output, everything else on standard error."""
-# ruff: noqa: PLC0415 - rich, contracts and science are imported when they are needed
+"""Output of a command: answers on standard output, all other text on standard error."""
+# ruff: noqa: PLC0415 - rich, contracts and science are imported only when they are needed
 
 import json
 import signal
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def say(sentence: str, *, trouble: str | None = None) -> None:
-    """Write one line for the person at the terminal; the name of a trouble stands out before it."""
+    """Write one line for the person at the terminal, after the highlighted name of a trouble if one is given."""
     from rich.console import Console
     from rich.text import Text
 
@@ -27,16 +27,16 @@ def say(sentence: str, *, trouble: str | None = None) -> None:
 
 
 def print_json(document: object) -> None:
-    """Print the one object of `--json`."""
+    """Print the object of `--json`."""
     sys.stdout.write(json.dumps(document, allow_nan=False) + "\n")
 
 
 @contextmanager
 def answering(*, as_json: bool = False) -> Iterator[None]:
-    """End with exit code 1 and one sentence (with `--json` one object) where no answer can be computed.
+    """End with exit code 1 and one sentence (with `--json` one object) if no answer can be computed.
 
-    A defect names its kind in the object and keeps its traceback. SIGTERM ends the work as Ctrl-C does, half-written
-    files taken away, with exit code 143.
+    The object names the kind of a defect, and a defect keeps its traceback. SIGTERM ends the work as Ctrl-C does:
+    half-written files are removed, and the exit code is 143.
     """
     from sawmill_platform.contracts.attempts import JobFailure
     from sawmill_platform.contracts.jobs import Failure, FailureKind
@@ -63,7 +63,7 @@ def answering(*, as_json: bool = False) -> Iterator[None]:
 
 @contextmanager
 def ending_when_terminated() -> Iterator[None]:
-    """End at SIGTERM as at Ctrl-C, half-written files taken away, with exit code 143."""
+    """End at SIGTERM as at Ctrl-C: half-written files are removed, and the exit code is 143."""
 
     def end(number: int, _frame: FrameType | None) -> None:
         _ended_by.append(number)
@@ -77,8 +77,8 @@ def ending_when_terminated() -> Iterator[None]:
         _ended_by.clear()
 
 
-# Signals that asked to end. What a handler raises is lost where it interrupts a callback of the interpreter, as while
-# kernels are loaded: then the next report of progress ends the work.
+# Received signals that end the work. An exception of a signal handler is lost if the handler interrupts a callback of
+# the interpreter, for example while kernels are loaded: then the next report of progress ends the work.
 _ended_by: list[int] = []
 
 
@@ -95,7 +95,7 @@ def _report_failure(failure: "Failure", *, as_json: bool) -> None:
 
 @contextmanager
 def showing_progress(what: str) -> Iterator[ProgressCallback]:
-    """A progress bar on standard error, where a person looks at it."""
+    """Show a progress bar if standard error is a terminal; yield the callback that moves the bar."""
     if sys.stderr is None or not sys.stderr.isatty():
         yield lambda _progress: _end_if_asked()
         return

@@ -1,1 +1,1 @@
-"""One file a kind of job: load, compute, store. The only place that knows science and storage together."""
+"""Kinds of jobs, one module each: load, compute, store. No other package uses both science and storage."""

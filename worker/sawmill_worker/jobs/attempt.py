@@ -1,4 +1,4 @@
-"""What a job's functions are given."""
+"""The argument of a job's functions."""
 
 from typing import TypeVar
 

@@ -1,4 +1,4 @@
-"""Calibrate a scanner with one of its scans."""
+"""The job that calibrates a scanner with one scan."""
 
 from collections.abc import Callable
 from dataclasses import asdict
@@ -15,75 +15,77 @@ from sawmill_platform.attempts.work import Needs
 from sawmill_tomography.sinograms.present_rows import mean_of_rows
 from sawmill_vocabulary import DataKind
 from sawmill_worker.jobs.attempt import Attempt
-from sawmill_worker.jobs.keeping import AttemptKeeper
+from sawmill_worker.jobs.checkpoints import AttemptKeeper
 from sawmill_worker.jobs.needs import of_averaged_rows
-from sawmill_worker.use_cases.calibrate import CalibrationInput, calibration_result, run_calibration
-from sawmill_worker.use_cases.calibration_files import calibration_arrays, write_result
-from sawmill_worker.use_cases.compare import compared, geometry_of
+from sawmill_worker.use_cases.calibration.calibrate import CalibrationInput, calibration_result, run_calibration
+from sawmill_worker.use_cases.calibration.calibration_files import calibration_arrays, write_result
+from sawmill_worker.use_cases.calibration.compare import compared, geometry_of
+from sawmill_worker.use_cases.calibration.log_comparison import find_log_row, log_images
+from sawmill_worker.use_cases.calibration.second_witness import with_second_witness, witness_of
 from sawmill_worker.use_cases.failures import refused
-from sawmill_worker.use_cases.log_comparison import log_images, log_row_beside
-from sawmill_worker.use_cases.prepare import Stack, of_saturation
-from sawmill_worker.use_cases.reconstruct import volume_unit
-from sawmill_worker.use_cases.second_witness import hear_log, witness_of
-from sawmill_worker.use_cases.selection import chosen_rows, chosen_views
+from sawmill_worker.use_cases.reconstruction.reconstruct import volume_unit
+from sawmill_worker.use_cases.scans.prepare import Stack, of_saturation
+from sawmill_worker.use_cases.scans.selection import chosen_rows, chosen_views
 
 
 def run(attempt: Attempt) -> dict[str, Any]:
-    """Write result.h5, which the pictures are drawn from, and answer with everything known."""
-    asked, scanner = attempt.asked(CalibrationUnfinished), attempt.scanner
-    options = asked.options.model_copy(
+    """Write result.h5, from which the pictures are drawn, and return the full result."""
+    request, scanner = attempt.asked(CalibrationUnfinished), attempt.scanner
+    options = request.options.model_copy(
         update={
-            "handedness": asked.options.handedness or scanner.handedness,
-            "rotation": asked.options.rotation or scanner.rotation,
+            "handedness": request.options.handedness or scanner.handedness,
+            "rotation": request.options.rotation or scanner.rotation,
         }
     )
     scan = usable_scan(attempt)
     attempt.report_stage(0.0, "read")
-    given, stack = _load(attempt, scan, options)
-    given, calibration = run_calibration(
-        given, options, attempt.report, stack=stack, keeper=_keeper(attempt, given, options)
+    calibration_input, stack = _load(attempt, scan, options)
+    calibration_input, calibration = run_calibration(
+        calibration_input, options, attempt.report, stack=stack, keeper=_keeper(attempt, calibration_input, options)
     )
     usable = scan.usable_rows or (0, shape_of(scan).rows)
     attempt.report_stage(0.96, "log")
     read = _row_reader(attempt, scan, options)
-    given, calibration = hear_log(calibration, given, asked=options.log_rows, rows=usable, read=read)
+    calibration_input, calibration = with_second_witness(
+        calibration, calibration_input, row_range=options.log_rows, rows=usable, read=read
+    )
     active = _active(attempt)
     comparison = None if active is None else compared(active, calibration.geometry, scanner)
     attempt.report_stage(0.97, "result")
-    log = log_row_beside(given, usable, read)
+    log = find_log_row(calibration_input, usable, read)
     before = None if active is None else geometry_of(active)
-    images = None if log is None else log_images(log, given, calibration.geometry, before)
-    result = calibration_result(calibration, given, comparison, witness_of(calibration, given))
-    kept = calibration_arrays(calibration, given, images)
-    write_result(attempt.output, result, kept, log_unit=volume_unit(counts=given.from_counts))
+    images = None if log is None else log_images(log, calibration_input, calibration.geometry, before)
+    result = calibration_result(calibration, calibration_input, comparison, witness_of(calibration, calibration_input))
+    kept = calibration_arrays(calibration, calibration_input, images)
+    write_result(attempt.output, result, kept, log_unit=volume_unit(counts=calibration_input.from_counts))
     return result.model_dump(mode="json")
 
 
 def needs(attempt: Attempt) -> Needs:
-    """Of the rows that are averaged."""
+    """Compute the needs of averaging the rows."""
     scan, options = usable_scan(attempt), attempt.asked(CalibrationUnfinished).options
     return of_averaged_rows(shape_of(scan), options.rows or scan.phantom_rows, scan.usable_rows)
 
 
 def usable_scan(attempt: Attempt) -> Scan:
-    """A scan that is ready; the job that reads it may have refused it since it was asked for."""
+    """Return the scan, which must be ready; the job that reads a scan may have refused it since the request."""
     scan = attempt.given.scan
-    assert scan is not None  # noqa: S101 - of a kind that refers to one
+    assert scan is not None  # noqa: S101 - required by this kind of job
     if scan.state is not ScanState.READY or scan.shape is None:
         raise refused("scan-refused", f"scan {scan.id!r} cannot be used: {scan.reason or scan.state.value}")
     return scan
 
 
 def shape_of(scan: Scan) -> ScanShape:
-    """Of a usable scan."""
-    assert scan.shape is not None  # noqa: S101 - usable_scan saw to it
+    """Return the shape of a usable scan."""
+    assert scan.shape is not None  # noqa: S101 - checked by usable_scan
     return scan.shape
 
 
 def usable_calibration(attempt: Attempt, purpose: str) -> CalibrationSucceeded:
-    """A calibration with an answer; the sentence of its refusal ends with what its geometry was to be used for."""
+    """Return the calibration, which must have succeeded; a refusal's sentence ends with the geometry's purpose."""
     calibration = attempt.given.calibration
-    assert calibration is not None  # noqa: S101 - of an ask that refers to one
+    assert calibration is not None  # noqa: S101 - required by this request
     if not isinstance(calibration, CalibrationSucceeded):
         raise refused(
             "calibration-without-result",
@@ -93,22 +95,22 @@ def usable_calibration(attempt: Attempt, purpose: str) -> CalibrationSucceeded:
 
 
 def drawing_of(attempt: Attempt) -> PhantomDrawing:
-    """A phantom's drawing; the job that traces its picture may have refused it since it was asked for."""
+    """Return the phantom's drawing; the job that traces a picture may have refused it since the request."""
     phantom = attempt.given.phantom
-    assert phantom is not None  # noqa: S101 - of a kind that refers to one
+    assert phantom is not None  # noqa: S101 - required by this kind of job
     if phantom.drawing is None:
         raise refused("phantom-refused", f"phantom {phantom.id!r} has no drawing: {phantom.reason}")
     return phantom.drawing
 
 
 def _load(attempt: Attempt, scan: Scan, options: CalibrationOptions) -> tuple[CalibrationInput, Stack | None]:
-    """The input, and the stack of its rows where it is not known which of them show the phantom."""
+    """Load the input, and the stack of the rows where the rows that show the phantom are not known."""
     shape, scanner = shape_of(scan), attempt.scanner
     rows = chosen_rows(options.rows or scan.phantom_rows, shape.rows, scan.usable_rows)
     views = chosen_views(options.views, shape.views)
     stored = read_stored_scan(attempt.file, rows, views)
     mean = mean_of_rows(stored.line_integrals)
-    given = CalibrationInput(
+    calibration_input = CalibrationInput(
         sinogram=mean.sinogram,
         angles_rad=stored.angles_rad[mean.views],
         rows=(rows.start, rows.stop),
@@ -124,17 +126,17 @@ def _load(attempt: Attempt, scan: Scan, options: CalibrationOptions) -> tuple[Ca
         remarks=of_saturation(scan.remarks),
     )
     named = options.rows is not None or scan.phantom_rows is not None
-    return given, None if named else stored.line_integrals
+    return calibration_input, None if named else stored.line_integrals
 
 
-def _keeper(attempt: Attempt, given: CalibrationInput, options: CalibrationOptions) -> AttemptKeeper:
+def _keeper(attempt: Attempt, calibration_input: CalibrationInput, options: CalibrationOptions) -> AttemptKeeper:
     origin = {
-        "input_sha256": given.input_sha256,
+        "input_sha256": calibration_input.input_sha256,
         "options": options.model_dump(mode="json"),
-        "rows": given.rows,
-        "scanner": vars(given.scanner),
-        "bounds": None if given.bounds is None else asdict(given.bounds),
-        "phantom": given.drawing.model_dump(mode="json"),
+        "rows": calibration_input.rows,
+        "scanner": vars(calibration_input.scanner),
+        "bounds": None if calibration_input.bounds is None else asdict(calibration_input.bounds),
+        "phantom": calibration_input.drawing.model_dump(mode="json"),
     }
     return AttemptKeeper(attempt, origin)
 
@@ -145,7 +147,7 @@ def _active(attempt: Attempt) -> CalibrationSucceeded | None:
 
 
 def _row_reader(attempt: Attempt, scan: Scan, options: CalibrationOptions) -> Callable[[int], NDArray[np.float32]]:
-    """Reads any row of the scan, (views, detector); NaN in views that lack it."""
+    """Return a function that reads any row of the scan, (views, detector); NaN in views that lack the row."""
     views = chosen_views(options.views, shape_of(scan).views)
 
     def read(row: int) -> NDArray[np.float32]:

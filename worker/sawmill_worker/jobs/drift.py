@@ -1,4 +1,4 @@
-"""Look for drift in one of a scanner's scans."""
+"""The job that checks a scan for drift since a calibration."""
 
 from typing import Any
 
@@ -8,36 +8,40 @@ from sawmill_platform.attempts.work import Needs
 from sawmill_worker.jobs.attempt import Attempt
 from sawmill_worker.jobs.calibrate import shape_of, usable_calibration, usable_scan
 from sawmill_worker.jobs.needs import of_averaged_rows
-from sawmill_worker.use_cases.drift import DriftInput, mean_of_common_rows, run_drift
+from sawmill_worker.use_cases.drift.drift_check import (
+    DriftInput,
+    mean_of_common_rows,
+    run_drift,
+)
 from sawmill_worker.use_cases.failures import refused
-from sawmill_worker.use_cases.selection import chosen_rows, chosen_views
+from sawmill_worker.use_cases.scans.selection import chosen_rows, chosen_views
 
 
 def run(attempt: Attempt) -> dict[str, Any]:
-    """Answer with what moved since the calibration; there are no files."""
-    asked, scanner = attempt.asked(Drift), attempt.scanner
+    """Return what moved since the calibration; no files are written."""
+    request, scanner = attempt.asked(Drift), attempt.scanner
     calibration = usable_calibration(attempt, "compare with")
     scan = usable_scan(attempt)
     shape = shape_of(scan)
-    known, now = calibration.scanner, scanner.constants
-    if (known.num_detector_pixels, known.detector_pitch_mm) != (shape.detector, now.detector_pitch_mm):
+    calibrated, present = calibration.scanner, scanner.constants
+    if (calibrated.num_detector_pixels, calibrated.detector_pitch_mm) != (shape.detector, present.detector_pitch_mm):
         raise refused(
             "contradiction",
-            f"the calibration is of {known.num_detector_pixels} cells of {known.detector_pitch_mm:.9g} mm "
-            f"and the scan of {shape.detector} of {now.detector_pitch_mm:.9g} mm: "
+            f"the calibration is of {calibrated.num_detector_pixels} cells of {calibrated.detector_pitch_mm:.9g} mm "
+            f"and the scan of {shape.detector} of {present.detector_pitch_mm:.9g} mm: "
             "calibrate the scanner as it is now",
         )
-    if scan.averaged_rows is not None and asked.options.rows is not None:
+    if scan.averaged_rows is not None and request.options.rows is not None:
         raise refused(
             "rows-outside",
-            f"rows {asked.options.rows} were asked for, but the scan is the mean of {scan.averaged_rows} rows, which "
+            f"rows {request.options.rows} were asked for, but the scan is the mean of {scan.averaged_rows} rows, which "
             "are not kept: leave rows out",
         )
-    rows = chosen_rows(asked.options.rows, shape.rows, scan.usable_rows)
+    rows = chosen_rows(request.options.rows, shape.rows, scan.usable_rows)
     attempt.report_stage(0.1, "read")
     stored = read_stored_scan(attempt.file, rows, chosen_views(None, shape.views))
     attempt.report_stage(0.5, "pair rays")
-    given = DriftInput(
+    drift_input = DriftInput(
         mean=mean_of_common_rows(stored.line_integrals, rows.start, deviations=stored.deviations),
         angles_rad=stored.angles_rad,
         rows=(rows.start, rows.stop),
@@ -50,10 +54,10 @@ def run(attempt: Attempt) -> dict[str, Any]:
         preparation=tuple(scan.remarks),
         baselines=attempt.given.baselines,
     )
-    return run_drift(given).model_dump(mode="json")
+    return run_drift(drift_input).model_dump(mode="json")
 
 
 def needs(attempt: Attempt) -> Needs:
-    """Of the rows that are averaged."""
+    """Compute the needs of averaging the rows."""
     scan = usable_scan(attempt)
     return of_averaged_rows(shape_of(scan), attempt.asked(Drift).options.rows, scan.usable_rows)

@@ -1,4 +1,4 @@
-"""Read an upload into the one form that every later job uses."""
+"""The job that reads an upload into the one form that every later job uses."""
 
 import math
 from typing import Any
@@ -15,13 +15,13 @@ from sawmill_worker.jobs.attempt import Attempt
 from sawmill_worker.jobs.needs import FILE_BYTES, FILE_SHARE
 from sawmill_worker.use_cases.capacity import memory_available
 from sawmill_worker.use_cases.failures import refused
-from sawmill_worker.use_cases.prepare import prepare_scan
+from sawmill_worker.use_cases.scans.prepare import prepare_scan
 
 
 def run(attempt: Attempt) -> dict[str, Any]:
-    """Write scan.h5 and answer with what the file turned out to be."""
+    """Write scan.h5 and return the properties of the scan."""
     scan, constants = attempt.given.scan, attempt.scanner.constants
-    assert scan is not None  # noqa: S101 - of the one kind that reads uploaded scans
+    assert scan is not None  # noqa: S101 - required by this kind of job
     attempt.report_stage(0.0, "read")
     reading = reading_scan(
         attempt.file,
@@ -57,7 +57,7 @@ def run(attempt: Attempt) -> dict[str, Any]:
 
 
 def needs(_: Attempt) -> Needs:
-    """None that grow with the file: what it declares is not to be believed before it is read."""
+    """Return no needs beyond the common limits: sizes that a file declares are not trusted before it is read."""
     return Needs(0, int(FILE_SHARE * MAX_BYTES) + FILE_BYTES)
 
 

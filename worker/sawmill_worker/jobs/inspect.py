@@ -1,4 +1,4 @@
-"""Find out what is in an upload, what of it would be read as a scan, and what is missing."""
+"""The job that reports what an upload holds, which part would be read as a scan, and what is missing."""
 
 from typing import Any
 
@@ -6,14 +6,14 @@ from sawmill_contracts.inspections import Inspection
 from sawmill_formats.input.angles import parse_angles
 from sawmill_platform.attempts.work import Needs
 from sawmill_worker.jobs.attempt import Attempt
-from sawmill_worker.use_cases.inspect import GivenBeside, inspect_file
+from sawmill_worker.use_cases.scans.inspect import InspectionInput, inspect_file
 
 
 def run(attempt: Attempt) -> dict[str, Any]:
-    """Answer with what was found; a file that cannot be read is no failure of the job."""
+    """Return what the file holds; a file that cannot be read does not make the job fail."""
     options = attempt.asked(Inspection).options
     attempt.report_stage(0.1, "inspect")
-    given = GivenBeside(
+    source = InspectionInput(
         attempt.file,
         data=options.data,
         dataset=options.dataset,
@@ -21,9 +21,9 @@ def run(attempt: Attempt) -> dict[str, Any]:
         transpose=options.transpose,
         uploaded=True,
     )
-    return inspect_file(given).model_copy(update={"file": options.name}).model_dump(mode="json")
+    return inspect_file(source).model_copy(update={"file": options.name}).model_dump(mode="json")
 
 
 def needs(_: Attempt) -> Needs:
-    """None beyond what every job may take."""
+    """Return no needs beyond the common limits."""
     return Needs(0, 0)

@@ -1,4 +1,4 @@
-"""Plan a calibration of a scanner with a phantom."""
+"""The job that plans a calibration of a scanner with a phantom."""
 
 from typing import Any
 
@@ -7,19 +7,19 @@ from sawmill_platform.attempts.work import Needs
 from sawmill_worker.jobs.attempt import Attempt
 from sawmill_worker.jobs.calibrate import drawing_of
 from sawmill_worker.jobs.needs import PROCESS_BYTES, SINOGRAMS
-from sawmill_worker.use_cases.plan import PlanInput, run_plan
+from sawmill_worker.use_cases.calibration.plan import PlanInput, run_plan
 
 
 def run(attempt: Attempt) -> dict[str, Any]:
-    """Answer with the precision to expect; there are no files."""
-    asked = attempt.asked(Plan)
-    assert asked.options.theta is not None  # noqa: S101 - settled when it was asked for
+    """Return the precision to expect; no files are written."""
+    request = attempt.asked(Plan)
+    assert request.options.theta is not None  # noqa: S101 - set when the job was accepted
     scanner = attempt.scanner
-    given = PlanInput(drawing_of(attempt), scanner.constants, asked.options.theta, scanner.log_radius_mm)
-    return run_plan(given, asked.options).model_dump(mode="json")
+    plan_input = PlanInput(drawing_of(attempt), scanner.constants, request.options.theta, scanner.log_radius_mm)
+    return run_plan(plan_input, request.options).model_dump(mode="json")
 
 
 def needs(attempt: Attempt) -> Needs:
-    """Of the phantom's sinogram."""
+    """Compute the needs of the phantom's sinogram."""
     cells = attempt.scanner.constants.num_detector_pixels
     return Needs(PROCESS_BYTES + SINOGRAMS * 8 * attempt.asked(Plan).options.views * cells, 0)

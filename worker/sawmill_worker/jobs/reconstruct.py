@@ -1,4 +1,4 @@
-"""Reconstruct the slices of a scan."""
+"""The job that reconstructs the slices of a scan."""
 
 from dataclasses import asdict, replace
 from typing import Any
@@ -21,14 +21,14 @@ from sawmill_vocabulary import DataKind, Handedness, Rotation, Theta
 from sawmill_vocabulary.scattered_radiation import NOTHING_FOUND, BeamCorrection
 from sawmill_worker.jobs.attempt import Attempt
 from sawmill_worker.jobs.calibrate import shape_of, usable_calibration, usable_scan
-from sawmill_worker.jobs.keeping import AttemptKeeper
+from sawmill_worker.jobs.checkpoints import AttemptKeeper
 from sawmill_worker.jobs.needs import FILE_BYTES, FILE_SHARE, PROCESS_BYTES
-from sawmill_worker.use_cases.block_solvers import MOST_FITTED_IMAGES, MOST_TOGETHER, may_fit
 from sawmill_worker.use_cases.failures import refused
-from sawmill_worker.use_cases.reconstruct import MEMORY_SHARE, ReconstructionInput, run_reconstruction
-from sawmill_worker.use_cases.selection import chosen_rows, chosen_views
+from sawmill_worker.use_cases.reconstruction.block_solvers import MOST_FITTED_IMAGES, MOST_TOGETHER, may_fit
+from sawmill_worker.use_cases.reconstruction.reconstruct import MEMORY_SHARE, ReconstructionInput, run_reconstruction
+from sawmill_worker.use_cases.scans.selection import chosen_rows, chosen_views
 
-# Of each slice of a fitted method, in single precision: the data, residuals and trial steps.
+# Arrays in single precision for each slice of a fitted method: the data, residuals and trial steps.
 LINES_A_SLICE = 40
 
 
@@ -41,7 +41,7 @@ def run(attempt: Attempt) -> dict[str, Any]:
     views = chosen_views(options.views, shape.views)
     theta, rotation, handedness, beam = _geometry_of(attempt, options)
     with open_scan(attempt.file) as stored:
-        given = ReconstructionInput(
+        reconstruction_input = ReconstructionInput(
             read=lambda start, stop: stored.rows(rows[start:stop], views),
             angles_rad=stored.angles_rad[views],
             rows=(rows.start, rows.stop),
@@ -55,36 +55,36 @@ def run(attempt: Attempt) -> dict[str, Any]:
             preparation=tuple(scan.remarks),
             beam=beam,
         )
-        keeper = _keeper(attempt, given, options)
-        result = run_reconstruction(given, options, attempt.output / "volume.h5", attempt.report, keeper)
+        keeper = _keeper(attempt, reconstruction_input, options)
+        result = run_reconstruction(reconstruction_input, options, attempt.output / "volume.h5", attempt.report, keeper)
     return result.model_dump(mode="json")
 
 
-def _keeper(attempt: Attempt, given: ReconstructionInput, options: ReconstructionAsked) -> AttemptKeeper:
-    slices = len(range(*given.rows, given.row_step))
+def _keeper(attempt: Attempt, reconstruction_input: ReconstructionInput, options: ReconstructionAsked) -> AttemptKeeper:
+    slices = len(range(*reconstruction_input.rows, reconstruction_input.row_step))
     origin = {
-        "input_sha256": given.input_sha256,
+        "input_sha256": reconstruction_input.input_sha256,
         "options": options.model_dump(mode="json"),
-        "rows": (*given.rows, given.row_step),
-        "views": len(given.angles_rad),
-        "scanner": vars(given.scanner),
-        "theta": asdict(given.theta),
-        "beam": asdict(given.beam),
-        "rotation": given.rotation,
-        "handedness": given.handedness,
+        "rows": (*reconstruction_input.rows, reconstruction_input.row_step),
+        "views": len(reconstruction_input.angles_rad),
+        "scanner": vars(reconstruction_input.scanner),
+        "theta": asdict(reconstruction_input.theta),
+        "beam": asdict(reconstruction_input.beam),
+        "rotation": reconstruction_input.rotation,
+        "handedness": reconstruction_input.handedness,
     }
     return AttemptKeeper(attempt, origin, still_to_write_bytes=cost.volume_bytes(options.size, slices))
 
 
 def make_ready(attempt: Attempt) -> None:
-    """Compile what a fitted method needs and nobody has compiled yet: the attempt could not keep it later."""
+    """Compile the uncached kernels of a fitted method: the attempt could not write to the kernel cache later."""
     if may_fit(attempt.asked(Reconstruction).options.method):
         attempt.report_stage(0.0, "prepare")
         load_iterative_methods()
 
 
 def needs(attempt: Attempt) -> Needs:
-    """Of the rows that are reconstructed together, the images that are fitted together, and the volume."""
+    """Compute the needs of rows reconstructed together, images fitted together, and the volume."""
     options, scan = attempt.asked(Reconstruction).options, usable_scan(attempt)
     shape = shape_of(scan)
     slices = len(range(shape.rows)[chosen_rows(options.rows, shape.rows, scan.usable_rows)])
@@ -98,11 +98,11 @@ def needs(attempt: Attempt) -> Needs:
 
 
 def _fitting(attempt: Attempt, options: ReconstructionAsked, shape: ScanShape) -> int:
-    """Of the method that needs most, on a grid that holds all that the detector can see."""
+    """Compute the need of the method that needs most, on a grid that holds all that the detector can see."""
     theta, *_ = _geometry_of(attempt, options)
     geometry = FanBeamGeometry(attempt.scanner.constants, theta, np.zeros(1))
     field, radius_mm = ImageGrid(options.size, options.field_mm, options.field_centre_mm), seen_radius_mm(geometry)
-    # A larger grid is refused. A log that is smaller than what is seen may have one grid instead of two.
+    # A larger grid is refused. A log smaller than the field of view may have one grid instead of two.
     size = min(field.around(radius_mm)[0].size, LARGEST_SIZE)
     pixels = min(size**2, round(fitted_size(field, radius_mm) ** 2 / WORTH_WHILE))
     images = MOST_FITTED_IMAGES + get_num_threads() * BLOCK
@@ -111,7 +111,7 @@ def _fitting(attempt: Attempt, options: ReconstructionAsked, shape: ScanShape) -
 
 
 def _geometry_of(attempt: Attempt, options: ReconstructionAsked) -> tuple[Theta, Rotation, Handedness, BeamCorrection]:
-    """The theta that was given, or the calibration's with its beam correction; refused where it has none."""
+    """Return the given theta, or the calibration's with its beam correction; refuse a calibration without theta."""
     if options.theta is not None:
         rotation, handedness = options.rotation or Rotation.AS_GIVEN, options.handedness or Handedness.AS_DRAWN
         return options.theta, rotation, handedness, NOTHING_FOUND

@@ -1,8 +1,7 @@
-"""Which functions do which kind of job: those of the module that has the kind's name.
+"""Dispatch of a job to the functions of the module that has the name of the job's kind.
 
-`jobs/<kind>.py` holds `run(attempt)`, which leaves its files in the attempt's output folder and returns the JSON
-answer, and `needs(attempt)`, the memory and the largest file that it may take. This module is the `Work` that the
-process of an attempt is given (`sawmill_platform.attempts.work`).
+`jobs/<kind>.py` holds `run(attempt)`, which writes files to the attempt's output folder and returns the JSON answer,
+and `needs(attempt)`, the memory and the largest file that the job may take.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -11,7 +10,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Protocol, cast
 
-# Here too, so that a process that is kept ready has loaded what the science and the readers import when they use it.
+# Imported here so that a process that is kept ready has loaded the modules that science and readers import on use.
 import scipy.fft
 import scipy.ndimage
 import scipy.sparse
@@ -41,12 +40,12 @@ def _module_of(kind: JobKind) -> _JobModule:
     return cast("_JobModule", import_module(f"sawmill_worker.jobs.{kind.replace('-', '_')}"))
 
 
-# At import, so that a process that is kept ready has everything loaded.
+# Imported when this module is, so that a process that is kept ready has all kinds loaded.
 _MODULES: Mapping[JobKind, _JobModule] = MappingProxyType({kind: _module_of(kind) for kind in JobKind.all()})
 
 
 def warm_up() -> None:
-    """Load or compile the kernels that every job needs: those of the science, and those of packed files."""
+    """Load or compile the kernels that every job needs: the kernels of the science and of packed files."""
     science.warm_up()
     hdf5_chunks.load_kernels()
 
@@ -68,26 +67,26 @@ def run(attempt: Attempt) -> dict[str, Any]:
     Raises
     ------
     sawmill_platform.contracts.attempts.JobFailure
-        The input cannot be used; its sentence tells why. Everything else that escapes is ours.
+        The input cannot be used; the sentence gives the reason. Any other exception is a defect of the product.
     """
     with input_errors_translated():
         return _MODULES[attempt.job.kind].run(attempt)
 
 
 def make_ready(attempt: Attempt) -> None:
-    """Compile what `run` needs beyond what is warm; from then on no kernel is kept in the cache."""
+    """Compile kernels that `run` needs beyond `warm_up`: afterwards the process may not write to the kernel cache."""
     if attempt.job.kind is job_kinds.RECONSTRUCT:
         reconstruct.make_ready(attempt)
     only_read()
 
 
 def needs_of(attempt: Attempt) -> Needs:
-    """Return what the job may need.
+    """Return the memory and the file size that the job may need.
 
     Raises
     ------
     sawmill_platform.contracts.attempts.JobFailure
-        What it is about cannot be used.
+        The scan, calibration or phantom of the job cannot be used.
     """
     with input_errors_translated():
         return _MODULES[attempt.job.kind].needs(attempt)

@@ -1,21 +1,21 @@
-"""Trace a phantom's picture to outlines in mm."""
+"""The job that traces a phantom's picture to outlines in mm."""
 
 from typing import Any
 
 from sawmill_platform.attempts.work import Needs
 from sawmill_worker.jobs.attempt import Attempt
-from sawmill_worker.use_cases.phantom_picture import traced_drawing
+from sawmill_worker.use_cases.phantom_drawings import traced_drawing
 
 
 def run(attempt: Attempt) -> dict[str, Any]:
-    """Answer with the drawing."""
-    asked = attempt.given.picture
-    assert asked is not None  # noqa: S101 - of the one kind that traces
+    """Return the drawing."""
+    picture = attempt.given.picture
+    assert picture is not None  # noqa: S101 - required by this kind of job
     attempt.report_stage(0.1, "trace")
-    drawing = traced_drawing(attempt.file, asked.width_mm, name=asked.name, size_tolerance=asked.size_tolerance)
+    drawing = traced_drawing(attempt.file, picture.width_mm, name=picture.name, size_tolerance=picture.size_tolerance)
     return drawing.model_dump(mode="json")
 
 
 def needs(_: Attempt) -> Needs:
-    """None beyond what every job may take."""
+    """Return no needs beyond the common limits."""
     return Needs(0, 0)

@@ -1,1 +1,1 @@
-"""Contracts and arrays to PNG and SVG."""
+"""Pictures of contracts and arrays as PNG and SVG."""

@@ -1,4 +1,4 @@
-"""How Tikhonov's alpha was chosen: the L-curve, and generalised cross-validation where that was asked for."""
+"""Choice of Tikhonov's alpha: the L-curve, and generalised cross-validation where it was requested."""
 
 import math
 
@@ -12,40 +12,40 @@ from sawmill_worker.pictures.image_panels import encoded
 Array = NDArray[np.float64]
 
 INK, CHOSEN = "#1f77b4", "#b71c1c"
-# Points of the curve that are marked, and the least distance between two whose alpha is written beside them.
+# Number of marked points of the curve, and least distance between two points that are labelled with alpha.
 MARKS, APART_PX = 13, (72.0, 18.0)
 
 
 def alpha_curve_png(
     *, alphas: Array, residual_norms: Array, solution_norms: Array, alpha: Array, gcv: Array | None = None
 ) -> bytes:
-    """The curve of one slice with the alpha that was taken.
+    """Draw the curve of one slice with the chosen alpha.
 
     Parameters
     ----------
     alphas : (points,) float64
-        In mm².
+        Values of alpha, mm².
     residual_norms, solution_norms : (points,) float64
         ||A x - y|| and ||x||.
     alpha : () float64
-        The one taken, in mm².
+        The chosen alpha, mm².
     gcv : (points,) float64, optional
-        Generalised cross-validation, where that was asked for.
+        Generalised cross-validation, where it was requested.
 
     Returns
     -------
     bytes
         A PNG file.
     """
-    taken = float(alpha)
+    chosen = float(alpha)
     figure = Figure(figsize=(6.0 if gcv is None else 12.0, 5.0), layout="constrained")
-    left, *right = figure.subplots(1, 1 if gcv is None else 2, squeeze=False)[0]
+    l_curve, *right = figure.subplots(1, 1 if gcv is None else 2, squeeze=False)[0]
     for axes in right:
         axes.loglog(alphas, gcv, color=INK)
-        axes.axvline(taken, color=CHOSEN, linestyle="--", label=f"taken: {taken:.3g} mm²")
+        axes.axvline(chosen, color=CHOSEN, linestyle="--", label=f"taken: {chosen:.3g} mm²")
         axes.set(xlabel="alpha, mm²", ylabel="GCV", title="generalised cross-validation")
         axes.legend()
-    _draw_l_curve(figure, left, alphas, residual_norms, solution_norms, taken)
+    _draw_l_curve(figure, l_curve, alphas, residual_norms, solution_norms, chosen)
     return encoded(figure)
 
 
@@ -54,7 +54,7 @@ def _draw_l_curve(figure: Figure, axes: Axes, alphas: Array, residual: Array, so
     nearest = int(np.argmin(np.abs(np.log(alphas / alpha))))
     axes.margins(x=0.2)
     axes.set(xlabel="||A x - y||", ylabel="||x||", title="L-curve of the middle slice")
-    # Where points lie on the page is known once it is laid out.
+    # The positions of points on the page are known only after the page is laid out.
     figure.draw_without_rendering()
     marked = (math.inf, math.inf)
     for index in np.linspace(0, alphas.size - 1, MARKS).round().astype(int):

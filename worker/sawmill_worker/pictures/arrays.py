@@ -1,4 +1,4 @@
-"""Images as arrays, for programs and for viewers that window them themselves."""
+"""Images as arrays, for programs and for viewers that apply a grey window themselves."""
 
 from io import BytesIO
 from typing import Any
@@ -17,13 +17,13 @@ Float32 = NDArray[np.float32]
 
 
 def averaged(image: NDArray[np.floating[Any]], factor: int) -> Float32:
-    """Each block of factor x factor pixels as its mean; a last block that is not whole, as the mean of what is there.
+    """Average blocks of factor x factor pixels; an incomplete last block is averaged over the pixels that it has.
 
     Parameters
     ----------
     image : (x, y) float
     factor : int
-        1 or more; 1 leaves the image as it is.
+        Side of a block, 1 or more; 1 leaves the image unchanged.
 
     Returns
     -------
@@ -34,14 +34,14 @@ def averaged(image: NDArray[np.floating[Any]], factor: int) -> Float32:
 
 
 def npy(values: NDArray[Any]) -> bytes:
-    """The bytes of an NPY file, version 1.0 (numpy.org, NEP 1), in C order."""
+    """Return the bytes of an NPY file, version 1.0 (numpy.org, NEP 1), in C order."""
     stream = BytesIO()
     np.lib.format.write_array(stream, np.ascontiguousarray(values), version=(1, 0), allow_pickle=False)
     return stream.getvalue()
 
 
 def thumbnail_png(image: NDArray[np.floating[Any]], window: Window | None = None) -> bytes:
-    """A small square grey picture with nothing around it, whatever the shape of the image.
+    """Draw a small square grey picture with nothing around the image, for an image of any shape.
 
     Parameters
     ----------

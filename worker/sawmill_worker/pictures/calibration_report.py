@@ -1,7 +1,7 @@
-"""A calibration's report on one page: first what a technician needs, then how it is known.
+"""A calibration's report on one page: first the facts for a technician, then the evidence.
 
-Drawn with matplotlib's figure objects, never through pyplot: no state, no display. Everything shown is in the
-calibration's HDF5 file: its result, and its arrays.
+The report is drawn with matplotlib's figure objects, never through pyplot, so that there is no state and no display.
+All contents come from the result and the arrays in the calibration's HDF5 file.
 """
 
 import textwrap
@@ -26,7 +26,7 @@ LINE_IN = 0.27
 COLUMNS = 150
 ALARM = "#b71c1c"
 COLORS = {"pass": "#2e7d32", "watch": "#b26a00", "fail": ALARM}
-# What a reader must know of the phantom's image.
+# Note for the reader on the phantom's image.
 BY_METHOD = {
     ReconstructionMethod.TOTAL_VARIATION: (
         "\n(total variation, since the views do not go all round:\nedges along no ray of theirs are guessed)"
@@ -35,17 +35,17 @@ BY_METHOD = {
 
 
 def report_png(result: CalibrationResult, arrays: CalibrationArrays) -> bytes:
-    """The report of one calibration as a PNG file; arguments and errors as for the figure."""
+    """Draw the report of a calibration as a PNG file; arguments and errors as for `report_figure`."""
     return encoded(report_figure(result, arrays))
 
 
 def report_figure(result: CalibrationResult, arrays: CalibrationArrays) -> Figure:
-    """The report of one calibration.
+    """Draw the report of a calibration.
 
     Raises
     ------
     ValueError
-        When views and angles do not agree.
+        The numbers of views and angles differ.
     """
     residual, angles_deg = arrays.residual, np.rad2deg(arrays.angles_rad)
     if len(angles_deg) != len(residual):
@@ -67,7 +67,7 @@ def report_figure(result: CalibrationResult, arrays: CalibrationArrays) -> Figur
 
 
 def overlay_png(result: CalibrationResult, arrays: CalibrationArrays) -> bytes:
-    """The phantom's reconstruction with its outlines over it, alone; arguments as for the report."""
+    """Draw only the phantom's reconstruction under its outlines; arguments as for `report_figure`."""
     figure = Figure(figsize=(9.0, 8.2), layout="constrained")
     figure.suptitle(f"{result.phantom} with the geometry found", fontsize=15, fontweight="bold")
     _draw_phantom(figure, figure.add_subplot(), arrays)
@@ -75,13 +75,13 @@ def overlay_png(result: CalibrationResult, arrays: CalibrationArrays) -> bytes:
 
 
 def _lines(result: CalibrationResult) -> Iterator[tuple[str, str]]:
-    """The lines below the title, each with its colour: the verdict in words, why, what moved, what was done."""
+    """Yield the lines below the title, each with a colour: verdict, reasons, changes and processing steps."""
     yield VERDICTS[result.verdict], "black"
     comparison = result.comparison
     sentences = [(reason, "black") for reason in result.reasons]
     if comparison is not None:
         color = "black" if comparison.within_tolerance else ALARM
-        # A scanner that moved too far is among the reasons as well.
+        # A scanner that moved too far is also among the reasons.
         sentences = [item for item in sentences if item[0] != comparison.reason]
         sentences.append((f"since the active calibration: {comparison.reason}", color))
     for sentence, color in (*sentences, *((done, "0.35") for done in result.adjustments)):
@@ -147,7 +147,7 @@ def _draw_fit(part: SubFigure, result: CalibrationResult, arrays: CalibrationArr
     )
     search, history = result.search, arrays.search_history
     search_part.suptitle(f"search: {search.evaluations} evaluations,\n{search.method}")
-    # The default search reports relative residuals; the published one a correlation, which is below zero.
+    # The default search reports relative residuals; the published search reports a correlation, which is below zero.
     of_residuals = bool((history[:, 1] > 0.0).all())
     draw_search(search_part.add_subplot(), history, final=result.residual.relative if of_residuals else None)
 

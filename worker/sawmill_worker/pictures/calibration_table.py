@@ -1,4 +1,4 @@
-"""A calibration's numbers as people read them."""
+"""Readable table of a calibration's numbers."""
 
 import math
 
@@ -12,7 +12,7 @@ UNKNOWN = StandardDeviation(
 
 
 def calibration_table(result: CalibrationResult) -> list[tuple[str, str]]:
-    """Labels and values, standard deviations beside them where they are known."""
+    """Return labels and values, with standard deviations where these are known."""
     theta, frame = result.theta, result.source_frame
     deviation = result.standard_deviation or UNKNOWN
     theta_sd, frame_sd = deviation.theta, deviation.source_frame
@@ -68,5 +68,5 @@ def _degrees(value_rad: float, deviation_rad: float | None) -> str:
 
 
 def _slope(value: float, deviation: float | None) -> str:
-    """As an angle: d atan(s) = ds / (1 + s²)."""
+    """Format a slope as an angle, with d atan(s) = ds / (1 + s²)."""
     return _degrees(math.atan(value), None if deviation is None else deviation / (1.0 + value**2))

@@ -1,4 +1,4 @@
-"""Figures for notebooks: a sinogram, a slice, a drift check. Drawn without pyplot, as all of our figures."""
+"""Figures for notebooks: a sinogram, a slice, a drift check; drawn without pyplot."""
 
 from typing import Any
 
@@ -22,7 +22,7 @@ DETECTOR_PARAMETERS = {
 def sinogram_figure(
     sinogram: NDArray[np.floating[Any]], *, angles_deg: NDArray[np.float64], pitch_mm: float, title: str
 ) -> Figure:
-    """A sinogram (views, cells): views downwards with their angles in degrees, the detector to the right in mm."""
+    """Draw a sinogram (views, cells): views downwards with their angles in degrees, the detector to the right in mm."""
     views, cells = sinogram.shape
     figure = Figure(figsize=(8.0, 5.6), layout="constrained")
     ax = figure.add_subplot()
@@ -48,7 +48,7 @@ def slice_figure(
     window: Window,
     title: str,
 ) -> Figure:
-    """A slice (x, y) in mm, x downwards and y to the right (docs/conventions.md#axes)."""
+    """Draw a slice (x, y) in mm, x downwards and y to the right (docs/conventions.md#axes)."""
     figure = Figure(figsize=(6.8, 5.8), layout="constrained")
     ax = figure.add_subplot()
     shown = show_image(ax, image, field_mm, window, centre_mm=centre_mm)
@@ -58,7 +58,7 @@ def slice_figure(
 
 
 def drift_figure(result: DriftResult) -> Figure:
-    """Each parameter's change with three standard deviations around it; what the scan does not show is left out."""
+    """Draw each parameter's change with three standard deviations; leave out parameters that the scan does not show."""
     deviation = result.change_standard_deviation
     shown = [name for name in DETECTOR_PARAMETERS if getattr(deviation, name) is not None]
     figure = Figure(figsize=(8.0, 1.2 + 1.0 * len(shown)), layout="constrained")

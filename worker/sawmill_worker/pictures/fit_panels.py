@@ -1,4 +1,4 @@
-"""How well a calibration's model explains its scan: the residual with its profiles, and how the search converged."""
+"""Panels on a calibration's fit: the residual with its profiles, and the convergence of the search."""
 
 from typing import Any
 
@@ -10,17 +10,17 @@ from numpy.typing import NDArray
 from sawmill_worker.pictures.windows import labelled_views
 
 MEAN, RMS = "#1f77b4", "#444444"
-# A dead cell would push all others to the axis: a profile is cut at this multiple of its 98th percentile.
+# Cut of a profile, as a multiple of its 98th percentile: a dead cell would press all other values to the axis.
 TALLEST = 3.0
 
 
 def draw_residual(figure: SubFigure, residual: NDArray[Any], angles_deg: NDArray[Any], pitch_mm: float) -> None:
-    """Draw measured less model, its profile over the views beside it and over the cells below it.
+    """Draw measured minus model, with the profile over the views at the side and over the cells below.
 
     Parameters
     ----------
     residual : (views, detector) float
-        In the unit of the sinogram.
+        The residual, in the unit of the sinogram.
     angles_deg : (views,) float
         Each view's angle.
     pitch_mm : float

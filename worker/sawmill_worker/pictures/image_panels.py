@@ -1,4 +1,4 @@
-"""Reconstructions on a page: the phantom under its outlines, and a log before and after.
+"""Panels of reconstructions: the phantom under its outlines, and a log before and after.
 
 A picture's row is +x and its column is +y (docs/conventions.md#axes).
 """
@@ -18,7 +18,7 @@ OUTLINE = "#ff7f0e"
 
 
 def draw_phantom(figure: FigureBase, ax: Axes, image: NDArray[Any], field_mm: float, outlines: NDArray[Any]) -> None:
-    """Draw a phantom's reconstruction and its drawing over it.
+    """Draw a phantom's reconstruction with the drawing's outlines over the image.
 
     Parameters
     ----------
@@ -27,7 +27,7 @@ def draw_phantom(figure: FigureBase, ax: Axes, image: NDArray[Any], field_mm: fl
     field_mm : float
         Side of the image.
     outlines : (points, 2) float
-        Closed outlines as (x, y) in mm, NaN between two of them.
+        Closed outlines as (x, y) in mm, NaN between two outlines.
     """
     shown = show_image(ax, image, field_mm, window_of(image, *LOG_WINDOW))
     if len(outlines):
@@ -37,7 +37,7 @@ def draw_phantom(figure: FigureBase, ax: Axes, image: NDArray[Any], field_mm: fl
 
 
 def draw_logs(figure: FigureBase, images: list[tuple[str, NDArray[Any]]], field_mm: float, unit: str) -> None:
-    """Draw one or two reconstructions (x, y) of a log, each under its title, in the grey window of the last."""
+    """Draw one or two reconstructions (x, y) of a log, each under its title, in the grey window of the last image."""
     window = window_of(images[-1][1], *LOG_WINDOW)
     axes = [figure.add_subplot(1, 2, 1 + index) for index in range(len(images))]
     for ax, (title, image) in zip(axes, images, strict=True):
@@ -60,7 +60,7 @@ def show_image(
 
 
 def encoded(figure: Figure) -> bytes:
-    """The figure as a PNG file."""
+    """Encode the figure as a PNG file."""
     stream = BytesIO()
     figure.savefig(stream, format="png", dpi=100)
     return stream.getvalue()

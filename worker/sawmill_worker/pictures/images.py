@@ -1,4 +1,4 @@
-"""Images and sinograms as PNG, with NumPy and Pillow alone.
+"""Images and sinograms as PNG, with NumPy and Pillow only.
 
 A PNG's row is +x and its column is +y (docs/conventions.md#axes).
 """
@@ -29,7 +29,7 @@ from sawmill_worker.pictures.round_numbers import round_length
 from sawmill_worker.pictures.windows import Window, labelled_views, to_unit, window_of
 
 SMALLEST_SIDE_PX = 512
-# 512 x 512 pixels with noise take 50 kB. A PNG of them takes 170 kB, and 20 times as long to make.
+# A JPEG of 512 x 512 pixels with noise takes 50 kB; a PNG takes 170 kB and 20 times as long to encode.
 JPEG_QUALITY = 75
 
 
@@ -42,7 +42,7 @@ def image_png(
     color_map: ColorMap = ColorMap.GREY,
     title: str | None = None,
 ) -> bytes:
-    """An image for people: 8 bits, enlarged to 512 pixels or more, with a scale bar and a colour bar.
+    """Draw an image for people: 8 bits, enlarged to 512 pixels or more, with a scale bar and a colour bar.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ def image_png(
     pixel_mm : float or None
         Side of a pixel; None leaves the scale bar out.
     unit : str
-        Of the values, for the colour bar.
+        Unit of the values, for the colour bar.
     window : (low, high), optional
         Values shown at the ends of the colour map; the 0.1 and 99.9 percentiles by default.
     color_map : ColorMap
@@ -67,7 +67,7 @@ def image_png(
     Raises
     ------
     ValueError
-        When the image is not two-dimensional or not finite.
+        The image is not two-dimensional or not finite.
     """
     _check_two_dimensional("image", image)
     shown = window or window_of(image)
@@ -83,16 +83,16 @@ def image_png(
 
 
 def bare_png(image: NDArray[np.floating[Any]], *, field_mm: float, window: Window) -> bytes:
-    """An image alone, 8-bit grey and enlarged to 512 pixels or more, with a scale bar in it: to lie over another one.
+    """Draw an image without a frame, 8-bit grey, 512 pixels or more, with a scale bar inside, to overlay on another.
 
     Parameters
     ----------
     image : (x, y) float
         Row +x, column +y.
     field_mm : float
-        Its side.
+        Side of the image.
     window : (low, high)
-        Values of black and white.
+        Values shown black and white.
     """
     _check_two_dimensional("image", image)
     factor = max(1, -(-SMALLEST_SIDE_PX // min(image.shape)))
@@ -108,7 +108,7 @@ def bare_png(image: NDArray[np.floating[Any]], *, field_mm: float, window: Windo
 
 
 def jpeg(image: NDArray[np.floating[Any]], window: Window, color_map: ColorMap = ColorMap.GREY) -> bytes:
-    """Draw an image in few bytes for a first look: 8 bits a colour, one pixel a pixel, nothing drawn, not exact.
+    """Encode an image in few bytes for a preview: 8 bits per colour, one pixel per pixel, no frame, not exact.
 
     Parameters
     ----------
@@ -132,10 +132,10 @@ def image_png16(
     pixel_mm: float,
     first_pixel_mm: tuple[float, float],
 ) -> bytes:
-    """An image for machines: 16-bit grey, one pixel a pixel, nothing drawn.
+    """Encode an image for machines: 16-bit grey, one pixel per pixel, no frame.
 
-    The window stands in the PNG's text chunks: `window_low` and `window_high` are the values of grey 0 and 65535. The
-    place does, too: `pixel_mm`, and `first_pixel_mm`, x and y of the centre of pixel [0, 0] with a comma between.
+    The PNG's text chunks hold the window and the position: `window_low` and `window_high` are the values of grey 0 and
+    65535; `first_pixel_mm` is x and y of the centre of pixel [0, 0], separated by a comma, next to `pixel_mm`.
 
     Parameters
     ----------
@@ -146,7 +146,7 @@ def image_png16(
     pixel_mm : float
         Distance between pixels.
     first_pixel_mm : (x, y)
-        Where the centre of pixel [0, 0] lies.
+        Centre of pixel [0, 0].
     """
     _check_two_dimensional("image", image)
     shown = window or window_of(image, 0.0, 100.0)
@@ -166,7 +166,7 @@ def sinogram_png(
     pitch_mm: float,
     unit: str,
 ) -> bytes:
-    """A sinogram for people: 8-bit grey, views downwards with their angles, the detector to the right in mm.
+    """Draw a sinogram for people: 8-bit grey, views downwards with their angles, the detector to the right in mm.
 
     Parameters
     ----------
@@ -176,7 +176,7 @@ def sinogram_png(
     pitch_mm : float
         Distance between cells; the middle of the detector is 0.
     unit : str
-        Of the values, for the colour bar.
+        Unit of the values, for the colour bar.
     """
     _check_two_dimensional("sinogram", sinogram)
     views, cells = sinogram.shape

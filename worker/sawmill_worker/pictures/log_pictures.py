@@ -1,4 +1,4 @@
-"""Pictures of a whole log: a mosaic of slices along it, and what it shows from the side."""
+"""Pictures of a whole log: a mosaic of slices along the log, and a side view."""
 
 import math
 from collections.abc import Iterable
@@ -30,15 +30,15 @@ from sawmill_worker.pictures.round_numbers import ticks
 from sawmill_worker.pictures.windows import Window, to_unit, window_of
 
 TILE_PX = 256
-# Above each tile for its label, and between two tiles.
+# Space above each tile for its label, and between two tiles, pixels.
 _STRIP_PX, _GAP_PX = 26, 10
-# A side view is drawn true to scale between these widths; pixels beyond the second are drawn as the densest of several.
+# Range of widths in which a side view is drawn true to scale; a wider view shows the densest of several pixels.
 _NARROWEST_PX, _WIDEST_PX = 192, 4096
 _LOWEST_PX, _HIGHEST_PX = 256, 512
 
 
 def spread(count: int, available: int) -> list[int]:
-    """Indices of the slices in the middles of `count` equal parts of a log, or of all slices where there are fewer."""
+    """Return the indices of the slices in the middle of `count` equal parts of a log, or all indices if fewer."""
     parts = min(count, available)
     return [(2 * n + 1) * available // (2 * parts) for n in range(parts)]
 
@@ -52,9 +52,9 @@ def mosaic_png(
     color_map: ColorMap = ColorMap.GREY,
     title: str | None = None,
 ) -> bytes:
-    """Slices beside and below one another, in reading order, all in one window.
+    """Draw slices in rows, in reading order, all in one window.
 
-    Slices of more than 256 pixels are averaged down to 256 along each side, smaller ones enlarged to 256 or more.
+    Slices of more than 256 pixels are averaged down to 256 along each side; smaller slices are enlarged to 256 or more.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ def mosaic_png(
     Raises
     ------
     ValueError
-        When there are no slices, or one is not two-dimensional or not finite.
+        No slices are given, or a slice is not two-dimensional or not finite.
     """
     tiles, labels, size = [], [], 0
     for image, label in slices:
@@ -102,7 +102,7 @@ def side_view_png(
     color_map: ColorMap = ColorMap.GREY,
     title: str | None = None,
 ) -> bytes:
-    """The densest value behind each point of a log's side: the log runs to the right, x or y downwards.
+    """Draw the largest value behind each point of a log's side: the log runs to the right, x or y downwards.
 
     Parameters
     ----------
@@ -111,9 +111,9 @@ def side_view_png(
     across_mm : (low, high)
         Ends of the field along the axis that is shown.
     across : str
-        Its name.
+        Name of the axis that is shown.
     along_mm : (low, high) or None
-        Ends of the log along its length; None where slices have no spacing, then they are counted.
+        Ends of the log along its length; None where the spacing of slices is not known, then slices are counted.
     unit : str
         Of the values, for the colour bar.
     window : (low, high), optional
@@ -122,7 +122,7 @@ def side_view_png(
     Raises
     ------
     ValueError
-        When the view is not two-dimensional or not finite.
+        The view is not two-dimensional or not finite.
     """
     if densest.ndim != 2 or 0 in densest.shape:
         raise ValueError(f"a side view is two-dimensional, not of shape {densest.shape}")
@@ -152,7 +152,7 @@ def _tile(image: NDArray[np.floating[Any]]) -> NDArray[np.floating[Any]]:
 
 
 def _laid_out(tiles: list[Image.Image], side: int) -> tuple[Image.Image, list[tuple[int, int]]]:
-    """The tiles on paper, a strip free above each; and the corners of the strips."""
+    """Place the tiles on a page with a free strip above each tile; return the page and the corners of the strips."""
     columns = math.ceil(math.sqrt(len(tiles)))
     step, line = side + _GAP_PX, side + _GAP_PX + _STRIP_PX
     corners = [(n % columns * step, n // columns * line) for n in range(len(tiles))]
@@ -170,7 +170,7 @@ def _draw_labels(draw: Drawing, layout: Layout, labels: list[str], corners: list
 
 
 def _side_view_size(shape: tuple[int, ...], across_mm: Span, along_mm: Span | None) -> tuple[int, int]:
-    """(width, height) of the panel."""
+    """Return (width, height) of the panel."""
     slices, pixels = shape
     lines = -(-pixels // -(-pixels // _HIGHEST_PX))
     height = lines * -(-_LOWEST_PX // lines)
@@ -182,7 +182,7 @@ def _side_view_size(shape: tuple[int, ...], across_mm: Span, along_mm: Span | No
 
 
 def densest_of(values: NDArray[np.floating[Any]], most: tuple[int, int]) -> NDArray[np.floating[Any]]:
-    """At most `most` values along the axes, each the largest of a block of neighbours: a nail stays visible."""
+    """Reduce to at most `most` values along the axes by the maximum of blocks, so that a nail stays visible."""
     for axis, limit in enumerate(most):
         step = -(-values.shape[axis] // limit)
         values = np.maximum.reduceat(values, np.arange(0, values.shape[axis], step), axis=axis)

@@ -1,7 +1,7 @@
-"""A page around a panel of pixels: frame, colour bar, scale bar, axes in mm; and the PNG.
+"""Page around a panel of pixels: frame, colour bar, scale bar, axes in mm; and the encoded PNG.
 
-Drawn with Pillow and not with matplotlib: a slice of 256 x 256 takes a twelfth of the time, each of its pixels is an
-equal number of the picture's, and the service imports half a second less.
+Pages are drawn with Pillow instead of matplotlib: a slice of 256 x 256 takes a twelfth of the time, a pixel of the
+slice covers an equal number of pixels of the picture, and the service starts half a second faster.
 """
 
 from collections.abc import Sequence
@@ -29,7 +29,7 @@ Span = tuple[float, float]
 
 @dataclass(frozen=True)
 class Layout:
-    """Where things stand around the panel, in pixels; all of it grows with the panel."""
+    """Positions around the panel, in pixels, which scale with the panel."""
 
     panel: tuple[int, int]
     width: int
@@ -40,13 +40,13 @@ class Layout:
 
     @classmethod
     def around(cls, panel: Image.Image, *, axis_labels: bool, title: bool) -> "Layout":
-        """Room for a colour bar on the right, a line below, and what else is asked for."""
+        """Reserve room for a colour bar on the right, a line below, and the requested labels and title."""
         font_px = max(15, round(min(panel.size) / 34))
         left = round(5.2 * font_px) if axis_labels else font_px
         top = round(2.4 * font_px) if title else font_px
         return cls(
             panel=panel.size,
-            # Wide enough for the longest unit, that of line integrals.
+            # Wide enough for the longest unit, the unit of line integrals.
             width=left + panel.width + round(10.4 * font_px),
             height=top + panel.height + round(3.4 * font_px),
             left=left,
@@ -56,27 +56,27 @@ class Layout:
 
     @property
     def font(self) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
-        """Of the text around the panel."""
+        """Font of the text around the panel."""
         return font_of(self.font_px)
 
 
 def font_of(size_px: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
-    """Pillow's own font: nothing depends on what a machine has."""
+    """Return Pillow's own font, so that pictures do not depend on the fonts of a machine."""
     return ImageFont.load_default(size=size_px)
 
 
 def panel_of(
     values: NDArray[np.floating[Any]], window: Window, size: tuple[int, int], color_map: ColorMap = ColorMap.GREY
 ) -> Image.Image:
-    """Values as pixels, enlarged to (width, height)."""
-    # Nearest: what a pixel shows is what was computed.
+    """Draw values as pixels, enlarged to (width, height)."""
+    # Nearest neighbour: a pixel shows a computed value.
     return Image.fromarray(painted(to_unit(values, window), color_map)).resize(size, Image.Resampling.NEAREST)
 
 
 def page_of(
     panel: Image.Image, layout: Layout, title: str | None, *, framed: bool = True
 ) -> tuple[Image.Image, Drawing]:
-    """Paper with the panel on it, and a title above where there is one."""
+    """Create a page with the panel, and with the title above the panel if there is one."""
     page = Image.new(panel.mode, (layout.width, layout.height), PAPER)
     page.paste(panel, (layout.left, layout.top))
     draw = ImageDraw.Draw(page)
@@ -90,7 +90,7 @@ def page_of(
 def draw_color_bar(
     draw: Drawing, page: Image.Image, layout: Layout, window: Window, unit: str, color_map: ColorMap = ColorMap.GREY
 ) -> None:
-    """The window's values and their unit, right of the panel."""
+    """Draw the window's values and their unit, right of the panel."""
     width, left = layout.font_px, layout.left + layout.panel[0] + layout.font_px
     ramp = np.linspace(1.0, 0.0, layout.panel[1])[:, np.newaxis].repeat(width, axis=1)
     page.paste(Image.fromarray(painted(ramp, color_map)), (left, layout.top))
@@ -103,7 +103,7 @@ def draw_color_bar(
 
 
 def draw_scale_bar(draw: Drawing, layout: Layout, mm_per_px: float, across_px: int | None = None) -> None:
-    """A round length below the panel, at most a quarter of the panel or of `across_px` pixels."""
+    """Draw a round length below the panel, at most a quarter of the panel or of `across_px` pixels."""
     length_mm = round_length((across_px or layout.panel[0]) * mm_per_px / 4)
     length, thickness = round(length_mm / mm_per_px), max(4, layout.font_px // 3)
     middle = layout.top + layout.panel[1] + round(1.7 * layout.font_px)
@@ -113,14 +113,14 @@ def draw_scale_bar(draw: Drawing, layout: Layout, mm_per_px: float, across_px: i
 
 
 def draw_orientation(draw: Drawing, layout: Layout) -> None:
-    """Which way x and y run in a slice, below the panel."""
+    """Draw the directions of x and y in a slice, below the panel."""
     below = layout.top + layout.panel[1] + round(1.7 * layout.font_px)
     right = layout.left + layout.panel[0]
     draw.text((right, below), "down +x, right +y", fill=FRAME, font=layout.font, anchor="rm")
 
 
 def draw_bottom_axis(draw: Drawing, layout: Layout, span: Span, label: str) -> None:
-    """Round values below the panel, which spans them from left to right."""
+    """Draw round values of `span` below the panel, from left to right."""
     bottom = layout.top + layout.panel[1]
     for value in ticks(*span):
         x = layout.left + (value - span[0]) / (span[1] - span[0]) * layout.panel[0]
@@ -132,7 +132,7 @@ def draw_bottom_axis(draw: Drawing, layout: Layout, span: Span, label: str) -> N
 
 
 def draw_left_axis(draw: Drawing, layout: Layout, marks: Sequence[tuple[float, str]], label: str) -> None:
-    """Labelled marks left of the panel, at fractions of its height from the top."""
+    """Draw labelled marks left of the panel, at fractions of the panel's height from the top."""
     for fraction, text in marks:
         y = layout.top + fraction * layout.panel[1]
         draw.line((layout.left - layout.font_px // 3, y, layout.left, y), fill=INK)
@@ -141,7 +141,7 @@ def draw_left_axis(draw: Drawing, layout: Layout, marks: Sequence[tuple[float, s
 
 
 def encoded(image: Image.Image, text: PngInfo | None = None) -> bytes:
-    """The bytes of a PNG file."""
+    """Encode the image as the bytes of a PNG file."""
     stream = BytesIO()
     image.save(stream, format="PNG", pnginfo=text)
     return stream.getvalue()

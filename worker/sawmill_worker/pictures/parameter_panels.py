@@ -1,4 +1,4 @@
-"""Pairs of a geometry's parameters: the source frame with its ellipses, and theta with its twin."""
+"""Panels of pairs of geometry parameters: the source frame with its ellipses, and theta with its twin."""
 
 import math
 from itertools import combinations
@@ -15,7 +15,7 @@ from sawmill_vocabulary import Theta
 ANSWER, TWIN = "#1f77b4", "#b71c1c"
 # Half axis of an ellipse that holds 95 % of a normal distribution in two dimensions, in standard deviations.
 NINETY_FIVE = math.sqrt(-2.0 * math.log(0.05))
-# In the order of the covariance: symbol, unit of the axis, and that unit in the covariance's.
+# In the order of the covariance: symbol, unit of the axis, and the size of this unit in the covariance's unit.
 FRAME = (
     (r"$\psi$", "0.001°", math.radians(1e-3)),
     ("R", "mm", 1.0),
@@ -23,7 +23,7 @@ FRAME = (
     (r"$u_c$", "mm", 1.0),
     (r"$\tau$", "0.001°", math.radians(1e-3)),
 )
-# Theta's parameters beside the source shift, in the order of `_shown`.
+# Theta's parameters other than the source shift, in the order of `_shown`.
 THETA = (r"first angle $\alpha_0$, °", "$r_D$, mm", "$h_D$, mm", r"tilt $\alpha_D$")
 
 
@@ -33,7 +33,7 @@ def draw_frame_pairs(figure: SubFigure, covariance: NDArray[np.float64]) -> None
     Parameters
     ----------
     covariance : (5, 5) float64
-        Of (psi, R, SDD, u_c, tau) in rad and mm; a parameter whose row is zero was held and is left out.
+        Covariance of (psi, R, SDD, u_c, tau) in rad and mm; a parameter whose row is zero was fixed and is left out.
     """
     free = [index for index in range(len(FRAME)) if covariance[index, index] > 0.0]
     scale = np.array([FRAME[index][2] for index in free])
@@ -78,8 +78,8 @@ def draw_theta_and_twin(figure: SubFigure, theta: Theta, twin: Theta | None, dev
             label="the answer",
         )
         if twin is not None:
-            other = _shown(twin)[index]
-            ax.plot([twin.source_shift_mm], [other], "s", color=TWIN, fillstyle="none", label="its twin")
+            twin_value = _shown(twin)[index]
+            ax.plot([twin.source_shift_mm], [twin_value], "s", color=TWIN, fillstyle="none", label="its twin")
         ax.margins(0.25)
         ax.set_ylabel(label)
         ax.ticklabel_format(useOffset=False)

@@ -1,6 +1,6 @@
-"""A phantom as a drawing to print at full size: SVG in mm.
+"""Drawing of a phantom to print at full size: SVG in mm.
 
-As in every picture of an image, down is +x and right is +y (docs/conventions.md#axes), seen as drawn.
+Down is +x and right is +y (docs/conventions.md#axes), as in every picture of an image.
 """
 
 from collections.abc import Collection, Mapping
@@ -13,13 +13,13 @@ from sawmill_contracts.phantoms import PhantomDrawing, extent_of_wood
 from sawmill_vocabulary import Point, Shape
 from sawmill_worker.templating import templates_of
 
-# Letters of a print, mm; and on a screen as a share of the wood's longer side, to be read at a width of 340 pixels.
+# Height of letters in print, mm, and on a screen as a share of the wood's longer side, readable at 340 pixels' width.
 _PRINTED_LETTERS_MM, _SHOWN_LETTERS = 5.0, 0.045
 
 
 @dataclass(frozen=True)
 class _Page:
-    """Where the box around the wood, from `low` to `high`, and the rotation centre lie on the paper; all in mm."""
+    """Positions on the paper of the box around the wood, from `low` to `high`, and of the rotation centre, mm."""
 
     low: Point
     high: Point
@@ -41,7 +41,7 @@ class _Page:
 
     @property
     def width(self) -> float:
-        """Room for the scale bar and its label beside narrow phantoms."""
+        """Width of the page, with room for the scale bar and its label at narrow phantoms."""
         shown = self.across(max(self.high[1], 0.0)) - self.margin
         return max(shown, 0.0 if self.screen else 1.6 * self.scale_bar) + 2.0 * self.margin
 
@@ -51,7 +51,7 @@ class _Page:
 
     @property
     def foot(self) -> float:
-        """Where the line with the phantom's name stands."""
+        """Position of the line with the phantom's name."""
         return self.height - self.foot_height
 
     def across(self, y_mm: float) -> float:
@@ -62,32 +62,32 @@ class _Page:
 
 
 def phantom_svg(drawing: PhantomDrawing) -> str:
-    """A drawing whose unit is the millimetre on paper: outlines, holes, size, rotation centre, name and a scale bar.
+    """Draw a phantom in millimetres on paper: outlines, holes, size, rotation centre, name and a scale bar.
 
-    A shape of negative density is drawn as a hole. What cannot be printed of the name is left out.
+    A shape of negative density is drawn as a hole. Characters of the name that cannot be printed are left out.
     """
     return _drawn(drawing.name, dict(enumerate(drawing.shapes)), screen=False)
 
 
 def shown_svg(name: str, shapes: Mapping[int, Shape], *, wrong: Collection[int] = (), numbered: bool = False) -> str:
-    """The same to be put into a page, which gives its colours by the classes of its parts.
+    """Draw a phantom for a web page, which sets the colours by the classes of the parts.
 
     Parameters
     ----------
     name
-        What is drawn, for screen readers.
+        Name of the drawing, for screen readers.
     shapes
-        At least one, by their numbers; they need not be a body.
+        At least one shape, by number; the shapes need not form a phantom.
     wrong
-        The numbers of those that are not as they should be: they have the class `wrong`.
+        Numbers of the faulty shapes, which get the class `wrong`.
     numbered
-        Whether corners have their numbers beside them.
+        True to label the corners with their numbers.
     """
     return _drawn(name, shapes, screen=True, wrong=wrong, numbered=numbered)
 
 
 def outline_svg(drawing: PhantomDrawing) -> str:
-    """A small picture for a list: the shapes alone, in tones that can be seen on light and on dark ground."""
+    """Draw a small picture for a list: only the shapes, in tones that are visible on light and dark backgrounds."""
     low_x, low_y, high_x, high_y = extent_of_wood(drawing.shapes)
     side = max(high_x - low_x, high_y - low_y)
     middle = 0.5 * (low_y + high_y), 0.5 * (low_x + high_x)
@@ -98,7 +98,7 @@ def _drawn(
     name: str, shapes: Mapping[int, Shape], *, screen: bool, wrong: Collection[int] = (), numbered: bool = False
 ) -> str:
     low_x, low_y, high_x, high_y = extent_of_wood(shapes.values())
-    # Holes last, so that the wood around them does not cover them.
+    # Holes are drawn last, so that the surrounding wood does not cover the holes.
     ordered = sorted(shapes.items(), key=lambda item: item[1].density < 0.0)
     page = _Page((low_x, low_y), (high_x, high_y), screen)
     return _template("phantom.svg").render(
@@ -118,7 +118,7 @@ def _template(name: str) -> Template:
 
 
 def _length(value_mm: float) -> str:
-    """To a hundredth, as a workshop can hold it."""
+    """Format a length to a hundredth of a millimetre, the precision of a workshop."""
     return f"{round(value_mm, 2) + 0.0:.2f}".rstrip("0").rstrip(".")
 
 

@@ -1,4 +1,4 @@
-"""The figures of a calibration's report: images as PNG inside of SVG, lines and marks as SVG.
+"""Figures of a calibration's report: images as PNG inside SVG, lines and marks as SVG.
 
 A picture's row is +x and its column is +y (docs/conventions.md#axes).
 """
@@ -18,17 +18,17 @@ from sawmill_worker.pictures.pages import encoded
 from sawmill_worker.pictures.round_numbers import round_length, ticks
 from sawmill_worker.pictures.windows import LOG_WINDOW, Window, labelled_views, to_unit, window_of
 
-# Of a residual: beyond this percentile of its size it is shown as the end of the colours.
+# Percentile of a residual's absolute values at which the colours end.
 STRONGEST = 99.5
-# Pixels of a residual's picture, (views, cells): what a printed page can show.
+# Largest number of pixels of a residual's picture, (views, cells): what a printed page can show.
 FINEST = (400, 480)
 MOST_POINTS = 240
-# Blue for less than the model, red for more, in steps that a grey printer keeps apart from white.
+# Blue is less than the model, red is more, in steps that a grey printer distinguishes from white.
 DIVERGING = np.array([(21, 84, 158), (146, 192, 226), (255, 255, 255), (240, 164, 128), (158, 24, 32)], np.float64)
 
 
 @dataclass(frozen=True)
-class Field:
+class FigureField:
     """A square image with its side in mm and a scale bar; `outline` is an SVG path in pixels of the image."""
 
     href: str
@@ -39,8 +39,8 @@ class Field:
 
 
 @dataclass(frozen=True)
-class Mark:
-    """A place on an axis, 0 to 1, and what stands there."""
+class FigureMark:
+    """A position on an axis, 0 to 1, and its label."""
 
     at: float
     text: str
@@ -48,7 +48,7 @@ class Mark:
 
 @dataclass(frozen=True)
 class Profile:
-    """Lines over a common axis; each is SVG points in a box of 1000 x 1000, up being more."""
+    """Lines over a common axis; a line is SVG points in a box of 1000 x 1000, larger values up."""
 
     rms: str
     mean: str
@@ -58,13 +58,13 @@ class Profile:
 
 @dataclass(frozen=True)
 class ResidualFigure:
-    """Measured less model: the picture (views downwards), its colours' end, and both profiles."""
+    """Measured minus model: the picture (views downwards), the end of its colours, and both profiles."""
 
     href: str
     size_px: tuple[int, int]
     limit: str
-    views: list[Mark]
-    cells: list[Mark]
+    views: list[FigureMark]
+    cells: list[FigureMark]
     by_cell: Profile
     by_view: Profile
 
@@ -74,12 +74,12 @@ class SearchFigure:
     """The best value over the evaluations, as SVG points in a box of 1000 x 1000."""
 
     points: str
-    evaluations: list[Mark]
-    values: list[Mark]
+    evaluations: list[FigureMark]
+    values: list[FigureMark]
 
 
-def phantom_field(arrays: CalibrationArrays) -> Field | None:
-    """The phantom under its drawing's outline; None where there is no image."""
+def phantom_field(arrays: CalibrationArrays) -> FigureField | None:
+    """Return the phantom under the drawing's outline; None if there is no image."""
     image = arrays.phantom_image
     if not image.any():
         return None
@@ -88,8 +88,8 @@ def phantom_field(arrays: CalibrationArrays) -> Field | None:
     return _field(image, arrays.phantom_field_mm, window, outline)
 
 
-def log_fields(arrays: CalibrationArrays) -> tuple[Field | None, Field | None]:
-    """The log before and after, in the grey window of the second; None for what there is not."""
+def log_fields(arrays: CalibrationArrays) -> tuple[FigureField | None, FigureField | None]:
+    """Return the log before and after, in the grey window of the second image; None for a missing image."""
     log = arrays.log
     if log is None:
         return None, None
@@ -99,12 +99,12 @@ def log_fields(arrays: CalibrationArrays) -> tuple[Field | None, Field | None]:
 
 
 def residual_figure(arrays: CalibrationArrays, pitch_mm: float) -> ResidualFigure:
-    """Measured less model.
+    """Draw measured minus model.
 
     Raises
     ------
     ValueError
-        When views and angles do not agree.
+        The numbers of views and angles differ.
     """
     residual, angles_deg = arrays.residual, np.rad2deg(arrays.angles_rad)
     views, cells = residual.shape
@@ -117,15 +117,15 @@ def residual_figure(arrays: CalibrationArrays, pitch_mm: float) -> ResidualFigur
         href=data_url(_diverging(shown / limit)),
         size_px=(shown.shape[1], shown.shape[0]),
         limit=f"{limit:.2g}",
-        views=[Mark((view + 0.5) / views, f"{text}°") for view, text in labelled_views(angles_deg)],
-        cells=[Mark(0.5 + mm / (2 * half_mm), f"{mm:g}") for mm in ticks(-half_mm, half_mm)],
+        views=[FigureMark((view + 0.5) / views, f"{text}°") for view, text in labelled_views(angles_deg)],
+        cells=[FigureMark(0.5 + mm / (2 * half_mm), f"{mm:g}") for mm in ticks(-half_mm, half_mm)],
         by_cell=_profile(residual, axis=0),
         by_view=_profile(residual, axis=1),
     )
 
 
 def search_figure(history: NDArray[np.float64]) -> SearchFigure | None:
-    """How the best value fell; None where nothing was kept. Values above 0 are drawn by their logarithm."""
+    """Draw the convergence of the best value, above 0 by its logarithm; return None without a history."""
     if len(history) < 2:
         return None
     evaluations, best = history[:, 0], history[:, 1]
@@ -138,24 +138,24 @@ def search_figure(history: NDArray[np.float64]) -> SearchFigure | None:
         corners += [(x, level), (x, y)]
     return SearchFigure(
         points=_points(corners),
-        evaluations=[Mark(0.0, f"{evaluations[0]:.0f}"), Mark(1.0, f"{evaluations[-1]:.0f}")],
-        values=[Mark(1.0, f"{best[np.argmax(shown)]:.2g}"), Mark(0.0, f"{best[np.argmin(shown)]:.2g}")],
+        evaluations=[FigureMark(0.0, f"{evaluations[0]:.0f}"), FigureMark(1.0, f"{evaluations[-1]:.0f}")],
+        values=[FigureMark(1.0, f"{best[np.argmax(shown)]:.2g}"), FigureMark(0.0, f"{best[np.argmin(shown)]:.2g}")],
     )
 
 
 def data_url(image: Image.Image) -> str:
-    """A picture inside of the page."""
+    """Encode a picture as a URL inside the page."""
     return "data:image/png;base64," + b64encode(encoded(image)).decode("ascii")
 
 
-def _field(image: NDArray[Any], field_mm: float, window: Window, outline: str = "") -> Field:
+def _field(image: NDArray[Any], field_mm: float, window: Window, outline: str = "") -> FigureField:
     grey = np.rint(to_unit(image, window) * 255).astype(np.uint8)
     bar_mm = round_length(field_mm / 4)
-    return Field(data_url(Image.fromarray(grey)), len(image), bar_mm, bar_mm / field_mm * len(image), outline)
+    return FigureField(data_url(Image.fromarray(grey)), len(image), bar_mm, bar_mm / field_mm * len(image), outline)
 
 
 def _path(outlines_mm: NDArray[np.float64], field_mm: float, side_px: int) -> str:
-    """Closed outlines (x, y), a row of NaN between two, as an SVG path: right is +y, down is +x."""
+    """Convert closed outlines (x, y), separated by a row of NaN, to an SVG path: right is +y, down is +x."""
     pieces = []
     for piece in _pieces(outlines_mm):
         px = (piece / field_mm + 0.5) * side_px
@@ -172,14 +172,14 @@ def _pieces(outlines_mm: NDArray[np.float64]) -> Iterator[NDArray[np.float64]]:
 
 
 def _no_finer(values: NDArray[Any]) -> NDArray[np.float32]:
-    """At most `FINEST` values along the axes, the means of their neighbours."""
+    """Average neighbours so that at most `FINEST` values remain along the axes."""
     height, width = (min(size, most) for size, most in zip(values.shape, FINEST, strict=True))
     whole = Image.fromarray(values.astype(np.float32))
     return np.asarray(whole.resize((width, height), Image.Resampling.BOX))
 
 
 def _diverging(fractions: NDArray[Any]) -> Image.Image:
-    """Fractions -1..1 as a picture of 65 colours, so that noise packs."""
+    """Draw fractions -1..1 in 65 colours, so that noise compresses well."""
     steps = np.rint(np.clip(fractions, -1.0, 1.0) * 32).astype(int) + 32
     places = np.linspace(0.0, 64.0, len(DIVERGING))
     table = np.stack([np.interp(np.arange(65), places, DIVERGING[:, part]) for part in range(3)], axis=1)
@@ -189,7 +189,7 @@ def _diverging(fractions: NDArray[Any]) -> Image.Image:
 
 
 def _profile(residual: NDArray[Any], *, axis: int) -> Profile:
-    """RMS and mean over one axis, the tallest cut so that a dead cell does not push all others to the axis."""
+    """Compute RMS and mean over one axis, cut so that a dead cell does not press all other values to the axis."""
     rms, mean = np.sqrt(np.mean(residual**2, axis=axis)), np.mean(residual, axis=axis)
     high = min(1.05 * float(rms.max()), 3.0 * float(np.percentile(rms, 98.0))) or 1.0
     low = max(1.05 * min(float(mean.min()), 0.0), -high)
@@ -204,5 +204,5 @@ def _profile(residual: NDArray[Any], *, axis: int) -> Profile:
 
 
 def _points(places: Any) -> str:  # noqa: ANN401 - any pairs of numbers
-    """Places of 0 to 1, up being more, as SVG points."""
+    """Convert positions of 0 to 1, larger values up, to SVG points."""
     return " ".join(f"{1000 * x:.1f},{1000 * (1 - y):.1f}" for x, y in places)

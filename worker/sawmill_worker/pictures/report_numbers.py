@@ -1,4 +1,4 @@
-"""The numbers of a calibration's report as people read them: degrees for angles, radians beside them."""
+"""Readable numbers of a calibration's report: angles in degrees, with radians next to them."""
 
 import math
 from collections.abc import Sequence
@@ -16,8 +16,8 @@ FRAME_SYMBOLS = ("psi", "R", "SDD", "u_c", "tau")
 
 
 @dataclass(frozen=True)
-class Parameter:
-    """A number of the geometry: its name, symbol, value and standard deviation, and the same in radians or a slope."""
+class ReportedParameter:
+    """A parameter of the geometry: name, symbol, value and standard deviation, also in radians or as a slope."""
 
     name: str
     symbol: str
@@ -31,26 +31,26 @@ Row = tuple[str, str]
 
 
 def moment(time: datetime) -> str:
-    """A time with its zone, as in 2026-11-22 18:44 EET (UTC+02:00)."""
+    """Format a time with its zone, for example 2026-11-22 18:44 EET (UTC+02:00)."""
     offset = time.strftime("%z")
     return f"{time:%Y-%m-%d %H:%M} {time.tzname()} (UTC{offset[:3]}:{offset[3:]})"
 
 
-def theta_rows(result: CalibrationResult) -> list[Parameter]:
-    """Theta with its standard deviations, and its twin."""
+def theta_rows(result: CalibrationResult) -> list[ReportedParameter]:
+    """Return theta with its standard deviations, and its twin."""
     theta, twin = result.theta, result.theta_twin
     deviation = None if result.standard_deviation is None else result.standard_deviation.theta
 
     def spread(name: str) -> float | None:
         return None if deviation is None else getattr(deviation, name)
 
-    def length(name: str, text: str, symbol: str) -> Parameter:
-        value, other = getattr(theta, name), "" if twin is None else f"{getattr(twin, name):.2f} mm"
-        return Parameter(text, symbol, f"{value:.3f} mm", _plus_minus(spread(name), "mm"), twin=other)
+    def length(name: str, text: str, symbol: str) -> ReportedParameter:
+        value, twin_text = getattr(theta, name), "" if twin is None else f"{getattr(twin, name):.2f} mm"
+        return ReportedParameter(text, symbol, f"{value:.3f} mm", _plus_minus(spread(name), "mm"), twin=twin_text)
 
     angle = theta.initial_angle_rad
     return [
-        Parameter(
+        ReportedParameter(
             "first angle",
             "alpha_0",
             f"{math.degrees(angle):.4f}°",
@@ -61,7 +61,7 @@ def theta_rows(result: CalibrationResult) -> list[Parameter]:
         length("detector_to_cor_mm", "COR to detector", "r_D"),
         length("source_shift_mm", "source shift", "h_S"),
         length("detector_shift_mm", "detector shift", "h_D"),
-        Parameter(
+        ReportedParameter(
             "detector tilt",
             "alpha_D",
             f"{_slope_degrees(theta):.4f}°",
@@ -73,7 +73,7 @@ def theta_rows(result: CalibrationResult) -> list[Parameter]:
 
 
 def theta_values(theta: Theta) -> list[str]:
-    """The five of a theta as `theta_rows` has them."""
+    """Format the five parameters of a theta as in `theta_rows`."""
     lengths = (theta.detector_to_cor_mm, theta.source_shift_mm, theta.detector_shift_mm)
     return [
         f"{math.degrees(theta.initial_angle_rad):.4f}°",
@@ -83,7 +83,7 @@ def theta_values(theta: Theta) -> list[str]:
 
 
 def theta_change(before: Theta, after: Theta) -> list[str]:
-    """What differs between two thetas in words, as in "source shift +14 mm"; what does not is left out."""
+    """Describe the parameters that differ between two thetas, for example "source shift +14 mm"."""
     changes = [
         ("COR to detector", after.detector_to_cor_mm - before.detector_to_cor_mm, " mm"),
         ("source shift", after.source_shift_mm - before.source_shift_mm, " mm"),
@@ -93,22 +93,22 @@ def theta_change(before: Theta, after: Theta) -> list[str]:
     return [f"{name} {change:+.3g}{unit}" for name, change, unit in changes if change]
 
 
-def frame_rows(result: CalibrationResult) -> list[Parameter]:
-    """The source frame with its standard deviations."""
+def frame_rows(result: CalibrationResult) -> list[ReportedParameter]:
+    """Return the source frame with its standard deviations."""
     frame = result.source_frame
     deviation = None if result.standard_deviation is None else result.standard_deviation.source_frame
 
     def spread(name: str) -> float | None:
         return None if deviation is None else getattr(deviation, name)
 
-    def angle(name: str, text: str, symbol: str) -> Parameter:
+    def angle(name: str, text: str, symbol: str) -> ReportedParameter:
         value = getattr(frame, name)
-        return Parameter(
+        return ReportedParameter(
             text, symbol, f"{math.degrees(value):.4f}°", _plus_minus_degrees(spread(name)), f"{value:.6f} rad"
         )
 
-    def length(name: str, text: str, symbol: str) -> Parameter:
-        return Parameter(text, symbol, f"{getattr(frame, name):.3f} mm", _plus_minus(spread(name), "mm"))
+    def length(name: str, text: str, symbol: str) -> ReportedParameter:
+        return ReportedParameter(text, symbol, f"{getattr(frame, name):.3f} mm", _plus_minus(spread(name), "mm"))
 
     return [
         angle("psi_rad", "direction of the first view", "psi"),
@@ -116,31 +116,31 @@ def frame_rows(result: CalibrationResult) -> list[Parameter]:
         length("source_to_detector_mm", "source to detector", "SDD"),
         length("cor_column_mm", "COR on the detector", "u_c"),
         angle("tilt_rad", "detector tilt", "tau"),
-        Parameter("magnification", "M", f"{frame.magnification:.5f}", _plus_minus(spread("magnification"), "")),
+        ReportedParameter("magnification", "M", f"{frame.magnification:.5f}", _plus_minus(spread("magnification"), "")),
     ]
 
 
 def correlations(result: CalibrationResult) -> list[tuple[str, list[str]]]:
-    """The lower triangle of the source frame's correlations, a row a parameter; of what was held or not seen none."""
+    """Return the lower triangle of the source frame's correlations by rows, without parameters that have no error."""
     if result.covariance is None:
         return []
     covariance = np.array(result.covariance)
     deviations = np.sqrt(np.diag(covariance))
-    known = [index for index in range(len(FRAME_SYMBOLS)) if deviations[index] > 0.0]
+    determined = [index for index in range(len(FRAME_SYMBOLS)) if deviations[index] > 0.0]
     return [
         (
             FRAME_SYMBOLS[row],
             [
                 f"{covariance[row, column] / (deviations[row] * deviations[column]):+z.3f}"
-                for column in known[: place + 1]
+                for column in determined[: place + 1]
             ],
         )
-        for place, row in enumerate(known)
+        for place, row in enumerate(determined)
     ]
 
 
 def comparison_rows(result: CalibrationResult) -> list[Row]:
-    """What changed since the calibration that was active."""
+    """Return the changes since the previously active calibration."""
     change = result.comparison
     if change is None:
         return []
@@ -160,7 +160,7 @@ def comparison_rows(result: CalibrationResult) -> list[Row]:
 
 
 def hypothesis_rows(result: CalibrationResult) -> list[tuple[str, str, str]]:
-    """Each hypothesis with what it leaves unexplained and how far it is behind the best in log-likelihood."""
+    """Return each hypothesis with its residual and its log-likelihood deficit to the best hypothesis."""
     return [
         (
             f"{each.handedness}, {each.rotation}",
@@ -172,7 +172,7 @@ def hypothesis_rows(result: CalibrationResult) -> list[tuple[str, str, str]]:
 
 
 def witness_rows(witness: SecondWitness) -> list[tuple[str, str, str]]:
-    """u_c and tilt by the phantom, by the log, their difference and what is reported."""
+    """Return u_c and tilt by the phantom and by the log, their difference, and the reported values."""
     parts = ("phantom", "log", "difference", "reported")
     rows = []
     for part in parts:
@@ -183,13 +183,13 @@ def witness_rows(witness: SecondWitness) -> list[tuple[str, str, str]]:
 
 
 def position(result: CalibrationResult) -> str:
-    """Where the phantom stood."""
+    """Format the position of the phantom."""
     x_mm, y_mm = result.phantom_position_mm
     return f"x {x_mm:z.2f} mm, y {y_mm:z.2f} mm"
 
 
 def phantom_sides(drawing: PhantomDrawing) -> str:
-    """Its measured sides with their dates, or its drawn extent where nobody measured it."""
+    """Describe the phantom's measured sides with their dates, or its drawn extent if nobody measured it."""
     if drawing.measurements:
         return "; ".join(_measured(each) for each in drawing.measurements)
     low_x, low_y, high_x, high_y = _extent(drawing)
@@ -197,7 +197,7 @@ def phantom_sides(drawing: PhantomDrawing) -> str:
 
 
 def size_tolerance(drawing: PhantomDrawing) -> str:
-    """Relative standard uncertainty of its size."""
+    """Format the relative standard uncertainty of the phantom's size."""
     return f"± {100 * drawing.size_tolerance:.2g} % (standard uncertainty)"
 
 
@@ -219,7 +219,7 @@ def _slope_degrees(theta: Theta) -> float:
 
 
 def _of_slope(theta: Theta, deviation: float | None) -> float | None:
-    """Of the angle whose tangent is the slope."""
+    """Convert the standard deviation of a slope to the deviation of the angle whose tangent is the slope."""
     return None if deviation is None else deviation / (1.0 + theta.detector_tilt**2)
 
 

@@ -1,7 +1,7 @@
 """A calibration's report as one HTML page for A4: the first sheet for the technician, the second for the scientist.
 
-The page stands alone: styles and pictures are inside, there is no script, and it asks for nothing. It is drawn without
-matplotlib, so that a service answers with it at once.
+The page is self-contained: styles and pictures are inside, there is no script, and nothing is loaded. The report is
+drawn without matplotlib, so that a service answers at once.
 """
 
 from dataclasses import dataclass
@@ -21,29 +21,29 @@ from sawmill_worker.pictures import report_numbers as numbers
 from sawmill_worker.pictures.report_figures import log_fields, phantom_field, residual_figure, search_figure
 from sawmill_worker.templating import templates_of
 
-# A mark and a tone by a verdict or an answer.
+# Mark and tone of a verdict or an answer.
 LOOKS = {"pass": ("✓", "good"), "watch": ("!", "watch"), "fail": ("✕", "bad")}
 LOOKS |= {"yes": LOOKS["pass"], "look": LOOKS["watch"], "no": LOOKS["fail"], "unknown": ("?", "idle")}
 
 
 @dataclass(frozen=True)
 class About:
-    """What stands around an answer; None, or nothing, where it is not known.
+    """Context of an answer; None, or empty, where it is not known.
 
     Attributes
     ----------
     made_at
-        With the zone in which it is shown.
+        Time with the zone in which it is shown.
     asked_by
-        A person, a program or a schedule.
+        The person, program or schedule that requested the calibration.
     active
-        Whether the scanner uses it; None where no service is asked.
+        True if the scanner uses the calibration; None without a service.
     activated : str
-        When and why it became the active one.
+        Time and reason of the activation.
     origin : str
-        The file that the report was made from; empty where it was the service.
+        The file from which the report was made; empty if the service made the report.
     back : str
-        The address of the page to go back to, on a screen.
+        Address of the page to return to, on a screen.
     """
 
     calibration_id: str | None = None
@@ -62,17 +62,17 @@ class About:
 
 
 def report_html(result: CalibrationResult, about: About, arrays: CalibrationArrays | None) -> str:
-    """The report as one HTML file.
+    """Write the report as one HTML file.
 
     Parameters
     ----------
     arrays : CalibrationArrays or None
-        Of result.h5; without them the page has no pictures of the scan and says so.
+        Arrays of result.h5; without arrays the page has no pictures of the scan and says so.
 
     Raises
     ------
     ValueError
-        When the arrays do not agree with one another.
+        The arrays do not agree with one another.
     """
     both = TwoQuestions.of(result, about.tolerances)
     before, after = (None, None) if arrays is None else log_fields(arrays)
@@ -100,20 +100,20 @@ def report_html(result: CalibrationResult, about: About, arrays: CalibrationArra
 
 
 def gauge(value: float, limit: float) -> tuple[float, float]:
-    """How long the value's bar is and where the limit's mark stands, in per cent of the whole length."""
+    """Return the length of the value's bar and the position of the limit's mark, in per cent of the whole length."""
     whole = max(1.3 * limit, 1.05 * value)
     return 100.0 * value / whole, 100.0 * limit / whole
 
 
 def css_text(text: str) -> Markup:
-    """A text as a string of CSS, whatever it holds."""
+    """Quote any text as a CSS string."""
     letters = (letter if letter.isascii() and letter.isalnum() else f"\\{ord(letter):06x}" for letter in text)
     return Markup('"' + "".join(letters) + '"')  # noqa: S704 - every other letter is an escape
 
 
 @cache
 def page_templates() -> Environment:
-    """The templates of pages that stand alone, with what shows a verdict."""
+    """Return the templates of self-contained pages, with the functions that show a verdict."""
     templates = templates_of("sawmill_worker.pictures")
     templates.filters |= {
         "mm": in_mm,

@@ -8,18 +8,18 @@ from numpy.typing import NDArray
 
 Window = tuple[float, float]
 MOST_LABELS = 7
-# Percentiles of a log's grey window: the ring of a dead cell must not darken the wood.
+# Percentiles of a log's grey window, chosen so that the ring of a dead cell does not darken the wood.
 LOG_WINDOW = (0.5, 99.5)
 NOT_FINITE = "a picture cannot show values that are not finite"
 
 
 def window_of(values: NDArray[np.floating[Any]], low: float = 0.1, high: float = 99.9) -> Window:
-    """A window between two percentiles; of width 1 where all values are the same.
+    """Return a window between two percentiles; of width 1 if all values are equal.
 
     Raises
     ------
     ValueError
-        When a value is not finite.
+        A value is not finite.
     """
     lowest, highest = (float(v) for v in np.percentile(values, (low, high)))
     if not (math.isfinite(lowest) and math.isfinite(highest)):
@@ -28,12 +28,12 @@ def window_of(values: NDArray[np.floating[Any]], low: float = 0.1, high: float =
 
 
 def to_unit(values: NDArray[np.floating[Any]], window: Window) -> NDArray[np.float64]:
-    """Values as fractions of the window, clipped to 0..1.
+    """Convert values to fractions of the window, clipped to 0..1.
 
     Raises
     ------
     ValueError
-        When the window is not (low, high) with low below high, or a value is not finite.
+        The window is not (low, high) with low below high, or a value is not finite.
     """
     low, high = window
     if not low < high:
@@ -44,7 +44,7 @@ def to_unit(values: NDArray[np.floating[Any]], window: Window) -> NDArray[np.flo
 
 
 def labelled_views(angles_deg: NDArray[np.floating[Any]]) -> list[tuple[int, str]]:
-    """Some views spread over a sinogram, each with its own angle as its label: views need not be equidistant."""
+    """Select views spread over a sinogram, each labelled with its own angle: views need not be equidistant."""
     views = len(angles_deg)
     shown = np.unique(np.linspace(0, views - 1, min(views, MOST_LABELS)).round().astype(int))
     return [(int(view), f"{angles_deg[view]:.4g}") for view in shown]

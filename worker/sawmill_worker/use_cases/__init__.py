@@ -1,1 +1,1 @@
-"""What a job and a command share: from arrays and contracts to an answer. Knows science and files, no store."""
+"""Use cases that jobs and commands share: from arrays and contracts to an answer, with files and without a store."""

@@ -1,4 +1,4 @@
-"""Free memory and disk, and the refusal of what does not fit before time is spent on it."""
+"""Free memory and disk space, and early refusal of work that does not fit."""
 
 import math
 import shutil
@@ -17,9 +17,9 @@ GIGABYTE = 1e9
 
 
 def memory_available(meminfo: Path = MEMINFO, cgroup: Path = CGROUP, membership: Path = MEMBERSHIP) -> int:
-    """Bytes that can be allocated without swapping: the least of the machine's, of the groups' and of this process's.
+    """Return the bytes that can be allocated without swapping: the least of machine, groups and this process.
 
-    The groups are those that a container or a unit of systemd holds this process in.
+    Groups are the control groups in which a container or a systemd unit holds this process.
     """
     lines = dict(line.split(":", 1) for line in meminfo.read_text(encoding="ascii").splitlines())
     machine = int(lines["MemAvailable"].split()[0]) * 1024
@@ -28,10 +28,10 @@ def memory_available(meminfo: Path = MEMINFO, cgroup: Path = CGROUP, membership:
 
 
 def _left_in_groups(root: Path, membership: Path) -> Iterator[int]:
-    """Bytes left in this process's own cgroup (version 2) and in each that it is in, as far as they have limits."""
-    own = next((line[3:] for line in membership.read_text().splitlines() if line.startswith("0::")), "/")
-    group = root / own.lstrip("/")
-    # A container's own group may be the root of what it sees, under a name that it does not see.
+    """Yield the bytes left in this process's cgroup (version 2) and in each parent, as far as they have limits."""
+    own_group = next((line[3:] for line in membership.read_text().splitlines() if line.startswith("0::")), "/")
+    group = root / own_group.lstrip("/")
+    # Inside a container the container's own group may be the visible root, under a name that is not visible.
     for folder in {root, group, *(above for above in group.parents if above.is_relative_to(root))}:
         limit, used = folder / "memory.max", folder / "memory.current"
         if limit.is_file() and limit.read_text(encoding="ascii").strip() != "max":
@@ -40,13 +40,13 @@ def _left_in_groups(root: Path, membership: Path) -> Iterator[int]:
 
 
 def _reclaimable(cgroup: Path) -> int:
-    """Bytes of the file cache, which `memory.current` counts and the kernel frees when memory is needed."""
+    """Return the bytes of the file cache, which `memory.current` counts and the kernel frees when memory is needed."""
     lines = dict(line.split() for line in (cgroup / "memory.stat").read_text(encoding="ascii").splitlines())
     return int(lines["inactive_file"])
 
 
 def check_memory(needed_bytes: int, available_bytes: int) -> None:
-    """Refuse what does not fit into the memory: `out-of-memory`."""
+    """Refuse work that does not fit into the memory: `out-of-memory`."""
     if needed_bytes > available_bytes:
         raise refused(
             "out-of-memory",
@@ -56,14 +56,14 @@ def check_memory(needed_bytes: int, available_bytes: int) -> None:
 
 
 def check_disk(folder: Path, shape: tuple[int, int, int], needed_bytes: int) -> None:
-    """Refuse a volume (slice, x, y) that does not fit on the disk of its folder: `disk-full`."""
+    """Refuse a volume (slice, x, y) that does not fit on the disk of a folder: `disk-full`."""
     slices, size_x, size_y = shape
     remedy = "ask for fewer rows or a smaller size"
     _check_free(folder, f"a volume of {slices} x {size_x} x {size_y}", needed_bytes, remedy)
 
 
 def check_disk_for_scan(folder: Path, shape: tuple[int, int, int]) -> None:
-    """Refuse a scan (views, rows, detector) that does not fit on the disk of its folder: `disk-full`."""
+    """Refuse a scan (views, rows, detector) that does not fit on the disk of a folder: `disk-full`."""
     views, rows, cells = shape
     _check_free(folder, f"a scan of {views} x {rows} x {cells}", 4 * math.prod(shape), "give fewer rows")
 
@@ -71,7 +71,7 @@ def check_disk_for_scan(folder: Path, shape: tuple[int, int, int]) -> None:
 def _check_free(folder: Path, what: str, needed_bytes: int, remedy: str) -> None:
     disk = shutil.disk_usage(folder)
     if needed_bytes > disk.free:
-        # A job that fits on the empty disk is tried again later; one that never fits is the user's to change.
+        # A job that fits on the empty disk is tried again later; a job that never fits must be changed by the user.
         raise JobFailure(
             FailureKind.PASSING if needed_bytes <= disk.total else FailureKind.INPUT,
             "disk-full",

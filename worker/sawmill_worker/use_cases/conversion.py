@@ -1,4 +1,4 @@
-"""From the science's answers to contracts, where the two differ in shape, and from drawings to bodies."""
+"""Conversion of scientific answers to contracts where the two differ in shape, and of drawings to phantoms."""
 
 from dataclasses import fields
 
@@ -11,7 +11,7 @@ from sawmill_tomography.phantoms.phantom import Phantom
 
 
 def from_deviation(theta: FloatArray | None, frame: FloatArray) -> calibrations.StandardDeviation:
-    """Standard deviations of theta (5,) and of the source frame (6,); null where nothing is known."""
+    """Convert standard deviations of theta (5,) and of the source frame (6,); null where nothing is known."""
     of_theta = [None] * len(ThetaDeviation.model_fields) if theta is None else theta.tolist()
     of_frame = [value if value > 0.0 else None for value in frame.tolist()]
     return calibrations.StandardDeviation(
@@ -23,7 +23,7 @@ def from_deviation(theta: FloatArray | None, frame: FloatArray) -> calibrations.
 
 
 def from_predicted(predicted: RayErrorPrediction, radius_mm: float) -> calibrations.PredictedRayError:
-    """The ray error that a covariance predicts inside a disc, as it crosses a boundary."""
+    """Convert the ray error that a covariance predicts inside a disc to its contract."""
     return calibrations.PredictedRayError(
         rms=predicted.rms_mm,
         max=predicted.max_mm,
@@ -34,11 +34,11 @@ def from_predicted(predicted: RayErrorPrediction, radius_mm: float) -> calibrati
 
 
 def to_phantom(drawing: PhantomDrawing, size_tolerance_percent: float | None = None) -> Phantom:
-    """The body that a drawing shows, with the drawing's size tolerance unless another is given."""
+    """Convert a drawing to a phantom, with the drawing's size tolerance unless another tolerance is given."""
     tolerance = drawing.size_tolerance if size_tolerance_percent is None else size_tolerance_percent / 100.0
     return Phantom(drawing.name, tuple(drawing.shapes), tolerance)
 
 
 def from_phantom(phantom: Phantom) -> PhantomDrawing:
-    """The drawing of a body."""
+    """Convert a phantom to its drawing."""
     return PhantomDrawing.model_validate({field.name: getattr(phantom, field.name) for field in fields(phantom)})

@@ -1,4 +1,4 @@
-"""How a job fails, and whose fault it is: the one place where errors of science and readers are translated."""
+"""Failures of jobs and their causes: the only module that translates errors of science and readers."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -16,13 +16,13 @@ from sawmill_worker.use_cases.process_memory import limit_bytes, ran_short
 
 
 def refused(code: str, detail: str) -> JobFailure:
-    """A failure that the user can correct."""
+    """Create a failure that the user can correct."""
     return JobFailure(FailureKind.INPUT, code, detail)
 
 
 @contextmanager
 def input_errors_translated() -> Iterator[None]:
-    """Turn errors of readers and science about unusable input into a failure of the input, the cause chained."""
+    """Turn errors of readers and science about unusable input into a failure of the input, with the cause chained."""
     try:
         yield
     except UnreadableScan as error:
@@ -40,7 +40,7 @@ def input_errors_translated() -> Iterator[None]:
 
 
 def _of_file(error: UnreadableScan) -> JobFailure:
-    """The reader's error; but some libraries call a file damaged when they had no memory to unpack it."""
+    """Convert a reader's error; some libraries report a damaged file when they had no memory to unpack it."""
     limit = limit_bytes()
     if error.code != "broken-file" or limit is None or not ran_short():
         return refused(error.code, str(error))

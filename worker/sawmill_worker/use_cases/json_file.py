@@ -13,12 +13,12 @@ Held = TypeVar("Held")
 
 
 def read_json(path: Path, contract: type[Held], *, code: str, otherwise: str) -> Held:
-    """What the file holds, a model or a dataclass of pydantic's.
+    """Read a contract, which is a model or a dataclass of pydantic, from a file.
 
     Parameters
     ----------
     code, otherwise : str
-        Of the refusal; its sentence is that the file is `otherwise`, and what is wrong where.
+        Code and wording of the refusal; its sentence says that the file is `otherwise`, and what is wrong where.
 
     Raises
     ------

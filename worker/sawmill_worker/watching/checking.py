@@ -1,4 +1,4 @@
-"""What a watcher would do: `sawmill watch --check`. Nothing is taken, sent or made."""
+"""`sawmill watch --check`: what a watcher would do; no file is taken or sent, and no folder is made."""
 
 import os
 from collections.abc import Iterator
@@ -11,11 +11,11 @@ from sawmill_worker.watching.news import News
 from sawmill_worker.watching.service import Json, Refusal, RequestFails, Service, ServiceWaits, speaks_openly
 from sawmill_worker.watching.settings import WatchedFolder, Watching
 
-Finding = tuple[bool, str]
+CheckResult = tuple[bool, str]
 
 
-def findings(watching: Watching, service: Service) -> Iterator[Finding]:
-    """Sentences, each with whether all is well."""
+def findings(watching: Watching, service: Service) -> Iterator[CheckResult]:
+    """Yield sentences, each with whether all is well."""
     try:
         yield from _of_service(watching, service)
     except (ServiceWaits, Refusal, RequestFails) as trouble:
@@ -27,11 +27,11 @@ def findings(watching: Watching, service: Service) -> Iterator[Finding]:
             yield False, f"{folder.folder}: {error}"
 
 
-def _of_service(watching: Watching, service: Service) -> Iterator[Finding]:
-    own = service.get("/v1/keys/own")
-    enough = Scope(own["scope"]).covers(Scope.SUBMIT)
+def _of_service(watching: Watching, service: Service) -> Iterator[CheckResult]:
+    key = service.get("/v1/keys/own")
+    enough = Scope(key["scope"]).covers(Scope.SUBMIT)
     needed = "" if enough else f", and {Scope.SUBMIT.value} is needed"
-    yield enough, f"{watching.service} answers {own['name']!r}, whose scope is {own['scope']}{needed}"
+    yield enough, f"{watching.service} answers {key['name']!r}, whose scope is {key['scope']}{needed}"
     if watching.key_file is not None and speaks_openly(watching.service):
         yield False, f"{watching.service} takes the key over the network as everybody can read it: use https"
     for scanner_id in sorted({folder.scanner_id for folder in watching.folders}):
@@ -41,16 +41,16 @@ def _of_service(watching: Watching, service: Service) -> Iterator[Finding]:
         yield _named(service, "phantom", phantom_id)
 
 
-def _named(service: Service, noun: str, identifier: str) -> Finding:
-    found = service.found(f"/v1/{noun}s/{identifier}", f"{noun}-not-found")
-    if found is not None:
-        return True, f"{noun} {identifier} is {found['name']!r}"
+def _named(service: Service, noun: str, identifier: str) -> CheckResult:
+    row = service.found(f"/v1/{noun}s/{identifier}", f"{noun}-not-found")
+    if row is not None:
+        return True, f"{noun} {identifier} is {row['name']!r}"
     items: list[Json] = service.get(f"/v1/{noun}s")["items"]
-    known = ", ".join(f"{item['id']} ({item['name']})" for item in items)
-    return False, f"there is no {noun} {identifier!r}; the newest are {known or 'none'}"
+    newest = ", ".join(f"{item['id']} ({item['name']})" for item in items)
+    return False, f"there is no {noun} {identifier!r}; the newest are {newest or 'none'}"
 
 
-def _of_folder(settings: WatchedFolder) -> Iterator[Finding]:
+def _of_folder(settings: WatchedFolder) -> Iterator[CheckResult]:
     name = settings.folder
     if not settings.path.is_dir():
         yield False, f"{name} is not there, or no folder"
@@ -63,7 +63,7 @@ def _of_folder(settings: WatchedFolder) -> Iterator[Finding]:
     looks.look()
     for file in sorted({*looks.whole, *looks.growing}):
         rule = settings.files_named(file)
-        assert rule is not None  # noqa: S101 - others are not looked at
-        given = " ".join(f"{field}={value}" for field, value in rule.query(settings.scanner_id, file).items())
-        yield True, f"{name}/{file} would be sent with {given}"
+        assert rule is not None  # noqa: S101 - only matching files are listed
+        parameters = " ".join(f"{field}={value}" for field, value in rule.query(settings.scanner_id, file).items())
+        yield True, f"{name}/{file} would be sent with {parameters}"
     yield True, f"{name}: {len(looks.whole) + len(looks.growing)} file(s) would be taken once they are whole"

@@ -1,8 +1,8 @@
-"""What `sawmill watch` does."""
+"""Work of `sawmill watch`."""
 
 from pathlib import Path
 
-from sawmill_worker.watching.checking import Finding, findings
+from sawmill_worker.watching.checking import CheckResult, findings
 from sawmill_worker.watching.folder import FolderWaits
 from sawmill_worker.watching.sending import ShowProgress
 from sawmill_worker.watching.service import Service
@@ -12,11 +12,11 @@ from sawmill_worker.watching.watcher import Watcher
 
 
 class CannotWatch(Exception):  # noqa: N818 - as the sentence says
-    """A folder cannot be watched from the start; the sentence says why."""
+    """A folder cannot be watched from the start; the sentence gives the reason."""
 
 
-def check(file: Path) -> list[Finding]:
-    """What would be done, in sentences, each with whether all is well.
+def check(file: Path) -> list[CheckResult]:
+    """Describe what would be done, in sentences, each with whether all is well.
 
     Raises
     ------
@@ -34,14 +34,14 @@ def check(file: Path) -> list[Finding]:
 
 
 def watch(file: Path, show_progress: ShowProgress, *, once: bool) -> bool:
-    """Watch until a signal comes, or once; whether no file waits for anybody then.
+    """Watch until a signal comes, or once; return whether no file waits for a person at the end.
 
     Raises
     ------
     WrongFileError
         The file describes no watched folders.
     CannotWatch
-        A folder is not there, cannot be written, or is watched by another process.
+        A folder does not exist, cannot be written, or is watched by another process.
     """
     watching, stop = read_settings(file), Stop()
     try:

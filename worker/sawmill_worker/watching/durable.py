@@ -1,4 +1,4 @@
-"""Files that are whole after a power cut, and moves that lose nothing."""
+"""Files that are complete after a power cut, and moves that lose no data."""
 
 import errno
 import hashlib
@@ -17,29 +17,29 @@ _CHUNK_BYTES = 2**20
 Signature = tuple[int, int]
 
 
-class FileChanged(Exception):  # noqa: N818 - its writer's doing
-    """Somebody wrote to a file that was whole; the message says when."""
+class FileChanged(Exception):  # noqa: N818 - caused by the writer
+    """A file that was complete has been written to; the message gives the time."""
 
 
 def signature(path: Path) -> Signature:
-    """Size in bytes and time of the last change in ns, of the file as it is: opening it asks a network share anew."""
+    """Return size in bytes and time of the last change in ns; the file is opened so that a network share is queried."""
     with open_regular(path) as file:
         return signature_of(file)
 
 
 def signature_of(file: BinaryIO) -> Signature:
-    """The same of an open file."""
+    """Return size in bytes and time of the last change in ns of an open file."""
     status = os.fstat(file.fileno())
     return status.st_size, status.st_mtime_ns
 
 
 def sha256_of(path: Path, stop: Stop) -> str:
-    """Of a file's bytes, in hexadecimal digits.
+    """Compute the SHA-256 of a file, in hexadecimal digits.
 
     Raises
     ------
     Stopped
-        Meanwhile.
+        The watcher was asked to end during the computation.
     """
     digest = hashlib.sha256()
     with open_regular(path) as file:
@@ -50,12 +50,12 @@ def sha256_of(path: Path, stop: Stop) -> str:
 
 
 def make_folder(path: Path) -> None:
-    """Make a folder where there is none.
+    """Make a folder if it does not exist.
 
     Raises
     ------
     NotADirectoryError
-        A link or something else stands there: whoever can write there must not lead the files elsewhere.
+        A link or another file has this name: users who can write there must not redirect the files elsewhere.
     """
     try:
         path.mkdir()
@@ -67,19 +67,19 @@ def make_folder(path: Path) -> None:
 
 
 def write_durably(path: Path, text: str) -> None:
-    """Write a file that is there whole, or not at all."""
+    """Write a file completely or not at all."""
     with whole_file(path) as file:
         file.write(text.encode())
     flush_names(path.parent)
 
 
 def move(source: Path, target: Path) -> None:
-    """Give a file another name, on another file system by a copy; a move that broke off is made again.
+    """Rename a file, by a copy to another file system; an interrupted move can be repeated.
 
     Raises
     ------
     OSError
-        The file is where it was.
+        The file is still at `source`.
     """
     try:
         source.rename(target)
@@ -97,7 +97,7 @@ def _copy(source: Path, target: Path) -> None:
     with renamed(part, target):
         with open_regular(source) as original, flushed(part.open("wb")) as copy:
             shutil.copyfileobj(original, copy, _CHUNK_BYTES)
-        # Shares whose files all belong to another user take neither times nor rights.
+        # Shares whose files all belong to another user accept neither times nor permissions.
         with suppress(PermissionError):
             shutil.copystat(source, part)
     flush_names(target.parent)

@@ -1,7 +1,7 @@
-"""Where a file ends: in `done/` or `refused/`, by its day, with what became of it beside it.
+"""Destination of a file: `done/` or `refused/`, by day, with a sidecar file about the outcome.
 
-The sidecar is written first and holds the taking's id: whoever comes back after a kill knows by it which place was
-chosen. No file and no sidecar that is there already is written over.
+The sidecar is written first and holds the taking's id, so that a process after a kill finds the path that was chosen.
+No existing file or sidecar is overwritten.
 """
 
 import json
@@ -18,16 +18,16 @@ DONE, REFUSED = ".json", ".reason.txt"
 
 
 class Fates:
-    """For one folder."""
+    """Destinations of the files of one folder."""
 
     def __init__(self, settings: WatchedFolder, takings: Takings) -> None:
         self._settings = settings
         self._takings = takings
-        # Where the next file of a name may find its place: a scanner may give all of a day the same one.
+        # Next free number by name: a scanner may give all files of a day the same name.
         self._first_free: dict[Path, int] = {}
 
     def done(self, taking: Taking, **known: object) -> Path:
-        """The service has read it; its place, and beside it `NAME.json`."""
+        """Move a file that the service has read to `done/`, with a sidecar `NAME.json`; return its path."""
         document: dict[str, Any] = {
             "file": taking.name,
             "scan_id": taking.scan_id,
@@ -41,13 +41,13 @@ class Fates:
         return self._end(taking, self._settings.done_folder, DONE, json.dumps(document, indent=1) + "\n")
 
     def refused(self, taking: Taking, code: str, reason: str) -> Path:
-        """Somebody must look at it; its place, and beside it `NAME.reason.txt`."""
+        """Move a file that a person must check to `refused/`, with a sidecar `NAME.reason.txt`; return its path."""
         scan = [] if taking.scan_id is None else [f"scan: {taking.scan_id}"]
         lines = [reason, f"code: {code}", *scan, f"taken_at: {taking.taken_at}", f"taking: {taking.id}", ""]
         return self._end(taking, self._settings.refused_folder, REFUSED, "\n".join(lines))
 
     def number_refused(self) -> int:
-        """How many wait for somebody."""
+        """Return the number of files that wait for a person."""
         return sum(1 for _ in self._settings.refused_folder.glob(f"*/*{REFUSED}"))
 
     def _end(self, taking: Taking, folder: Path, suffix: str, text: str) -> Path:
@@ -68,7 +68,7 @@ class Fates:
 
 
 def _places(path: Path, suffix: str, number: int) -> Iterator[tuple[int, Path, Path]]:
-    """`scan.h5`, `scan-2.h5` and so on, from a number on, each with its sidecar."""
+    """Yield `scan.h5`, `scan-2.h5` and so on from a number on, each with its sidecar."""
     while True:
         target = path if number == 1 else path.with_name(f"{path.stem}-{number}{path.suffix}")
         yield number, target, target.with_name(target.name + suffix)

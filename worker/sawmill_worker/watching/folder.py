@@ -1,4 +1,4 @@
-"""One watched folder: takes what is whole, and brings each taken file to its end."""
+"""A watched folder: complete files are taken, and each taken file is brought to its destination."""
 
 import errno
 from collections import Counter, defaultdict
@@ -13,20 +13,20 @@ from sawmill_worker.watching.durable import FileChanged, make_folder, signature
 from sawmill_worker.watching.fates import Fates
 from sawmill_worker.watching.looks import Looks
 from sawmill_worker.watching.news import News
-from sawmill_worker.watching.sending import Sending, ShowProgress
+from sawmill_worker.watching.sending import FileSending, ShowProgress
 from sawmill_worker.watching.service import Json, Refusal, RequestFails, Service
 from sawmill_worker.watching.settings import WatchedFolder
 from sawmill_worker.watching.stopping import Stop
 from sawmill_worker.watching.takings import Taking, Takings
 
 LOCK = "watch.lock"
-# Taken at a time: the others stay where everybody sees them, and the service's queue stays short.
+# Number of files taken at a time: other files stay visible in the folder, and the service's queue stays short.
 MOST_TAKEN = 8
-# What came is not the file, or the service has lost it: it is sent again.
+# Codes after which a file is sent again: the received data differ from the file, or the service has lost the data.
 _ANOTHER_UPLOAD = frozenset({"digest-mismatch", "upload-lost"})
 
 
-class FolderWaits(Exception):  # noqa: N818 - it passes, once somebody has looked
+class FolderWaits(Exception):  # noqa: N818 - a state that lasts until a person acts
     """The folder cannot be watched now, or the service refuses the folder's settings."""
 
     def __init__(self, code: str, sentence: str) -> None:
@@ -34,16 +34,16 @@ class FolderWaits(Exception):  # noqa: N818 - it passes, once somebody has looke
         self.code = code
 
 
-class _FileRefused(Exception):  # noqa: N818 - what becomes of a file
-    """Nothing can be made of a file: somebody must look at it."""
+class _FileRefused(Exception):  # noqa: N818 - an outcome
+    """A file is unusable, and a person must check it."""
 
     def __init__(self, code: str, reason: str) -> None:
         super().__init__(reason)
         self.code = code
 
 
-class _FileWaits(Exception):  # noqa: N818 - it passes
-    """A file cannot go on now; others can."""
+class _FileWaits(Exception):  # noqa: N818 - a temporary state
+    """A file cannot be processed now, while other files can."""
 
     def __init__(self, code: str, reason: str) -> None:
         super().__init__(reason)
@@ -51,7 +51,7 @@ class _FileWaits(Exception):  # noqa: N818 - it passes
 
 
 class Folder:
-    """A folder that this process alone takes from, while `locked`."""
+    """A folder from which only this process takes files, while it is `locked`."""
 
     def __init__(
         self, settings: WatchedFolder, service: Service, news: News, stop: Stop, show_progress: ShowProgress
@@ -63,28 +63,28 @@ class Folder:
         self._news = news
         self._stop = stop
         self._takings = Takings(settings.path, settings.taken_folder)
-        self._sending = Sending(settings, self._takings, service, stop, show_progress)
+        self._sending = FileSending(settings, self._takings, service, stop, show_progress)
         self._fates = Fates(settings, self._takings)
         self._looking = False
         self._on_way: list[Taking] = []
-        # Of takings at which the service fails.
+        # Waiting times of takings at which the service fails.
         self._backoffs: defaultdict[str, Backoff] = defaultdict(Backoff)
 
     @property
     def name(self) -> str:
-        """As the log calls it."""
+        """Name of the folder in the log."""
         return self.settings.folder
 
     @contextmanager
     def locked(self) -> Iterator[TextIO]:
-        """Make what it needs, and be the only one for the block.
+        """Make the folders that it needs, and lock the folder for the block.
 
         Raises
         ------
         FolderWaits
-            Another process watches it; the sentence has its id.
+            Another process watches the folder; the sentence has the id of the process.
         OSError
-            It is not there, or cannot be written.
+            The folder does not exist, or cannot be written.
         """
         if not self.settings.path.is_dir():
             raise NotADirectoryError(errno.ENOTDIR, "is not there, or no folder", self.name)
@@ -99,33 +99,33 @@ class Folder:
             raise FolderWaits("watched-already", sentence) from other
 
     def number_refused(self) -> int:
-        """How many files wait in `refused/` for somebody."""
+        """Return the number of files that wait in `refused/` for a person."""
         return self._fates.number_refused()
 
     @property
     def left(self) -> int:
-        """How many files were on their way, whole or not yet whole, when it was looked at last."""
+        """Number of files, complete or incomplete, that were on their way at the last inspection of the folder."""
         return len(self._on_way) + len(self.looks.whole) + len(self.looks.growing)
 
     @property
     def is_busy(self) -> bool:
-        """Whether files go on that nothing holds up."""
-        taken = {self._takings.path(taking) for taking in self._on_way}
-        whole = {self.settings.path / name for name in self.looks.whole if len(taken) < MOST_TAKEN}
-        return bool({str(path) for path in taken | whole} - self._news.troubles.keys())
+        """True if a file can be processed further, without a trouble that holds it up."""
+        taken_paths = {self._takings.path(taking) for taking in self._on_way}
+        whole = {self.settings.path / name for name in self.looks.whole if len(taken_paths) < MOST_TAKEN}
+        return bool({str(path) for path in taken_paths | whole} - self._news.troubles.keys())
 
     def go_on(self, *, look: bool) -> list[Taking]:
-        """Bring what was taken further, and take more; what is on its way then.
+        """Process taken files further, and take more files; return the takings that are on their way afterwards.
 
         Parameters
         ----------
         look
-            Whether to look at the folder's files too.
+            True to inspect the folder's files too.
 
         Raises
         ------
         ServiceWaits, FolderWaits, OSError, Stopped
-            Nothing is lost: what was taken goes on in the next round.
+            No file is lost: processing continues in the next round.
         """
         self._looking = look
         self._on_way = on_way = [taking for taking in self._takings.all() if not self._bring_on(taking)]
@@ -148,11 +148,11 @@ class Folder:
         try:
             taking = self._takings.take(name, seen)
         except (FileChanged, FileNotFoundError):
-            return None  # the next look sees what it is now
+            return None  # the next inspection sees the new state
         except OSError as error:
             if error.errno in DISK_FULL | DISK_AWAY:
                 raise
-            # On a share of Windows its writer still has it open.
+            # On a Windows share the writer still has the file open.
             self._news.trouble(str(path), "not-movable", f"it cannot be taken: {error.strerror}")
             return None
         marker = self.looks.marker(name)
@@ -162,7 +162,7 @@ class Folder:
         return taking
 
     def _bring_on(self, taking: Taking) -> bool:
-        """Whether nothing is left to do about it."""
+        """Process a taking further; return whether it is finished."""
         if not self._takings.is_there(taking):
             self._takings.forget(taking)
             return True
@@ -171,7 +171,7 @@ class Folder:
         try:
             return self._advance(taking)
         except _FileRefused as refused:
-            # With the scan that was made of it in this very round.
+            # Read again, with the scan that was made in this round.
             self._refuse(self._takings.read_again(taking), refused.code, str(refused))
             return True
         except _FileWaits as waits:
@@ -202,8 +202,8 @@ class Folder:
         if not self._sending.is_unchanged(taking):
             reason = f"the file was written to after it was taken; scan {taking.scan_id} has what it was then"
             raise _FileRefused("file-changed", reason)
-        known = {"job_id": scan["job_id"], "scanner_id": scan["scanner_id"], "phantom_id": scan["phantom_id"]}
-        place = self._fates.done(taking, **known)
+        identifiers = {"job_id": scan["job_id"], "scanner_id": scan["scanner_id"], "phantom_id": scan["phantom_id"]}
+        place = self._fates.done(taking, **identifiers)
         self.counts["done"] += 1
         self._news.event("done", file=str(place), scan_id=taking.scan_id)
         return True
@@ -224,16 +224,16 @@ class Folder:
             if refusal.code in _ANOTHER_UPLOAD:
                 self._service.delete_upload(str(self._takings.read_again(taking).upload_id))
             if refusal.code in {*_ANOTHER_UPLOAD, "upload-not-found", "upload-used"}:
-                # The next round finds out what the service has now.
+                # The next round finds the state of the service.
                 raise _FileWaits(refusal.code, str(refusal)) from refusal
             raise FolderWaits(refusal.code, str(refusal)) from refusal
 
     def _check_still(self, taking: Taking) -> None:
-        """Of a file that was written to after it was taken: two looks must see the same."""
-        now = signature(self._takings.path(taking))
-        if now != taking.signature:
-            self._takings.save(taking.anew(now))
-        if now != taking.signature or not self._looking:
+        """Check that two inspections of a file that was written to after it was taken agree."""
+        present = signature(self._takings.path(taking))
+        if present != taking.signature:
+            self._takings.save(taking.restarted(present))
+        if present != taking.signature or not self._looking:
             raise FileChanged("it was written to after it was taken")
 
     def _refuse(self, taking: Taking, code: str, reason: str) -> None:

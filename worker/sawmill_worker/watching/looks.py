@@ -1,7 +1,7 @@
-"""Which files of a folder are whole: their size and time stand still, or a `.done` file is beside them.
+"""Detection of complete files in a folder: size and time are constant, or a `.done` file exists.
 
-Shares of other machines tell nobody of a change, so a folder is looked at again and again. How long a file has stood
-still is measured by the monotonic clock; times of files are compared with each other, never with a clock.
+Shares of other machines do not notify changes, so a folder is inspected repeatedly. The time for which a file has been
+constant is measured by the monotonic clock; times of files are compared with each other, never with a clock.
 """
 
 import os
@@ -14,16 +14,16 @@ from sawmill_worker.watching.durable import Signature, signature
 from sawmill_worker.watching.news import News
 from sawmill_worker.watching.settings import WatchedFolder
 
-# Room for what is added to a name: `.reason.txt`, `-2` and the like; file systems take 255 bytes.
+# Bytes reserved for additions to a name, such as `.reason.txt` or `-2`; file systems allow 255 bytes.
 LONGEST_NAME_BYTES = 200
-# Of a `.done` file whose file was taken before it came.
+# Age, s, after which a `.done` file is removed whose file was taken before the `.done` file came.
 _ORPHAN_S = 60.0
 _UNFINISHED = (".tmp", ".part", ".filepart", ".crdownload", "~")
 
 
 @dataclass(frozen=True)
-class Look:
-    """A file as it was first seen like this."""
+class FileLook:
+    """State of a file, and when the state was first seen."""
 
     signature: Signature
     since_s: float
@@ -31,14 +31,14 @@ class Look:
 
 
 class Looks:
-    """Looks at one folder.
+    """Repeated inspection of one folder.
 
     Parameters
     ----------
     settings
-        Of the folder.
+        Settings of the folder.
     news
-        Says what is left alone, and what cannot be read.
+        Reports the files that are ignored, and files that cannot be read.
     now_s
         A clock that never goes back.
     """
@@ -47,15 +47,15 @@ class Looks:
         self._settings = settings
         self._news = news
         self._now_s = now_s
-        self._looks: dict[str, Look] = {}
+        self._looks: dict[str, FileLook] = {}
         self._left_alone: set[str] = set()
         self._orphans: dict[str, float] = {}
-        # What may be taken, and what is still awaited.
+        # Files that may be taken, and files that are still awaited.
         self.whole: dict[str, Signature] = {}
         self.growing: set[str] = set()
 
     def look(self) -> None:
-        """Look at all files once.
+        """Inspect all files once.
 
         Raises
         ------
@@ -63,7 +63,7 @@ class Looks:
             The folder cannot be read.
         """
         names = {path.name for path in self._settings.path.iterdir()}
-        looks: dict[str, Look] = {}
+        looks: dict[str, FileLook] = {}
         self.whole, self.growing = {}, set()
         for name in sorted(names):
             if self._is_watched(name):
@@ -75,11 +75,11 @@ class Looks:
         self._remove_orphans(names)
 
     def marker(self, name: str) -> Path | None:
-        """The file that says that another one is whole; None: there are none here."""
+        """Return the path of the mark that declares a file complete; None if the folder uses no marks."""
         suffix = self._settings.done_suffix
         return None if suffix is None else self._settings.path / f"{name}{suffix}"
 
-    def _look_at(self, name: str, names: set[str], looks: dict[str, Look]) -> None:
+    def _look_at(self, name: str, names: set[str], looks: dict[str, FileLook]) -> None:
         path = self._settings.path / name
         try:
             seen = signature(path)
@@ -93,22 +93,22 @@ class Looks:
         self._news.over(str(path))
         before = self._looks.get(name)
         same = before is not None and before.signature == seen
-        look = Look(seen, before.since_s, before.number + 1) if before and same else Look(seen, self._now_s())
+        look = FileLook(seen, before.since_s, before.number + 1) if before and same else FileLook(seen, self._now_s())
         looks[name] = look
         if marked or self._is_still(look):
             self.whole[name] = seen
         else:
             self.growing.add(name)
 
-    def _is_still(self, look: Look) -> bool:
-        """An empty file is one that its writer has just made."""
+    def _is_still(self, look: FileLook) -> bool:
+        """Return whether a file is constant; an empty file has just been created by its writer."""
         still_for_s = self._settings.still_for_s
         if still_for_s is None or not look.signature[0]:
             return False
         return look.number > 1 and self._now_s() - look.since_s >= still_for_s
 
     def _is_marked(self, name: str, names: set[str], seen: Signature) -> bool:
-        """A mark older than the file is that of an earlier one of its name."""
+        """Return whether a file is marked; a mark older than the file belongs to an earlier file of the name."""
         marker = self.marker(name)
         if marker is None or marker.name not in names:
             return False
@@ -142,12 +142,12 @@ class Looks:
         return False
 
     def _remove_orphans(self, names: set[str]) -> None:
-        """Marks that came after their file was taken would stay for ever."""
+        """Remove marks that came after their file was taken and would stay forever."""
         suffix = self._settings.done_suffix
         if suffix is None:
             return
         alone = {name for name in names if name.endswith(suffix) and name.removesuffix(suffix) not in {"", *names}}
-        # Nothing but marks of files that are watched: a suffix like `.h5` would be that of scans.
+        # Only marks of watched files are removed: a suffix like `.h5` could belong to scans.
         alone = {name for name in alone if self._settings.files_named(name.removesuffix(suffix)) is not None}
         now_s = self._now_s()
         self._orphans = {name: self._orphans.get(name, now_s) for name in alone}

@@ -1,8 +1,8 @@
-"""Sends a taken file, and makes one scan of it, however often this process is killed meanwhile.
+"""Upload of a taken file, and creation of exactly one scan, however often this process is killed.
 
-The record of a taking has each name that the service gave before it is used. Of one upload the service makes one scan,
-in one transaction, and says for a day which one (`used_by`). Where a process comes back after the upload's row is
-gone, the scan is looked for among those that were made since.
+The record of a taking holds each identifier from the service before the identifier is used. The service makes one scan
+from an upload, in one transaction, and reports for a day which scan (`used_by`). If a process restarts after the
+upload's row is gone, the scan is searched for among the scans that were made since.
 """
 
 from collections.abc import Callable
@@ -22,21 +22,21 @@ ShowProgress = Callable[[str], AbstractContextManager[ProgressCallback]]
 _SCANS = "/v1/scans/"
 
 
-class Sending:
-    """For one folder.
+class FileSending:
+    """Sending of the files of one folder.
 
     Parameters
     ----------
     settings
-        Of the folder.
+        Settings of the folder.
     takings
-        Where records are kept.
+        Records of the takings.
     service
-        Where to.
+        The service that receives the files.
     stop
-        Ends it between two pieces of a file.
+        Ends the sending between two pieces of a file.
     show_progress
-        Shows a person how far a file is.
+        Shows a person the progress of a file.
     """
 
     def __init__(
@@ -49,21 +49,21 @@ class Sending:
         self._show_progress = show_progress
 
     def send(self, taking: Taking, query: dict[str, str]) -> Taking:
-        """With its scan.
+        """Send a file and make its scan; return the taking with the scan's id.
 
         Parameters
         ----------
         query
-            Of `POST /v1/scans`.
+            Query of `POST /v1/scans`.
 
         Raises
         ------
         FileChanged
-            Somebody writes to it; nothing was made of it.
+            The file is being written to; no scan was made.
         ServiceWaits, Refusal
-            The service's answer.
+            The service cannot be used, or refuses the request.
         Stopped, OSError
-            Meanwhile.
+            The watcher was asked to end, or the file cannot be read.
         """
         upload = None
         while upload is None:
@@ -87,7 +87,7 @@ class Sending:
         return self._takings.save(replace(taking, scan_id=scan_id))
 
     def is_unchanged(self, taking: Taking) -> bool:
-        """Whether the file is what was sent; only a file with another time or size is read again."""
+        """Return whether the file equals what was sent; only a file with another time or size is read again."""
         path = self._takings.path(taking)
         return signature(path) == taking.signature or sha256_of(path, self._stop) == taking.sha256
 
@@ -95,28 +95,28 @@ class Sending:
         if taking.sha256 is not None:
             return taking
         path = self._takings.path(taking)
-        digest, now = sha256_of(path, self._stop), signature(path)
-        if now != taking.signature:
-            self._takings.save(taking.anew(now))
+        digest, present = sha256_of(path, self._stop), signature(path)
+        if present != taking.signature:
+            self._takings.save(taking.restarted(present))
             raise FileChanged("it was written to after it was taken")
         return self._takings.save(replace(taking, sha256=digest))
 
     def _begun(self, taking: Taking) -> tuple[Taking, Json]:
-        asked = {"size_bytes": taking.signature[0], "name": scan_name(taking.name), "sha256": taking.sha256}
-        upload = self._service.begin_upload(asked, once=taking.upload_name)
+        declaration = {"size_bytes": taking.signature[0], "name": scan_name(taking.name), "sha256": taking.sha256}
+        upload = self._service.begin_upload(declaration, once=taking.upload_name)
         began = replace(taking, upload_id=upload["id"], upload_began=upload["created_at"])
         return self._takings.save(began), upload
 
     def _after_expiry(self, taking: Taking) -> Taking:
-        """With the scan that was made of an upload whose row is gone, or as if nothing had been sent."""
+        """Return the taking with the scan of an upload whose row is gone; without a scan, with nothing sent."""
         scan = self._service.find_scan(
             scanner_id=self._settings.scanner_id,
             name=scan_name(taking.name),
             sha256=str(taking.sha256),
             since=str(taking.upload_began),
         )
-        known = taking.anew(taking.signature) if scan is None else replace(taking, scan_id=scan["id"])
-        return self._takings.save(known)
+        updated = taking.restarted(taking.signature) if scan is None else replace(taking, scan_id=scan["id"])
+        return self._takings.save(updated)
 
     def _sent(self, taking: Taking, upload: Json) -> Json:
         path = self._takings.path(taking)
@@ -127,5 +127,5 @@ class Sending:
         if self.is_unchanged(taking):
             return
         self._service.delete_upload(str(taking.upload_id))
-        self._takings.save(taking.anew(signature(self._takings.path(taking))))
+        self._takings.save(taking.restarted(signature(self._takings.path(taking))))
         raise FileChanged("it was written to while it was sent")

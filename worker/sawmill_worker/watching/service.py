@@ -1,4 +1,4 @@
-"""The service as a watcher sees it: over HTTP, with a key of scope `submit`."""
+"""Client of the service for a watcher, over HTTP with a key of scope `submit`."""
 
 import ssl
 from collections.abc import Iterator
@@ -15,14 +15,14 @@ from sawmill_worker.watching.stopping import Stop
 
 CHUNK_BYTES = 2**20
 CONNECT_S, ANSWER_S = 10.0, 60.0
-# Whoever asks for more than that is asked again: a watcher that sleeps for a day looks dead.
+# Longest wait, s, even if the service requests more: a watcher that sleeps for a day seems dead.
 LONGEST_RETRY_S = 3600.0
 
 Json = dict[str, Any]
 
 
-class ServiceWaits(Exception):  # noqa: N818 - it passes
-    """The service cannot be used now, by anybody or with this key: everything stays as it is and is tried again."""
+class ServiceWaits(Exception):  # noqa: N818 - a temporary state
+    """The service cannot be used now, by any client or with this key: nothing changes, and the request is retried."""
 
     def __init__(self, sentence: str, *, code: str, retry_after_s: float | None = None) -> None:
         super().__init__(sentence)
@@ -40,12 +40,12 @@ class Refusal(Exception):  # noqa: N818 - the service's answer
 
     @property
     def is_of_file(self) -> bool:
-        """Whether the file is why: too large, or by its first bytes no file of measurements."""
+        """True if the file is the reason: too large, or by its first bytes no file of measurements."""
         return self.status in {413, 415}
 
 
-class RequestFails(Exception):  # noqa: N818 - it passes, once somebody has looked
-    """The service, or what stands before it, fails at this request, and may do well with others."""
+class RequestFails(Exception):  # noqa: N818 - a state that lasts until a person acts
+    """The service or its proxy fails at this request, and may succeed with other requests."""
 
     def __init__(self, code: str, sentence: str) -> None:
         super().__init__(sentence)
@@ -53,14 +53,14 @@ class RequestFails(Exception):  # noqa: N818 - it passes, once somebody has look
 
 
 class Service:
-    """Sends requests, one at a time.
+    """A client that sends one request at a time.
 
     Parameters
     ----------
     watching
-        Where the service is, and the files of the key and of certificates.
+        Address of the service, and the files of the key and of certificates.
     stop
-        Ends what is being sent.
+        Ends an upload.
 
     Raises
     ------
@@ -74,9 +74,9 @@ class Service:
         self._client = httpx.Client(
             base_url=watching.service,
             timeout=httpx.Timeout(ANSWER_S, connect=CONNECT_S),
-            # `HTTPS:` is https too.
+            # A scheme is case-insensitive: `HTTPS:` is https.
             verify=urlsplit(watching.service).scheme == "https" and _trusted(watching.ca_file),
-            # No proxy and no netrc of the environment: nothing but what the file says.
+            # No proxy and no netrc of the environment: only the settings of the file apply.
             trust_env=False,
         )
 
@@ -87,17 +87,17 @@ class Service:
         self._client.close()
 
     def get(self, path: str, **query: str) -> Json:
-        """JSON at a path.
+        """Return the JSON at a path.
 
         Raises
         ------
         ServiceWaits, Refusal, RequestFails
-            As for every request.
+            Errors that any request can raise.
         """
         return self._ask("GET", path, params=query)
 
     def found(self, path: str, code: str) -> Json | None:
-        """JSON at a path; None where the service answers with this code."""
+        """Return the JSON at a path; None if the service answers with the error `code`."""
         try:
             return self.get(path)
         except Refusal as refusal:
@@ -106,16 +106,16 @@ class Service:
             raise
 
     def begin_upload(self, file: Json, *, once: str) -> Json:
-        """Declare a file; sent again under the same name, `once`, it declares no second one."""
+        """Declare an upload; a repeated request with the same key `once` declares no second upload."""
         return self._ask("POST", "/v1/uploads", json=file, headers={"Idempotency-Key": f'"{once}"'})
 
     def send_rest(self, upload: Json, file: BinaryIO, on_progress: ProgressCallback) -> Json:
-        """Send what is missing of an upload.
+        """Send the missing part of an upload.
 
         Raises
         ------
         Stopped, FileChanged
-            Meanwhile; what came is kept.
+            The watcher was asked to end, or the file changed; the service keeps the received part.
         """
         offset = upload["offset_bytes"]
         file.seek(offset)
@@ -138,7 +138,7 @@ class Service:
             on_progress(Progress(sent / size, f"{sent / 2**20:.0f} of {size / 2**20:.0f} MiB"))
 
     def delete_upload(self, upload_id: str) -> None:
-        """Give its room back."""
+        """Delete an upload, which frees its disk space."""
         try:
             self._ask("DELETE", f"/v1/uploads/{upload_id}")
         except Refusal as refusal:
@@ -146,18 +146,18 @@ class Service:
                 raise
 
     def make_scan(self, upload_id: str, query: dict[str, str]) -> Json:
-        """Make a scan of an upload, which is used up by that: of one upload there is one scan."""
+        """Make a scan of an upload, which can be used only once."""
         return self._ask("POST", "/v1/scans", params={**query, "upload_id": upload_id})
 
     def find_scan(self, *, scanner_id: str, name: str, sha256: str, since: str) -> Json | None:
-        """The newest scan of a scanner with this name and these bytes, made since a time of the service's clock."""
+        """Return the newest scan of a scanner with this name and checksum, made since a time of the service's clock."""
         query = {"scanner_id": scanner_id, "created_from": since}
         while True:
             page = self.get("/v1/scans", **query)
             for scan in page["items"]:
                 if (scan["sha256"], scan["name"]) == (sha256, name):
-                    found: Json = scan
-                    return found
+                    newest: Json = scan
+                    return newest
             if page["next"] is None:
                 return None
             query["after"] = page["next"]
@@ -172,7 +172,7 @@ class Service:
         return self._read(answer)
 
     def _authorization(self) -> dict[str, str]:
-        """Read each time: whoever replaces the key replaces the file."""
+        """Read the key from its file for each request, because the file may be replaced."""
         if self._key_file is None:
             return {}
         try:
@@ -189,7 +189,7 @@ class Service:
             return {}
         try:
             document = answer.json()
-        except ValueError:  # of JSON and of its encoding
+        except ValueError:  # from JSON or its encoding
             document = None
         if answer.is_success and isinstance(document, dict):
             return document
@@ -206,16 +206,16 @@ class Service:
         raise Refusal(answer.status_code, code, detail)
 
 
-# No key, too small a scope, another host name, too slow, too many.
+# Answers after which the service waits: no key, too small a scope, another host name, too slow, too many requests.
 _WAITING = frozenset({401, 403, 408, 421, 429})
-# What else is answered differently later.
+# Other codes of answers that may differ later.
 _PASSES = frozenset({"upload-busy", "upload-quota", "wrong-offset"})
 
 
 def _trusted(ca_file: str | None) -> ssl.SSLContext:
     try:
         return ssl.create_default_context(cafile=ca_file)
-    except OSError as error:  # which does not name the file
+    except OSError as error:  # the error does not name the file
         raise OSError(error.errno, f"no certificates (PEM) can be read: {error.strerror or error}", ca_file) from error
 
 
@@ -225,6 +225,6 @@ def _retry_after_s(answer: httpx.Response) -> float | None:
 
 
 def speaks_openly(url: str) -> bool:
-    """Whether a key would go over a network as everybody can read it."""
+    """Return whether a key would be sent unencrypted over a network."""
     parts = urlsplit(url)
     return parts.scheme == "http" and parts.hostname not in {"localhost", "127.0.0.1", "::1"}

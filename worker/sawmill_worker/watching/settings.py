@@ -1,4 +1,4 @@
-"""Settings of `sawmill watch`, a TOML file: where the service is, which folders there are, and what is in them."""
+"""Settings of `sawmill watch` in a TOML file: address of the service, folders, and the files in the folders."""
 
 import json
 import re
@@ -25,12 +25,12 @@ from sawmill_platform.contracts.given import Given, shown
 from sawmill_platform.contracts.jobs import Priority
 
 TAKEN = "taken"
-# What pydantic begins its sentences with.
+# Prefix of pydantic's sentences.
 _ORDINARY = re.compile(r"value error, |input (?=should )", re.IGNORECASE)
 
 
 class WrongFileError(Exception):
-    """A file that describes no watched folders; the sentence names the key, or the line where it is no TOML."""
+    """A file that describes no watched folders; the sentence names the key, or the line that is not TOML."""
 
 
 def _absolute(text: str) -> str:
@@ -42,7 +42,7 @@ def _absolute(text: str) -> str:
 
 def _url(text: str) -> str:
     parts = urlsplit(text)
-    _ = parts.port  # which refuses what is no port
+    _ = parts.port  # raises ValueError for an invalid port
     if parts.scheme not in {"http", "https"} or not parts.hostname or parts.query or parts.fragment or parts.username:
         msg = f"must be the service's address, as in https://sawmill.example or http://127.0.0.1:8000, not {text!r}"
         raise ValueError(msg)
@@ -57,7 +57,7 @@ Seconds = Annotated[float, Field(gt=0, le=86_400)]
 
 
 class Files(ScanFileOptions, Given):
-    """Files of one kind, and what `POST /v1/scans` is given with each."""
+    """Files of one kind, and the parameters of `POST /v1/scans` for each file."""
 
     match: Annotated[str, StringConstraints(min_length=1, max_length=200)] = Field(
         description="Names, with * for any letters, ? for one and [...] for one of several.", examples=["phantom-*.h5"]
@@ -75,9 +75,9 @@ class Files(ScanFileOptions, Given):
         return pattern
 
     def query(self, scanner_id: str, name: str) -> dict[str, str]:
-        """What stands in the query of `POST /v1/scans` for a file of this name."""
-        given = self.model_dump(mode="json", exclude={"match"}, exclude_none=True, exclude_unset=True)
-        return {**given, "scanner_id": scanner_id, "name": scan_name(name)}
+        """Return the query of `POST /v1/scans` for a file of this name."""
+        options = self.model_dump(mode="json", exclude={"match"}, exclude_none=True, exclude_unset=True)
+        return {**options, "scanner_id": scanner_id, "name": scan_name(name)}
 
 
 class WatchedFolder(Given):
@@ -118,31 +118,31 @@ class WatchedFolder(Given):
 
     @property
     def path(self) -> Path:
-        """The folder."""
+        """Path of the folder."""
         return Path(self.folder)
 
     @property
     def taken_folder(self) -> Path:
-        """Where a file is from the moment when it is taken until its fate is known."""
+        """Folder of a file from the moment of the taking until its destination is known."""
         return self.path / TAKEN
 
     @property
     def done_folder(self) -> Path:
-        """Where files go that the service has read."""
+        """Folder of files that the service has read."""
         return self.path / self.done
 
     @property
     def refused_folder(self) -> Path:
-        """Where the others go."""
+        """Folder of files that were refused."""
         return self.path / self.refused
 
     def files_named(self, name: str) -> Files | None:
-        """The first rule that matches a name; None: no rule does."""
+        """Return the first rule that matches a name; None if no rule does."""
         return next((rule for rule in self.files if fnmatchcase(name, rule.match)), None)
 
 
 class Watching(Given):
-    """The whole file."""
+    """Settings of all watched folders: the whole file."""
 
     service: Annotated[Text, AfterValidator(_url)] = Field(
         description="Where the service answers.", examples=["https://sawmill.example"]
@@ -169,7 +169,7 @@ class Watching(Given):
 
 
 def scan_name(name: str) -> str:
-    """What a scan is called after its file: one line of at most 200 characters."""
+    """Return the name of a scan from its file's name: one line of at most 200 characters."""
     return shown(name)[:200].strip() or "scan"
 
 
@@ -179,13 +179,13 @@ def read_settings(path: Path) -> Watching:
     Raises
     ------
     WrongFileError
-        A sentence a line: the key, what is there and what would be right; or where the file is no TOML.
+        A sentence per line: the key, its value and what would be right; or the line that is not TOML.
     """
     if path.suffix.lower() in {".yaml", ".yml"}:
         toml = path.with_suffix(".toml")
         raise WrongFileError(f"{path}: write {toml} instead, in TOML as docs/watched-folder.md shows")
     try:
-        given = tomllib.loads(path.read_text(encoding="utf-8"))
+        document = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise WrongFileError(f"{path} cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
@@ -193,8 +193,8 @@ def read_settings(path: Path) -> Watching:
     except tomllib.TOMLDecodeError as error:
         raise WrongFileError(f"{path} is no TOML: {error}") from error
     try:
-        # JSON has no dates and times: a text is written in quotes.
-        sent = json.dumps(given, default=lambda moment: {"date or time": str(moment)})
+        # JSON has no dates and times, and a text must be in quotes.
+        sent = json.dumps(document, default=lambda moment: {"date or time": str(moment)})
         return Watching.model_validate_json(sent, strict=True)
     except ValidationError as error:
         raise WrongFileError("\n".join(f"{path}: {_sentence(fault)}" for fault in error.errors())) from error
@@ -204,9 +204,9 @@ def _sentence(fault: Any) -> str:  # noqa: ANN401 - pydantic's own type of a fau
     place: tuple[str | int, ...] = fault["loc"]
     name = ".".join(str(part) for part in place)
     if fault["type"] == "extra_forbidden":
-        known = _KNOWN.get(len(place), ())
-        near = get_close_matches(str(place[-1]), known, n=1)
-        return f"{name} is not a known field" + (f": {near[0]!r} is" if near else f"; known are {', '.join(known)}")
+        fields = _KNOWN.get(len(place), ())
+        near = get_close_matches(str(place[-1]), fields, n=1)
+        return f"{name} is not a known field" + (f": {near[0]!r} is" if near else f"; known are {', '.join(fields)}")
     if fault["type"] == "missing":
         return f"{name} is missing"
     sentence = _ORDINARY.sub("", fault["msg"])
@@ -215,7 +215,7 @@ def _sentence(fault: Any) -> str:  # noqa: ANN401 - pydantic's own type of a fau
     return f"{name}: {sentence[:1].lower()}{sentence[1:]}, not {fault['input']!r:.100}"
 
 
-# By how deep they stand.
+# Known fields, by their depth in the file.
 _KNOWN = {
     1: tuple(Watching.model_fields),
     3: tuple(WatchedFolder.model_fields),

@@ -1,4 +1,4 @@
-"""SIGTERM and Ctrl-C end a watcher in order."""
+"""Orderly end of a watcher by SIGTERM or Ctrl-C."""
 
 import signal
 import time
@@ -13,13 +13,13 @@ class Stopped(Exception):  # noqa: N818 - no error
 
 
 class Stop:
-    """Whether it was. A flag alone: what a handler of a signal may set at any moment."""
+    """Flag of a requested end, which a signal handler may set at any moment."""
 
     def __init__(self) -> None:
         self.asked = False
 
     def check(self) -> None:
-        """Raise `Stopped` where it was asked to end."""
+        """Raise `Stopped` if the end was requested."""
         if self.asked:
             raise Stopped
 
@@ -35,7 +35,7 @@ class Stop:
 
     @contextmanager
     def on_signals(self) -> Iterator[None]:
-        """Have SIGTERM and SIGINT ask for the block's end."""
+        """Request the end of the block at SIGTERM and SIGINT."""
         before = {number: signal.signal(number, self._ask) for number in (signal.SIGTERM, signal.SIGINT)}
         try:
             yield

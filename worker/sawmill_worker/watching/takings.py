@@ -1,13 +1,13 @@
-"""What has been taken out of a folder, on its disk: whoever is killed finds it again.
+"""Records on disk of the files taken out of a folder, so that a killed process finds the files again.
 
 A taking is `taken/ID.json` and `taken/ID/NAME`. The record is written first, then the file is moved there by one
-rename, so that its writer may use the name again. What follows is added to the record before it is needed:
+rename, so that its writer may use the name again. Later values are added to the record before they are used:
 
-    sha256      what is sent
-    upload_id   the service's name for it; of one upload there is one scan, whoever asks how often
-    scan_id     what was made of it
+    sha256      checksum of the data that are sent
+    upload_id   the service's id of the upload; an upload gives one scan, however often the scan is requested
+    scan_id     the scan that was made from the upload
 
-The record goes last, when the file is in `done/` or `refused/`.
+The record is deleted last, when the file is in `done/` or `refused/`.
 """
 
 import errno
@@ -41,24 +41,24 @@ _SHAPES = {"id": r"[0-9a-f]{32}", "name": r"[^/\0]+", "taken_at": _TIME, **_MAY_
 
 @dataclass(frozen=True)
 class Taking:
-    """A file on its way.
+    """A taken file on its way.
 
     Attributes
     ----------
     id : str
-        Of this taking; another file of the same name gets another one.
+        Identifier of this taking; another file of the same name gets another identifier.
     name : str
-        The file's.
+        Name of the file.
     signature : tuple of int
-        Its size in bytes and the time of its last change in ns, as it was taken.
+        Size in bytes and time of the last change in ns of the file when it was taken.
     taken_at : str
-        RFC 3339, UTC; of this machine's clock, which decides nothing.
+        Time in RFC 3339, UTC, by this machine's clock; no decision depends on the time.
     tries : int
-        How many uploads of it were given up before this one.
+        Number of uploads of the file that were given up before the present one.
     sha256, upload_id, scan_id : str or None
-        None: not known yet.
+        None if not known yet.
     upload_began : str or None
-        When the upload was made, by the service's clock.
+        Time at which the upload was declared, by the service's clock.
     """
 
     id: str
@@ -73,16 +73,16 @@ class Taking:
 
     @property
     def day(self) -> str:
-        """Of `taken_at`: the folder's name in `done/` and `refused/`."""
+        """Day of `taken_at`, which is the folder's name in `done/` and `refused/`."""
         return self.taken_at[:10]
 
     @property
     def upload_name(self) -> str:
-        """By which the service knows that one try's upload is asked for again."""
+        """Key by which the service recognises a repeated request for the upload of one try."""
         return f"watch-{self.id}-{self.tries}"
 
-    def anew(self, signature: Signature) -> Self:
-        """The same with nothing sent yet."""
+    def restarted(self, signature: Signature) -> Self:
+        """Return the taking of the changed file, with nothing sent yet."""
         return replace(
             self,
             signature=signature,
@@ -95,7 +95,7 @@ class Taking:
 
     @classmethod
     def read(cls, text: str) -> Self:
-        """From a record, with nothing in it that leads elsewhere as a path or in an address."""
+        """Parse a record; refuse values that would lead elsewhere as a path or in an address."""
         fields: dict[str, Any] = json.loads(text)
         size, changed = (int(number) for number in fields["signature"])
         taking = cls(**fields | {"signature": (size, changed), "tries": int(fields.get("tries", 0))})
@@ -107,14 +107,14 @@ class Taking:
 
 
 class Takings:
-    """Those of one folder, which this process alone takes from.
+    """Takings of one folder, from which only this process takes files.
 
     Parameters
     ----------
     folder
-        The watched one.
+        The watched folder.
     taken
-        `taken/` in it.
+        `taken/` in the watched folder.
     """
 
     def __init__(self, folder: Path, taken: Path) -> None:
@@ -122,27 +122,27 @@ class Takings:
         self._taken = taken
 
     def all(self) -> list[Taking]:
-        """The oldest first."""
+        """Return all takings, the oldest first."""
         return sorted(self._read(), key=lambda taking: (taking.taken_at, taking.name, taking.id))
 
     def path(self, taking: Taking) -> Path:
-        """Of the file."""
+        """Return the path of the taken file."""
         return self._taken / taking.id / taking.name
 
-    def take(self, name: str, looked: Signature) -> Taking:
-        """Take a file as it was looked at.
+    def take(self, name: str, inspected: Signature) -> Taking:
+        """Take a file, which must be unchanged since its inspection.
 
         Raises
         ------
         FileChanged
-            It is another one by now.
+            The file has changed.
         OSError
-            It cannot be read or moved, as where its writer holds it open on a share; it is where it was.
+            The file cannot be read or moved, for example because its writer holds it open on a share; it is not moved.
         """
         with open_regular(self._folder / name) as file:
-            if signature_of(file) != looked:
+            if signature_of(file) != inspected:
                 raise FileChanged("it changed when it was to be taken")
-        taking = Taking(uuid4().hex, name, looked, datetime.now(UTC).isoformat(timespec="milliseconds"))
+        taking = Taking(uuid4().hex, name, inspected, datetime.now(UTC).isoformat(timespec="milliseconds"))
         self.save(taking)
         try:
             make_folder(self.path(taking).parent)
@@ -153,16 +153,16 @@ class Takings:
         return taking
 
     def save(self, taking: Taking) -> Taking:
-        """Write the record."""
+        """Write the record of a taking."""
         write_durably(self._record(taking), json.dumps(asdict(taking)))
         return taking
 
     def read_again(self, taking: Taking) -> Taking:
-        """As its record has it by now."""
+        """Return the taking as its record is now."""
         return Taking.read(self._record(taking).read_text(encoding="utf-8"))
 
     def is_there(self, taking: Taking) -> bool:
-        """Whether the file is; it is not where a process was killed between the record and the move, or at the end."""
+        """Return whether the file exists; it does not if a process was killed before the move, or at the end."""
         return os.path.lexists(self.path(taking))
 
     def forget(self, taking: Taking) -> None:
@@ -173,7 +173,7 @@ class Takings:
         flush_names(self._taken)
 
     def tidy(self) -> None:
-        """Remove what a killed process had begun to write."""
+        """Remove files that a killed process left unfinished."""
         for part in self._taken.glob(f".*{_RECORD}.part"):
             part.unlink()
 
@@ -187,7 +187,7 @@ class Takings:
                     taking = Taking.read(file.read().decode())
             except (ValueError, TypeError, KeyError) as error:
                 raise _no_record(path) from error
-            # Whoever writes into the folder could write one that leads elsewhere.
+            # A user who can write into the folder could write a record that leads elsewhere.
             if taking.id != path.stem or self.path(taking).parent.is_symlink():
                 raise _no_record(path)
             yield taking

@@ -1,4 +1,4 @@
-"""Watches folders until it is stopped, or until nothing is left to do."""
+"""Watching of folders until a stop is requested, or until nothing is left to do."""
 
 import os
 import time
@@ -15,14 +15,14 @@ from sawmill_worker.watching.service import Refusal, RequestFails, Service, Serv
 from sawmill_worker.watching.settings import Watching
 from sawmill_worker.watching.stopping import Stop, Stopped
 
-# A request that waits for the service holds up an end in order for that long.
+# Time limit of a request, s, by which a waiting request can delay an orderly end.
 READ_WAIT_S = 2.0
 SERVICE = "service"
 
 
 @dataclass
 class _Held:
-    """A folder, the lock on it while there is one, and when it is tried next."""
+    """A folder, its lock while it is locked, and the time of the next try."""
 
     folder: Folder
     stack: ExitStack = field(default_factory=ExitStack)
@@ -30,7 +30,7 @@ class _Held:
     backoff: Backoff = field(default_factory=Backoff)
 
     def hold(self) -> None:
-        """Take the lock, again where the share was away meanwhile: then the file of that name is another one."""
+        """Take the lock, again after the share was away: then the lock file of this name is another file."""
         if self.lock is not None and _is_at(self.lock):
             return
         self.release()
@@ -49,12 +49,12 @@ def _is_at(lock: TextIO) -> bool:
 
 
 class Watcher:
-    """All folders of one file of settings.
+    """Watcher of all folders of a settings file.
 
     Parameters
     ----------
     watching
-        What it says.
+        The settings.
     service, stop, show_progress
         As for `Folder`.
     """
@@ -71,13 +71,13 @@ class Watcher:
         self._settles_s = max(settings.still_for_s or 0.0 for settings in watching.folders) + 2.0 * watching.poll_s
 
     def run(self, *, once: bool) -> bool:
-        """Watch; whether nothing waits for somebody at the end.
+        """Watch; return whether no file waits for a person at the end.
 
         Parameters
         ----------
         once
-            End when all files that are whole, or become so by standing still, have been brought to their end, or
-            when something has to be waited for.
+            End when all files that are complete, or become complete by staying constant, have reached their
+            destination, or when a file must wait.
 
         Raises
         ------
@@ -95,7 +95,7 @@ class Watcher:
             return self._summed_up()
 
     def close(self) -> None:
-        """Let others watch."""
+        """Release the locks, so that another process can watch."""
         for held in self._folders:
             held.release()
 
@@ -108,7 +108,7 @@ class Watcher:
                 looks_s = time.monotonic() + self._poll_s
             began_s = time.monotonic()
             reading = self._round(look=look)
-            moved_s += time.monotonic() - began_s  # files stand still between rounds, however long those take
+            moved_s += time.monotonic() - began_s  # a round's duration does not count as constant time
             now_ended = sum(held.folder.counts.total() for held in self._folders)
             if now_ended != ended:
                 moved_s, ended = time.monotonic(), now_ended
@@ -117,7 +117,7 @@ class Watcher:
             self._wait(reading)
 
     def _round(self, *, look: bool) -> list[str]:
-        """Go on in each folder; the scans that the service reads now."""
+        """Process each folder further; return the scans that the service reads now."""
         reading: list[str] = []
         if not self._backoff.is_due:
             return reading
@@ -132,7 +132,7 @@ class Watcher:
                 self._backoff.put_off(waits.retry_after_s)
                 self._news.trouble(SERVICE, waits.code, str(waits))
                 return []
-            except (FolderWaits, Refusal) as waits:  # refused is also what only another service would
+            except (FolderWaits, Refusal) as waits:  # a service of another version may also refuse
                 held.backoff.put_off()
                 self._news.trouble(folder.name, waits.code, str(waits))
             except OSError as error:
@@ -146,7 +146,7 @@ class Watcher:
         return reading
 
     def _wait(self, reading: list[str]) -> None:
-        """Until the first scan has been read, or for a look's time."""
+        """Wait until the first scan has been read, or until the next inspection is due."""
         if not reading:
             self._stop.sleep(min(self._poll_s, LONGEST_WAIT_S))
             return
@@ -155,7 +155,7 @@ class Watcher:
         except ServiceWaits as waits:
             self._backoff.put_off(waits.retry_after_s)
             self._news.trouble(SERVICE, waits.code, str(waits))
-        except (Refusal, RequestFails):  # the next round meets it too, and says so
+        except (Refusal, RequestFails):  # the next round meets and reports the same error
             self._stop.sleep(self._poll_s)
 
     def _is_over(self, moved_s: float) -> bool:

@@ -1,0 +1,257 @@
+"""Long jobs that are ended again and again, and go on where they were: on a real store, in this process."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import count
+from types import SimpleNamespace
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+
+from sawmill_contracts import job_kinds
+from sawmill_contracts.calibrations import CalibrationAsk, PaperOptions
+from sawmill_contracts.reconstructions import ReconstructionAsk
+from sawmill_platform.errors import StorageFull
+from sawmill_vocabulary import CalibrationMethod
+from sawmill_worker.jobs import checkpoints
+from sawmill_worker.jobs.attempt import Attempt
+from sawmill_worker.jobs.checkpoints import PAUSE_S, AttemptKeeper
+from sawmill_worker.jobs.running import run
+
+pytestmark = pytest.mark.slow
+
+# Times are no part of an answer.
+NOT_COMPARED = {"timing_s", "time_s"}
+
+
+class Killed(Exception):  # noqa: N818 - what happened to it
+    pass
+
+
+@pytest.fixture
+def hours_go_by(monkeypatch):
+    """A second goes by whenever the clock is looked at: a checkpoint every few evaluations."""
+    monkeypatch.setattr(checkpoints, "time", SimpleNamespace(monotonic=map(float, count()).__next__))
+
+
+@pytest.fixture
+def run_killed(store, tmp_path) -> Callable[..., tuple[dict[str, Any], int]]:
+    """Run a job; each attempt dies at an announcement of its progress, after a number of others."""
+
+    def killed(first: Attempt, announcements: int) -> tuple[dict[str, Any], int]:
+        for number in range(1, 200):
+            output = tmp_path / f"killed-{first.job.id}-{number}"
+            output.mkdir()
+            left = iter(range(announcements))
+
+            def announce(names, output=output, left=left):
+                store.files.keep(output, first.job.id, names)
+                if next(left, None) is None:
+                    raise Killed
+
+            job = first.job.model_copy(update={"attempt": number + 1})
+            try:
+                return run(replace(first, job=job, output=output, announce=announce)), number - 1
+            except Killed:
+                continue
+        raise AssertionError("it made no progress")
+
+    return killed
+
+
+def same(one, other):
+    assert {k: v for k, v in one.items() if k not in NOT_COMPARED} == {
+        k: v for k, v in other.items() if k not in NOT_COMPARED
+    }
+
+
+@pytest.fixture
+def search(store, ingested, sinogram, turn):
+    """Ask for a published search of some 200 evaluations, its polish included."""
+    scan = ingested(sinogram(turn(20))[:, None], "9:18")
+    paper = PaperOptions(image_size=32, max_generations=1)
+
+    def asked(**options: Any) -> None:
+        wanted = CalibrationAsk(scan_id=scan.id, method=CalibrationMethod.PAPER, paper=paper, rows="0:1", **options)
+        store.calibrations.accept(wanted)
+
+    return asked
+
+
+@pytest.mark.usefixtures("hours_go_by")
+def test_a_published_search_killed_again_and_again_finds_the_same_theta(search, attempt, run_killed):
+    search()
+    job = attempt(job_kinds.CALIBRATE)
+    whole = run(job)
+    result, deaths = run_killed(job, 4)
+    assert deaths > 3
+    same(result, whole)
+
+
+def test_a_short_job_keeps_nothing(search, attempt, monkeypatch):
+    monkeypatch.setattr(checkpoints, "time", SimpleNamespace(monotonic=lambda: 0.0))
+    search()
+    announced = []
+    job = attempt(job_kinds.CALIBRATE)
+    run(replace(job, announce=announced.append))
+    assert announced == []
+    assert not job.checkpoints.exists()
+
+
+@pytest.mark.usefixtures("hours_go_by")
+@pytest.mark.parametrize("damage", ["truncated", "another scanner", "another version"])
+def test_progress_that_does_not_fit_is_passed_over(search, store, attempt, spec, monkeypatch, damage):
+    search()
+    job = attempt(job_kinds.CALIBRATE)
+
+    def die(names):
+        store.files.keep(job.output, job.job.id, names)
+        raise Killed
+
+    with pytest.raises(Killed):
+        run(replace(job, announce=die))
+    path = store.files.kept_with(job.job.id) / "search"
+    if damage == "truncated":
+        path.write_bytes(path.read_bytes()[:-7])
+    elif damage == "another version":
+        monkeypatch.setattr(checkpoints, "software", lambda: "0.0.1")
+    else:
+        constants = replace(store.scanners.get("line-2").constants, source_to_cor_mm=900.0)
+        store.scanners.update("line-2", spec().model_copy(update={"constants": constants}))
+    log = []
+    monkeypatch.setattr(checkpoints.structlog, "get_logger", lambda: Log(log))
+    run(replace(job, given=store.jobs.handed_over(job.job.id), announce=lambda _: None))
+    assert ("checkpoint-passed-over", "search") in log
+
+
+@pytest.fixture
+def volume(store, ingested, sinogram, turn, theta):
+    """Ask for a volume of a log that is dense here and thin there, with noise."""
+
+    def asked(rows: int, **options: Any) -> None:
+        stack = sinogram(turn(20))[:, None] * np.linspace(0.5, 1.5, rows)[:, None]
+        stack += 0.5 * np.random.default_rng(1216).standard_normal(stack.shape)
+        scan = ingested(stack, "9:18")
+        store.reconstructions.accept(
+            ReconstructionAsk(scan_id=scan.id, theta=theta, size=32, field_mm=420.0, **options)
+        )
+
+    return asked
+
+
+def everything_in(path):
+    """Every dataset of a file but those that tell of times."""
+    found = {}
+    with h5py.File(path) as file:
+        file.visititems(lambda name, item: found.update({name: item[()]}) if isinstance(item, h5py.Dataset) else None)
+    return {name: value for name, value in found.items() if not name.endswith(("date", "_time"))}
+
+
+# Blocks of 16 slices, two at a time; and one after another, with a weight and a coupling that are chosen once.
+@pytest.mark.usefixtures("hours_go_by")
+@pytest.mark.parametrize(
+    ("method", "rows", "options"),
+    [
+        ("fbp", 100, {}),
+        ("total_variation", 57, {}),
+        pytest.param("total_variation", 33, {"coupling": "none"}, marks=pytest.mark.nightly),
+        pytest.param("tikhonov", 33, {}, marks=pytest.mark.nightly),
+    ],
+)
+def test_a_volume_killed_again_and_again_has_the_same_values(
+    volume, attempt, run_killed, tmp_path, method, rows, options
+):
+    volume(rows, method=method, **options)
+    job = attempt(job_kinds.RECONSTRUCT)
+    whole = run(job)
+    result, deaths = run_killed(job, 0)
+    assert deaths > 1
+    same(result, whole)
+    (made,) = tmp_path.glob(f"killed-*-{deaths + 1}/volume.h5")
+    right, found = everything_in(job.output / "volume.h5"), everything_in(made)
+    assert right.keys() == found.keys()
+    for name in right:
+        np.testing.assert_array_equal(found[name], right[name], err_msg=name)
+
+
+@pytest.mark.usefixtures("hours_go_by")
+def test_blocks_that_are_damaged_are_made_again(volume, store, attempt, run_killed):
+    volume(150, method="fbp")
+    job = attempt(job_kinds.RECONSTRUCT)
+    whole = run(job)
+    folder = store.files.kept_with(job.job.id)
+    announced = []
+
+    def take(names):
+        store.files.keep(job.output, job.job.id, names)
+        announced.extend(names)
+
+    run(replace(job, announce=take))
+    for number, path in enumerate(sorted(folder.glob("slices-*"))):
+        path.write_bytes(path.read_bytes()[: -1 - number])
+    result, _ = run_killed(job, 100)
+    same(result, whole)
+
+
+@pytest.mark.usefixtures("hours_go_by")
+def test_checkpoints_leave_room_for_the_volume(volume, attempt, monkeypatch):
+    volume(150, method="fbp")
+    job = attempt(job_kinds.RECONSTRUCT)
+    free = checkpoints.check_room
+
+    def nearly_full(folder, needed, *, needed_by):
+        if "checkpoint" in needed_by:
+            assert needed > 150 * 32 * 32 * 4
+            raise StorageFull("the disk is full")
+        free(folder, needed, needed_by=needed_by)
+
+    monkeypatch.setattr(checkpoints, "check_room", nearly_full)
+    announced = []
+    assert run(replace(job, announce=announced.append))["shape"] == [150, 32, 32]
+    assert announced == []
+
+
+def test_a_full_disk_is_logged_once_and_tried_again_after_the_pause(search, attempt, monkeypatch):
+    now, full = [0.0], [True]
+
+    def check_room(*_, needed_by):
+        if full[0]:
+            raise StorageFull(f"the disk is full: {needed_by}")
+
+    monkeypatch.setattr(checkpoints, "time", SimpleNamespace(monotonic=lambda: now[0]))
+    monkeypatch.setattr(checkpoints, "check_room", check_room)
+    search()
+    lines, announced = [], []
+    monkeypatch.setattr(checkpoints.structlog, "get_logger", lambda: Log(lines))
+    keeper = AttemptKeeper(replace(attempt(job_kinds.CALIBRATE), announce=announced.extend), {})
+
+    def keep_when_due(name):
+        now[0] += PAUSE_S
+        assert keeper.is_due
+        keeper.keep(name, {"numbers": np.arange(3)})
+        assert not keeper.is_due
+
+    keep_when_due("first")
+    keep_when_due("second")
+    assert lines == [("checkpoint-left-out", "first")]
+    full[0] = False
+    keep_when_due("third")
+    full[0] = True
+    keep_when_due("fourth")
+    assert lines == [("checkpoint-left-out", "first"), ("checkpoint-left-out", "fourth")]
+    assert announced == ["third"]
+
+
+class Log:
+    def __init__(self, lines):
+        self.lines = lines
+
+    def bind(self, **_):
+        return self
+
+    def _note(self, event, *, name, **_):
+        self.lines.append((event, name))
+
+    info = warning = _note

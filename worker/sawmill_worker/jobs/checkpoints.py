@@ -1,0 +1,106 @@
+"""Checkpoints of an attempt: written next to the results, kept with the job, read by the next attempt."""
+
+import threading
+import time
+from collections.abc import Mapping
+from typing import Any
+
+import structlog
+
+from sawmill_formats.output.checkpoint import UnusableCheckpoint, read_checkpoint, write_checkpoint
+from sawmill_platform.errors import FolderUnavailable, StorageFull, disk_outage_reported
+from sawmill_platform.files.file_store import check_room
+from sawmill_worker.jobs.attempt import Attempt
+from sawmill_worker.software import software
+from sawmill_worker.use_cases.checkpoints import Arrays, MadeWith
+
+# Seconds of work between checkpoints: a short job writes none, and a long job spends little of its time on them. A
+# second or later attempt writes one at once and doubles the pauses, so that it makes progress however soon it ends.
+PAUSE_S, SECOND_PAUSE_AGAIN_S = 5.0, 0.5
+# Number of names in one announcement, which must fit into one line of a pipe.
+MOST_ANNOUNCED = 100
+
+
+class AttemptKeeper:
+    """A `Keeper` for one attempt.
+
+    A checkpoint that does not fit on the disk is left out, because a job can finish without checkpoints. The next
+    checkpoint is due after the usual pause, and the log has one line until a checkpoint fits again.
+
+    Parameters
+    ----------
+    origin : mapping
+        JSON-able values on which the progress depends. The software version is added.
+    still_to_write_bytes : int
+        Disk space that the attempt's results may need; checkpoints leave it free.
+    """
+
+    def __init__(self, attempt: Attempt, origin: Mapping[str, Any], *, still_to_write_bytes: int = 0) -> None:
+        self._attempt = attempt
+        self._origin = {**origin, "software": software()}
+        self._still_to_write_bytes = still_to_write_bytes
+        self._pause_began_at = time.monotonic()
+        self._pause_s = PAUSE_S if attempt.job.attempt <= 1 else 0.0
+        self._unannounced: list[str] = []
+        self._begun, self._taken_up, self._left_out, self._lock = False, False, False, threading.Lock()
+        # The log fields are bound here because `keep` may be called in a thread without the attempt's log fields.
+        job = attempt.job
+        self._log = structlog.get_logger().bind(job_id=job.id, attempt=job.attempt, kind=job.kind)
+
+    @property
+    def has_begun(self) -> bool:
+        """True if the attempt has worked for its first pause."""
+        return self._begun or self.is_due
+
+    @property
+    def is_due(self) -> bool:
+        """True if the pause is over."""
+        return time.monotonic() - self._pause_began_at >= self._pause_s
+
+    def keep(self, name: str, arrays: Arrays, made_with: MadeWith | None = None) -> None:
+        """Write a checkpoint, which is announced together with other checkpoints when the pause is over."""
+        needed = self._still_to_write_bytes + sum(array.nbytes for array in arrays.values())
+        folder = self._attempt.checkpoints
+        try:
+            check_room(self._attempt.output, needed, needed_by="a checkpoint beside the result")
+            with disk_outage_reported("a checkpoint"):
+                folder.mkdir(exist_ok=True)
+                write_checkpoint(folder / name, {**self._origin, "made_with": made_with}, arrays)
+        except (StorageFull, FolderUnavailable) as error:
+            self._leave_out(name, error)
+            return
+        with self._lock:
+            self._left_out = False
+            self._unannounced.append(name)
+            if self.is_due or len(self._unannounced) == MOST_ANNOUNCED:
+                self._announce()
+
+    def _announce(self) -> None:
+        names, self._unannounced = self._unannounced, []
+        if names:
+            self._attempt.announce(names)
+        self._begun, self._pause_began_at = True, time.monotonic()
+        self._pause_s = min(max(2.0 * self._pause_s, SECOND_PAUSE_AGAIN_S), PAUSE_S)
+
+    def _leave_out(self, name: str, error: StorageFull | FolderUnavailable) -> None:
+        with self._lock:
+            if not self._left_out:
+                self._log.warning("checkpoint-left-out", name=name, reason=str(error))
+            self._left_out = True
+            if self.is_due:
+                self._announce()
+
+    def kept(self, name: str, made_with: MadeWith | None = None) -> Arrays | None:
+        """Return what an earlier attempt wrote; an unusable checkpoint is skipped, with a line in the log."""
+        path = self._attempt.given.kept / name
+        try:
+            arrays = read_checkpoint(path, {**self._origin, "made_with": made_with})
+        except FileNotFoundError:
+            return None
+        except (UnusableCheckpoint, OSError) as error:
+            self._log.warning("checkpoint-passed-over", name=name, reason=str(error))
+            return None
+        if not self._taken_up:
+            self._log.info("checkpoint-taken-up", name=name)
+        self._taken_up = True
+        return arrays

@@ -1,0 +1,28 @@
+"""Comparison of a new calibration with the active calibration, as a contract."""
+
+import numpy as np
+
+from sawmill_contracts.calibrations import CalibrationResult, CalibrationSucceeded, Comparison
+from sawmill_contracts.scanners import StoredScanner
+from sawmill_tomography.calibration.calibration import CalibratedGeometry
+from sawmill_tomography.calibration.comparison import ChangeLimits, compare
+
+
+def geometry_of(result: CalibrationResult) -> CalibratedGeometry:
+    """Return the geometry of a stored calibration."""
+    return CalibratedGeometry(
+        scanner=result.scanner,
+        theta=result.theta,
+        frame=result.source_frame,
+        rotation=result.rotation,
+        covariance=None if result.covariance is None else np.array(result.covariance),
+    )
+
+
+def compared(active: CalibrationSucceeded, new: CalibratedGeometry, scanner: StoredScanner) -> Comparison:
+    """Compute what changed since the active calibration, by the scanner's constants and tolerances."""
+    tolerances = scanner.tolerances
+    radius_mm = scanner.log_radius_mm or active.radius_mm
+    limits = ChangeLimits(tolerances.ray_change_mm, tolerances.angle_change_deg, radius_mm, tolerances.scale_percent)
+    change = compare(scanner.constants, geometry_of(active), new, limits)
+    return Comparison(calibration_id=active.id, tolerance_mm=limits.ray_change_mm, **vars(change))

@@ -1,0 +1,120 @@
+"""A geometry measured by hand, for a drift check without a calibration: the start, and the corrected theta."""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sawmill_contracts.geometry import ScannerConstants
+from sawmill_tomography.drift.change import SIGNIFICANT, DetectorFit
+from sawmill_tomography.geometry.geometry import (
+    FanBeamGeometry,
+    FloatArray,
+    Scanner,
+    SourceFrame,
+    Theta,
+    cell_centres_mm,
+)
+from sawmill_tomography.reconstruction.object_extent import seen_radius_mm
+from sawmill_vocabulary import LARGEST_ASSUMED_LOG_RADIUS_MM, Rotation
+
+
+@dataclass(frozen=True)
+class GivenGeometry:
+    """A geometry from nominal distances, without error bars."""
+
+    scanner: ScannerConstants
+    theta: Theta
+    rotation: Rotation
+
+    @property
+    def source_frame(self) -> SourceFrame:
+        """Source frame of theta."""
+        return self.theta.source_frame(self.scanner.source_to_cor_mm)
+
+    @property
+    def covariance(self) -> None:
+        """Covariance, which a given geometry does not have."""
+        return
+
+    @property
+    def radius_mm(self) -> float:
+        """Radius of the disc in which rays are compared: what the detector sees, at most the largest assumed log."""
+        seen = seen_radius_mm(FanBeamGeometry(self.scanner, self.theta, np.zeros(1)))
+        return min(LARGEST_ASSUMED_LOG_RADIUS_MM, seen)
+
+
+def with_coarse_column(
+    scanner: Scanner, frame: SourceFrame, sinogram: FloatArray, angles_rad: FloatArray
+) -> SourceFrame:
+    """Replace u_c by the column about which the centres of mass of the views oscillate once per turn.
+
+    The centre of mass of a body rotates about the COR, so its shadow oscillates about u_c; the fan's second order
+    cancels over a full turn (first-order Helgason-Ludwig condition, Natterer 2001, section 2.1). The fits need u_c
+    to a few hundredths of the detector.
+    """
+    u = cell_centres_mm(scanner)
+    lines = np.where(np.isfinite(sinogram), sinogram, 0.0)
+    mass = lines.sum(axis=1)
+    heavy = mass > 0.5 * np.median(mass)
+    if not heavy.any():  # no body: the fits refuse the scan
+        return frame
+    centres = lines[heavy] @ u / mass[heavy]
+    phi = angles_rad[heavy]
+    swing = np.stack([np.ones_like(phi), np.cos(phi), np.sin(phi)], -1)
+    column = float(np.linalg.lstsq(swing, centres)[0][0])
+    return replace(frame, cor_column_mm=float(np.clip(column, u[0], u[-1])))
+
+
+@dataclass(frozen=True)
+class Correction:
+    """Correction of a given geometry by a scan, with SDD held at the given value.
+
+    Attributes
+    ----------
+    column_deviation_mm, tilt_deviation_rad : float
+        Standard deviations of u_c and tau at the given SDD.
+    """
+
+    theta: Theta
+    frame: SourceFrame
+    column_deviation_mm: float
+    tilt_deviation_rad: float
+
+
+def corrected_theta(geometry: GivenGeometry, fit: DetectorFit) -> Correction:
+    """Set u_c and tau to the scan's values at the given SDD, which a ruler measures better than a log shows it."""
+    frame, covariance = geometry.source_frame, fit.covariance
+    values, spread = np.array([fit.cor_column_mm, fit.tilt_rad]), covariance[:2, :2]
+    if not fit.distance_held:
+        by_distance = covariance[:2, 2] / covariance[2, 2]
+        values = values + by_distance * (frame.source_to_detector_mm - fit.source_to_detector_mm)
+        spread = spread - np.outer(by_distance, covariance[2, :2])
+    column, tilt = values.tolist()
+    corrected = replace(frame, cor_column_mm=column, tilt_rad=tilt)
+    sign = int(math.copysign(1, geometry.theta.source_shift_mm))
+    theta = corrected.theta(geometry.scanner.source_to_cor_mm, source_shift_sign=sign)
+    deviations = np.sqrt(np.diag(spread)).tolist()
+    return Correction(theta, corrected, *deviations)
+
+
+def found_column(geometry: GivenGeometry, fit: DetectorFit, correction: Correction) -> str:
+    """Describe what was found and what was kept, in one sentence each, with the `--theta` for a reconstruction."""
+    theta = correction.theta
+    written = (
+        f"{math.degrees(theta.initial_angle_rad):.8g}deg,{theta.detector_to_cor_mm:.8g},{theta.source_shift_mm:.8g},"
+        f"{theta.detector_shift_mm:.8g},{math.degrees(math.atan(theta.detector_tilt)):.6g}deg"
+    )
+    turned = "" if fit.rotation is Rotation.AS_GIVEN else f" --rotation {fit.rotation.value}"
+    sentence = (
+        f"the COR falls on the detector at u_c {correction.frame.cor_column_mm:.4g} ± "
+        f"{correction.column_deviation_mm:.2g} mm with a tilt of {math.degrees(correction.frame.tilt_rad):.3g} ± "
+        f"{math.degrees(correction.tilt_deviation_rad):.2g} degrees (standard deviations): reconstruct with --theta "
+        f"{written}{turned}, in which these two are measured, and R, SDD and the first angle are as given"
+    )
+    if fit.rotation is not geometry.rotation:
+        sentence += f"; the views turn {fit.rotation.value}, not {geometry.rotation.value}"
+    distance, deviation = fit.source_to_detector_mm, fit.deviation[2]
+    if abs(distance - correction.frame.source_to_detector_mm) > SIGNIFICANT * deviation > 0.0:
+        sentence += f"; the scan itself shows an SDD of {distance:.5g} ± {deviation:.2g} mm: check the distances"
+    return sentence

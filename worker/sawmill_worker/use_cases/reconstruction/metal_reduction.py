@@ -1,0 +1,89 @@
+"""Metal in a block of slices: removed before a method solves the block, counted, and put back into the images."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from threading import Lock
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sawmill_contracts.reconstructions import MetalReport
+from sawmill_tomography.geometry.geometry import FanBeamGeometry
+from sawmill_tomography.geometry.image_grid import ImageGrid
+from sawmill_tomography.reconstruction.metal import INTERPOLATION, WITHOUT_RAYS, LogMetal, MetalSearch
+from sawmill_worker.use_cases.reconstruction.method_findings import MetalCount
+
+Images = NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False)
+class WithoutMetal:
+    """A block whose rays through metal are interpolated.
+
+    Attributes
+    ----------
+    lines : (slices, views, detector) float32
+    metal : mapping of int to LogMetal
+        LogMetal by the slice's index in the block.
+    left_out : (slices, views, detector) bool, optional
+        The rays that the method must leave out; None if there are none.
+    """
+
+    lines: Images
+    metal: Mapping[int, LogMetal] = field(default_factory=dict)
+    left_out: NDArray[np.bool_] | None = None
+
+    def count(self, selected: NDArray[np.bool_] | None = None) -> MetalCount:
+        """Count the metal in the block, or in the slices of the mask `selected` (slices,)."""
+        traces = [metal.trace for index, metal in self.metal.items() if selected is None or selected[index]]
+        return MetalCount(len(traces), sum(int(trace.sum()) for trace in traces), sum(trace.size for trace in traces))
+
+    def put_back(self, images: Images, grid: ImageGrid) -> None:
+        """Add the metal to images (slices, size, size), in place."""
+        for index, metal in self.metal.items():
+            images[index] += metal.on(grid)
+
+
+class MetalReduction:
+    """Reduction of metal in the blocks of a log.
+
+    Parameters
+    ----------
+    radius_mm : float
+        Radius of the disc around the rotation centre that holds the log.
+    leave_out : bool
+        True if the method leaves out rays through metal rather than using interpolated rays.
+    enabled : bool
+        False returns every block unchanged.
+    """
+
+    def __init__(self, geometry: FanBeamGeometry, radius_mm: float, *, leave_out: bool, enabled: bool) -> None:
+        self._search = MetalSearch.of(geometry, radius_mm) if enabled else None
+        self._leave_out, self._working = leave_out, Lock()
+
+    def __call__(self, lines: Images) -> WithoutMetal:
+        """Return a block (slices, views, detector) of any strides without its metal."""
+        if self._search is None:
+            return WithoutMetal(lines)
+        with self._working:
+            suspects = np.flatnonzero(self._search.suspects(lines)).tolist()
+            searched = {index: self._search.find(np.ascontiguousarray(lines[index])) for index in suspects}
+        metals = {index: metal for index, metal in searched.items() if metal is not None}
+        if not metals:
+            return WithoutMetal(lines)
+        filled, trace = lines.copy(), np.zeros(lines.shape, bool)
+        for index, metal in metals.items():
+            filled[index], trace[index] = metal.filled, metal.trace
+        return WithoutMetal(filled, metals, trace if self._leave_out else None)
+
+    def report(self, count: MetalCount) -> MetalReport | None:
+        """Return the report of the counted metal; None if there is none."""
+        if not count.slices:
+            return None
+        return MetalReport(
+            slices=count.slices,
+            samples=count.samples,
+            share_of_samples=count.samples / count.all_samples,
+            treatment="left-out" if self._leave_out else "interpolated",
+            source=WITHOUT_RAYS if self._leave_out else INTERPOLATION,
+        )

@@ -1,0 +1,1 @@
+"""Scans: inspection, preparation, selection and simulation."""

@@ -1,0 +1,65 @@
+"""A scan that was sent as the mean over rows: masked rays are interpolated and get larger standard deviations."""
+
+from collections.abc import Collection
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sawmill_formats.input.averaged import AveragedRows
+from sawmill_tomography.sinograms.masked_rays import bridge_masked
+
+MASKED = "rays were masked"
+
+
+class AveragedRays:
+    """Rays of a scan that was sent as a mean over rows, block by block.
+
+    Parameters
+    ----------
+    averaged : AveragedRows
+        The mean as it was sent.
+    shape : tuple of int
+        (views, 1, detector).
+
+    Attributes
+    ----------
+    deviations : (views, detector) float32, or None
+        Standard deviations of the rays as they are used; 0 for rays without a known one, None if no ray has one.
+    """
+
+    def __init__(self, averaged: AveragedRows, shape: tuple[int, int, int]) -> None:
+        self._averaged, self._shape, self._masked, self._samples = averaged, shape, 0, 0
+        self.deviations = None if averaged.deviations is None else averaged.deviations.copy()
+
+    def bridge(self, samples: NDArray[np.float32], first_view: int) -> None:
+        """Interpolate masked rays, NaN among samples (views, 1, detector), in place.
+
+        No interpolated ray gets a smaller deviation than the measured rays of its view.
+        """
+        rays = samples[:, 0]
+        masked = np.isnan(rays)
+        self._samples += masked.size
+        if not masked.any():
+            return
+        self._masked += int(masked.sum())
+        bridged = rays.astype(np.float64)
+        missed = bridge_masked(bridged, masked)
+        rays[...] = bridged
+        if self.deviations is None:
+            self.deviations = np.zeros(self._shape[::2], np.float32)
+        for deviations, misses, gaps in zip(self.deviations[first_view:], missed, masked, strict=False):
+            deviations[gaps] = np.maximum(misses[gaps], np.median(deviations[~gaps]))
+
+    def remarks(self) -> tuple[str, ...]:
+        """Report what was sent, and how it was changed."""
+        precision = "with their" if self._averaged.deviations is not None else "without"
+        rows = self._averaged.rows
+        came = f"It came as the mean of the line integrals of {rows} rows, {precision} standard deviations."
+        if not self._masked:
+            return came, "No ray of it was masked: a nail in those rows counts as log."
+        return came, f"{self._masked} of {self._samples} {MASKED}, and interpolated along the detector."
+
+
+def of_masked_rays(remarks: Collection[str]) -> str | None:
+    """Select the remark on a prepared scan that reports masked rays; None if no ray was masked."""
+    return next((remark for remark in remarks if MASKED in remark), None)
