@@ -18,7 +18,7 @@ from sawmill_platform.contracts.base import Contract
 
 PATH = "/problems/"
 CODE_PATTERN = r"^[a-z0-9]+(-[a-z0-9]+)*$"
-_TEXTS = Path(__file__).parent / "problem_texts"
+_TEXTS = Path(__file__).parents[1] / "problem_texts"
 _OTHERS = "Others may come with a later version: a program treats a code that it does not know by its status."
 
 
