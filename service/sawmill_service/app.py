@@ -13,7 +13,6 @@ from sawmill_service.access import Access, check_scope
 from sawmill_service.dependencies import Wake
 from sawmill_service.event_feed import EventFeed
 from sawmill_service.http.admission import Admission
-from sawmill_service.http.allowed_methods import check_method
 from sawmill_service.http.digests import Digests
 from sawmill_service.http.forms import check_csrf
 from sawmill_service.http.gate import Gate, ProtectiveHeaders
@@ -25,6 +24,7 @@ from sawmill_service.http.queries import check_query
 from sawmill_service.http.rates import FailedLogins, Rates
 from sawmill_service.http.repeats import install as install_repeats
 from sawmill_service.http.request_ids import RequestIds
+from sawmill_service.http.route_rules import RouteRules, check_method
 from sawmill_service.http.sent_json import check_body
 from sawmill_service.http.session_cookie import SessionCookie
 from sawmill_service.http.slow_bodies import SlowBodies
@@ -119,6 +119,11 @@ def create_app(
     -------
     Application
         An ASGI application.
+
+    Raises
+    ------
+    ValueError
+        A route declares no scope.
     """
     app = Application(
         title="Sawmill calibration",
@@ -156,6 +161,7 @@ def create_app(
     app.router.routes.extend(_all_routes())
     app.mount("/static", console.WholeFiles(directory=console.STATIC))
     app.mount("/console", console.WholeFiles(directory=Path(fastapi_offline.__file__).parent / "static"))
+    app.state.rules = RouteRules(app.routes)
     # The last one added is the outermost.
     app.add_middleware(Heads)
     app.add_middleware(
@@ -167,17 +173,9 @@ def create_app(
     app.add_middleware(Admission, settings=settings)
     app.add_middleware(
         Gate,
-        allowed_hosts=settings.names,
-        behind_proxy=settings.behind_proxy,
+        settings=settings,
         access=app.state.access,
-        max_body_bytes=settings.max_json_bytes,
-        larger_bodies={
-            ("POST", "/v1/scans"): settings.max_upload_bytes,
-            ("POST", "/v1/scans/form"): settings.max_form_file_bytes + settings.max_json_bytes,
-            ("POST", "/v1/inspections"): settings.max_upload_bytes,
-            ("POST", "/v1/phantoms/pictures"): settings.max_picture_bytes,
-            ("PATCH", "/v1/uploads/*"): settings.max_upload_bytes,
-        },
+        open_files=login.FILES,
         refusals=Rates(settings.rate_limit),
         stopping=app.state.stopping,
     )

@@ -8,11 +8,11 @@ from urllib.parse import parse_qs
 from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from sawmill_service.access import OPEN_PATHS
 from sawmill_service.http.callers import who
 from sawmill_service.http.gate import SAFE_METHODS
 from sawmill_service.http.problems import Refused, refusal_response
 from sawmill_service.http.rates import Rates, too_many
+from sawmill_service.http.route_rules import NoKey, no_key
 from sawmill_service.http.unread_bodies import has_body
 from sawmill_service.settings import ServiceSettings
 
@@ -99,7 +99,7 @@ class Admission:
             detail = f"the path, the query and the headers may have {_MOST_HEAD_BYTES} bytes together"
             raise Refused(431, "head-too-large", detail)
         caller = who(scope)
-        self._all.take("looks at health" if scope["path"] in OPEN_PATHS else "requests", caller)
+        self._all.take("looks at health" if no_key(scope) is NoKey.MONITORING else "requests", caller)
         if scope["method"] not in SAFE_METHODS:
             self._changes.take("changes", caller)
 

@@ -9,12 +9,10 @@ from fastapi import Depends, Request
 from sawmill_service.access import caller_of
 from sawmill_service.http.gate import SAFE_METHODS, too_large
 from sawmill_service.http.problems import Refused
+from sawmill_service.http.route_rules import rule_of
 
 CSRF_FIELD, CSRF_HEADER = "csrf", "X-CSRF-Token"
-# A scanner's settings, with a token.
-MAX_BYTES, MAX_FIELDS = 8192, 30
-# Of the form with an angle for each view: as many characters as a scan may have there, its commas as %2C.
-LARGER = {"/calibrate": 400_000}
+MAX_FIELDS = 30
 
 
 async def form(request: Request) -> dict[str, str]:
@@ -23,13 +21,13 @@ async def form(request: Request) -> dict[str, str]:
     Raises
     ------
     Refused
-        400 `bad-form`: it cannot be read. 413 `body-too-large`: it is larger than any of ours to this path.
+        400 `bad-form`: it cannot be read. 413 `body-too-large`: it is larger than any of our pages sends there.
     """
     media_type = request.headers.get("content-type", "").partition(";")[0].strip().lower()
     length = request.headers.get("content-length")
     if media_type != "application/x-www-form-urlencoded" or length is None:
         return {}
-    most = LARGER.get(request.url.path, MAX_BYTES)
+    most = rule_of(request).max_form_bytes
     if int(length) > most:  # digits: the gate has looked
         raise too_large(most)
     try:

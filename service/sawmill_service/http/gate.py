@@ -1,6 +1,6 @@
 """What stands in front of every route: headers for browsers, known hosts and origins, keys, bounded bodies."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable
 from http import HTTPStatus
 from urllib.parse import urlencode
 
@@ -13,21 +13,19 @@ from sawmill_service.access import (
     ANYBODY,
     CHALLENGES,
     LOGIN,
-    LOGIN_PATHS,
     LOOPBACK,
-    OPEN_PATHS,
     Access,
     Caller,
     came_in_over_loopback,
     host_name,
 )
-from sawmill_service.http.allowed_methods import methods_of
 from sawmill_service.http.body_sums import checked
 from sawmill_service.http.callers import who
-from sawmill_service.http.problem_types import PATH as PROBLEMS
 from sawmill_service.http.problems import COME_BACK, Refused, is_navigation, refusal_response
 from sawmill_service.http.rates import Rates
+from sawmill_service.http.route_rules import NoKey, no_key, rules_of
 from sawmill_service.http.session_cookie import NAME
+from sawmill_service.settings import ServiceSettings
 from sawmill_service.stopping import Stopping
 from sawmill_store.acting import acting_as
 from sawmill_store.errors import StorageError
@@ -77,17 +75,13 @@ class Gate:
 
     Parameters
     ----------
-    allowed_hosts
-        Host names without a port. The loopback names are right where the connection came in over loopback.
-    behind_proxy
-        Whether browsers may reach the service through a proxy.
+    settings
+        Host names, to which the loopback names are added where the connection came in over loopback; whether browsers
+        may reach the service through a proxy; the largest bodies.
     access
         Finds out who sends a request; whatever is done in it is done in that one's name.
-    max_body_bytes
-        For every route that `larger_bodies` does not name. Of such a body `Content-Digest` is checked as it comes.
-    larger_bodies
-        Bytes by (method, path); a path that ends with `/*` stands for all directly below. Of these, which are files,
-        the routes check the digest, in threads.
+    open_files
+        Paths of files that need no key.
     refusals
         Counts those who are not let in.
     stopping
@@ -98,20 +92,15 @@ class Gate:
         self,
         app: ASGIApp,
         *,
-        allowed_hosts: Iterable[str],
-        behind_proxy: bool,
+        settings: ServiceSettings,
         access: Access,
-        max_body_bytes: int,
-        larger_bodies: Mapping[tuple[str, str], int],
+        open_files: Collection[str],
         refusals: Rates,
         stopping: Stopping,
     ) -> None:
         self.app = app
-        self.allowed_hosts = frozenset(host.lower() for host in allowed_hosts)
-        self.behind_proxy = behind_proxy
-        self.access = access
-        self.max_body_bytes = max_body_bytes
-        self.larger_bodies = dict(larger_bodies)
+        self.settings, self.access, self.open_files = settings, access, open_files
+        self.allowed_hosts = frozenset(host.lower() for host in settings.names)
         self.refusals, self.stopping = refusals, stopping
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -119,8 +108,9 @@ class Gate:
         if scope["type"] != "http":
             await self.app(scope, receive, send)
             return
-        headers, larger = Headers(scope=scope), self._larger(scope["method"], scope["path"])
-        limit = larger or self.max_body_bytes
+        headers, rule = Headers(scope=scope), rules_of(scope).get(scope["method"])
+        largest_file = rule.max_body(self.settings) if rule and rule.max_body else None
+        limit = largest_file or self.settings.max_json_bytes
         try:
             caller = await self._caller(scope, headers, limit)
         except Refused as refused:
@@ -129,17 +119,14 @@ class Gate:
         scope.setdefault("state", {})["caller"] = caller
         with acting_as(caller.acting(scope)), structlog.contextvars.bound_contextvars(key_id=caller.key_id):
             bounded = _bounded(receive, limit, self.stopping)
-            sums_here = larger is None and scope["method"] not in SAFE_METHODS
+            sums_here = largest_file is None and scope["method"] not in SAFE_METHODS
             await self.app(scope, checked(bounded, headers) if sums_here else bounded, send)
-
-    def _larger(self, method: str, path: str) -> int | None:
-        of_all = self.larger_bodies.get((method, f"{path.rpartition('/')[0]}/*"))
-        return self.larger_bodies.get((method, path), of_all)
 
     async def _caller(self, scope: Scope, headers: Headers, limit: int) -> Caller:
         _check_version(scope)
         self._check_origin(scope, headers)
-        caller = ANYBODY if scope["path"] in OPEN_PATHS | LOGIN_PATHS else await self._known(scope, headers)
+        is_open = scope["path"] in self.open_files or no_key(scope) in {NoKey.MONITORING, NoKey.LOGIN}
+        caller = ANYBODY if is_open else await self._known(scope, headers)
         _check_length(scope, headers, limit)
         return caller
 
@@ -148,7 +135,7 @@ class Gate:
         try:
             return await self.access.caller(scope, headers)
         except (Refused, StorageError) as error:
-            if scope["path"].startswith(PROBLEMS) and scope["method"] in SAFE_METHODS:
+            if no_key(scope) is NoKey.AFTER_REFUSAL and scope["method"] in SAFE_METHODS:
                 return ANYBODY
             if isinstance(error, Refused):
                 raise
@@ -173,7 +160,7 @@ class Gate:
                 f"this service does not answer as {host[:100]!r}; SAWMILL_ALLOWED_HOSTS adds a name",
             )
         # A proxy that speaks TLS need not report that to the service.
-        own_schemes = {scope["scheme"], "https"} if self.behind_proxy else {scope["scheme"]}
+        own_schemes = {scope["scheme"], "https"} if self.settings.behind_proxy else {scope["scheme"]}
         own_origins = {f"{scheme}://{host}" for scheme in own_schemes}
         if scope["method"] not in SAFE_METHODS and _from_elsewhere(headers, own_origins):
             raise Refused(403, "other-site", "a page of another site may not change anything here")
@@ -216,7 +203,7 @@ def _check_length(scope: Scope, headers: Headers, limit: int) -> None:
     declared = headers.get("content-length", "0")
     if not declared.isdecimal():
         raise Refused(400, "bad-length", f"Content-Length must be a count of bytes, not {declared[:100]!r}")
-    if int(declared) > limit and scope["method"] in methods_of(scope):
+    if int(declared) > limit and scope["method"] in rules_of(scope):
         raise too_large(limit)
 
 

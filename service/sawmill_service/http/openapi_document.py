@@ -1,7 +1,7 @@
 """The OpenAPI document: FastAPI's own, with every answer listed and an example for every operation."""
 
 import json
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from functools import cached_property
 from http import HTTPStatus
 from pathlib import Path
@@ -10,13 +10,11 @@ from typing import Any, NamedTuple
 from fastapi import FastAPI
 from pydantic import BaseModel
 
-from sawmill_service.access import OPEN_PATHS, needed_scope
-from sawmill_service.http.allowed_methods import methods_by_pattern
 from sawmill_service.http.described_answers import BINARY, HEADERS, describe_answers
 from sawmill_service.http.openapi_words import complete
-from sawmill_service.http.problem_types import PATH as PROBLEMS
 from sawmill_service.http.problems import Problem
 from sawmill_service.http.refusals import CODES_KEY, list_refusals
+from sawmill_service.http.route_rules import NoKey, RouteRules, Rule
 from sawmill_service.http.sent_form import FILE
 from sawmill_service.http.sent_form import MEDIA_TYPE as FORM
 
@@ -68,13 +66,8 @@ class Application(FastAPI):
     def openapi(self) -> dict[str, Any]:
         """Make the document once."""
         if self.openapi_schema is None:
-            self.openapi_schema = _finish(super().openapi())
+            self.openapi_schema = _finish(super().openapi(), self.state.rules)
         return self.openapi_schema
-
-    @cached_property
-    def methods_by_pattern(self) -> Mapping[str, set[str]]:
-        """The methods of each pattern of paths, once all routes are there."""
-        return methods_by_pattern(self)
 
     @cached_property
     def openapi_json(self) -> bytes:
@@ -126,7 +119,7 @@ def _operations(document: dict[str, Any], part: str = "paths") -> Iterator[tuple
             yield path, method, operation
 
 
-def _finish(document: dict[str, Any]) -> dict[str, Any]:
+def _finish(document: dict[str, Any], rules: RouteRules) -> dict[str, Any]:
     components = document.setdefault("components", {})
     schemas = components.setdefault("schemas", {})
     for generated in ("HTTPValidationError", "ValidationError"):
@@ -144,10 +137,11 @@ def _finish(document: dict[str, Any]) -> dict[str, Any]:
         _drop_generated_refusal(message["responses"])
     _state_items(document)
     for path, method, operation in _operations(document):
-        _describe_access(method.upper(), path, operation)
+        rule = rules.by_pattern[path][method.upper()]
+        _describe_access(rule, operation)
         _describe_repeats(operation)
         _drop_generated_refusal(operation["responses"])
-        list_refusals(method.upper(), path, operation)
+        list_refusals(method.upper(), rule, operation)
         describe_answers(operation)
         _describe_parameters(operation)
         _give_examples(operation, operation.pop(TRY, {}))
@@ -214,10 +208,10 @@ def _shared_refusals(answers: Iterable[dict[str, Any]]) -> dict[str, Any]:
     return shared
 
 
-def _describe_access(method: str, path: str, operation: dict[str, Any]) -> None:
+def _describe_access(rule: Rule, operation: dict[str, Any]) -> None:
     """Which key it needs; a service that stands open on loopback needs none."""
-    needed = None if path in OPEN_PATHS or path.startswith(PROBLEMS) else needed_scope(method, path)
-    operation["security"] = [] if needed is None else [{}, *({scheme: [needed]} for scheme in SECURITY_SCHEMES)]
+    with_key = [{}, *({scheme: [rule.scope]} for scheme in SECURITY_SCHEMES)]
+    operation["security"] = [] if isinstance(rule.needs, NoKey) else with_key
 
 
 def _drop_generated_refusal(responses: dict[str, Any]) -> None:

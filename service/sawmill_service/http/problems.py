@@ -17,8 +17,8 @@ from starlette.requests import Request
 from structlog.contextvars import get_contextvars
 
 from sawmill_formats.errors import DamagedResult, FileError, NotStored, OutOfRange
-from sawmill_service.http.allowed_methods import allowed_methods
 from sawmill_service.http.problem_types import CODE_PATTERN, describe_code, title_of, type_of
+from sawmill_service.http.route_rules import allowed_methods
 from sawmill_store.errors import (
     Busy,
     Conflict,

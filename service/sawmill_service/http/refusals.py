@@ -5,9 +5,9 @@ from http import HTTPStatus
 from typing import Any
 
 from sawmill_contracts.kinds import AskedKind, Reference
-from sawmill_service.access import OPEN_PATHS
-from sawmill_service.http.problem_types import PATH, problem_types
+from sawmill_service.http.problem_types import problem_types
 from sawmill_service.http.problems import MEDIA_TYPE
+from sawmill_service.http.route_rules import NoKey, Rule
 
 Responses = dict[int | str, dict[str, Any]]
 
@@ -65,17 +65,17 @@ def refuses_ask(declared: AskedKind[Any, Any]) -> Responses:
     return refuses(*codes, *OF_QUEUE)
 
 
-def list_refusals(method: str, path: str, operation: dict[str, Any]) -> None:
+def list_refusals(method: str, rule: Rule, operation: dict[str, Any]) -> None:
     """Give an operation of the document its refusals, one by one: its own, and those that its shape brings."""
     responses = operation["responses"]
     own = {code for response in responses.values() for code in response.pop(CODES_KEY, ())}
-    for status, codes in sorted(_by_status({*own, *_by_shape(method, path, operation)}).items()):
+    for status, codes in sorted(_by_status({*own, *_by_shape(method, rule, operation)}).items()):
         responses[str(status)] = responses.get(str(status), {}) | _refusal(status, codes)
 
 
-def _by_shape(method: str, path: str, operation: dict[str, Any]) -> Iterable[str]:
+def _by_shape(method: str, rule: Rule, operation: dict[str, Any]) -> Iterable[str]:
     yield from _ALWAYS
-    yield from () if path in OPEN_PATHS or path.startswith(PATH) else _WITH_KEY
+    yield from () if isinstance(rule.needs, NoKey) else _WITH_KEY
     yield from () if method == "GET" else _CHANGING
     yield from _DELETING if method == "DELETE" else ()
     yield from _WITH_BODY if "requestBody" in operation else ()

@@ -5,12 +5,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 
-from fastapi import APIRouter
 from fastapi.responses import HTMLResponse
 
 from sawmill_contracts.events import EventKind
+from sawmill_contracts.keys import Scope
 from sawmill_contracts.measurements import Movement
 from sawmill_service.dependencies import TheStore
+from sawmill_service.http.route_rules import Router
 from sawmill_service.pages.frame import PageFrame, ThePage
 from sawmill_service.pages.sparkline import Sparkline, sparkline
 from sawmill_service.scanner_conditions import ALARMS, ScannerCondition, conditions_of
@@ -41,7 +42,7 @@ _NOT_SHOWN = {
     EventKind.WEBHOOK_DELETED,
 }
 
-router = APIRouter(include_in_schema=False)
+router = Router(include_in_schema=False, reading=Scope.READ)
 
 
 @dataclass(frozen=True)

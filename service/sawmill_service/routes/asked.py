@@ -3,10 +3,11 @@
 from collections.abc import Mapping
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Depends, Path, Query, Response
+from fastapi import Depends, Path, Query, Response
 from pydantic import create_model
 
 from sawmill_contracts.jobs import JobState, Priority
+from sawmill_contracts.keys import Scope
 from sawmill_contracts.kinds import AskedKind, Operation, Reference, asked_kinds
 from sawmill_platform.contracts.base import Contract, Identifier, Page
 from sawmill_service.dependencies import TheCaller, TheSettings, TheStore, TheWake
@@ -15,17 +16,18 @@ from sawmill_service.http.old_names import announce, announced
 from sawmill_service.http.openapi_document import trying
 from sawmill_service.http.refusals import Responses, refuses, refuses_ask
 from sawmill_service.http.repeats import repeatable
+from sawmill_service.http.route_rules import Router
 from sawmill_service.http.sent_json import Strictly
 from sawmill_service.http.waiting import TheWaiting
 
 
-def routers() -> list[APIRouter]:
+def routers() -> list[Router]:
     """One for each kind."""
     return [_router(declared) for declared in asked_kinds()]
 
 
-def _router(declared: AskedKind[Any, Any]) -> APIRouter:
-    router = APIRouter(tags=[declared.tag or declared.kind.plural])
+def _router(declared: AskedKind[Any, Any]) -> Router:
+    router = Router(tags=[declared.tag or declared.kind.plural], reading=Scope.READ)
     folder = f"/v1/{declared.kind.plural}"
 
     def ask(
@@ -61,7 +63,9 @@ def _router(declared: AskedKind[Any, Any]) -> APIRouter:
     if declared.upload is None:
         answers = announced(declared.ask) | refuses_ask(declared)
         asking = _described(f"ask_{declared.noun}", one, declared.to_ask, answers)
-        router.add_api_route(declared.asked_at or folder, repeatable(ask), methods=["POST"], status_code=202, **asking)
+        # An ask may need more, by its declaration: `ask` checks that.
+        asking |= {"methods": ["POST"], "status_code": 202, "needs": Scope.SUBMIT}
+        router.add_api_route(declared.asked_at or folder, repeatable(ask), **asking)
     router.add_api_route(
         folder,
         list_all,

@@ -3,19 +3,21 @@
 from collections.abc import Iterator
 from typing import Annotated
 
-from fastapi import APIRouter, Query, Request, Response
+from fastapi import Query, Request, Response
 from fastapi.responses import StreamingResponse
 
 from sawmill_contracts.audit import AuditEntry
+from sawmill_contracts.keys import Scope
 from sawmill_platform.contracts.base import Page
 from sawmill_service.dependencies import TheStore
 from sawmill_service.http.answers import NumberedPaging
 from sawmill_service.http.conditional import CACHING, check_conditions
 from sawmill_service.http.described_answers import SAVED
 from sawmill_service.http.refusals import refuses
+from sawmill_service.http.route_rules import Router
 from sawmill_store.store import Store
 
-router = APIRouter(tags=["keys"])
+router = Router(tags=["keys"], reading=Scope.ADMIN)
 
 
 class JsonLines(StreamingResponse):

@@ -1,10 +1,11 @@
 """/v1/calibrations: pictures, the file and activation, beside the routes that every asked kind has."""
 
-from fastapi import APIRouter, Request, Response
+from fastapi import Request, Response
 from pydantic import Field
 
 from sawmill_contracts.calibrations import CalibrationSucceeded
 from sawmill_contracts.jobs import JobKind
+from sawmill_contracts.keys import Scope
 from sawmill_contracts.scanners import StoredScanner
 from sawmill_platform.contracts.base import Identifier, Name
 from sawmill_platform.contracts.given import Given
@@ -16,10 +17,11 @@ from sawmill_service.http.openapi_document import trying
 from sawmill_service.http.problems import Refused
 from sawmill_service.http.refusals import refuses
 from sawmill_service.http.repeats import repeatable
+from sawmill_service.http.route_rules import Router
 from sawmill_service.http.sent_json import Sent
 from sawmill_store.store import Store
 
-router = APIRouter(prefix="/v1/calibrations", tags=["calibrations"])
+router = Router(prefix="/v1/calibrations", tags=["calibrations"], reading=Scope.READ)
 
 
 class Activate(Given):
@@ -105,6 +107,7 @@ def get_calibration_file(calibration_id: Identifier, request: Request, store: Th
 
 @router.post(
     "/{calibration_id}/activate",
+    needs=Scope.ACTIVATE,
     summary="Make a calibration the active one",
     openapi_extra=trying(body={"reason": "checked by hand"}),
     responses=refuses("calibration-not-found", "calibration-without-result"),

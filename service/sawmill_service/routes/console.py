@@ -3,15 +3,18 @@
 from pathlib import Path
 from typing import Any
 
-from fastapi import APIRouter, Request, Response
+from fastapi import Request, Response
 from fastapi.responses import HTMLResponse, RedirectResponse
 from fastapi.staticfiles import StaticFiles
-from starlette.types import Receive, Scope, Send
+from starlette.types import Receive, Send
+from starlette.types import Scope as RequestScope
 
+from sawmill_contracts.keys import Scope
 from sawmill_platform.contracts.base import Identifier
 from sawmill_service.dependencies import TheStore
 from sawmill_service.http.answers import file, picture
 from sawmill_service.http.forms import TheForm
+from sawmill_service.http.route_rules import Router
 from sawmill_service.pages.addresses import local_path
 from sawmill_service.pages.frame import ThePage
 from sawmill_store.files import EXAMPLES
@@ -33,7 +36,7 @@ class WholeFiles(StaticFiles):
     So they do not offer ranges either (`Accept-Ranges`).
     """
 
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+    async def __call__(self, scope: RequestScope, receive: Receive, send: Send) -> None:
         """Answer one request; a server may pass over a range (RFC 9110, section 14.2)."""
         headers = [(name, value) for name, value in scope["headers"] if name != b"range"]
         await super().__call__({**scope, "headers": headers}, receive, send)
@@ -45,7 +48,7 @@ class WholeFiles(StaticFiles):
         return answer
 
 
-router = APIRouter(include_in_schema=False)
+router = Router(include_in_schema=False, reading=Scope.READ)
 
 
 @router.get("/docs")
@@ -67,7 +70,7 @@ def example_scan(request: Request, store: TheStore) -> Response:
     return file(request, path, "application/octet-stream", save_as=path.name)
 
 
-@router.post("/operator/activate/{calibration_id}")
+@router.post("/operator/activate/{calibration_id}", needs=Scope.ACTIVATE)
 def accept_or_roll_back(calibration_id: Identifier, store: TheStore, typed: TheForm) -> RedirectResponse:
     """The buttons that accept and roll back, on whatever page they stand: the field `next` leads back to it."""
     reason = "".join(letter for letter in typed.get("reason", "") if letter.isprintable()).strip()[:LONGEST_REASON]

@@ -5,11 +5,12 @@ import time
 from collections.abc import AsyncIterator
 from typing import Annotated
 
-from fastapi import APIRouter, Query, Request
+from fastapi import Query, Request
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 from pydantic import Field
 
 from sawmill_contracts.events import EventKind
+from sawmill_contracts.keys import Scope
 from sawmill_platform.contracts.base import Identifier
 from sawmill_platform.contracts.given import Given
 from sawmill_service.access import Access
@@ -18,6 +19,7 @@ from sawmill_service.event_feed import LARGEST_NUMBER, LastEventId
 from sawmill_service.http.described_answers import events
 from sawmill_service.http.openapi_document import trying
 from sawmill_service.http.problems import Refused
+from sawmill_service.http.route_rules import Router
 from sawmill_store.errors import StorageUnavailable
 
 # A page that hears nothing for three of these shows that its data may be old.
@@ -46,7 +48,7 @@ DESCRIBED = events(
     {"alive": _SEEN, "closing": _SEEN, **dict.fromkeys(EventKind, _EVENT)},
 )
 
-router = APIRouter(prefix="/v1/events", tags=["events"])
+router = Router(prefix="/v1/events", tags=["events"], reading=Scope.READ)
 
 
 class EventFilter(Given):

@@ -4,15 +4,17 @@ from enum import StrEnum
 from typing import TYPE_CHECKING
 
 import structlog
-from fastapi import APIRouter, Request, Response
+from fastapi import Request, Response
 from fastapi.responses import PlainTextResponse
 from prometheus_client import generate_latest
 from pydantic import Field
 
 from sawmill_contracts.jobs import JobState
+from sawmill_contracts.keys import Scope
 from sawmill_platform.contracts.base import Contract
 from sawmill_service.dependencies import TheStore
 from sawmill_service.http.problems import COME_BACK, MEDIA_TYPE
+from sawmill_service.http.route_rules import NoKey, Router
 from sawmill_store.errors import FolderUnavailable, StorageFull, StorageUnavailable
 from sawmill_store.store import Store
 
@@ -23,7 +25,7 @@ NOT_READY = "the database cannot be used now: the service's log has the reason"
 PATIENCE_S = 30.0  # several times what an idle worker needs to take a job
 
 log = structlog.get_logger(__name__)
-router = APIRouter(tags=["operation"])
+router = Router(tags=["operation"], reading=Scope.READ)
 
 
 class Readiness(StrEnum):
@@ -41,7 +43,7 @@ class Health(Contract):
     detail: str = Field(description="What is wrong, in one sentence; empty when nothing is.", examples=[""])
 
 
-@router.get("/health/live", summary="Is the process alive", response_class=PlainTextResponse)
+@router.get("/health/live", needs=NoKey.MONITORING, summary="Is the process alive", response_class=PlainTextResponse)
 async def live() -> str:
     """Answers as long as the process does, whatever the threads are waiting for."""
     return "alive"
@@ -49,6 +51,7 @@ async def live() -> str:
 
 @router.get(
     "/health/ready",
+    needs=NoKey.MONITORING,
     summary="Can requests be answered",
     responses={
         503: {

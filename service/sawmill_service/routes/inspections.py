@@ -2,12 +2,13 @@
 
 from typing import Annotated
 
-from fastapi import APIRouter, Query, Request, Response
+from fastapi import Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 from pydantic import Field
 
 from sawmill_contracts.inspections import DECLARATION, Inspection, InspectionOptions
 from sawmill_contracts.jobs import Priority
+from sawmill_contracts.keys import Scope
 from sawmill_platform.contracts.base import Identifier, Name
 from sawmill_platform.contracts.given import Given
 from sawmill_service.dependencies import TheSettings, TheStore, TheWake
@@ -15,10 +16,11 @@ from sawmill_service.http.answers import AskedPriority, accept
 from sawmill_service.http.openapi_document import trying, trying_file
 from sawmill_service.http.refusals import OF_QUEUE, OF_UPLOAD_ID, refuses, refuses_upload
 from sawmill_service.http.repeats import TheRepeatableWithFile
+from sawmill_service.http.route_rules import Router
 from sawmill_service.routes.asked import linked
 from sawmill_service.uploads import InspectionId, UploadId, received_file
 
-router = APIRouter(prefix="/v1/inspections", tags=["inspections"])
+router = Router(prefix="/v1/inspections", tags=["inspections"])
 
 
 class InspectionUpload(Given, InspectionOptions):
@@ -42,6 +44,8 @@ class InspectionUpload(Given, InspectionOptions):
 
 @router.post(
     "",
+    needs=Scope.SUBMIT,
+    max_body=lambda settings: settings.max_upload_bytes,
     status_code=202,
     name="inspect_file",
     summary=DECLARATION.to_ask.summary,
@@ -83,6 +87,7 @@ async def inspect_file(
 
 @router.delete(
     "/{inspection_id}",
+    needs=Scope.ADMIN,
     status_code=204,
     summary="Delete an inspection",
     openapi_extra=trying(inspection_id="example-spare"),

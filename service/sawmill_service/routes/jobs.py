@@ -5,12 +5,13 @@ from collections.abc import AsyncIterator
 from http import HTTPStatus
 from typing import Annotated, NamedTuple
 
-from fastapi import APIRouter, Depends, Query, Response
+from fastapi import Depends, Query, Response
 from fastapi.concurrency import run_in_threadpool
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 
 from sawmill_contracts.events import JobHistory
 from sawmill_contracts.jobs import Job, JobKind, JobState
+from sawmill_contracts.keys import Scope
 from sawmill_platform.contracts.base import Identifier, Page
 from sawmill_service.dependencies import TheSettings, TheStopping, TheStore
 from sawmill_service.event_feed import LastEventId
@@ -18,6 +19,7 @@ from sawmill_service.http.answers import Paging, accept
 from sawmill_service.http.described_answers import events
 from sawmill_service.http.refusals import refuses
 from sawmill_service.http.repeats import repeatable
+from sawmill_service.http.route_rules import Router
 from sawmill_service.http.waiting import TheWaiting
 from sawmill_store.errors import Conflict, StorageUnavailable
 from sawmill_store.events import JobNumbers
@@ -49,7 +51,7 @@ DESCRIBED = events(
     {"job": _JOB, "end": _STATE, "closing": _STATE},
 ) | {204: {"description": "`Last-Event-ID` is that of `end`: nothing follows, and browsers connect no more."}}
 
-router = APIRouter(prefix="/v1/jobs", tags=["jobs"])
+router = Router(prefix="/v1/jobs", tags=["jobs"], reading=Scope.READ)
 
 
 class JobFilter(Paging):
@@ -156,7 +158,9 @@ def get_job_history(job_id: Identifier, store: TheStore) -> JobHistory:
     return JobHistory(events=store.events.of_job(job_id))
 
 
-@router.post("/{job_id}/cancel", status_code=202, summary="Cancel a job", responses=refuses("job-not-found"))
+@router.post(
+    "/{job_id}/cancel", needs=Scope.SUBMIT, status_code=202, summary="Cancel a job", responses=refuses("job-not-found")
+)
 @repeatable
 def cancel_job(job_id: Identifier, store: TheStore, settings: TheSettings, response: Response) -> Job:
     """A queued job ends at once, a running one within seconds; an ended one is answered as it is."""

@@ -3,29 +3,34 @@
 from functools import partial
 from typing import Annotated
 
-from fastapi import APIRouter, Query, Request, Response
+from fastapi import Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import RedirectResponse
 
+from sawmill_contracts.keys import Scope
 from sawmill_service.access import CHALLENGES, LOGIN, LOGOUT
 from sawmill_service.dependencies import TheAccess, TheCaller, TheSessionCookie, TheStore
 from sawmill_service.http.forms import TheForm
 from sawmill_service.http.problems import Refused
+from sawmill_service.http.route_rules import NoKey, Router
 from sawmill_service.pages.addresses import local_path
 from sawmill_service.pages.frame import ThePage
 from sawmill_store.acting import acting_as
 from sawmill_store.keys import hash_of
 
-router = APIRouter(include_in_schema=False)
+# Files that the login page loads.
+FILES = frozenset({"/static/mark.svg", "/static/pages/base.css", "/static/pages/dark.css", "/static/pages/time.js"})
+
+router = Router(include_in_schema=False)
 
 
-@router.get(LOGIN)
+@router.get(LOGIN, needs=NoKey.LOGIN)
 def login_page(page: ThePage, onward: Annotated[str, Query(alias="next")] = "/") -> Response:
     """A field for the key, and a button."""
     return page.answer("login.html", onward=local_path(onward), error="")
 
 
-@router.post(LOGIN)
+@router.post(LOGIN, needs=NoKey.LOGIN)
 async def log_in(
     request: Request, fields: TheForm, store: TheStore, access: TheAccess, cookie: TheSessionCookie, page: ThePage
 ) -> Response:
@@ -52,7 +57,7 @@ async def log_in(
     return answer
 
 
-@router.post(LOGOUT)
+@router.post(LOGOUT, needs=Scope.READ)
 def log_out(request: Request, store: TheStore, caller: TheCaller, cookie: TheSessionCookie) -> RedirectResponse:
     """End the session that the request comes by."""
     if caller.csrf_token is not None:

@@ -8,10 +8,11 @@ from collections.abc import Sequence
 from enum import IntEnum, StrEnum
 from typing import Annotated, Self
 
-from fastapi import APIRouter, Path, Query, Request, Response
+from fastapi import Path, Query, Request, Response
 from pydantic import AfterValidator, Field, model_validator
 
 from sawmill_contracts.choices import Axis
+from sawmill_contracts.keys import Scope
 from sawmill_platform.contracts import patterns
 from sawmill_platform.contracts.base import LARGEST_NUMBER, Identifier, parse_span
 from sawmill_platform.contracts.given import Given
@@ -23,13 +24,14 @@ from sawmill_service.http.described_answers import drawn, stored
 from sawmill_service.http.openapi_document import trying
 from sawmill_service.http.problems import Refused
 from sawmill_service.http.refusals import OF_RESULT
+from sawmill_service.http.route_rules import Router
 from sawmill_vocabulary import ColorMap
 
 Window = tuple[float, float]
 MOST_TILES = 64
 USUAL_TILES = 16
 
-router = APIRouter(prefix="/v1/reconstructions", tags=["reconstructions"])
+router = Router(prefix="/v1/reconstructions", tags=["reconstructions"], reading=Scope.READ)
 
 
 class Bits(IntEnum):

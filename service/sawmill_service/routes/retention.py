@@ -2,8 +2,9 @@
 
 from typing import Annotated
 
-from fastapi import APIRouter, Query
+from fastapi import Query
 
+from sawmill_contracts.keys import Scope
 from sawmill_contracts.retention import (
     Retention,
     RetentionAsk,
@@ -14,9 +15,10 @@ from sawmill_contracts.retention import (
 from sawmill_service.dependencies import TheStore
 from sawmill_service.http.openapi_document import trying
 from sawmill_service.http.refusals import refuses
+from sawmill_service.http.route_rules import Router
 from sawmill_service.http.sent_json import Sent
 
-router = APIRouter(prefix="/v1/retention", tags=["retention"])
+router = Router(prefix="/v1/retention", tags=["retention"], reading=Scope.READ)
 
 
 @router.get("", summary="Get the rules of retention")
@@ -25,7 +27,9 @@ def get_retention(store: TheStore) -> Retention:
     return store.retention.get()
 
 
-@router.get("/preview", summary="Show what would go by rules", openapi_extra=trying(log_scans_days=14))
+@router.get(
+    "/preview", needs=Scope.ADMIN, summary="Show what would go by rules", openapi_extra=trying(log_scans_days=14)
+)
 def preview_retention(tried: Annotated[RetentionQuery, Query()], store: TheStore) -> RetentionPreview:
     """What would go within the next hour by the rules of the query, or by those in force where it names none.
 
@@ -38,6 +42,7 @@ def preview_retention(tried: Annotated[RetentionQuery, Query()], store: TheStore
 
 @router.put(
     "",
+    needs=Scope.ADMIN,
     summary="Replace the rules of retention",
     openapi_extra=trying(body={"log_scans_days": 14, "reconstructions_days": 30}),
     responses=refuses("retention-unconfirmed"),

@@ -2,11 +2,12 @@
 
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Depends, Query, Response
+from fastapi import Depends, Query, Response
 from fastapi.responses import StreamingResponse
 from pydantic import Field
 
 from sawmill_contracts.history import Activation, HistoryEntry, HistoryKind
+from sawmill_contracts.keys import Scope
 from sawmill_contracts.measurements import Measurement
 from sawmill_contracts.scanner_drift import ScannerDrift
 from sawmill_contracts.scanners import ScannerAsk, StoredScanner
@@ -21,9 +22,10 @@ from sawmill_service.http.old_names import ACTIVATIONS, OLD
 from sawmill_service.http.openapi_document import trying
 from sawmill_service.http.refusals import refuses
 from sawmill_service.http.repeats import repeatable
+from sawmill_service.http.route_rules import Router
 from sawmill_service.http.sent_json import Sent
 
-router = APIRouter(prefix="/v1/scanners", tags=["scanners"])
+router = Router(prefix="/v1/scanners", tags=["scanners"], reading=Scope.READ)
 
 
 class Since(NumberedPaging):
@@ -79,7 +81,14 @@ EXAMPLE = {
 }
 
 
-@router.post("", status_code=201, summary="Describe a scanner", openapi_extra=trying(body=EXAMPLE), responses=LOCATED)
+@router.post(
+    "",
+    needs=Scope.ACTIVATE,
+    status_code=201,
+    summary="Describe a scanner",
+    openapi_extra=trying(body=EXAMPLE),
+    responses=LOCATED,
+)
 @repeatable
 def create_scanner(spec: Sent[ScannerAsk], store: TheStore, response: Response) -> StoredScanner:
     """Known constants, search bounds, tolerances. Everything but name and constants has a default."""
@@ -102,6 +111,7 @@ def get_scanner(scanner_id: Identifier, store: TheStore) -> StoredScanner:
 
 @router.put(
     "/{scanner_id}",
+    needs=Scope.ACTIVATE,
     summary="Replace a scanner's description",
     openapi_extra=trying(scanner_id="example-spare", body=EXAMPLE),
     responses=refuses("scanner-not-found"),
@@ -113,6 +123,7 @@ def replace_scanner(scanner_id: Identifier, spec: Sent[ScannerAsk], store: TheSt
 
 @router.delete(
     "/{scanner_id}",
+    needs=Scope.ADMIN,
     status_code=204,
     summary="Delete an unused scanner",
     openapi_extra=trying(scanner_id="example-spare"),

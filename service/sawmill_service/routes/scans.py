@@ -3,11 +3,12 @@
 from functools import partial
 from typing import Annotated
 
-from fastapi import APIRouter, Query, Request, Response
+from fastapi import Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 from pydantic import Field
 
 from sawmill_contracts.jobs import Priority
+from sawmill_contracts.keys import Scope
 from sawmill_contracts.scans import Scan, ScanShape, ScanSpec, ScanState
 from sawmill_platform.contracts.base import LARGEST_NUMBER, Identifier, Page
 from sawmill_platform.contracts.given import Given
@@ -19,13 +20,14 @@ from sawmill_service.http.described_answers import drawn, stored
 from sawmill_service.http.openapi_document import trying, trying_file
 from sawmill_service.http.refusals import OF_QUEUE, OF_SCAN, OF_UPLOAD_ID, refuses, refuses_upload
 from sawmill_service.http.repeats import TheRepeatableWithFile
+from sawmill_service.http.route_rules import Router
 from sawmill_service.http.waiting import TheWaiting
 from sawmill_service.settings import ServiceSettings
 from sawmill_service.uploads import InspectionId, UploadId, received_file
 from sawmill_store.arriving import Received
 from sawmill_store.store import Store
 
-router = APIRouter(prefix="/v1/scans", tags=["scans"])
+router = Router(prefix="/v1/scans", tags=["scans"], reading=Scope.READ)
 
 
 class ScanFilter(Dated):
@@ -75,6 +77,8 @@ class SinogramQuery(Given):
 
 @router.post(
     "",
+    needs=Scope.SUBMIT,
+    max_body=lambda settings: settings.max_upload_bytes,
     status_code=202,
     summary="Upload a scan",
     openapi_extra=trying_file(
@@ -139,6 +143,7 @@ async def get_scan(scan_id: Identifier, store: TheStore, waiting: TheWaiting) ->
 
 @router.delete(
     "/{scan_id}",
+    needs=Scope.ADMIN,
     status_code=204,
     summary="Delete a scan",
     openapi_extra=trying(scan_id="example-spare"),

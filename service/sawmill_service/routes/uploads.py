@@ -4,7 +4,7 @@ import asyncio
 from collections.abc import AsyncIterator
 from concurrent.futures import ThreadPoolExecutor
 
-from fastapi import APIRouter, Request, Response
+from fastapi import Request, Response
 from fastapi.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
@@ -19,6 +19,7 @@ from sawmill_service.http.openapi_document import trying, trying_file
 from sawmill_service.http.problems import Refused
 from sawmill_service.http.refusals import refuses, refuses_upload
 from sawmill_service.http.repeats import repeatable
+from sawmill_service.http.route_rules import Router
 from sawmill_service.http.sent_content import BYTES, SentContent
 from sawmill_service.http.sent_json import Sent
 from sawmill_service.settings import ServiceSettings
@@ -28,13 +29,14 @@ from sawmill_store.store import Store
 from sawmill_store.upload_parts import Part
 from sawmill_store.uploads import UploadQuota, WrongOffset
 
-router = APIRouter(prefix="/v1/uploads", tags=["uploads"])
+router = Router(prefix="/v1/uploads", tags=["uploads"], reading=Scope.READ)
 # Summing up a large file takes as long as reading it; the threads that write others do not wait for that.
 _SUMS = ThreadPoolExecutor(2, "sums-of-uploads")
 
 
 @router.post(
     "",
+    needs=Scope.SUBMIT,
     status_code=201,
     summary="Begin an upload that can be resumed",
     responses=offset_answered(201, "Location") | refuses("upload-too-large", "upload-quota"),
@@ -69,6 +71,8 @@ async def get_upload(upload_id: Identifier, store: TheStore, transfers: TheTrans
 
 @router.patch(
     "/{upload_id}",
+    needs=Scope.SUBMIT,
+    max_body=lambda settings: settings.max_upload_bytes,
     summary="Send a part of an upload",
     responses=offset_answered()
     | with_some(
@@ -101,6 +105,7 @@ async def send_part(
 
 @router.delete(
     "/{upload_id}",
+    needs=Scope.SUBMIT,
     status_code=204,
     summary="Delete an upload",
     responses=refuses("upload-not-found"),

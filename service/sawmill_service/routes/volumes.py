@@ -7,10 +7,11 @@ What reads and draws is imported by the first request: as in `routes/reconstruct
 from collections.abc import Mapping
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Path, Query, Request, Response
+from fastapi import Path, Query, Request, Response
 from pydantic import Field
 
 from sawmill_contracts.choices import Axis
+from sawmill_contracts.keys import Scope
 from sawmill_contracts.reconstructions import ReconstructionResult
 from sawmill_platform.contracts.base import Identifier
 from sawmill_platform.contracts.given import Given
@@ -22,6 +23,7 @@ from sawmill_service.http.arrays import Npy, array
 from sawmill_service.http.described_answers import drawn, stored
 from sawmill_service.http.openapi_document import trying
 from sawmill_service.http.refusals import OF_RESULT
+from sawmill_service.http.route_rules import Router
 from sawmill_service.routes.reconstructions import WindowQuery, window_to_draw
 from sawmill_vocabulary import ColorMap
 
@@ -29,7 +31,7 @@ _FLOAT32_BYTES = 4
 # A list of three, and no tuple: not every generator of clients reads `prefixItems`.
 Color = Annotated[list[Annotated[int, Field(ge=0, le=255)]], Field(min_length=3, max_length=3)]
 
-router = APIRouter(tags=["reconstructions"])
+router = Router(tags=["reconstructions"], reading=Scope.READ)
 folder = "/v1/reconstructions/{reconstruction_id}"
 
 _HEADERS: dict[str, Any] = {

@@ -3,9 +3,10 @@
 from functools import partial
 from typing import Annotated
 
-from fastapi import APIRouter, Query, Response
+from fastapi import Query, Response
 from fastapi.concurrency import run_in_threadpool
 
+from sawmill_contracts.keys import Scope
 from sawmill_contracts.webhooks import (
     Delivery,
     NewWebhook,
@@ -24,12 +25,13 @@ from sawmill_service.http.openapi_document import trying
 from sawmill_service.http.problems import Refused
 from sawmill_service.http.refusals import refuses
 from sawmill_service.http.repeats import TheRepeatable, repeatable
+from sawmill_service.http.route_rules import Router
 from sawmill_service.http.sent_json import Sent
 from sawmill_service.settings import ServiceSettings
 from sawmill_service.webhooks.destinations import AllowedDestinations, RefusedDestinationError
 from sawmill_service.webhooks.testing import send_test
 
-router = APIRouter(prefix="/v1/webhooks", tags=["webhooks"])
+router = Router(prefix="/v1/webhooks", tags=["webhooks"], reading=Scope.ADMIN)
 
 EXAMPLE = {
     "url": "https://alarms.mill.example/sawmill",
@@ -42,6 +44,7 @@ FOR_A_DAY = WebhookRotation()
 
 @router.post(
     "",
+    needs=Scope.ADMIN,
     status_code=201,
     summary="Add a webhook",
     openapi_extra=trying(body=EXAMPLE),
@@ -74,6 +77,7 @@ def get_webhook(webhook_id: Identifier, store: TheStore) -> Webhook:
 
 @router.put(
     "/{webhook_id}",
+    needs=Scope.ADMIN,
     summary="Replace a webhook",
     openapi_extra=trying(body=EXAMPLE),
     responses=refuses("webhook-not-found", "destination-not-allowed"),
@@ -86,6 +90,7 @@ def replace_webhook(webhook_id: Identifier, ask: Sent[WebhookAsk], store: TheSto
 
 @router.delete(
     "/{webhook_id}",
+    needs=Scope.ADMIN,
     status_code=204,
     summary="Delete a webhook",
     openapi_extra=trying(webhook_id="example-spare"),
@@ -98,6 +103,7 @@ def delete_webhook(webhook_id: Identifier, store: TheStore) -> None:
 
 @router.post(
     "/{webhook_id}/test",
+    needs=Scope.ADMIN,
     summary="Send a test to a webhook",
     responses=refuses("webhook-not-found"),
 )
@@ -113,6 +119,7 @@ async def test_webhook(
 
 @router.post(
     "/{webhook_id}/rotate",
+    needs=Scope.ADMIN,
     summary="Replace a webhook's secret",
     openapi_extra=trying(body={"grace_s": 3600}),
     responses=refuses("webhook-not-found", "secret-not-repeated"),
