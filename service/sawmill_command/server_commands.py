@@ -158,7 +158,7 @@ def openapi(
 ) -> None:
     """Write the OpenAPI document and its example requests."""
     from sawmill_service.app import create_app
-    from sawmill_service.http import openapi_document
+    from sawmill_service.http.document import openapi_document
     from sawmill_service.serving import no_wake
     from sawmill_service.settings import ServiceSettings
     from sawmill_store.settings import StorageSettings

@@ -17,9 +17,9 @@ from starlette.requests import Request
 from starlette.types import Scope as RequestScope
 
 from sawmill_contracts.keys import Scope
+from sawmill_service.http.limits.rates import FailedLogins
 from sawmill_service.http.listening import is_loopback
 from sawmill_service.http.problems import Refused
-from sawmill_service.http.rates import FailedLogins
 from sawmill_service.http.route_rules import rule_of
 from sawmill_service.http.session_cookie import SessionCookie, csrf_token
 from sawmill_store.acting import Actor

@@ -12,24 +12,24 @@ from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
 from sawmill_service.access import Access, check_scope
 from sawmill_service.dependencies import Wake
 from sawmill_service.event_feed import EventFeed
-from sawmill_service.http.admission import Admission
-from sawmill_service.http.digests import Digests
-from sawmill_service.http.forms import check_csrf
+from sawmill_service.http.bodies.forms import check_csrf
+from sawmill_service.http.bodies.sent_json import check_body
+from sawmill_service.http.bodies.slow_bodies import SlowBodies
+from sawmill_service.http.document.openapi_document import Application
 from sawmill_service.http.gate import Gate, ProtectiveHeaders
-from sawmill_service.http.heads import Heads
+from sawmill_service.http.limits.admission import Admission
+from sawmill_service.http.limits.rates import FailedLogins, Rates
+from sawmill_service.http.limits.transfers import Transfers
 from sawmill_service.http.observer import Observer
-from sawmill_service.http.openapi_document import Application
 from sawmill_service.http.problems import install
 from sawmill_service.http.queries import check_query
-from sawmill_service.http.rates import FailedLogins, Rates
 from sawmill_service.http.repeats import install as install_repeats
 from sawmill_service.http.request_ids import RequestIds
+from sawmill_service.http.responses.digests import Digests
+from sawmill_service.http.responses.head_requests import Heads
+from sawmill_service.http.responses.waiting import JobEnds
 from sawmill_service.http.route_rules import RouteRules, check_method
-from sawmill_service.http.sent_json import check_body
 from sawmill_service.http.session_cookie import SessionCookie
-from sawmill_service.http.slow_bodies import SlowBodies
-from sawmill_service.http.transfers import Transfers
-from sawmill_service.http.waiting import JobEnds
 from sawmill_service.measures import Measures
 from sawmill_service.pages.all_pages import PAGES
 from sawmill_service.pages.problem_pages import ProblemPages

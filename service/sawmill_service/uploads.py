@@ -10,9 +10,9 @@ from fastapi.concurrency import run_in_threadpool
 from pydantic import Field
 
 from sawmill_platform.contracts.base import Identifier
-from sawmill_service.http.body_sums import BodySums
+from sawmill_service.http.bodies.body_sums import BodySums
+from sawmill_service.http.bodies.sent_content import FirstBytes, SentContent, empty_body
 from sawmill_service.http.problems import Refused
-from sawmill_service.http.sent_content import FirstBytes, SentContent, empty_body
 from sawmill_store.arriving import Content, Received, in_parts, in_thread
 from sawmill_store.errors import UploadTooLarge
 from sawmill_store.store import Store

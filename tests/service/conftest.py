@@ -37,7 +37,7 @@ from sawmill_formats.output.calibration_file import write_calibration as write_c
 from sawmill_formats.output.scan_writer import write_scan as write_scan_file
 from sawmill_formats.output.volume_writer import NewVolume, new_reconstruction
 from sawmill_service.app import create_app
-from sawmill_service.http.openapi_document import Application
+from sawmill_service.http.document.openapi_document import Application
 from sawmill_service.settings import ServiceSettings
 from sawmill_store.jobs import Claim
 from sawmill_store.settings import StorageSettings

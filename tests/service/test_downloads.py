@@ -13,7 +13,7 @@ from documented import check_documented
 
 from sawmill_contracts.jobs import JobKind
 from sawmill_service.app import create_app
-from sawmill_service.http import digests
+from sawmill_service.http.responses import digests
 from sawmill_service.settings import ServiceSettings
 from sawmill_store import noted_digests
 from sawmill_store.noted_digests import note_digests

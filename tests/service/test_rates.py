@@ -12,9 +12,9 @@ from sawmill_contracts.keys import KeyAsk, NewKey, Scope
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import ScanSpec
 from sawmill_service.app import create_app
-from sawmill_service.http.callers import who
+from sawmill_service.http.limits.callers import who
+from sawmill_service.http.limits.rates import BoundedMemory, FailedLogins, Rates
 from sawmill_service.http.problems import Refused
-from sawmill_service.http.rates import BoundedMemory, FailedLogins, Rates
 from sawmill_service.settings import ServiceSettings
 from sawmill_store.acting import Actor, acting_as
 from sawmill_vocabulary import DataKind

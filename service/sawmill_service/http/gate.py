@@ -19,10 +19,10 @@ from sawmill_service.access import (
     came_in_over_loopback,
     host_name,
 )
-from sawmill_service.http.body_sums import checked
-from sawmill_service.http.callers import who
+from sawmill_service.http.bodies.body_sums import checked
+from sawmill_service.http.limits.callers import who
+from sawmill_service.http.limits.rates import Rates
 from sawmill_service.http.problems import COME_BACK, Refused, is_navigation, refusal_response
-from sawmill_service.http.rates import Rates
 from sawmill_service.http.route_rules import NoKey, no_key, rules_of
 from sawmill_service.http.session_cookie import NAME
 from sawmill_service.settings import ServiceSettings

@@ -59,7 +59,7 @@ STATED = "stated"
 COME_BACK = {"Retry-After": "5"}  # of every 503, and of what is busy: seconds
 
 
-class Place(StrEnum):
+class ProblemPlace(StrEnum):
     """A part of a request."""
 
     BODY = "body"
@@ -81,7 +81,7 @@ class FieldProblem(BaseModel):
     message: str = Field(
         description="What is wrong with it, and the value.", examples=["should be greater than 0, not -3"]
     )
-    in_: Place = Field(alias="in", description="In which part of the request.")
+    in_: ProblemPlace = Field(alias="in", description="In which part of the request.")
     pointer: str | None = Field(
         None,
         json_schema_extra={"format": "json-pointer-uri-fragment"},
@@ -179,13 +179,13 @@ def _field_problem(error: Mapping[str, Any], body: object) -> FieldProblem:
     """
     location, message = complaint(error)
     place, *names = error["loc"]
-    if place != Place.BODY:
+    if place != ProblemPlace.BODY:
         # A rule about several parameters together names none.
         parameter = str(names[0]) if names else None
-        return FieldProblem(location=location, message=message, in_=Place(place), parameter=parameter)
+        return FieldProblem(location=location, message=message, in_=ProblemPlace(place), parameter=parameter)
     unread = error["type"] == "json_invalid"
     pointer = "#" if unread else _pointer(names, body, adds=error["type"] == "missing")
-    return FieldProblem(location=location, message=message, in_=Place.BODY, pointer=pointer)
+    return FieldProblem(location=location, message=message, in_=ProblemPlace.BODY, pointer=pointer)
 
 
 def _pointer(names: Sequence[int | str], body: object, *, adds: bool) -> str:

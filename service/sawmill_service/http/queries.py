@@ -11,7 +11,7 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.routing import APIRoute
 from pydantic import BaseModel
 
-from sawmill_service.http.problems import STATED, Place
+from sawmill_service.http.problems import STATED, ProblemPlace
 
 
 async def check_query(request: Request) -> None:
@@ -34,9 +34,9 @@ async def check_query(request: Request) -> None:
     for name in query:
         values = query.getlist(name)
         if name not in known:
-            errors.append(_refused((Place.QUERY, name), values, f"is not a known field{near_name(name, known)}"))
+            errors.append(_refused((ProblemPlace.QUERY, name), values, f"is not a known field{near_name(name, known)}"))
         elif len(values) > 1 and not _is_list(known[name]):
-            errors.append(repeated((Place.QUERY, name), values))
+            errors.append(repeated((ProblemPlace.QUERY, name), values))
     if errors:
         raise RequestValidationError(errors)
 

@@ -20,8 +20,8 @@ from starlette.exceptions import HTTPException
 from sawmill_platform.contracts.base import Contract
 from sawmill_service.access import caller_of
 from sawmill_service.dependencies import TheStore
+from sawmill_service.http.bodies.sent_content import SentContent
 from sawmill_service.http.problems import Refused
-from sawmill_service.http.sent_content import SentContent
 from sawmill_service.uploads import body_begun, body_sha256, check_no_file
 from sawmill_store.arriving import Received
 from sawmill_store.errors import StorageError

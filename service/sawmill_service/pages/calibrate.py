@@ -23,7 +23,7 @@ from sawmill_platform.contracts.given import Given
 from sawmill_service.dependencies import TheSettings, TheStore, TheWake
 from sawmill_service.drawing import shown_log
 from sawmill_service.finished import scan_if_kept
-from sawmill_service.http.forms import TheForm
+from sawmill_service.http.bodies.forms import TheForm
 from sawmill_service.http.problems import STATUS, complaint
 from sawmill_service.http.route_rules import Router
 from sawmill_service.pages.calibrate_questions import questions_of, usable_phantoms

@@ -18,8 +18,8 @@ from sawmill_platform.contracts.base import Contract, Identifier
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.strict_json import read_strictly
 from sawmill_service.dependencies import TheSettings, TheStore
-from sawmill_service.http.answers import Paging, Svg, file, picture
 from sawmill_service.http.problems import complaint
+from sawmill_service.http.responses.answers import Paging, Svg, file, picture
 from sawmill_service.http.route_rules import Router
 from sawmill_service.pages.frame import PageFrame, ThePage
 from sawmill_service.pages.phantom_plans import plan_views

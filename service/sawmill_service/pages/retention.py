@@ -6,7 +6,7 @@ from pydantic import ValidationError
 from sawmill_contracts.keys import Scope
 from sawmill_contracts.retention import RetentionAsk, RetentionPreview, RetentionRules
 from sawmill_service.dependencies import TheStore
-from sawmill_service.http.forms import TheForm
+from sawmill_service.http.bodies.forms import TheForm
 from sawmill_service.http.route_rules import Router
 from sawmill_service.pages.frame import PageFrame, ThePage
 from sawmill_service.pages.languages import locale_of

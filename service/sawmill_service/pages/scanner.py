@@ -16,7 +16,7 @@ from sawmill_contracts.schedules import Schedule, ScheduleRun
 from sawmill_platform.contracts.base import Identifier
 from sawmill_service.dependencies import TheStore
 from sawmill_service.drawing import ShownLog, shown_log
-from sawmill_service.http.forms import TheForm
+from sawmill_service.http.bodies.forms import TheForm
 from sawmill_service.http.route_rules import Router
 from sawmill_service.pages.charts import is_calibration, span_of
 from sawmill_service.pages.drift_chart import drift_chart

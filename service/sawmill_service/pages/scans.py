@@ -11,7 +11,7 @@ from sawmill_contracts.reconstructions import ReconstructionAsk, ReconstructionO
 from sawmill_platform.contracts.base import Identifier, placed_complaint
 from sawmill_platform.contracts.given import Given
 from sawmill_service.dependencies import TheStore, TheWake
-from sawmill_service.http.forms import TheForm
+from sawmill_service.http.bodies.forms import TheForm
 from sawmill_service.http.problems import STATUS
 from sawmill_service.http.route_rules import Router
 from sawmill_service.pages.frame import PageFrame, ThePage

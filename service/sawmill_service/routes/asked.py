@@ -11,14 +11,14 @@ from sawmill_contracts.keys import Scope
 from sawmill_contracts.kinds import AskedKind, Operation, Reference, asked_kinds
 from sawmill_platform.contracts.base import Contract, Identifier, Page
 from sawmill_service.dependencies import TheCaller, TheSettings, TheStore, TheWake
-from sawmill_service.http.answers import AskedPriority, Dated, accept
-from sawmill_service.http.old_names import announce, announced
-from sawmill_service.http.openapi_document import trying
-from sawmill_service.http.refusals import Responses, refuses, refuses_ask
+from sawmill_service.http.bodies.sent_json import Strictly
+from sawmill_service.http.document.old_names import announce, announced
+from sawmill_service.http.document.openapi_document import trying
+from sawmill_service.http.document.refusals import Responses, refuses, refuses_ask
 from sawmill_service.http.repeats import repeatable
+from sawmill_service.http.responses.answers import AskedPriority, Dated, accept
+from sawmill_service.http.responses.waiting import TheWaiting
 from sawmill_service.http.route_rules import Router
-from sawmill_service.http.sent_json import Strictly
-from sawmill_service.http.waiting import TheWaiting
 
 
 def routers() -> list[Router]:

@@ -10,10 +10,10 @@ from sawmill_contracts.audit import AuditEntry
 from sawmill_contracts.keys import Scope
 from sawmill_platform.contracts.base import Page
 from sawmill_service.dependencies import TheStore
-from sawmill_service.http.answers import NumberedPaging
-from sawmill_service.http.conditional import CACHING, check_conditions
-from sawmill_service.http.described_answers import SAVED
-from sawmill_service.http.refusals import refuses
+from sawmill_service.http.document.described_answers import SAVED
+from sawmill_service.http.document.refusals import refuses
+from sawmill_service.http.responses.answers import NumberedPaging
+from sawmill_service.http.responses.conditional import CACHING, check_conditions
 from sawmill_service.http.route_rules import Router
 from sawmill_store.store import Store
 

@@ -11,14 +11,14 @@ from sawmill_platform.contracts.base import Identifier, Name
 from sawmill_platform.contracts.given import Given
 from sawmill_service.dependencies import TheStore
 from sawmill_service.drawing import CalibrationPicture, calibration_picture
-from sawmill_service.http.answers import Hdf5, Png, file
-from sawmill_service.http.described_answers import stored
-from sawmill_service.http.openapi_document import trying
+from sawmill_service.http.bodies.sent_json import Sent
+from sawmill_service.http.document.described_answers import stored
+from sawmill_service.http.document.openapi_document import trying
+from sawmill_service.http.document.refusals import refuses
 from sawmill_service.http.problems import Refused
-from sawmill_service.http.refusals import refuses
 from sawmill_service.http.repeats import repeatable
+from sawmill_service.http.responses.answers import Hdf5, Png, file
 from sawmill_service.http.route_rules import Router
-from sawmill_service.http.sent_json import Sent
 from sawmill_store.store import Store
 
 router = Router(prefix="/v1/calibrations", tags=["calibrations"], reading=Scope.READ)

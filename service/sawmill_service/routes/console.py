@@ -12,8 +12,8 @@ from starlette.types import Scope as RequestScope
 from sawmill_contracts.keys import Scope
 from sawmill_platform.contracts.base import Identifier
 from sawmill_service.dependencies import TheStore
-from sawmill_service.http.answers import file, picture
-from sawmill_service.http.forms import TheForm
+from sawmill_service.http.bodies.forms import TheForm
+from sawmill_service.http.responses.answers import file, picture
 from sawmill_service.http.route_rules import Router
 from sawmill_service.pages.addresses import local_path
 from sawmill_service.pages.frame import ThePage

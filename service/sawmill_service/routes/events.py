@@ -16,8 +16,8 @@ from sawmill_platform.contracts.given import Given
 from sawmill_service.access import Access
 from sawmill_service.dependencies import TheAccess, TheEventFeed, TheSettings, TheStopping
 from sawmill_service.event_feed import LARGEST_NUMBER, LastEventId
-from sawmill_service.http.described_answers import events
-from sawmill_service.http.openapi_document import trying
+from sawmill_service.http.document.described_answers import events
+from sawmill_service.http.document.openapi_document import trying
 from sawmill_service.http.problems import Refused
 from sawmill_service.http.route_rules import Router
 from sawmill_store.errors import StorageUnavailable

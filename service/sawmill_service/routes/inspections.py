@@ -12,10 +12,10 @@ from sawmill_contracts.keys import Scope
 from sawmill_platform.contracts.base import Identifier, Name
 from sawmill_platform.contracts.given import Given
 from sawmill_service.dependencies import TheSettings, TheStore, TheWake
-from sawmill_service.http.answers import AskedPriority, accept
-from sawmill_service.http.openapi_document import trying, trying_file
-from sawmill_service.http.refusals import OF_QUEUE, OF_UPLOAD_ID, refuses, refuses_upload
+from sawmill_service.http.document.openapi_document import trying, trying_file
+from sawmill_service.http.document.refusals import OF_QUEUE, OF_UPLOAD_ID, refuses, refuses_upload
 from sawmill_service.http.repeats import TheRepeatableWithFile
+from sawmill_service.http.responses.answers import AskedPriority, accept
 from sawmill_service.http.route_rules import Router
 from sawmill_service.routes.asked import linked
 from sawmill_service.uploads import InspectionId, UploadId, received_file

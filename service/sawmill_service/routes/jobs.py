@@ -15,12 +15,12 @@ from sawmill_contracts.keys import Scope
 from sawmill_platform.contracts.base import Identifier, Page
 from sawmill_service.dependencies import TheSettings, TheStopping, TheStore
 from sawmill_service.event_feed import LastEventId
-from sawmill_service.http.answers import Paging, accept
-from sawmill_service.http.described_answers import events
-from sawmill_service.http.refusals import refuses
+from sawmill_service.http.document.described_answers import events
+from sawmill_service.http.document.refusals import refuses
 from sawmill_service.http.repeats import repeatable
+from sawmill_service.http.responses.answers import Paging, accept
+from sawmill_service.http.responses.waiting import TheWaiting
 from sawmill_service.http.route_rules import Router
-from sawmill_service.http.waiting import TheWaiting
 from sawmill_store.errors import Conflict, StorageUnavailable
 from sawmill_store.events import JobNumbers
 from sawmill_store.store import Store

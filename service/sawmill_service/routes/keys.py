@@ -6,11 +6,11 @@ from pydantic import Field
 from sawmill_contracts.keys import Key, KeyAsk, KeyRotation, Keys, NewKey, Scope
 from sawmill_platform.contracts.base import Contract, Identifier, Name
 from sawmill_service.dependencies import TheCaller, TheStore
-from sawmill_service.http.openapi_document import trying
-from sawmill_service.http.refusals import refuses
+from sawmill_service.http.bodies.sent_json import Sent
+from sawmill_service.http.document.openapi_document import trying
+from sawmill_service.http.document.refusals import refuses
 from sawmill_service.http.repeats import repeatable
 from sawmill_service.http.route_rules import Router
-from sawmill_service.http.sent_json import Sent
 
 router = Router(prefix="/v1/keys", tags=["keys"], reading=Scope.READ)
 

@@ -10,7 +10,7 @@ from fastapi.responses import RedirectResponse
 from sawmill_contracts.keys import Scope
 from sawmill_service.access import CHALLENGES, LOGIN, LOGOUT
 from sawmill_service.dependencies import TheAccess, TheCaller, TheSessionCookie, TheStore
-from sawmill_service.http.forms import TheForm
+from sawmill_service.http.bodies.forms import TheForm
 from sawmill_service.http.problems import Refused
 from sawmill_service.http.route_rules import NoKey, Router
 from sawmill_service.pages.addresses import local_path

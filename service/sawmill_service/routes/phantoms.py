@@ -11,15 +11,15 @@ from sawmill_contracts.phantoms import MeasurementsAsk, PhantomAsk, PhantomPictu
 from sawmill_platform.contracts.base import Identifier, Page
 from sawmill_platform.contracts.given import Given
 from sawmill_service.dependencies import TheSettings, TheStore, TheWake
-from sawmill_service.http.answers import AskedPriority, Paging, Svg, accept, picture
-from sawmill_service.http.described_answers import LOCATED, drawn
-from sawmill_service.http.openapi_document import trying, trying_file
+from sawmill_service.http.bodies.sent_json import Sent
+from sawmill_service.http.document.described_answers import LOCATED, drawn
+from sawmill_service.http.document.openapi_document import trying, trying_file
+from sawmill_service.http.document.refusals import OF_QUEUE, OF_UPLOAD_ID, refuses, refuses_upload
 from sawmill_service.http.problems import Refused
-from sawmill_service.http.refusals import OF_QUEUE, OF_UPLOAD_ID, refuses, refuses_upload
 from sawmill_service.http.repeats import TheRepeatableWithFile, repeatable
+from sawmill_service.http.responses.answers import AskedPriority, Paging, Svg, accept, picture
+from sawmill_service.http.responses.waiting import TheWaiting
 from sawmill_service.http.route_rules import Router
-from sawmill_service.http.sent_json import Sent
-from sawmill_service.http.waiting import TheWaiting
 from sawmill_service.uploads import UploadId, received_file
 from sawmill_worker.pictures.phantom_drawing import phantom_svg
 

@@ -19,11 +19,11 @@ from sawmill_platform.contracts.given import Given
 from sawmill_service.dependencies import TheStore
 from sawmill_service.drawing import drawn_alpha_curve
 from sawmill_service.finished import check_slice, result_of
-from sawmill_service.http.answers import Hdf5, Png, file, picture
-from sawmill_service.http.described_answers import drawn, stored
-from sawmill_service.http.openapi_document import trying
+from sawmill_service.http.document.described_answers import drawn, stored
+from sawmill_service.http.document.openapi_document import trying
+from sawmill_service.http.document.refusals import OF_RESULT
 from sawmill_service.http.problems import Refused
-from sawmill_service.http.refusals import OF_RESULT
+from sawmill_service.http.responses.answers import Hdf5, Png, file, picture
 from sawmill_service.http.route_rules import Router
 from sawmill_vocabulary import ColorMap
 

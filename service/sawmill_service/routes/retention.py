@@ -13,10 +13,10 @@ from sawmill_contracts.retention import (
     RetentionRules,
 )
 from sawmill_service.dependencies import TheStore
-from sawmill_service.http.openapi_document import trying
-from sawmill_service.http.refusals import refuses
+from sawmill_service.http.bodies.sent_json import Sent
+from sawmill_service.http.document.openapi_document import trying
+from sawmill_service.http.document.refusals import refuses
 from sawmill_service.http.route_rules import Router
-from sawmill_service.http.sent_json import Sent
 
 router = Router(prefix="/v1/retention", tags=["retention"], reading=Scope.READ)
 

@@ -11,12 +11,12 @@ from sawmill_contracts.keys import Scope
 from sawmill_contracts.scans import Scan, state_what_is_averaged
 from sawmill_platform.contracts.base import Name
 from sawmill_service.dependencies import TheSettings, TheStore, TheWake
-from sawmill_service.http.described_answers import BINARY
-from sawmill_service.http.openapi_document import trying_form
-from sawmill_service.http.refusals import OF_QUEUE, refuses_upload
+from sawmill_service.http.bodies.sent_form import FILE, SentForm
+from sawmill_service.http.document.described_answers import BINARY
+from sawmill_service.http.document.openapi_document import trying_form
+from sawmill_service.http.document.refusals import OF_QUEUE, refuses_upload
 from sawmill_service.http.repeats import TheRepeatableWithFile
 from sawmill_service.http.route_rules import Router
-from sawmill_service.http.sent_form import FILE, SentForm
 from sawmill_service.routes.scans import GivenScan
 from sawmill_service.uploads import received_body
 

@@ -16,14 +16,14 @@ from sawmill_platform.contracts.base import Identifier, Page
 from sawmill_platform.contracts.given import Given, GivenTime
 from sawmill_service.dependencies import TheStore
 from sawmill_service.history_file import history_csv
-from sawmill_service.http.answers import NumberedPaging, Paging
-from sawmill_service.http.described_answers import LOCATED, NAMED
-from sawmill_service.http.old_names import ACTIVATIONS, OLD
-from sawmill_service.http.openapi_document import trying
-from sawmill_service.http.refusals import refuses
+from sawmill_service.http.bodies.sent_json import Sent
+from sawmill_service.http.document.described_answers import LOCATED, NAMED
+from sawmill_service.http.document.old_names import ACTIVATIONS, OLD
+from sawmill_service.http.document.openapi_document import trying
+from sawmill_service.http.document.refusals import refuses
 from sawmill_service.http.repeats import repeatable
+from sawmill_service.http.responses.answers import NumberedPaging, Paging
 from sawmill_service.http.route_rules import Router
-from sawmill_service.http.sent_json import Sent
 
 router = Router(prefix="/v1/scanners", tags=["scanners"], reading=Scope.READ)
 

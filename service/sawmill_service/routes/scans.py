@@ -15,13 +15,13 @@ from sawmill_platform.contracts.given import Given
 from sawmill_service.dependencies import TheSettings, TheStore, TheWake, Wake
 from sawmill_service.drawing import scan_thumbnail
 from sawmill_service.finished import ready_scan
-from sawmill_service.http.answers import AskedPriority, Dated, Png, accept, file, picture
-from sawmill_service.http.described_answers import drawn, stored
-from sawmill_service.http.openapi_document import trying, trying_file
-from sawmill_service.http.refusals import OF_QUEUE, OF_SCAN, OF_UPLOAD_ID, refuses, refuses_upload
+from sawmill_service.http.document.described_answers import drawn, stored
+from sawmill_service.http.document.openapi_document import trying, trying_file
+from sawmill_service.http.document.refusals import OF_QUEUE, OF_SCAN, OF_UPLOAD_ID, refuses, refuses_upload
 from sawmill_service.http.repeats import TheRepeatableWithFile
+from sawmill_service.http.responses.answers import AskedPriority, Dated, Png, accept, file, picture
+from sawmill_service.http.responses.waiting import TheWaiting
 from sawmill_service.http.route_rules import Router
-from sawmill_service.http.waiting import TheWaiting
 from sawmill_service.settings import ServiceSettings
 from sawmill_service.uploads import InspectionId, UploadId, received_file
 from sawmill_store.arriving import Received

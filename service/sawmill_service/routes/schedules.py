@@ -8,13 +8,13 @@ from sawmill_contracts.keys import Scope
 from sawmill_contracts.schedules import Schedule, ScheduleAsk, ScheduleRun
 from sawmill_platform.contracts.base import Identifier, Page
 from sawmill_service.dependencies import TheStore
-from sawmill_service.http.answers import Paging
-from sawmill_service.http.described_answers import LOCATED
-from sawmill_service.http.openapi_document import trying
-from sawmill_service.http.refusals import refuses
+from sawmill_service.http.bodies.sent_json import Sent
+from sawmill_service.http.document.described_answers import LOCATED
+from sawmill_service.http.document.openapi_document import trying
+from sawmill_service.http.document.refusals import refuses
 from sawmill_service.http.repeats import repeatable
+from sawmill_service.http.responses.answers import Paging
 from sawmill_service.http.route_rules import Router
-from sawmill_service.http.sent_json import Sent
 
 router = Router(prefix="/v1/schedules", tags=["schedules"], reading=Scope.READ)
 

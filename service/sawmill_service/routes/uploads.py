@@ -13,15 +13,15 @@ from sawmill_contracts.keys import Scope
 from sawmill_contracts.uploads import Upload, UploadAsk, UploadState
 from sawmill_platform.contracts.base import Identifier
 from sawmill_service.dependencies import TheCaller, TheSettings, TheStore, TheTransfers
-from sawmill_service.http.announced_part import HEADERS, AnnouncedPart, announced_part
-from sawmill_service.http.described_answers import offset_answered, with_some
-from sawmill_service.http.openapi_document import trying, trying_file
+from sawmill_service.http.bodies.announced_part import HEADERS, AnnouncedPart, announced_part
+from sawmill_service.http.bodies.sent_content import BYTES, SentContent
+from sawmill_service.http.bodies.sent_json import Sent
+from sawmill_service.http.document.described_answers import offset_answered, with_some
+from sawmill_service.http.document.openapi_document import trying, trying_file
+from sawmill_service.http.document.refusals import refuses, refuses_upload
 from sawmill_service.http.problems import Refused
-from sawmill_service.http.refusals import refuses, refuses_upload
 from sawmill_service.http.repeats import repeatable
 from sawmill_service.http.route_rules import Router
-from sawmill_service.http.sent_content import BYTES, SentContent
-from sawmill_service.http.sent_json import Sent
 from sawmill_service.settings import ServiceSettings
 from sawmill_store.arriving import in_parts
 from sawmill_store.errors import Busy, UploadTooLarge

@@ -19,14 +19,14 @@ from sawmill_contracts.webhooks import (
 )
 from sawmill_platform.contracts.base import Identifier, Page
 from sawmill_service.dependencies import TheSettings, TheStore
-from sawmill_service.http.answers import NumberedPaging
-from sawmill_service.http.described_answers import LOCATED
-from sawmill_service.http.openapi_document import trying
+from sawmill_service.http.bodies.sent_json import Sent
+from sawmill_service.http.document.described_answers import LOCATED
+from sawmill_service.http.document.openapi_document import trying
+from sawmill_service.http.document.refusals import refuses
 from sawmill_service.http.problems import Refused
-from sawmill_service.http.refusals import refuses
 from sawmill_service.http.repeats import TheRepeatable, repeatable
+from sawmill_service.http.responses.answers import NumberedPaging
 from sawmill_service.http.route_rules import Router
-from sawmill_service.http.sent_json import Sent
 from sawmill_service.settings import ServiceSettings
 from sawmill_service.webhooks.destinations import AllowedDestinations, RefusedDestinationError
 from sawmill_service.webhooks.testing import send_test

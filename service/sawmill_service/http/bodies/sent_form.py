@@ -13,8 +13,8 @@ from python_multipart.multipart import MultipartState, parse_options_header
 from starlette.datastructures import Headers
 
 from sawmill_platform.contracts.given import Given, shown
-from sawmill_service.http.problems import Place, Refused
-from sawmill_service.http.sent_content import FirstBytes, SentContent, check_media_type
+from sawmill_service.http.bodies.sent_content import FirstBytes, SentContent, check_media_type
+from sawmill_service.http.problems import ProblemPlace, Refused
 
 MEDIA_TYPE, FILE = "multipart/form-data", "file"
 _MOST_PARTS, _LONGEST_NAME = 100, 200
@@ -125,7 +125,7 @@ class SentForm(SentContent):
                 faults = [each for each in faults if each["loc"] and each["type"] != "missing"]
             if not faults:
                 return None
-            placed = [{**each, "loc": (Place.BODY, *each["loc"])} for each in faults]
+            placed = [{**each, "loc": (ProblemPlace.BODY, *each["loc"])} for each in faults]
             raise RequestValidationError(placed, body=self._given) from error
 
 

@@ -16,9 +16,9 @@ from sawmill_contracts.jobs import Priority
 from sawmill_formats.errors import regular_status
 from sawmill_platform.contracts import patterns
 from sawmill_platform.contracts.given import Given, GivenTime
-from sawmill_service.http.conditional import CACHING, check_conditions, spans_of
-from sawmill_service.http.digests import Digests, key_of, repr_digest, tag_of
 from sawmill_service.http.problems import Refused
+from sawmill_service.http.responses.conditional import CACHING, check_conditions, spans_of
+from sawmill_service.http.responses.digests import Digests, key_of, repr_digest, tag_of
 from sawmill_store import sessions
 
 

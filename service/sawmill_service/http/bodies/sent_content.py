@@ -7,7 +7,7 @@ from typing import Any
 
 from starlette.datastructures import Headers
 
-from sawmill_service.http.body_sums import BodySums, all_lines
+from sawmill_service.http.bodies.body_sums import BodySums, all_lines
 from sawmill_service.http.problems import Refused
 
 BYTES = "application/octet-stream"

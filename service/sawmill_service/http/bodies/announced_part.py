@@ -7,8 +7,8 @@ from typing import Any, TypeVar
 from starlette.datastructures import Headers
 
 from sawmill_contracts.uploads import Upload
+from sawmill_service.http.bodies.structured_fields import boolean_in, integer_in
 from sawmill_service.http.problems import Refused
-from sawmill_service.http.structured_fields import boolean_in, integer_in
 
 Value = TypeVar("Value")
 

@@ -8,8 +8,8 @@ from typing import Protocol
 from starlette.datastructures import Headers
 from starlette.types import Message, Receive
 
+from sawmill_service.http.bodies.structured_fields import bytes_in, dictionary_in
 from sawmill_service.http.problems import Refused
-from sawmill_service.http.structured_fields import bytes_in, dictionary_in
 
 # By RFC 9530, 5: algorithms that still guard against whoever wants to change something; others are ignored.
 ALGORITHMS = {"sha-256": hashlib.sha256, "sha-512": hashlib.sha512}

@@ -15,7 +15,7 @@ from sawmill_contracts.kinds import asked_kinds
 from sawmill_contracts.old_names import OutOfUse, out_of_use
 from sawmill_service.access import Caller
 from sawmill_service.dependencies import TheCaller
-from sawmill_service.http.refusals import Responses
+from sawmill_service.http.document.refusals import Responses
 
 _TEXT = {"type": "string"}
 _HEADERS = {

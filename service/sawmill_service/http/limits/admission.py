@@ -8,12 +8,12 @@ from urllib.parse import parse_qs
 from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from sawmill_service.http.callers import who
+from sawmill_service.http.bodies.unread_bodies import has_body
 from sawmill_service.http.gate import SAFE_METHODS
+from sawmill_service.http.limits.callers import who
+from sawmill_service.http.limits.rates import Rates, too_many
 from sawmill_service.http.problems import Refused, refusal_response
-from sawmill_service.http.rates import Rates, too_many
 from sawmill_service.http.route_rules import NoKey, no_key
-from sawmill_service.http.unread_bodies import has_body
 from sawmill_service.settings import ServiceSettings
 
 _MOST_HEADERS = 100
@@ -24,7 +24,7 @@ _SHARE_OF_DISPLAYS = 4
 _RETRY_S = 2
 
 
-class Places:
+class RequestPlaces:
     """Places that are taken and left, a bounded number for each name."""
 
     def __init__(self) -> None:
@@ -68,7 +68,7 @@ class Admission:
             "waits": settings.max_waits_at_once,
         }
         self._streams = settings.max_streams
-        self._places = Places()
+        self._places = RequestPlaces()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Let a request in, or answer it with a problem."""

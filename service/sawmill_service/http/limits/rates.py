@@ -9,7 +9,7 @@ from limits import RateLimitItem, parse_many
 from limits.storage import MemoryStorage
 from limits.strategies import SlidingWindowCounterRateLimiter
 
-from sawmill_service.http.callers import network_of
+from sawmill_service.http.limits.callers import network_of
 from sawmill_service.http.problems import Refused
 
 # Of counts: some 7 MB. A caller has two or four.

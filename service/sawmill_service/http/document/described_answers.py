@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 from typing import Any
 
+from sawmill_service.http.document.refusals import OF_DOWNLOADS, Responses, refuses
 from sawmill_service.http.problems import MEDIA_TYPE
-from sawmill_service.http.refusals import OF_DOWNLOADS, Responses, refuses
 
 BINARY = {"type": "string", "format": "binary"}
 

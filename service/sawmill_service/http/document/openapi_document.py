@@ -10,13 +10,13 @@ from typing import Any, NamedTuple
 from fastapi import FastAPI
 from pydantic import BaseModel
 
-from sawmill_service.http.described_answers import BINARY, HEADERS, describe_answers
-from sawmill_service.http.openapi_words import complete
+from sawmill_service.http.bodies.sent_form import FILE
+from sawmill_service.http.bodies.sent_form import MEDIA_TYPE as FORM
+from sawmill_service.http.document.described_answers import BINARY, HEADERS, describe_answers
+from sawmill_service.http.document.openapi_words import complete
+from sawmill_service.http.document.refusals import CODES_KEY, list_refusals
 from sawmill_service.http.problems import Problem
-from sawmill_service.http.refusals import CODES_KEY, list_refusals
 from sawmill_service.http.route_rules import NoKey, RouteRules, Rule
-from sawmill_service.http.sent_form import FILE
-from sawmill_service.http.sent_form import MEDIA_TYPE as FORM
 
 TRY = "x-try"
 SECURITY_SCHEMES = {

@@ -142,7 +142,7 @@ def _job_id(answer: Any) -> str:  # noqa: ANN401 - the same
     return job_id
 
 
-class Waiting:
+class WaitOption:
     """How long one request waits."""
 
     def __init__(
@@ -177,4 +177,4 @@ class Waiting:
             pass
 
 
-TheWaiting = Annotated[Waiting, Depends()]
+TheWaiting = Annotated[WaitOption, Depends()]

@@ -17,7 +17,7 @@ from pydantic_core import CoreSchema, core_schema, from_json, to_json
 
 from sawmill_platform.contracts.given import hidden_characters
 from sawmill_platform.contracts.strict_json import BYTE_ORDER_MARK, read_strictly
-from sawmill_service.http.problems import STATED, Place
+from sawmill_service.http.problems import STATED, ProblemPlace
 from sawmill_service.http.queries import repeated
 
 Pairs = list[tuple[str, Any]]
@@ -61,10 +61,10 @@ def _check(body: bytes) -> None:
     try:
         sent = from_json(body.removeprefix(BYTE_ORDER_MARK))
     except ValueError as error:  # half a surrogate, or hundreds of lists in lists
-        unread = {"type": STATED, "loc": (Place.BODY,), "msg": f"cannot be read: {error}", "input": None}
+        unread = {"type": STATED, "loc": (ProblemPlace.BODY,), "msg": f"cannot be read: {error}", "input": None}
         raise RequestValidationError([unread]) from error
     found = hidden_characters(sent) if isinstance(sent, dict | list) else ()
-    if hidden := [fault | {"loc": (Place.BODY, *fault["loc"])} for fault in found]:
+    if hidden := [fault | {"loc": (ProblemPlace.BODY, *fault["loc"])} for fault in found]:
         raise RequestValidationError(hidden, body=sent)
 
 
@@ -118,4 +118,4 @@ def _first_repeated(sent: object) -> Mapping[str, object]:
     while place:
         place, name = place
         names.appendleft(name)
-    return repeated((Place.BODY, *names), [each for name, each in value.pairs if name == again])
+    return repeated((ProblemPlace.BODY, *names), [each for name, each in value.pairs if name == again])

@@ -7,10 +7,10 @@ from fastapi import Request, Response
 from fastapi.responses import StreamingResponse
 from starlette.types import Receive, Scope, Send
 
-from sawmill_service.http.answers import describing, one_part
-from sawmill_service.http.conditional import check_conditions
-from sawmill_service.http.digests import Digests, key_of, tag_of
-from sawmill_service.http.rates import too_many
+from sawmill_service.http.limits.rates import too_many
+from sawmill_service.http.responses.answers import describing, one_part
+from sawmill_service.http.responses.conditional import check_conditions
+from sawmill_service.http.responses.digests import Digests, key_of, tag_of
 
 # Of all arrays that are being read or sent: four slices of 4096 x 4096.
 MOST_BYTES = 256 * 1024**2
