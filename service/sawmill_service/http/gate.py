@@ -1,4 +1,4 @@
-"""What stands in front of every route: headers for browsers, known hosts and origins, keys, bounded bodies."""
+"""Checks before every route: hosts, origins, keys and the length of bodies; and protective headers for browsers."""
 
 from collections.abc import Collection, Iterable
 from http import HTTPStatus
@@ -30,7 +30,7 @@ from sawmill_service.stopping import Stopping
 from sawmill_store.acting import acting_as
 from sawmill_store.errors import StorageError
 
-# Whoever has no key yet learns nothing of the database.
+# A client without a key learns nothing of the database.
 KEYS_AWAY = "keys cannot be looked up now: the database does not answer; try again in a few seconds"
 SAFE_METHODS = frozenset({"GET", "HEAD", "OPTIONS"})
 # The console's own script and styles; Swagger UI sets style attributes and shows pictures from data: and blob: URLs.
@@ -50,7 +50,7 @@ log = structlog.get_logger(__name__)
 
 
 class ProtectiveHeaders:
-    """Put the protective headers on every answer that does not set them itself."""
+    """Middleware that adds the protective headers to every answer that does not set them itself."""
 
     def __init__(self, app: ASGIApp) -> None:
         self.app = app
@@ -69,9 +69,9 @@ class ProtectiveHeaders:
 
 
 class Gate:
-    """Refuse unknown hosts, other sites' writes, requests without a key, and bodies that are too large or damaged.
+    """Middleware that refuses unknown hosts, other sites' writes, requests without a key, and large or damaged bodies.
 
-    A browser sends the password of HTTP Basic with whatever a page asks for, so other sites are refused first.
+    A browser sends the password of HTTP Basic with all requests of a page, so other sites are refused first.
 
     Parameters
     ----------
@@ -79,13 +79,13 @@ class Gate:
         Host names, to which the loopback names are added where the connection came in over loopback; whether browsers
         may reach the service through a proxy; the largest bodies.
     access
-        Finds out who sends a request; whatever is done in it is done in that one's name.
+        Lookup of the caller, in whose name the request is handled.
     open_files
         Paths of files that need no key.
     refusals
-        Counts those who are not let in.
+        Rate of refused requests.
     stopping
-        Ends the wait for a body when the service ends.
+        End of the service, which ends the wait for a body.
     """
 
     def __init__(
@@ -104,7 +104,7 @@ class Gate:
         self.refusals, self.stopping = refusals, stopping
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Let a request in, or answer it with a problem."""
+        """Pass a request on, or answer it with a problem."""
         if scope["type"] != "http":
             await self.app(scope, receive, send)
             return
@@ -131,7 +131,7 @@ class Gate:
         return caller
 
     async def _known(self, scope: Scope, headers: Headers) -> Caller:
-        """Who sends a request; what a refusal means may be read by whoever was refused, and without a database."""
+        """Return the caller; the pages that explain refusals need neither a valid key nor the database."""
         try:
             return await self.access.caller(scope, headers)
         except (Refused, StorageError) as error:
@@ -143,7 +143,7 @@ class Gate:
             raise Refused(503, error.code, KEYS_AWAY, COME_BACK) from error
 
     def _counted(self, scope: Scope, refused: Refused) -> Refused:
-        """The refusal, or that there were too many: whoever is not let in is bounded like whoever is."""
+        """Return the refusal, or 429 after too many: refused requests have the same rate as accepted ones."""
         try:
             self.refusals.take("refused requests", who(scope))
         except Refused as too_many:
@@ -159,7 +159,7 @@ class Gate:
                 "unknown-host",
                 f"this service does not answer as {host[:100]!r}; SAWMILL_ALLOWED_HOSTS adds a name",
             )
-        # A proxy that speaks TLS need not report that to the service.
+        # A proxy that uses TLS need not report that to the service.
         own_schemes = {scope["scheme"], "https"} if self.settings.behind_proxy else {scope["scheme"]}
         own_origins = {f"{scheme}://{host}" for scheme in own_schemes}
         if scope["method"] not in SAFE_METHODS and _from_elsewhere(headers, own_origins):
@@ -178,13 +178,13 @@ def _refusal(scope: Scope, refused: Refused) -> Response:
 
 
 def _is_browser(headers: Headers) -> bool:
-    """Whether a page of ours sent this: a challenge of HTTP Basic would open the browser's own window for passwords."""
+    """Return whether a page of ours sent this: a challenge of HTTP Basic would open the browser's password window."""
     ours = "sec-fetch-mode" in headers or NAME in headers.get("cookie", "")
     return ours and "authorization" not in headers
 
 
 def _login_before(scope: Scope) -> str:
-    """The login, with where to go on to: a form that was sent is not sent again."""
+    """Return the path of the login, with the page to show afterwards; a form is not sent again."""
     if scope["method"] != "GET":
         return LOGIN
     query = scope["query_string"].decode("latin-1")
@@ -192,14 +192,14 @@ def _login_before(scope: Scope) -> str:
 
 
 def _check_version(scope: Scope) -> None:
-    """HTTP/2 without a proxy begins with what reads as a request of HTTP/2.0."""
+    """Refuse HTTP/2 without a proxy, whose first bytes read as a request of HTTP/2.0."""
     version = scope["http_version"]
     if not version.startswith("1."):
         raise Refused(505, "http-version-unsupported", f"this service speaks HTTP/1.1, not HTTP/{version}")
 
 
 def _check_length(scope: Scope, headers: Headers, limit: int) -> None:
-    """Refuse a body that is too large for a route; that there is none is answered without reading it."""
+    """Refuse a body that is too large for a route; a path without a route is answered without reading the body."""
     declared = headers.get("content-length", "0")
     if not declared.isdecimal():
         raise Refused(400, "bad-length", f"Content-Length must be a count of bytes, not {declared[:100]!r}")
@@ -208,14 +208,14 @@ def _check_length(scope: Scope, headers: Headers, limit: int) -> None:
 
 
 def _from_elsewhere(headers: Headers, own_origins: Iterable[str]) -> bool:
-    """Whether a browser reports that another site's page sent this; other programs report nothing."""
+    """Return whether a browser reports that another site's page sent this; other programs report nothing."""
     if headers.get("sec-fetch-site", "none") not in {"none", "same-origin"}:
         return True
     return "origin" in headers and headers["origin"] not in own_origins
 
 
 def too_large(limit: int) -> Refused:
-    """Refuse a body of more than `limit` bytes."""
+    """Make the refusal of a body of more than `limit` bytes."""
     return Refused(413, "body-too-large", f"the body may have at most {limit} bytes")
 
 

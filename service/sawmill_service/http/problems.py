@@ -1,4 +1,4 @@
-"""Every error leaves as `application/problem+json` (RFC 9457): a stable code for programs, one sentence for people."""
+"""Errors as `application/problem+json` (RFC 9457): a stable code for programs, one sentence for people."""
 
 import reprlib
 from collections.abc import Mapping, Sequence
@@ -54,9 +54,9 @@ STATUS: Mapping[type[Exception], int] = {
 }
 # Pydantic's remark on a default that depends on a refused value.
 FOLLOWS_FROM_OTHERS = frozenset({"default_factory_not_called"})
-# Ours, of what no model sees of a query or a form; the message is a sentence.
+# Type of our own errors, about parts of a query or a form that no model sees; the message is a sentence.
 STATED = "stated"
-COME_BACK = {"Retry-After": "5"}  # of every 503, and of what is busy: seconds
+COME_BACK = {"Retry-After": "5"}  # seconds, for every 503 and for busy resources
 
 
 class ProblemPlace(StrEnum):
@@ -145,7 +145,7 @@ def problem_response(
 
 
 def is_navigation(headers: Headers) -> bool:
-    """Whether somebody waits for a page, and not a program for an answer."""
+    """Return whether a person waits for a page, rather than a program for an answer."""
     return "text/html" in headers.get("accept", "") and "authorization" not in headers
 
 
@@ -158,7 +158,7 @@ class Refused(HTTPException):
 
 
 def refusal_response(path: str, refused: Refused) -> JSONResponse:
-    """Shape a refusal, wherever it was met."""
+    """Shape a refusal as a response."""
     return problem_response(path, refused.status_code, refused.code, refused.detail, headers=refused.headers)
 
 
@@ -170,12 +170,12 @@ def complaint(error: Mapping[str, Any]) -> tuple[str, str]:
 
 
 def _field_problem(error: Mapping[str, Any], body: object) -> FieldProblem:
-    """One of FastAPI's errors, whose place begins with a part of the request.
+    """Convert one of FastAPI's errors, whose place begins with a part of the request.
 
     Parameters
     ----------
     body
-        As it came, by which the variants that were tried are known from the fields of the body.
+        Body of the request, which tells the variants that were tried from the fields of the body.
     """
     location, message = complaint(error)
     place, *names = error["loc"]
@@ -189,13 +189,13 @@ def _field_problem(error: Mapping[str, Any], body: object) -> FieldProblem:
 
 
 def _pointer(names: Sequence[int | str], body: object, *, adds: bool) -> str:
-    """A JSON pointer as the fragment of a URI; `adds`: the last name is of a field that is not there."""
+    """Return a JSON pointer as the fragment of a URI; `adds`: the field of the last name is missing."""
     found = []
     for number, name in enumerate(names, start=1):
         if _holds(body, name):
             body = body[name]  # type: ignore[index]
         elif not (adds and number == len(names)):
-            continue  # a variant of a union, or what pydantic names beside the fields
+            continue  # a variant of a union, or another name that pydantic adds to the fields
         found.append(quote(str(name).replace("~", "~0").replace("/", "~1"), safe="~!$&'()*+,;=:@"))
     return "".join(["#", *(f"/{name}" for name in found)])
 
@@ -245,7 +245,7 @@ def _on_http(request: Request, error: Exception) -> JSONResponse:
         code, detail = "method-not-allowed", f"{request.method} is not for {path}, which takes {allowed}"
         return problem_response(path, status, code, detail, headers={"Allow": allowed})
     else:
-        code, detail = "bad-request", refused.detail  # as FastAPI raises it of a body that it cannot parse
+        code, detail = "bad-request", refused.detail  # raised by FastAPI for a body that it cannot parse
     return problem_response(path, status, code, detail, headers=refused.headers)
 
 
@@ -261,7 +261,7 @@ def _on_stored(request: Request, error: Exception) -> JSONResponse:
 
 
 def _on_disk(request: Request, error: Exception) -> JSONResponse:
-    """Answer an error of the data folder's disk; any other one of the system is ours."""
+    """Answer an error of the data folder's disk; any other system error is our fault."""
     outage = outage_of(cast("OSError", error), "the request")
     if outage is None:
         raise error
@@ -269,7 +269,7 @@ def _on_disk(request: Request, error: Exception) -> JSONResponse:
 
 
 def install(app: FastAPI) -> None:
-    """Give every kind of error its problem; the observer sees to the rest."""
+    """Install the handlers of expected errors; the observer answers unexpected ones."""
     app.add_exception_handler(RequestValidationError, _on_validation)
     app.add_exception_handler(HTTPException, _on_http)
     for stored in (StorageError, FileError):

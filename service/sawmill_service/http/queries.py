@@ -1,4 +1,4 @@
-"""Queries: what a route would pass over is refused, as in bodies: fields that it does not know, and repeated ones."""
+"""Queries: unknown and repeated fields are refused, as in bodies; FastAPI would ignore them."""
 
 import reprlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -15,15 +15,14 @@ from sawmill_service.http.problems import STATED, ProblemPlace
 
 
 async def check_query(request: Request) -> None:
-    """Refuse fields that the route does not know, and those of one value that stand there twice.
+    """Refuse fields that the route does not know, and repeated fields that take one value; a dependency of every route.
 
-    A dependency of every route. Pages are left out, but for those that read a model of their own: an old bookmark
-    still leads to one.
+    Pages are exempt, except those that read a model: an old bookmark still works.
 
     Raises
     ------
     RequestValidationError
-        With a near name that is known, where there is one.
+        Names a similar known field, if there is one.
     """
     route: APIRoute = request.scope["route"]
     query = request.query_params
@@ -42,7 +41,7 @@ async def check_query(request: Request) -> None:
 
 
 def _fields(dependant: Dependant) -> Iterator[tuple[str, object]]:
-    """Names and types of a route's query fields, those of models and of dependencies among them."""
+    """Yield the names and types of a route's query fields, including the fields of models and of dependencies."""
     for field in dependant.query_params:
         model = field.field_info.annotation
         if isinstance(model, type) and issubclass(model, BaseModel):
@@ -58,13 +57,13 @@ def _is_list(annotation: object) -> bool:
 
 
 def near_name(name: str, known: Iterable[str]) -> str:
-    """A known name that is like an unknown one, as the end of a sentence about it; empty: none is."""
+    """Return the end of a sentence about an unknown name: a similar known name; empty if there is none."""
     near = get_close_matches(name, sorted(known), n=1)
     return f": {near[0]!r} is" if near else ""
 
 
 def repeated(place: Sequence[int | str], values: list[Any]) -> Mapping[str, object]:
-    """The refusal of a field of one value that stands there several times, its place beginning with a part."""
+    """Make the error of a repeated field that takes one value; its place begins with a part of the request."""
     return _refused(place, values, f"takes one value, not {len(values)}: {reprlib.repr(values)}")
 
 

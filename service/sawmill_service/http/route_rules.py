@@ -177,7 +177,7 @@ def allowed_methods(request: Request) -> str:
 
 
 async def check_method(request: Request) -> None:
-    """Refuse a path without parameters that a pattern would take for one of its ids; a dependency of every route.
+    """Refuse a path without parameters that a pattern would take for an id; a dependency of every route.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Forms of our own pages, and the proof that it was one of these that sent a request."""
+"""Forms of the service's own pages, and the token that proves that one of these pages sent a request."""
 
 import hmac
 from typing import Annotated
@@ -16,19 +16,19 @@ MAX_FIELDS = 30
 
 
 async def form(request: Request) -> dict[str, str]:
-    """The fields of a form; none where the body is no form, or its length is not declared.
+    """Return the fields of a form; none if the body is no form, or its length is not declared.
 
     Raises
     ------
     Refused
-        400 `bad-form`: it cannot be read. 413 `body-too-large`: it is larger than any of our pages sends there.
+        400 `bad-form`: the form cannot be read. 413 `body-too-large`: no page of ours sends one that large.
     """
     media_type = request.headers.get("content-type", "").partition(";")[0].strip().lower()
     length = request.headers.get("content-length")
     if media_type != "application/x-www-form-urlencoded" or length is None:
         return {}
     most = rule_of(request).max_form_bytes
-    if int(length) > most:  # digits: the gate has looked
+    if int(length) > most:  # digits: the gate has checked that
         raise too_large(most)
     try:
         return dict(parse_qsl((await request.body()).decode(), max_num_fields=MAX_FIELDS))
@@ -40,14 +40,15 @@ TheForm = Annotated[dict[str, str], Depends(form)]
 
 
 async def check_csrf(request: Request) -> None:
-    """Refuse what a session's cookie alone would change; a dependency of every route.
+    """Refuse a change that a session's cookie alone would authorise; a dependency of every route.
 
-    A browser adds the cookie to whatever any page has it send. Only our pages know the token beside it.
+    A browser adds the cookie to all requests to the service, whichever site's page sends them. Only our pages know the
+    session's token.
 
     Raises
     ------
     Refused
-        403 `csrf`. 413 `body-too-large`: a form so large that its token is not read.
+        403 `csrf`. 413 `body-too-large`: the form is so large that its token is not read.
     """
     expected = caller_of(request).csrf_token
     if expected is None or request.method in SAFE_METHODS:

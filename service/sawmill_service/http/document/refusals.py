@@ -1,4 +1,4 @@
-"""What operations refuse, as the OpenAPI document lists it: the codes of problems, each under its status."""
+"""Refusals of operations in the OpenAPI document: the codes of problems by status."""
 
 from collections.abc import Iterable
 from http import HTTPStatus
@@ -42,23 +42,23 @@ _OF_REFERENCES = {
 
 
 def refuses(*codes: str) -> Responses:
-    """The codes that are an operation's own, for `responses` of its decorator; those of all operations come by rule.
+    """Describe the specific refusals of an operation, for `responses` in the decorator; common ones are added later.
 
     Raises
     ------
     KeyError
-        A code that `problem_texts/` gives no status.
+        `problem_texts/` gives a code no status.
     """
     return {status: {CODES_KEY: sorted(listed)} for status, listed in _by_status(codes).items()}
 
 
 def refuses_upload(*codes: str) -> Responses:
-    """As `refuses`, of an operation whose body is a file."""
+    """Describe the refusals of an operation whose body is a file."""
     return refuses(*_OF_UPLOADS, *codes)
 
 
 def refuses_ask(declared: AskedKind[Any, Any]) -> Responses:
-    """What asking for a kind's job may refuse, by what it refers to."""
+    """Describe the refusals of asking for a kind of job, by the resources that it refers to."""
     codes = {code for reference in declared.references for code in _OF_REFERENCES[reference]}
     fields = declared.options.model_fields
     codes |= {code for name, code in (("rows", "rows-outside"), ("views", "views-too-many")) if name in fields}
@@ -66,7 +66,7 @@ def refuses_ask(declared: AskedKind[Any, Any]) -> Responses:
 
 
 def list_refusals(method: str, rule: Rule, operation: dict[str, Any]) -> None:
-    """Give an operation of the document its refusals, one by one: its own, and those that its shape brings."""
+    """List the refusals of an operation in the document: specific ones, and those that follow from its shape."""
     responses = operation["responses"]
     own = {code for response in responses.values() for code in response.pop(CODES_KEY, ())}
     for status, codes in sorted(_by_status({*own, *_by_shape(method, rule, operation)}).items()):

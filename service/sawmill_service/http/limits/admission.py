@@ -1,4 +1,4 @@
-"""What one caller may ask for: requests in a span of time, requests at once, and streams."""
+"""Limits for each caller: requests in a span of time, requests at once, and streams."""
 
 from collections import Counter
 from collections.abc import Iterator
@@ -18,21 +18,21 @@ from sawmill_service.settings import ServiceSettings
 
 _MOST_HEADERS = 100
 _MOST_HEAD_BYTES = 20 * 2**10
-# Of all streams every so-manieth is kept for displays on the wall, whose keys are made for nothing else.
+# One stream in this many is kept for displays on the wall, whose keys serve no other purpose.
 _SHARE_OF_DISPLAYS = 4
 # Places become free as answers begin, most of them within a second.
 _RETRY_S = 2
 
 
 class RequestPlaces:
-    """Places that are taken and left, a bounded number for each name."""
+    """Counter of requests that are being answered, bounded for each name."""
 
     def __init__(self) -> None:
         self._taken: Counter[str] = Counter()
 
     @contextmanager
     def one(self, name: str, most: int, detail: str) -> Iterator[None]:
-        """Have a place, or refuse with a sentence."""
+        """Hold a place within the block, or refuse with a sentence."""
         if self._taken[name] >= most:
             raise too_many(detail, _RETRY_S)
         self._taken[name] += 1
@@ -45,16 +45,16 @@ class RequestPlaces:
 
 
 class Admission:
-    """Refuse what is beyond a caller's rates, and beyond the number of requests that it may have open at once.
+    """Middleware that refuses requests beyond a caller's rates, and beyond the number that it may have open at once.
 
-    Without that, one caller could hold all threads. A request counts until its answer begins: what comes then waits
-    for the client alone. A stream of events counts until its end. Those with a body are counted apart, so that slow
-    uploads do not keep short requests out; so are those that wait for a job, and looks at the service's health.
+    Without that, one caller could hold all threads. A request counts until its answer begins: from then on, only the
+    client is waited for. A stream of events counts until its end. Requests with a body are counted apart, so that slow
+    uploads do not keep short requests out. So are requests that wait for a job, and checks of the service's health.
 
     Parameters
     ----------
     settings
-        The bounds.
+        Settings with the limits.
     """
 
     def __init__(self, app: ASGIApp, *, settings: ServiceSettings) -> None:
@@ -127,7 +127,7 @@ def _kind(scope: Scope, headers: Headers) -> str:
 
 
 def _waits(scope: Scope) -> bool:
-    """Whether the answer may be asked to wait: `wait=0` is not, nor is what is refused at once."""
+    """Return whether a request asks to wait for a job; `wait=0` does not, nor does a value that is refused at once."""
     asked = parse_qs(scope["query_string"].decode("latin-1")).get("wait", [])
     with suppress(ValueError):
         return any(float(seconds) > 0.0 for seconds in asked)

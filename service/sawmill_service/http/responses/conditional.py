@@ -1,4 +1,4 @@
-"""What a request's conditions and its range make of an answer (RFC 9110, sections 13 and 14)."""
+"""Conditional requests and ranges (RFC 9110, sections 13 and 14)."""
 
 import re
 from collections.abc import Sequence
@@ -10,7 +10,7 @@ from starlette.datastructures import Headers
 
 from sawmill_service.http.problems import Refused
 
-# Asked again each time, and kept by whoever asked alone: what needs a key is nobody else's.
+# An answer that needs a key is kept by its client alone, which asks again each time.
 CACHING = "private, no-cache"
 
 _UNIT = re.compile(r"[A-Za-z0-9!#$%&'*+.^_`|~-]+")
@@ -19,16 +19,16 @@ _SPAN = re.compile(r"(\d{0,18})-(\d{0,18})")
 
 
 def check_conditions(headers: Headers, tag: str, modified: str | None = None) -> Response | None:
-    """The 304 for a client that holds what it asks for; none where the conditions let an answer be sent.
+    """Return 304 for a client that has the answer already; None if the conditions let the answer be sent.
 
     Parameters
     ----------
     headers
-        The request's.
+        Headers of the request.
     tag
-        The answer's entity tag; a weak one meets no `If-Match` but `*`.
+        Entity tag of the answer; a weak one meets no `If-Match` but `*`.
     modified
-        Its `Last-Modified`; null: it has none, and conditions about that are passed over.
+        `Last-Modified` of the answer; None: it has none, and conditions about the date are ignored.
 
     Raises
     ------
@@ -50,15 +50,15 @@ def check_conditions(headers: Headers, tag: str, modified: str | None = None) ->
 
 
 def spans_of(headers: Headers, size_bytes: int, tag: str) -> Sequence[slice]:
-    """The ranges of an answer that are asked for and are in it, one at least; none: all of it is asked for.
+    """Return the requested ranges that the answer has, at least one; none if all of the answer is requested.
 
-    A range in another unit, or of another version by `If-Range`, is passed over. A date there is never of this version:
-    two may have been written within its second (section 13.1.5).
+    A range in another unit, or of another version by `If-Range`, is ignored. A date in `If-Range` never matches: two
+    versions may have been written within its second (section 13.1.5).
 
     Raises
     ------
     Refused
-        400 `bad-range`. 416 `range-beyond-end`: none of them is in it.
+        400 `bad-range`. 416 `range-beyond-end`: all ranges are beyond the end of the answer.
     """
     header = headers.get("range")
     if header is None or headers.get("if-range") not in {None, tag}:
@@ -79,7 +79,7 @@ def spans_of(headers: Headers, size_bytes: int, tag: str) -> Sequence[slice]:
 
 
 def _span(part: str, size_bytes: int) -> slice | None:
-    """The bytes that one part of the header names, none where it cannot be understood; it may begin at the end."""
+    """Return the bytes that a part of the header names, which may begin at the end of the answer; None if malformed."""
     found = _SPAN.fullmatch(part)
     if found is None or part == "-":
         return None
@@ -92,12 +92,12 @@ def _span(part: str, size_bytes: int) -> slice | None:
 
 
 def _listed(headers: Headers, name: str) -> list[str]:
-    """The entity tags of a header, or its `*`; none without it. None of ours holds a comma."""
+    """Return the entity tags of a header, or its `*`; none without the header. No tag of ours has a comma."""
     return [tag for line in headers.getlist(name) for each in line.split(",") if (tag := each.strip(" \t"))]
 
 
 def _is_newer(modified: str | None, given: str | None) -> bool | None:
-    """Whether an answer was modified after the date of a condition; null: nothing can be said."""
+    """Return whether an answer was modified after the date of a condition; None if that is not known."""
     if modified is None or given is None:
         return None
     date = http_date(given)
@@ -105,10 +105,10 @@ def _is_newer(modified: str | None, given: str | None) -> bool | None:
 
 
 def http_date(given: str) -> datetime | None:
-    """A date of HTTP in any of its three forms; null: it is none, and is passed over (section 13.1.4)."""
+    """Read a date of HTTP in any of the three forms; return None for other texts, to be ignored (section 13.1.4)."""
     try:
         date = parsedate_to_datetime(given)
-    except (ValueError, OverflowError):  # the latter of numbers of more digits than a date can have
+    except (ValueError, OverflowError):  # an overflow: numbers of more digits than a date can have
         return None
     return date if date.tzinfo else date.replace(tzinfo=UTC)
 
