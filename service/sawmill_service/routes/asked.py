@@ -1,4 +1,4 @@
-"""The routes of every kind of job that is asked for: ask, list, get, as its declaration describes them."""
+"""Routes of every kind of job that clients request: ask, list and get, as the declaration describes them."""
 
 from collections.abc import Mapping
 from typing import Annotated, Any
@@ -22,7 +22,7 @@ from sawmill_service.http.route_rules import Router
 
 
 def routers() -> list[Router]:
-    """One for each kind."""
+    """Return a router for each kind."""
     return [_router(declared) for declared in asked_kinds()]
 
 
@@ -56,14 +56,14 @@ def _router(declared: AskedKind[Any, Any]) -> Router:
     ) -> Any:  # noqa: ANN401 - the same
         return linked(declared, await waiting.read(lambda: store.asked(declared).get(identifier)))
 
-    # What FastAPI reads as the types of body and query is known only here.
+    # Types of body and query for FastAPI, which are known only here.
     ask.__annotations__["ask"] = Annotated[declared.ask, Strictly()]
     list_all.__annotations__["query"] = Annotated[_filter(declared), Query()]
     one, many = declared.answer, Page.__class_getitem__(declared.answer)
     if declared.upload is None:
         answers = announced(declared.ask) | refuses_ask(declared)
         asking = _described(f"ask_{declared.noun}", one, declared.to_ask, answers)
-        # An ask may need more, by its declaration: `ask` checks that.
+        # By its declaration, an ask may need more: `ask` checks that.
         asking |= {"methods": ["POST"], "status_code": 202, "needs": Scope.SUBMIT}
         router.add_api_route(declared.asked_at or folder, repeatable(ask), **asking)
     router.add_api_route(
@@ -103,7 +103,7 @@ def _filter(declared: AskedKind[Any, Any]) -> type[Dated]:
 
 
 def _given_in_path(declared: AskedKind[Any, Any]) -> Any:  # noqa: ANN401 - a dependency
-    """The reference whose id stands in the path at which a kind is asked for."""
+    """Return a dependency that reads the id of a reference from the path of the ask, if the path has one."""
     names = [f"{name}_id" for name in Reference if f"{{{name}_id}}" in (declared.asked_at or "")]
 
     def none() -> Mapping[str, str]:
@@ -116,7 +116,7 @@ def _given_in_path(declared: AskedKind[Any, Any]) -> Any:  # noqa: ANN401 - a de
 
 
 def linked(declared: AskedKind[Any, Any], answer: Any) -> Any:  # noqa: ANN401 - the kind's answer
-    """The answer with the paths of itself, its job, its files and what it refers to."""
+    """Return the answer with links to itself, its job, its files and the resources that it refers to."""
     path = f"/v1/{declared.kind.plural}/{answer.id}"
     links = {"self": path, "job": f"/v1/jobs/{answer.job_id}"}
     links |= {name: f"{path}/{file}" for name, file in declared.files.items()}

@@ -21,7 +21,7 @@ router = Router(tags=["keys"], reading=Scope.ADMIN)
 
 
 class JsonLines(StreamingResponse):
-    """One JSON object a line."""
+    """Lines of one JSON object each."""
 
     media_type = "application/jsonl"
 
@@ -40,7 +40,7 @@ def list_audit(paging: Annotated[NumberedPaging, Query()], store: TheStore) -> P
 )
 def get_audit_file(request: Request, store: TheStore) -> Response:
     """Every entry, the oldest first, one JSON object a line."""
-    # Weak: entries that come while it is sent are sent too.
+    # A weak tag: entries that are added while the file is sent are sent too.
     tag = 'W/"{}-{}"'.format(*store.audit.extent())
     if held := check_conditions(request.headers, tag):
         return held

@@ -1,4 +1,4 @@
-"""/v1/calibrations: pictures, the file and activation, beside the routes that every asked kind has."""
+"""/v1/calibrations: pictures, the file and activation, in addition to the routes of every asked kind."""
 
 from fastapi import Request, Response
 from pydantic import Field
@@ -126,7 +126,7 @@ def _picture(request: Request, store: Store, calibration_id: str, picture: Calib
 
 
 def succeeded(store: Store, calibration_id: str, name: str) -> CalibrationSucceeded:
-    """A calibration with an answer; `name` is what is asked of it.
+    """Return a calibration that has succeeded; `name` is the requested file, for the refusal.
 
     Raises
     ------

@@ -22,9 +22,9 @@ from sawmill_service.http.problems import Refused
 from sawmill_service.http.route_rules import Router
 from sawmill_store.errors import StorageUnavailable
 
-# A page that hears nothing for three of these shows that its data may be old.
+# A page that receives nothing for three of these shows that its data may be old.
 ALIVE_S = 5.0
-# A stream ends that soon after its key.
+# A stream ends this soon after its key.
 _ACCESS_S = 30.0
 EXAMPLE = """\
 event: alive
@@ -52,7 +52,7 @@ router = Router(prefix="/v1/events", tags=["events"], reading=Scope.READ)
 
 
 class EventFilter(Given):
-    """Which events to send."""
+    """Selection of the events to send."""
 
     scanner_id: Identifier | None = Field(None, description="Those that concern this scanner; nothing: all.")
     after: Annotated[int, Field(ge=0, le=LARGEST_NUMBER)] | None = Field(
@@ -119,7 +119,7 @@ def _alive(number: int, retry_ms: int | None = None) -> ServerSentEvent:
 
 
 async def _may_listen(request: Request, access: Access) -> bool:
-    """Whether the key or the session with which the stream began is good still, as far as can be found out."""
+    """Return whether the stream's key or session is still valid; true if the database does not answer."""
     try:
         await access.caller(request.scope, request.headers)
     except Refused:

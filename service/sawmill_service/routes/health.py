@@ -74,7 +74,7 @@ def ready(request: Request, store: TheStore, response: Response) -> Health:
         log.warning("not-ready", reason=str(error))
         raise
     except StorageUnavailable as error:
-        # Anybody may ask, and the database's own words name hosts and users.
+        # No key is needed, and the database's own messages name hosts and users.
         log.warning("not-ready", reason=str(error))
         raise type(error)(NOT_READY) from error
     if health.state is Readiness.DISK_FULL:
@@ -84,7 +84,7 @@ def ready(request: Request, store: TheStore, response: Response) -> Health:
 
 
 def health_of(store: Store, broker_url: str | None = None) -> Health:
-    """How the service is, or `StorageUnavailable`; with a broker's URL, whether Redis keeps jobs waiting."""
+    """Return the health of the service or raise `StorageUnavailable`; a broker's URL adds whether Redis delays jobs."""
     try:
         store.check()
     except StorageFull as error:
@@ -101,10 +101,10 @@ def health_of(store: Store, broker_url: str | None = None) -> Health:
 
 
 def broker_of(broker_url: str | None) -> "BrokerReport | None":
-    """How Redis is; None: it is not used."""
+    """Return the state of Redis; None if it is not used."""
     if broker_url is None:
         return None
-    # Imported here: without a broker nobody needs its client.
+    # Imported here: without a broker its client is not needed.
     from sawmill_worker.execution.broker_report import report_of  # noqa: PLC0415
 
     return report_of(broker_url)

@@ -1,4 +1,4 @@
-"""/v1/inspections: what is special to the kind whose file is sent."""
+"""/v1/inspections: routes of the kind whose ask is a file."""
 
 from typing import Annotated
 
@@ -24,7 +24,7 @@ router = Router(prefix="/v1/inspections", tags=["inspections"])
 
 
 class InspectionUpload(Given, InspectionOptions):
-    """What is given with a file."""
+    """Query of the upload of a file."""
 
     name: Name = Field("file", description="What people call the file.", examples=["mill.h5"])
     priority: AskedPriority = Priority.WAITED_FOR
@@ -33,12 +33,12 @@ class InspectionUpload(Given, InspectionOptions):
 
     @property
     def sends_file(self) -> bool:
-        """Whether the file is in the body."""
+        """True if the file is in the body."""
         return self.inspection_id is None and self.upload_id is None
 
     @property
     def options(self) -> InspectionOptions:
-        """What is looked for in it."""
+        """Options of the inspection."""
         return InspectionOptions(**self.model_dump(include=set(InspectionOptions.model_fields)))
 
 
@@ -63,7 +63,7 @@ async def inspect_file(
     wake: TheWake,
     repeatable: TheRepeatableWithFile,
 ) -> Inspection:
-    """As declared."""
+    """Inspect a file; the declaration has the public description."""
     async with repeatable.unless_repeated():
         if upload.sends_file:
             await run_in_threadpool(store.places.check)

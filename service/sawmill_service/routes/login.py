@@ -1,4 +1,4 @@
-"""The login of browsers: a key is brought once and becomes a session."""
+"""Login of browsers: a key is entered once and opens a session."""
 
 from functools import partial
 from typing import Annotated
@@ -26,7 +26,7 @@ router = Router(include_in_schema=False)
 
 @router.get(LOGIN, needs=NoKey.LOGIN)
 def login_page(page: ThePage, onward: Annotated[str, Query(alias="next")] = "/") -> Response:
-    """A field for the key, and a button."""
+    """Show a field for the key, and a button."""
     return page.answer("login.html", onward=local_path(onward), error="")
 
 
@@ -34,7 +34,7 @@ def login_page(page: ThePage, onward: Annotated[str, Query(alias="next")] = "/")
 async def log_in(
     request: Request, fields: TheForm, store: TheStore, access: TheAccess, cookie: TheSessionCookie, page: ThePage
 ) -> Response:
-    """Go on to where the browser wanted to go, with a session."""
+    """Open a session, and lead the browser to the page that it requested."""
     secret_hash, onward = hash_of(fields.get("key", "").strip()), local_path(fields.get("next", "/"))
     try:
         holder = await access.holder(request.scope, secret_hash)
@@ -59,7 +59,7 @@ async def log_in(
 
 @router.post(LOGOUT, needs=Scope.READ)
 def log_out(request: Request, store: TheStore, caller: TheCaller, cookie: TheSessionCookie) -> RedirectResponse:
-    """End the session that the request comes by."""
+    """End the session of the request."""
     if caller.csrf_token is not None:
         store.sessions.end(cookie.read(request.scope, request.headers))
     answer = RedirectResponse(LOGIN, status_code=303)

@@ -50,14 +50,14 @@ MEASURED = {
 
 
 class PictureUpload(Given, PhantomPicture):
-    """What is given with a picture, and how urgent its tracing is."""
+    """Query of the upload of a picture: the phantom's description, and the priority of tracing."""
 
     priority: AskedPriority = Priority.WAITED_FOR
     upload_id: UploadId = None
 
     @property
     def picture(self) -> PhantomPicture:
-        """What is stored of it."""
+        """Description that is stored."""
         return PhantomPicture.model_validate(self.model_dump(exclude={"priority", "upload_id"}, exclude_unset=True))
 
 

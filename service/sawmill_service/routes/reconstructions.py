@@ -1,6 +1,6 @@
-"""/v1/reconstructions: pictures and the volume, beside the routes that every asked kind has.
+"""/v1/reconstructions: pictures and the volume, in addition to the routes of every asked kind.
 
-What draws is imported by the first picture: a service that draws none does not hold NumPy, h5py and Pillow.
+The first picture imports the modules that draw: a service that draws none does not hold NumPy, h5py and Pillow.
 """
 # ruff: noqa: PLC0415 - for that reason
 
@@ -45,7 +45,7 @@ ValueOfVolume = Annotated[float, Field(ge=-LARGEST_NUMBER, le=LARGEST_NUMBER)]
 
 
 class WindowQuery(Given):
-    """Which values to draw, and how."""
+    """Window of the values to draw, and their colours."""
 
     window_low: ValueOfVolume | None = Field(
         None, description="Value at the dark end, in the volume's unit; null: its low end.", examples=[0.0]
@@ -57,14 +57,14 @@ class WindowQuery(Given):
 
 
 class Shown(StrEnum):
-    """What of a slice is drawn."""
+    """Quantity of a slice that is drawn."""
 
     ATTENUATION = "attenuation"
     DEVIATION = "deviation"
 
 
 class SliceQuery(WindowQuery):
-    """How to draw a slice."""
+    """Options for drawing a slice."""
 
     show: Shown = Field(
         Shown.ATTENUATION,
@@ -89,7 +89,7 @@ def _check_slices(text: str) -> str:
 
 
 class MosaicQuery(WindowQuery):
-    """Which slices to draw beside one another."""
+    """Slices to draw next to one another."""
 
     count: Annotated[int, Field(ge=1, le=MOST_TILES)] | None = Field(
         None,
@@ -113,7 +113,7 @@ class MosaicQuery(WindowQuery):
 
 
 class SideQuery(WindowQuery):
-    """From where to look at the log."""
+    """Direction of a side view of the log."""
 
     along: Axis = Field("x", description="The axis to look along; the other one runs down the picture.")
 
@@ -259,7 +259,7 @@ def get_volume(reconstruction_id: Identifier, request: Request, store: TheStore)
 
 
 def window_to_draw(query: WindowQuery, usual: Window) -> Window:
-    """Complete the window of a query by the usual one.
+    """Complete the window of a query by the default window.
 
     Raises
     ------
@@ -274,7 +274,7 @@ def window_to_draw(query: WindowQuery, usual: Window) -> Window:
 
 
 def _tiles(query: MosaicQuery, available: int) -> Sequence[int]:
-    """The slices of a mosaic."""
+    """Return the slices of a mosaic."""
     if query.slices is None:
         from sawmill_worker.pictures.log_pictures import spread
 

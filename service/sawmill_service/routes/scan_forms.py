@@ -24,13 +24,13 @@ router = Router(prefix="/v1/scans", tags=["scans"])
 
 
 def _change(schema: dict[str, Any]) -> None:
-    """State what goes together, and no default name: clients would send it in place of the file's name."""
+    """Add the rules between fields; remove the default name, which clients would send instead of the file's name."""
     state_what_is_averaged(schema)
     del schema["properties"]["name"]["default"]
 
 
 class ScanForm(GivenScan):
-    """A scan's file, what is given with it, and how urgent its reading is."""
+    """Form of a scan: its file, its description, and the priority of reading."""
 
     model_config = ConfigDict(json_schema_extra=_change)
 

@@ -29,7 +29,7 @@ router = Router(prefix="/v1/scanners", tags=["scanners"], reading=Scope.READ)
 
 
 class Since(NumberedPaging):
-    """Which measurements, and which page of them."""
+    """Page of the measurements, and their beginning."""
 
     since: GivenTime | None = Field(
         None, description="Leave out those before; RFC 3339.", examples=["2026-03-01T00:00:00Z"]
@@ -37,7 +37,7 @@ class Since(NumberedPaging):
 
 
 class HistoryFilter(Given):
-    """Which entries of a history."""
+    """Filter of the entries of a history."""
 
     kind: HistoryKind | None = Field(None, description="Entries of this kind alone.", examples=["calibration"])
     since: GivenTime | None = Field(
@@ -48,12 +48,12 @@ class HistoryFilter(Given):
     )
 
     def narrowed(self) -> dict[str, Any]:
-        """As the store takes it."""
+        """Return the filter as the store takes it."""
         return {"kind": self.kind, "since": self.since, "until": self.until}
 
 
 class HistoryPaging(HistoryFilter, Paging):
-    """Which entries of a history, and which page of them."""
+    """Page of the entries of a history, and their filter."""
 
     after: str | None = Field(
         None,
@@ -65,7 +65,7 @@ class HistoryPaging(HistoryFilter, Paging):
 
 
 class Csv(StreamingResponse):
-    """Lines of values with commas between them."""
+    """Lines of values, separated by commas."""
 
     media_type = "text/csv"
 

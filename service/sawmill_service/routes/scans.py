@@ -31,26 +31,26 @@ router = Router(prefix="/v1/scans", tags=["scans"], reading=Scope.READ)
 
 
 class ScanFilter(Dated):
-    """Which scans to list."""
+    """Filter of the scans to list."""
 
     scanner_id: Identifier | None = None
     state: ScanState | None = None
 
 
 class GivenScan(Given, ScanSpec):
-    """What is given with a file, and how urgent its reading is."""
+    """Description of a scan that is sent with its file, and the priority of reading."""
 
     priority: AskedPriority = Priority.WAITED_FOR
 
     @property
     def spec(self) -> ScanSpec:
-        """What is stored of it."""
+        """Description that is stored."""
         return ScanSpec.model_validate(self.model_dump(include=set(ScanSpec.model_fields), exclude_unset=True))
 
     def accept(
         self, received: Received, response: Response, store: Store, settings: ServiceSettings, wake: Wake
     ) -> Scan:
-        """Store it with its file, and have the file read."""
+        """Store the scan with its file, and queue the job that reads the file."""
         scan = store.scans.accept(self.spec, received, priority=self.priority)
         wake(scan.job_id)
         accept(response, f"/v1/scans/{scan.id}", settings.retry_after_s)
@@ -58,19 +58,19 @@ class GivenScan(Given, ScanSpec):
 
 
 class ScanUpload(GivenScan):
-    """What is given with a file, or with the name of one that came before, and how urgent its reading is."""
+    """Description of a scan that is sent with its file or the id of an earlier one, and the priority of reading."""
 
     inspection_id: InspectionId = None
     upload_id: UploadId = None
 
     @property
     def sends_file(self) -> bool:
-        """Whether the file is in the body."""
+        """True if the file is in the body."""
         return self.inspection_id is None and self.upload_id is None
 
 
 class SinogramQuery(Given):
-    """Which sinogram to draw."""
+    """Row of the sinogram to draw."""
 
     row: Annotated[int, Field(ge=0, le=LARGEST_NUMBER)] = Field(0, description="Detector row.")
 
@@ -187,7 +187,7 @@ def get_scan_thumbnail(scan_id: Identifier, request: Request, store: TheStore) -
 
 def _sinogram(request: Request, store: Store, scan: Scan, shape: ScanShape, row: int) -> Response:
     def draw() -> bytes:
-        # Imported by the first picture: a service that draws none does not hold NumPy, h5py and Pillow.
+        # The first picture imports this: a service that draws none does not hold NumPy, h5py and Pillow.
         from sawmill_formats.output import scan_reader  # noqa: PLC0415
         from sawmill_worker.pictures.images import sinogram_png  # noqa: PLC0415
 

@@ -1,4 +1,4 @@
-"""/v1/uploads: files that come in parts, after the draft "Resumable Uploads for HTTP" of the IETF."""
+"""/v1/uploads: files that are sent in parts, by the draft "Resumable Uploads for HTTP" of the IETF."""
 
 import asyncio
 from collections.abc import AsyncIterator
@@ -30,7 +30,7 @@ from sawmill_store.upload_parts import Part
 from sawmill_store.uploads import UploadQuota, WrongOffset
 
 router = Router(prefix="/v1/uploads", tags=["uploads"], reading=Scope.READ)
-# Summing up a large file takes as long as reading it; the threads that write others do not wait for that.
+# Computing the digest of a large file takes as long as reading it; the threads that write files do not wait for that.
 _SUMS = ThreadPoolExecutor(2, "sums-of-uploads")
 
 
@@ -64,7 +64,7 @@ async def get_upload(upload_id: Identifier, store: TheStore, transfers: TheTrans
 
     A part that is still coming is ended first, and gets 409 `upload-busy`: the next one is taken at this offset.
     """
-    await run_in_threadpool(store.uploads.get, upload_id)  # nobody ends a part of somebody else's upload
+    await run_in_threadpool(store.uploads.get, upload_id)  # refused before a part of another key's upload is ended
     await transfers.end(upload_id)
     return _with_headers(response, await run_in_threadpool(store.uploads.get, upload_id))
 
@@ -119,7 +119,7 @@ async def delete_upload(upload_id: Identifier, store: TheStore, transfers: TheTr
 
 
 async def _receive(part: Part, announced: AnnouncedPart, chunks: AsyncIterator[bytes], content: SentContent) -> None:
-    """Write a part in threads; however it ends, the file is free for the next one."""
+    """Write a part in threads; the file is closed in any case, so that the next part can be written."""
     commits = not content.has_digest
     try:
         async for piece in in_parts(chunks):
@@ -127,7 +127,7 @@ async def _receive(part: Part, announced: AnnouncedPart, chunks: AsyncIterator[b
         announced.check_end(part.missing_bytes)
         await asyncio.to_thread(part.finish, content)
         await _complete_if_whole(part)
-    except (ClientDisconnect, HTTPException, Busy):  # the sender's
+    except (ClientDisconnect, HTTPException, Busy):  # caused by the sender
         if commits:
             await asyncio.to_thread(part.commit)
             await _complete_if_whole(part)

@@ -112,7 +112,7 @@ async def test_webhook(
 ) -> WebhookTest:
     """A message of the type `webhook-test` is sent once, now, to a disabled one too; the answer says how that went."""
     await repeatable.check_sent()
-    # Before the transaction: no lock waits for a receiver.
+    # Sent before the transaction, so that no lock waits for a receiver.
     tested = await run_in_threadpool(send_test, store, AllowedDestinations(settings.webhook_destinations), webhook_id)
     return await run_in_threadpool(repeatable.once, partial(store.webhooks.note_test, tested))
 
