@@ -99,8 +99,8 @@ def _method(scope: Scope) -> str:
 def _who_and_what(scope: Scope) -> dict[str, str]:
     """Return the caller's key and the job that was queued, if there are any."""
     state = scope["state"]
-    known = {"key_id": getattr(state.get("caller"), "key_id", None), "job_id": state.get("job_id")}
-    return {name: value for name, value in known.items() if value is not None}
+    ids = {"key_id": getattr(state.get("caller"), "key_id", None), "job_id": state.get("job_id")}
+    return {name: value for name, value in ids.items() if value is not None}
 
 
 def _internal_error(scope: Scope) -> ASGIApp:

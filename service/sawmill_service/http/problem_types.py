@@ -53,8 +53,8 @@ def type_of(code: str) -> str:
 
 def title_of(code: str, status: int) -> str:
     """Return the meaning of a code in a few words; for an unknown code, the phrase of the status."""
-    known = problem_types().get(code)
-    return HTTPStatus(status).phrase if known is None else known.title
+    kind = problem_types().get(code)
+    return HTTPStatus(status).phrase if kind is None else kind.title
 
 
 class ProblemTypes(Contract):
@@ -66,8 +66,8 @@ class ProblemTypes(Contract):
 @cache
 def problem_types() -> Mapping[str, ProblemType]:
     """Return all kinds of problems, by code."""
-    found = [kind for name in ("answers", "failures") for kind in _read(_TEXTS / f"{name}.toml")]
-    return {kind.code: kind for kind in sorted(found, key=lambda kind: kind.code)}
+    kinds = [kind for name in ("answers", "failures") for kind in _read(_TEXTS / f"{name}.toml")]
+    return {kind.code: kind for kind in sorted(kinds, key=lambda kind: kind.code)}
 
 
 def markdown_table() -> str:

@@ -190,14 +190,14 @@ def _field_problem(error: Mapping[str, Any], body: object) -> FieldProblem:
 
 def _pointer(names: Sequence[int | str], body: object, *, adds: bool) -> str:
     """Return a JSON pointer as the fragment of a URI; `adds`: the field of the last name is missing."""
-    found = []
+    parts = []
     for number, name in enumerate(names, start=1):
         if _holds(body, name):
             body = body[name]  # type: ignore[index]
         elif not (adds and number == len(names)):
             continue  # a variant of a union, or another name that pydantic adds to the fields
-        found.append(quote(str(name).replace("~", "~0").replace("/", "~1"), safe="~!$&'()*+,;=:@"))
-    return "".join(["#", *(f"/{name}" for name in found)])
+        parts.append(quote(str(name).replace("~", "~0").replace("/", "~1"), safe="~!$&'()*+,;=:@"))
+    return "".join(["#", *(f"/{name}" for name in parts)])
 
 
 def _holds(value: object, name: int | str) -> bool:
@@ -228,8 +228,8 @@ def _on_validation(request: Request, error: Exception) -> JSONResponse:
     problems = [
         _field_problem(item, refused.body) for item in refused.errors() if item["type"] not in FOLLOWS_FROM_OTHERS
     ]
-    first, others = problems[0], len(problems) - 1
-    detail = f"{first.location} {first.message}" + (f" (and {others} more)" if others else "")
+    first, more = problems[0], len(problems) - 1
+    detail = f"{first.location} {first.message}" + (f" (and {more} more)" if more else "")
     return problem_response(request.url.path, 422, "invalid-request", detail, errors=problems)
 
 

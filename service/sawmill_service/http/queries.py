@@ -28,13 +28,13 @@ async def check_query(request: Request) -> None:
     query = request.query_params
     if not query or not route.include_in_schema:
         return
-    known = dict(_fields(route.dependant))
+    types = dict(_fields(route.dependant))
     errors = []
     for name in query:
         values = query.getlist(name)
-        if name not in known:
-            errors.append(_refused((ProblemPlace.QUERY, name), values, f"is not a known field{near_name(name, known)}"))
-        elif len(values) > 1 and not _is_list(known[name]):
+        if name not in types:
+            errors.append(_refused((ProblemPlace.QUERY, name), values, f"is not a known field{near_name(name, types)}"))
+        elif len(values) > 1 and not _is_list(types[name]):
             errors.append(repeated((ProblemPlace.QUERY, name), values))
     if errors:
         raise RequestValidationError(errors)
@@ -56,9 +56,9 @@ def _is_list(annotation: object) -> bool:
     return get_origin(annotation) is list or any(map(_is_list, get_args(annotation)))
 
 
-def near_name(name: str, known: Iterable[str]) -> str:
+def near_name(name: str, names: Iterable[str]) -> str:
     """Return the end of a sentence about an unknown name: a similar known name; empty if there is none."""
-    near = get_close_matches(name, sorted(known), n=1)
+    near = get_close_matches(name, sorted(names), n=1)
     return f": {near[0]!r} is" if near else ""
 
 

@@ -200,8 +200,8 @@ def repeatable(endpoint: Callable[..., Made]) -> Callable[..., Made]:
     """Have a route whose body is JSON, or empty, take `Idempotency-Key`."""
 
     @wraps(endpoint)
-    def once(repeatable: Repeatable, **given: Any) -> Made:  # noqa: ANN401 - the route's own
-        return repeatable.once(partial(endpoint, **given))
+    def once(repeatable: Repeatable, **arguments: Any) -> Made:  # noqa: ANN401 - the route's own
+        return repeatable.once(partial(endpoint, **arguments))
 
     signature = inspect.signature(endpoint)
     added = inspect.Parameter("repeatable", inspect.Parameter.KEYWORD_ONLY, annotation=TheRepeatable)

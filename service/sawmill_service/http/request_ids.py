@@ -30,33 +30,33 @@ class RequestIds:
         if scope["type"] != "http":
             await self.app(scope, receive, send)
             return
-        with named_request(_given(Headers(scope=scope))) as request_id:
+        with named_request(_client_id(Headers(scope=scope))) as request_id:
             scope.setdefault("state", {})["request_id"] = request_id
 
             async def send_named(message: Message) -> None:
                 if message["type"] == "http.response.start":
-                    MutableHeaders(scope=message).update({HEADER: request_id, **_others(scope["state"])})
+                    MutableHeaders(scope=message).update({HEADER: request_id, **_key_and_job(scope["state"])})
                 await send(message)
 
             await self.app(scope, receive, send_named)
 
 
 @contextmanager
-def named_request(given: str | None = None) -> Iterator[str]:
+def named_request(client_id: str | None = None) -> Iterator[str]:
     """Give all lines of the log and problems within the block this id, or a new one."""
-    request_id = given or uuid4().hex
+    request_id = client_id or uuid4().hex
     # A request that follows directly after another one starts in the context of that one.
     clear_contextvars()
     with bound_contextvars(request_id=request_id):
         yield request_id
 
 
-def _others(state: Mapping[str, Any]) -> dict[str, str]:
+def _key_and_job(state: Mapping[str, Any]) -> dict[str, str]:
     """Return the ids of the request's key and of the job that it queued, if there are any."""
-    known = {"X-Key-Id": getattr(state.get("caller"), "key_id", None), "X-Job-Id": state.get("job_id")}
-    return {name: value for name, value in known.items() if value is not None}
+    ids = {"X-Key-Id": getattr(state.get("caller"), "key_id", None), "X-Job-Id": state.get("job_id")}
+    return {name: value for name, value in ids.items() if value is not None}
 
 
-def _given(headers: Headers) -> str | None:
-    given = headers.get(HEADER)
-    return given if given is not None and _SAFE.fullmatch(given) else None
+def _client_id(headers: Headers) -> str | None:
+    client_id = headers.get(HEADER)
+    return client_id if client_id is not None and _SAFE.fullmatch(client_id) else None

@@ -32,7 +32,7 @@ def _router(declared: AskedKind[Any, Any]) -> Router:
 
     def ask(
         ask: Contract,
-        given: Annotated[Mapping[str, str], Depends(_given_in_path(declared))],
+        path_ids: Annotated[Mapping[str, str], Depends(_ids_in_path(declared))],
         store: TheStore,
         settings: TheSettings,
         wake: TheWake,
@@ -41,19 +41,19 @@ def _router(declared: AskedKind[Any, Any]) -> Router:
         priority: Annotated[AskedPriority, Query()] = Priority.WAITED_FOR,
     ) -> Any:  # noqa: ANN401 - the kind's answer
         caller.check(declared.needed_scope(ask))
-        answer = store.asked(declared).accept(ask, priority=priority, given=given)
+        answer = store.asked(declared).accept(ask, priority=priority, given=path_ids)
         wake(answer.job_id)
         accept(response, f"{folder}/{answer.id}", settings.retry_after_s)
         announce(ask, caller, response)
         return linked(declared, answer)
 
-    def list_all(query: Dated, store: TheStore) -> Any:  # noqa: ANN401 - pages of it
+    def list_all(query: Dated, store: TheStore) -> Any:  # noqa: ANN401 - a page of answers
         page = store.asked(declared).page(**query.model_dump())
         return page.model_copy(update={"items": [linked(declared, item) for item in page.items]})
 
     async def get(
         identifier: Annotated[Identifier, Path(alias=f"{declared.noun}_id")], store: TheStore, waiting: TheWaiting
-    ) -> Any:  # noqa: ANN401 - the same
+    ) -> Any:  # noqa: ANN401 - the kind's answer
         return linked(declared, await waiting.read(lambda: store.asked(declared).get(identifier)))
 
     # Types of body and query for FastAPI, which are known only here.
@@ -102,7 +102,7 @@ def _filter(declared: AskedKind[Any, Any]) -> type[Dated]:
     return create_model(f"{declared.noun}_filter", __base__=Dated, **fields)
 
 
-def _given_in_path(declared: AskedKind[Any, Any]) -> Any:  # noqa: ANN401 - a dependency
+def _ids_in_path(declared: AskedKind[Any, Any]) -> Any:  # noqa: ANN401 - a dependency
     """Return a dependency that reads the id of a reference from the path of the ask, if the path has one."""
     names = [f"{name}_id" for name in Reference if f"{{{name}_id}}" in (declared.asked_at or "")]
 

@@ -279,10 +279,10 @@ def _tiles(query: MosaicQuery, available: int) -> Sequence[int]:
         from sawmill_worker.pictures.log_pictures import spread
 
         return spread(query.count or USUAL_TILES, available)
-    wanted = parse_span("slices", query.slices)
-    if wanted.stop > available:
+    span = parse_span("slices", query.slices)
+    if span.stop > available:
         raise Refused(404, "slice-not-found", f"slices must be within 0:{available}, not {query.slices}")
-    tiles = range(available)[wanted]
+    tiles = range(available)[span]
     if len(tiles) > MOST_TILES:
         raise Refused(
             422, "too-many-slices", f"slices must name at most {MOST_TILES}, not {len(tiles)}: take a larger STEP"

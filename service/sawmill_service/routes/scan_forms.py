@@ -45,8 +45,8 @@ class ScanForm(GivenScan):
 
     @model_validator(mode="before")
     @classmethod
-    def _is_called_as_its_file(cls, given: dict[str, str]) -> dict[str, str]:
-        return {"name": given[FILE], **given} if given.get(FILE) else given
+    def _is_called_as_its_file(cls, fields: dict[str, str]) -> dict[str, str]:
+        return {"name": fields[FILE], **fields} if fields.get(FILE) else fields
 
 
 @router.post(

@@ -82,10 +82,10 @@ def digests_of(headers: Headers) -> dict[str, bytes]:
     Refused
         400 `bad-digest`: the header cannot be read.
     """
-    given = all_lines(headers, "content-digest") or ""
-    members = dictionary_in(given)
+    header = all_lines(headers, "content-digest") or ""
+    members = dictionary_in(header)
     if members is None:
-        raise _bad_digest(given)
+        raise _bad_digest(header)
     return {name: _digest(name, value) for name, value in members.items() if name in ALGORITHMS}
 
 
@@ -101,6 +101,6 @@ def _digest(name: str, value: str) -> bytes:
     return digest
 
 
-def _bad_digest(given: str) -> Refused:
+def _bad_digest(header: str) -> Refused:
     example = "sha-256=:47DEQpj8HBSa+/TImW+5JCeuQeRkm5NMpJWZG3hSuFU=:"
-    return Refused(400, "bad-digest", f"Content-Digest must be as in {example}, not {given[:100]!r}")
+    return Refused(400, "bad-digest", f"Content-Digest must be as in {example}, not {header[:100]!r}")

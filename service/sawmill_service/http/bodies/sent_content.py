@@ -35,9 +35,9 @@ class FirstBytes:
         if len(self._seen) == self.NUMBER:
             return
         self._seen += piece[: self.NUMBER - len(self._seen)]
-        found = "a page (HTML or XML)" if _PAGE.match(self._seen) else "a form" if _FORM.match(self._seen) else None
-        if found:
-            detail = f"the body is {found}, not a file of measurements: send the file's bytes alone, as {BYTES}"
+        kind = "a page (HTML or XML)" if _PAGE.match(self._seen) else "a form" if _FORM.match(self._seen) else None
+        if kind:
+            detail = f"the body is {kind}, not a file of measurements: send the file's bytes alone, as {BYTES}"
             raise Refused(415, "unsupported-media-type", detail, {"Accept": BYTES})
 
 

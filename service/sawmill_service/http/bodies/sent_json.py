@@ -63,8 +63,8 @@ def _check(body: bytes) -> None:
     except ValueError as error:  # half a surrogate, or hundreds of lists in lists
         unread = {"type": STATED, "loc": (ProblemPlace.BODY,), "msg": f"cannot be read: {error}", "input": None}
         raise RequestValidationError([unread]) from error
-    found = hidden_characters(sent) if isinstance(sent, dict | list) else ()
-    if hidden := [fault | {"loc": (ProblemPlace.BODY, *fault["loc"])} for fault in found]:
+    faults = hidden_characters(sent) if isinstance(sent, dict | list) else ()
+    if hidden := [fault | {"loc": (ProblemPlace.BODY, *fault["loc"])} for fault in faults]:
         raise RequestValidationError(hidden, body=sent)
 
 

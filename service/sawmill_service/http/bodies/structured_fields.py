@@ -36,14 +36,14 @@ def bytes_in(text: str) -> bytes | None:
 
 def dictionary_in(text: str) -> dict[str, str] | None:
     """Read a dictionary of items (section 3.2), each as it is written; the last item of a name counts."""
-    found, at = dict[str, str](), 0
+    members, at = dict[str, str](), 0
     if not text.strip(" \t"):
-        return found
+        return members
     while (member := _MEMBER.match(text, at)) is not None:
-        found[member[1]] = member[2] or "?1"
+        members[member[1]] = member[2] or "?1"
         at = member.end()
         if not member[3]:
-            return found
+            return members
     return None
 
 

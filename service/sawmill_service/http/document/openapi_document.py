@@ -228,8 +228,8 @@ def _describe_parameters(operation: dict[str, Any]) -> None:
 
 
 def _not_null(schema: dict[str, Any]) -> dict[str, Any]:
-    given = [choice for choice in schema.get("anyOf", []) if choice != {"type": "null"}]
-    return given[0] | {key: value for key, value in schema.items() if key != "anyOf"} if len(given) == 1 else schema
+    choices = [choice for choice in schema.get("anyOf", []) if choice != {"type": "null"}]
+    return choices[0] | {key: value for key, value in schema.items() if key != "anyOf"} if len(choices) == 1 else schema
 
 
 def _describe_repeats(operation: dict[str, Any]) -> None:
@@ -254,10 +254,10 @@ def _give_examples(operation: dict[str, Any], values: dict[str, Any]) -> None:
 
 
 def _example_request(path: str, method: str, operation: dict[str, Any]) -> ExampleRequest:
-    given = [parameter for parameter in operation.get("parameters", []) if "example" in parameter]
-    query = {parameter["name"]: parameter["example"] for parameter in given if parameter["in"] == "query"}
-    headers = {parameter["name"]: str(parameter["example"]) for parameter in given if parameter["in"] == "header"}
-    for parameter in given:
+    parameters = [parameter for parameter in operation.get("parameters", []) if "example" in parameter]
+    query = {parameter["name"]: parameter["example"] for parameter in parameters if parameter["in"] == "query"}
+    headers = {parameter["name"]: str(parameter["example"]) for parameter in parameters if parameter["in"] == "header"}
+    for parameter in parameters:
         if parameter["in"] == "path":
             path = path.replace(f"{{{parameter['name']}}}", str(parameter["example"]))
     content = operation.get("requestBody", {}).get("content", {})

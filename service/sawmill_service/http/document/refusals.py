@@ -92,10 +92,10 @@ def _status_of(code: str) -> int:
 
 
 def _by_status(codes: Iterable[str]) -> dict[int, set[str]]:
-    found: dict[int, set[str]] = {}
+    by_status: dict[int, set[str]] = {}
     for code in codes:
-        found.setdefault(_status_of(code), set()).add(code)
-    return found
+        by_status.setdefault(_status_of(code), set()).add(code)
+    return by_status
 
 
 def _refusal(status: int, codes: Iterable[str]) -> dict[str, Any]:

@@ -128,9 +128,9 @@ def _kind(scope: Scope, headers: Headers) -> str:
 
 def _waits(scope: Scope) -> bool:
     """Return whether a request asks to wait for a job; `wait=0` does not, nor does a value that is refused at once."""
-    asked = parse_qs(scope["query_string"].decode("latin-1")).get("wait", [])
+    values = parse_qs(scope["query_string"].decode("latin-1")).get("wait", [])
     with suppress(ValueError):
-        return any(float(seconds) > 0.0 for seconds in asked)
+        return any(float(seconds) > 0.0 for seconds in values)
     return False
 
 

@@ -173,17 +173,17 @@ class Download(FileResponse):
             digest = await digests.of_file(Path(self.path), status, self.check)
         except FileNotFoundError:
             raise _missing(Path(self.path)) from None
-        tag, modified, asked = tag_of(digest), self.headers["Last-Modified"], Headers(scope=scope)
-        if held := check_conditions(asked, tag, modified):
+        tag, modified, request_headers = tag_of(digest), self.headers["Last-Modified"], Headers(scope=scope)
+        if held := check_conditions(request_headers, tag, modified):
             await held(scope, receive, send)
             return
         self.headers.update({"ETag": tag, "Repr-Digest": repr_digest(digest)})
-        spans = spans_of(asked, status.st_size, tag)
+        spans = spans_of(request_headers, status.st_size, tag)
         # The base class gets only ranges that it does not refuse.
-        given = [line for line in scope["headers"] if line[0] not in {b"range", b"if-range"}]
+        lines = [line for line in scope["headers"] if line[0] not in {b"range", b"if-range"}]
         if spans:
-            given.append((b"range", f"bytes={','.join(f'{span.start}-{span.stop - 1}' for span in spans)}".encode()))
-        await super().__call__({**scope, "headers": given}, receive, send)
+            lines.append((b"range", f"bytes={','.join(f'{span.start}-{span.stop - 1}' for span in spans)}".encode()))
+        await super().__call__({**scope, "headers": lines}, receive, send)
 
 
 def file(

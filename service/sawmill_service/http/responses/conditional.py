@@ -43,10 +43,10 @@ def check_conditions(headers: Headers, tag: str, modified: str | None = None) ->
     elif _is_newer(modified, headers.get("if-unmodified-since")):
         _refuse_condition("If-Unmodified-Since", headers["if-unmodified-since"], f"Last-Modified is {modified}")
     if held:
-        known = "*" in held or tag.removeprefix("W/") in {each.removeprefix("W/") for each in held}
+        is_held = "*" in held or tag.removeprefix("W/") in {each.removeprefix("W/") for each in held}
     else:
-        known = _is_newer(modified, headers.get("if-modified-since")) is False
-    return Response(status_code=304, headers={"ETag": tag, "Cache-Control": CACHING}) if known else None
+        is_held = _is_newer(modified, headers.get("if-modified-since")) is False
+    return Response(status_code=304, headers={"ETag": tag, "Cache-Control": CACHING}) if is_held else None
 
 
 def spans_of(headers: Headers, size_bytes: int, tag: str) -> Sequence[slice]:
@@ -73,17 +73,17 @@ def spans_of(headers: Headers, size_bytes: int, tag: str) -> Sequence[slice]:
         )
     there = [span for span in spans if span is not None and span.start < size_bytes]
     if not there:
-        beyond = f"the file has {size_bytes} bytes, so {header[:100]!r} is beyond its end"
-        raise Refused(416, "range-beyond-end", beyond, {"Content-Range": f"bytes */{size_bytes}"})
+        detail = f"the file has {size_bytes} bytes, so {header[:100]!r} is beyond its end"
+        raise Refused(416, "range-beyond-end", detail, {"Content-Range": f"bytes */{size_bytes}"})
     return there
 
 
 def _span(part: str, size_bytes: int) -> slice | None:
     """Return the bytes that a part of the header names, which may begin at the end of the answer; None if malformed."""
-    found = _SPAN.fullmatch(part)
-    if found is None or part == "-":
+    match = _SPAN.fullmatch(part)
+    if match is None or part == "-":
         return None
-    first, last = found.groups()
+    first, last = match.groups()
     if not first:
         return slice(max(0, size_bytes - int(last)), size_bytes)
     if last and int(last) < int(first):
@@ -96,22 +96,22 @@ def _listed(headers: Headers, name: str) -> list[str]:
     return [tag for line in headers.getlist(name) for each in line.split(",") if (tag := each.strip(" \t"))]
 
 
-def _is_newer(modified: str | None, given: str | None) -> bool | None:
+def _is_newer(modified: str | None, date_header: str | None) -> bool | None:
     """Return whether an answer was modified after the date of a condition; None if that is not known."""
-    if modified is None or given is None:
+    if modified is None or date_header is None:
         return None
-    date = http_date(given)
+    date = http_date(date_header)
     return None if date is None else parsedate_to_datetime(modified) > date
 
 
-def http_date(given: str) -> datetime | None:
+def http_date(text: str) -> datetime | None:
     """Read a date of HTTP in any of the three forms; return None for other texts, to be ignored (section 13.1.4)."""
     try:
-        date = parsedate_to_datetime(given)
+        date = parsedate_to_datetime(text)
     except (ValueError, OverflowError):  # an overflow: numbers of more digits than a date can have
         return None
     return date if date.tzinfo else date.replace(tzinfo=UTC)
 
 
-def _refuse_condition(header: str, given: str, found: str) -> None:
-    raise Refused(412, "precondition-failed", f"{header} is {given[:100]!r}, but {found}")
+def _refuse_condition(header: str, value: str, actual: str) -> None:
+    raise Refused(412, "precondition-failed", f"{header} is {value[:100]!r}, but {actual}")

@@ -47,7 +47,7 @@ class JobEnds:
         self._begun: asyncio.Future[None]
 
     async def read(
-        self, read: Callable[[], Answer], wait_s: float, left: Callable[[], Coroutine[Any, Any, None]]
+        self, read: Callable[[], Answer], wait_s: float, until_gone: Callable[[], Coroutine[Any, Any, None]]
     ) -> Answer:
         """Return an answer once its job has ended, or its state after the wait.
 
@@ -57,7 +57,7 @@ class JobEnds:
             Function that returns the current state, of a job or of the resource that a job works on; runs in a thread.
         wait_s
             Longest wait, s; 0 does not wait.
-        left
+        until_gone
             Coroutine that ends when the client has gone, which ends the wait.
 
         Raises
@@ -68,14 +68,18 @@ class JobEnds:
         answer = await run_in_threadpool(read)
         if wait_s <= 0.0 or not is_unfinished(answer):
             return answer
-        return await self._read_when_ended(read, _job_id(answer), min(wait_s, _LONGEST_S), left)
+        return await self._read_when_ended(read, _job_id(answer), min(wait_s, _LONGEST_S), until_gone)
 
     async def _read_when_ended(
-        self, read: Callable[[], Answer], job_id: str, wait_s: float, left: Callable[[], Coroutine[Any, Any, None]]
+        self,
+        read: Callable[[], Answer],
+        job_id: str,
+        wait_s: float,
+        until_gone: Callable[[], Coroutine[Any, Any, None]],
     ) -> Answer:
         waiting, ended = self._waiting.setdefault(job_id, set()), asyncio.get_running_loop().create_future()
         waiting.add(ended)
-        gone = asyncio.create_task(left())
+        gone = asyncio.create_task(until_gone())
         until_s = time.monotonic() + wait_s
 
         async def wait_for(what: asyncio.Future[None]) -> None:
