@@ -70,7 +70,7 @@ class ProblemPlace(StrEnum):
 
 
 class FieldProblem(BaseModel):
-    """A value that was refused."""
+    """One value that was refused."""
 
     model_config = ConfigDict(populate_by_name=True)
 
@@ -94,7 +94,7 @@ class FieldProblem(BaseModel):
 
 
 class Problem(BaseModel):
-    """Problem that refuses a request (RFC 9457)."""
+    """What went wrong (RFC 9457)."""
 
     type: str = Field(
         description="The page of this kind of problem, relative to the address that was asked.",

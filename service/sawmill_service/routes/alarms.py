@@ -21,7 +21,7 @@ def list_alarms(
         Query(description="Those of this scanner. By default those of all.", examples=["example"]),
     ] = None,
 ) -> AlarmList:
-    """List overdue phantom scans and measurements, quiet scanners, and scanners whose logs together show a movement.
+    """What should have come from a scanner by now and has not, and scanners that moved, as their logs together show.
 
     The limits are `alarms` of the scanner.
     """

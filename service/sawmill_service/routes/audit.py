@@ -28,7 +28,7 @@ class JsonLines(StreamingResponse):
 
 @router.get("/v1/audit", summary="List who did what, newest first", responses=refuses("invalid-cursor"))
 def list_audit(paging: Annotated[NumberedPaging, Query()], store: TheStore) -> Page[AuditEntry]:
-    """List activations, roll-backs, deletions, changes of scanners and schedules, cancelled jobs, keys and logins."""
+    """Activations, roll-backs, deletions, changes of scanners and schedules, cancelled jobs, keys and logins."""
     return store.audit.page(after=paging.after, limit=paging.limit)
 
 
@@ -39,7 +39,7 @@ def list_audit(paging: Annotated[NumberedPaging, Query()], store: TheStore) -> P
     responses=SAVED | refuses("precondition-failed"),
 )
 def get_audit_file(request: Request, store: TheStore) -> Response:
-    """Return every entry, the oldest first, one JSON object a line."""
+    """Every entry, the oldest first, one JSON object a line."""
     # A weak tag: entries that are added while the file is sent are sent too.
     tag = 'W/"{}-{}"'.format(*store.audit.extent())
     if held := check_conditions(request.headers, tag):

@@ -25,7 +25,7 @@ router = Router(prefix="/v1/calibrations", tags=["calibrations"], reading=Scope.
 
 
 class Activate(Given):
-    """Reason for the activation of a calibration."""
+    """Why a calibration becomes the active one."""
 
     reason: Name = Field(
         "activated by hand", description="Why, for the scanner's history and the audit.", examples=["checked by hand"]
@@ -42,9 +42,9 @@ BY_HAND = Activate()
     responses=stored("calibration-not-found", "calibration-without-result"),
 )
 def get_report(calibration_id: Identifier, request: Request, store: TheStore) -> Response:
-    """Show the verdict and the numbers, the phantom, a log before and after, and the evidence on one page.
+    """The verdict and the numbers, the phantom found, a log before and after, and how it is known, on one page.
 
-    The page is drawn on the first request, which takes seconds, and kept.
+    Drawn on the first request, which takes seconds, and kept.
     """
     return _picture(request, store, calibration_id, CalibrationPicture.REPORT)
 
@@ -56,7 +56,7 @@ def get_report(calibration_id: Identifier, request: Request, store: TheStore) ->
     responses=stored("calibration-not-found", "calibration-without-result"),
 )
 def get_overlay(calibration_id: Identifier, request: Request, store: TheStore) -> Response:
-    """Show the phantom reconstructed with the theta found, under its drawing; drawn on the first request and kept."""
+    """The phantom reconstructed with the theta found, and its drawing over it; drawn on the first request and kept."""
     return _picture(request, store, calibration_id, CalibrationPicture.OVERLAY)
 
 
@@ -67,9 +67,9 @@ def get_overlay(calibration_id: Identifier, request: Request, store: TheStore) -
     responses=stored("calibration-not-found", "calibration-without-result", "no-log"),
 )
 def get_log_before(calibration_id: Identifier, request: Request, store: TheStore) -> Response:
-    """Show a log of the same scan with the calibration that was active then; without one, with no shift and no tilt.
+    """A log of the same scan with the calibration that was active then; without one, with nothing shifted or tilted.
 
-    The grey window and the size are as in `log-after.png`. 404 if the scan shows no log next to the phantom.
+    In the grey window of `log-after.png`, of the same size. 404 where the scan shows no log beside the phantom.
     """
     return _picture(request, store, calibration_id, CalibrationPicture.LOG_BEFORE)
 
@@ -81,7 +81,7 @@ def get_log_before(calibration_id: Identifier, request: Request, store: TheStore
     responses=stored("calibration-not-found", "calibration-without-result", "no-log"),
 )
 def get_log_after(calibration_id: Identifier, request: Request, store: TheStore) -> Response:
-    """Show a log of the same scan with this calibration. 404 if the scan shows no log next to the phantom."""
+    """A log of the same scan with this calibration. 404 where the scan shows no log beside the phantom."""
     return _picture(request, store, calibration_id, CalibrationPicture.LOG_AFTER)
 
 
@@ -92,7 +92,7 @@ def get_log_after(calibration_id: Identifier, request: Request, store: TheStore)
     responses=stored("calibration-not-found", "calibration-without-result", "result-h5-not-found"),
 )
 def get_calibration_file(calibration_id: Identifier, request: Request, store: TheStore) -> Response:
-    """Return all numbers with the measured sinogram, the model's sinogram and the residual."""
+    """Every number, with the sinogram, the model's and the residual."""
     calibration = succeeded(store, calibration_id, "result.h5")
     path = store.files.result(JobKind.CALIBRATE, calibration_id, "result.h5")
 
@@ -116,7 +116,7 @@ def get_calibration_file(calibration_id: Identifier, request: Request, store: Th
 def activate_calibration(
     calibration_id: Identifier, store: TheStore, activate: Sent[Activate] = BY_HAND
 ) -> StoredScanner:
-    """Activate a calibration for reconstructions from now on; an older one is a roll-back. 409 if it has no result."""
+    """Reconstructions use it from now on. An older one rolls back. Refused (409) without an answer."""
     return store.calibrations.activate(calibration_id, activate.reason)
 
 

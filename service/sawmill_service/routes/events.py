@@ -81,12 +81,12 @@ async def stream_events(
     access: TheAccess,
     last_event_id: LastEventId = None,
 ) -> AsyncIterator[ServerSentEvent]:
-    """Stream all changes: of jobs and their results, scanners, schedules, uploads and keys.
+    """Whatever changes: jobs, what they work on, scanners, schedules, uploads and keys.
 
-    The events since `Last-Event-ID` are sent first, each once; without the header, only events from now on are sent.
-    `alive` is sent at once and then every five seconds without an event. While the database does not answer, comments
-    are sent instead, and the stream continues afterwards. When the service stops, or the key or `duration_s` has ended,
-    the last event is `closing`: the client connects again, after the time in `retry`.
+    What happened since `Last-Event-ID` comes first, nothing of it twice; without it comes what happens from now on.
+    `alive` comes at once and then every five seconds in which nothing happened. While the database does not answer,
+    comments come in its place, and the stream goes on afterwards. When the service stops, the key or `duration_s` has
+    ended, the last event is `closing`: the client connects again, after the time in `retry`.
     """
     number = await feed.start(query.after if last_event_id is None else last_event_id)
     retry_ms = 1000 * settings.retry_after_s

@@ -29,7 +29,7 @@ router = Router(tags=["operation"], reading=Scope.READ)
 
 
 class Readiness(StrEnum):
-    """State of requests and of jobs."""
+    """Whether requests can be answered, and whether jobs are being done."""
 
     READY = "ready"
     WITHOUT_WORKER = "without-worker"
@@ -37,7 +37,7 @@ class Readiness(StrEnum):
 
 
 class Health(Contract):
-    """Health of the service."""
+    """How the service is."""
 
     state: Readiness
     detail: str = Field(description="What is wrong, in one sentence; empty when nothing is.", examples=[""])
@@ -45,7 +45,7 @@ class Health(Contract):
 
 @router.get("/health/live", needs=NoKey.MONITORING, summary="Is the process alive", response_class=PlainTextResponse)
 async def live() -> str:
-    """Answer as long as the process runs, whatever its threads are waiting for."""
+    """Answers as long as the process does, whatever the threads are waiting for."""
     return "alive"
 
 
@@ -62,11 +62,11 @@ async def live() -> str:
     },
 )
 def ready(request: Request, store: TheStore, response: Response) -> Health:
-    """Answer 503 if the database or the data folder cannot be used, or the disk is full or nearly so (`disk-full`).
+    """503 when the database or the data folder cannot be used, or when the disk is full or nearly so (`disk-full`).
 
     On a full disk results can still be read; uploads are refused, and jobs wait until there is room.
-    Jobs that wait while no worker runs any are reported as `without-worker`, also if workers cannot use Redis; requests
-    are still answered.
+    Jobs that wait while no worker runs any are reported as `without-worker`, also where workers cannot use Redis:
+    requests are still answered.
     """
     try:
         health = health_of(store, request.app.state.broker_url)
@@ -112,10 +112,8 @@ def broker_of(broker_url: str | None) -> "BrokerReport | None":
 
 @router.get("/metrics", summary="Metrics for Prometheus", response_class=PlainTextResponse)
 def metrics(request: Request) -> Response:
-    """Report jobs, attempts, memory, disk, the ray error and movement of each scanner, and requests.
+    """Jobs, attempts, memory and disk, each scanner's ray error and movement, and requests: docs/operations.md#metrics.
 
-    docs/operations.md#metrics has the list.
-
-    The status is always 200: if the database does not answer, `sawmill_database_up` is 0 and its metrics are missing.
+    Always 200: where the database does not answer, `sawmill_database_up` is 0 and what it would tell is left out.
     """
     return PlainTextResponse(generate_latest(request.app.state.metrics), media_type="text/plain; version=0.0.4")

@@ -94,5 +94,5 @@ async def inspect_file(
     responses=refuses("inspection-not-found", "inspection-in-use"),
 )
 def delete_inspection(inspection_id: Identifier, store: TheStore) -> None:
-    """Delete an inspection and its file; a scan that was made of it stays. 409 while its job has not ended."""
+    """Its file too; a scan that was made of it stays. Refused (409) while its job has not ended."""
     store.inspections.delete(inspection_id)

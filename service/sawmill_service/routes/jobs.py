@@ -63,13 +63,13 @@ class JobFilter(Paging):
 
 @router.get("", summary="List jobs, newest first", responses=refuses("invalid-cursor"))
 def list_jobs(query: Annotated[JobFilter, Query()], store: TheStore) -> Page[Job]:
-    """List all jobs, or the jobs of one kind or in one state."""
+    """All of them, or those of one kind, or in one state."""
     return store.jobs.page(kind=query.kind, state=query.state, after=query.after, limit=query.limit)
 
 
 @router.get("/{job_id}", summary="Get a job", responses=refuses("job-not-found"))
 async def get_job(job_id: Identifier, store: TheStore, waiting: TheWaiting) -> Job:
-    """Return the state, the place in the queue, the progress and a failure's reason; with `wait`, at the job's end."""
+    """State, place in the queue, progress, and why it failed if it did; with `wait` as soon as it has ended."""
     return await waiting.read(lambda: store.jobs.get(job_id))
 
 
@@ -100,11 +100,11 @@ def _to_follow(
 async def stream_job(
     now: Annotated[JobNow | None, Depends(_to_follow)], store: TheStore, settings: TheSettings, stopping: TheStopping
 ) -> AsyncIterator[ServerSentEvent]:
-    """Stream the job now and at each change; after the event `end` the client closes the stream.
+    """The job now and at each change; after the event `end` the client closes the stream.
 
-    The stream begins with the current job, unless `Last-Event-ID` is the id of `end`.
+    After any `Last-Event-ID` but that of `end` the stream begins with the job as it is.
     When the service stops, the last event is `closing`: the client connects again, after the time in `retry`. Ids are
-    stored numbers, so they stay valid in later streams and after a restart of the service.
+    numbers that are stored, so they hold beyond a stream and a service.
     """
     if now is None:
         return
@@ -154,7 +154,7 @@ def _pause_s(waited_s: float, longest_s: float) -> float:
 
 @router.get("/{job_id}/history", summary="Each attempt at a job and its fate", responses=refuses("job-not-found"))
 def get_job_history(job_id: Identifier, store: TheStore) -> JobHistory:
-    """List start, worker and end of each attempt: `lost`, `put-off`, `given-back`, or the end of the job."""
+    """When each attempt started, on which worker, and how it ended: `lost`, `put-off`, `given-back` or for good."""
     return JobHistory(events=store.events.of_job(job_id))
 
 
@@ -163,7 +163,7 @@ def get_job_history(job_id: Identifier, store: TheStore) -> JobHistory:
 )
 @repeatable
 def cancel_job(job_id: Identifier, store: TheStore, settings: TheSettings, response: Response) -> Job:
-    """Cancel a job: a queued one ends at once, a running one within seconds; an ended one stays as it is."""
+    """A queued job ends at once, a running one within seconds; an ended one is answered as it is."""
     try:
         job = store.jobs.request_cancel(job_id)
     except Conflict:  # the job has ended, perhaps a moment ago, as the caller wanted

@@ -18,7 +18,7 @@ AT_ONCE = KeyRotation()
 
 
 class OwnKey(Contract):
-    """Key of a request."""
+    """With what a request came."""
 
     name: Name = Field(description="The key's name.", examples=["scanner software of line 2"])
     scope: Scope = Field(description="What it may do.", examples=["submit"])
@@ -29,7 +29,7 @@ class OwnKey(Contract):
 
 @router.get("/own", summary="Get the key that you use")
 def get_own_key(caller: TheCaller) -> OwnKey:
-    """Return the key's name and scope; `key_id` is null if no key is needed, or with the service's own token."""
+    """Its name and scope; null as `key_id` where a request needs no key, or with the service's own token."""
     return OwnKey(name=caller.name, scope=caller.scope, key_id=caller.key_id)
 
 
@@ -43,14 +43,14 @@ def get_own_key(caller: TheCaller) -> OwnKey:
 )
 @repeatable
 def create_key(ask: Sent[KeyAsk], store: TheStore, response: Response) -> NewKey:
-    """Make a key, whose secret is in this answer and nowhere else."""
+    """Its secret is in this answer and nowhere else."""
     response.headers["Cache-Control"] = "no-store"
     return store.keys.create(ask)
 
 
 @router.get("", needs=Scope.ADMIN, summary="List keys, newest first")
 def list_keys(store: TheStore) -> Keys:
-    """List keys with their makers and their last use, without their secrets."""
+    """Without their secrets; with who made them and when they were last used."""
     return store.keys.all()
 
 
@@ -65,12 +65,12 @@ def list_keys(store: TheStore) -> Keys:
 def rotate_key(
     key_id: Identifier, store: TheStore, response: Response, rotation: Sent[KeyRotation] = AT_ONCE
 ) -> NewKey:
-    """Replace a secret; the old one is valid for the grace only. The new one is in this answer and nowhere else."""
+    """The old secret opens for the grace alone. The new one is in this answer and nowhere else."""
     response.headers["Cache-Control"] = "no-store"
     return store.keys.rotate(key_id, grace_s=rotation.grace_s)
 
 
 @router.delete("/{key_id}", needs=Scope.ADMIN, summary="Revoke a key", responses=refuses("key-not-found"))
 def revoke_key(key_id: Identifier, store: TheStore) -> Key:
-    """Revoke a key: it is invalid from now on, and stays in the list."""
+    """It opens nothing from now on, and stays listed."""
     return store.keys.revoke(key_id)

@@ -71,7 +71,7 @@ class PictureUpload(Given, PhantomPicture):
 )
 @repeatable
 def create_phantom(drawing: Sent[PhantomAsk], store: TheStore, response: Response) -> StoredPhantom:
-    """Draw a phantom from polygons and discs in mm, the rotation centre at the origin; it is ready at once."""
+    """Polygons and discs in mm, the rotation centre at the origin. Ready at once."""
     phantom = store.phantoms.create(drawing)
     response.headers["Location"] = f"/v1/phantoms/{phantom.id}"
     return phantom
@@ -98,7 +98,7 @@ async def upload_phantom_picture(
 ) -> StoredPhantom:
     """Send a PNG as the body; a job traces its outlines.
 
-    Bright pixels are wood. A row of the picture is +x, a column +y; the centre of the picture is the rotation centre.
+    Bright is wood. A row of the picture is +x, a column +y, its centre the rotation centre.
     [A picture to try](/static/phantom.png) (400 mm wide).
     """
     async with repeatable.unless_repeated():
@@ -118,7 +118,7 @@ async def upload_phantom_picture(
 
 @router.get("", summary="List phantoms, newest first", responses=refuses("invalid-cursor"))
 def list_phantoms(paging: Annotated[Paging, Query()], store: TheStore) -> Page[StoredPhantom]:
-    """List all phantoms, including the built-in ones, `l-shape` and `rectangle-with-hole`."""
+    """The built-in ones are `l-shape` and `rectangle-with-hole`."""
     return store.phantoms.page(after=paging.after, limit=paging.limit)
 
 
@@ -129,7 +129,7 @@ def list_phantoms(paging: Annotated[Paging, Query()], store: TheStore) -> Page[S
     responses=refuses("phantom-not-found"),
 )
 async def get_phantom(phantom_id: Identifier, store: TheStore, waiting: TheWaiting) -> StoredPhantom:
-    """Return the outlines in mm; null while the picture is being traced, which `wait` waits for."""
+    """Its outlines in mm; null while its picture is being traced, for the end of which `wait` waits."""
     return await waiting.read(lambda: store.phantoms.get(phantom_id))
 
 
@@ -141,7 +141,7 @@ async def get_phantom(phantom_id: Identifier, store: TheStore, waiting: TheWaiti
     responses=drawn("phantom-not-found", "phantom-without-drawing"),
 )
 def get_drawing(phantom_id: Identifier, request: Request, store: TheStore) -> Response:
-    """Draw outlines, holes, size, rotation centre and a scale bar as SVG in mm. Down is +x, right is +y."""
+    """SVG in mm: outlines, holes, size, rotation centre and a scale bar. Down is +x, right is +y."""
     phantom = store.phantoms.get(phantom_id)
     drawing = phantom.drawing
     if drawing is None:
@@ -162,9 +162,9 @@ def get_drawing(phantom_id: Identifier, request: Request, store: TheStore) -> Re
 def measure_phantom(
     phantom_id: Identifier, measured: Sent[MeasurementsAsk], store: TheStore, response: Response
 ) -> StoredPhantom:
-    """Make a phantom of the measured size, which `follows` this one; this one stays for resources that refer to it.
+    """Makes a phantom of the size measured now, which `follows` this one; this one stays for what refers to it.
 
-    A length replaces an earlier length of the same name; all other lengths stay.
+    A length takes the place of an earlier one of the same name, and others stay.
     """
     phantom = store.phantoms.measure(phantom_id, measured)
     response.headers["Location"] = f"/v1/phantoms/{phantom.id}"
@@ -180,5 +180,5 @@ def measure_phantom(
     responses=refuses("phantom-not-found", "phantom-built-in", "phantom-in-use"),
 )
 def delete_phantom(phantom_id: Identifier, store: TheStore) -> None:
-    """Delete a phantom. 409 for a built-in one, and while scans or calibrations refer to it."""
+    """Refused (409) for a built-in one, and while scans or calibrations refer to it."""
     store.phantoms.delete(phantom_id)

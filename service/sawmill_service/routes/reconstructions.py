@@ -132,7 +132,7 @@ def get_slice(
     request: Request,
     store: TheStore,
 ) -> Response:
-    """Draw a slice: a row of the picture is +x, a column +y."""
+    """A row of the picture is +x, a column +y."""
     result = result_of(store, reconstruction_id)
     check_slice(result, index)
     path = store.files.volume(reconstruction_id)
@@ -171,7 +171,7 @@ def get_slice(
 def get_mosaic(
     reconstruction_id: Identifier, query: Annotated[MosaicQuery, Query()], request: Request, store: TheStore
 ) -> Response:
-    """Draw slices in reading order with their heights, in one window; large ones are averaged down to 256 pixels."""
+    """Slices in reading order with their heights, all in one window; large ones are averaged down to 256 pixels."""
     result = result_of(store, reconstruction_id)
     window, indices = window_to_draw(query, result.value_range), _tiles(query, result.shape[0])
 
@@ -201,7 +201,7 @@ def get_mosaic(
 def get_side_view(
     reconstruction_id: Identifier, query: Annotated[SideQuery, Query()], request: Request, store: TheStore
 ) -> Response:
-    """Draw the densest value behind each point of the log's side; the log runs to the right."""
+    """The densest value behind each point of the log's side; the log runs to the right."""
     shape = result_of(store, reconstruction_id).shape
 
     def draw() -> bytes:
@@ -231,7 +231,7 @@ def get_side_view(
     responses=drawn(*OF_RESULT, "no-alpha-curve"),
 )
 def get_alpha_curve(reconstruction_id: Identifier, request: Request, store: TheStore) -> Response:
-    """Draw the middle slice's L-curve for `tikhonov`, and generalised cross-validation if that was requested."""
+    """Of a reconstruction by `tikhonov`: the middle slice's L-curve, and generalised cross-validation where asked."""
     from sawmill_formats.output import volume_reader
 
     result_of(store, reconstruction_id)
@@ -246,7 +246,7 @@ def get_alpha_curve(reconstruction_id: Identifier, request: Request, store: TheS
     responses=stored(*OF_RESULT),
 )
 def get_volume(reconstruction_id: Identifier, request: Request, store: TheStore) -> Response:
-    """Return `/entry/reconstruction/data`, float32 (slice, x, y). `Range` requests are answered."""
+    """`/entry/reconstruction/data`, float32 (slice, x, y). `Range` requests are answered."""
     shape = result_of(store, reconstruction_id).shape
     path = store.files.volume(reconstruction_id)
 

@@ -23,7 +23,7 @@ router = Router(prefix="/v1/retention", tags=["retention"], reading=Scope.READ)
 
 @router.get("", summary="Get the rules of retention")
 def get_retention(store: TheStore) -> Retention:
-    """Return the rules, and the resources that they have removed so far. Without rules everything stays."""
+    """How long what is kept, and what has gone by it so far. Without rules everything stays."""
     return store.retention.get()
 
 
@@ -31,10 +31,10 @@ def get_retention(store: TheStore) -> Retention:
     "/preview", needs=Scope.ADMIN, summary="Show what would go by rules", openapi_extra=trying(log_scans_days=14)
 )
 def preview_retention(tried: Annotated[RetentionQuery, Query()], store: TheStore) -> RetentionPreview:
-    """List the resources that would be removed within the next hour by the rules of the query, or by the current rules.
+    """What would go within the next hour by the rules of the query, or by those in force where it names none.
 
-    Nothing is removed. The rules may be put into force with `number` for an hour, although resources become too old in
-    that time. An active calibration, the one before it and their scans are never removed; `stays` lists further ones.
+    Nothing goes. The rules may be put into force with `number` for an hour, although things become too old in it.
+    An active calibration, the one before it and what they were made of never go; `stays` tells what else stays.
     """
     rules = RetentionRules(**tried.model_dump())
     return store.retention.preview(rules if any(rules.kinds()) else store.retention.get().rules)
@@ -48,8 +48,8 @@ def preview_retention(tried: Annotated[RetentionQuery, Query()], store: TheStore
     responses=refuses("retention-unconfirmed"),
 )
 def replace_retention(ask: Sent[RetentionAsk], store: TheStore) -> Retention:
-    """Replace the rules from now on, unless the new ones remove more at once than `remove_at_most`.
+    """They hold from now on, unless they remove more at once than `remove_at_most`.
 
-    Resources beyond the limits are removed at once, a few at a time, and later as they become too old or too many.
+    What they reach goes at once, a few at a time, and later as it becomes too old or too much.
     """
     return store.retention.replace(ask)

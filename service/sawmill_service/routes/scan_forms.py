@@ -72,10 +72,10 @@ async def upload_scan_form(
     wake: TheWake,
     repeatable: TheRepeatableWithFile,
 ) -> Scan:
-    """Upload a scan as `POST /v1/scans` does, with the file and its description in a form, for consoles and `curl -F`.
+    """As `POST /v1/scans`, with the file and its description as the parts of a form, for consoles and `curl -F`.
 
-    The file is the field `file`, of 64 MiB at most (`SAWMILL_MAX_FORM_BYTES`). If all other fields come before it, the
-    scanner and the phantom are looked up before the file is received; a wrong value before the file is refused at once.
+    The file is the field `file`, of 64 MiB at most (`SAWMILL_MAX_FORM_BYTES`). Where all other fields stand
+    before it, scanner and phantom are looked up before it is received; a wrong value before it is refused at once.
     """
     content = SentForm(request.headers, ScanForm, max_field_bytes=settings.max_json_bytes)
     async with repeatable.unless_repeated(content):

@@ -91,7 +91,7 @@ EXAMPLE = {
 )
 @repeatable
 def create_scanner(spec: Sent[ScannerAsk], store: TheStore, response: Response) -> StoredScanner:
-    """Describe a scanner by its known constants, search bounds and tolerances; only name and constants are required."""
+    """Known constants, search bounds, tolerances. Everything but name and constants has a default."""
     scanner = store.scanners.create(spec)
     response.headers["Location"] = f"/v1/scanners/{scanner.id}"
     return scanner
@@ -99,13 +99,13 @@ def create_scanner(spec: Sent[ScannerAsk], store: TheStore, response: Response) 
 
 @router.get("", summary="List scanners, newest first", responses=refuses("invalid-cursor"))
 def list_scanners(paging: Annotated[Paging, Query()], store: TheStore) -> Page[StoredScanner]:
-    """List scanners, each with its active calibration."""
+    """Each with its active calibration."""
     return store.scanners.page(after=paging.after, limit=paging.limit)
 
 
 @router.get("/{scanner_id}", summary="Get a scanner", responses=refuses("scanner-not-found"))
 def get_scanner(scanner_id: Identifier, store: TheStore) -> StoredScanner:
-    """Return the scanner and the calibration that it uses."""
+    """The scanner and which calibration it uses."""
     return store.scanners.get(scanner_id)
 
 
@@ -117,7 +117,7 @@ def get_scanner(scanner_id: Identifier, store: TheStore) -> StoredScanner:
     responses=refuses("scanner-not-found"),
 )
 def replace_scanner(scanner_id: Identifier, spec: Sent[ScannerAsk], store: TheStore) -> StoredScanner:
-    """Replace the description; existing results keep the constants with which they were computed."""
+    """Results that exist keep the constants they were made with."""
     return store.scanners.update(scanner_id, spec)
 
 
@@ -130,7 +130,7 @@ def replace_scanner(scanner_id: Identifier, spec: Sent[ScannerAsk], store: TheSt
     responses=refuses("scanner-not-found", "scanner-in-use"),
 )
 def delete_scanner(scanner_id: Identifier, store: TheStore) -> None:
-    """Delete a scanner. 409 while scans, results or schedules refer to it."""
+    """Refused (409) while scans, results or schedules refer to it."""
     store.scanners.delete(scanner_id)
 
 
@@ -142,7 +142,7 @@ def delete_scanner(scanner_id: Identifier, store: TheStore) -> None:
     responses=OLD | refuses("scanner-not-found"),
 )
 def scanner_history(scanner_id: Identifier, store: TheStore) -> list[Activation]:
-    """List the newest 50 activations. Use `history/entries` of the kind `activation` instead, which has pages."""
+    """The newest 50, newest first. Ask for `history/entries` of the kind `activation` instead, which has pages."""
     return [Activation.of(entry) for entry in store.history.page(scanner_id, kind=HistoryKind.ACTIVATION).items]
 
 
@@ -154,9 +154,9 @@ def scanner_history(scanner_id: Identifier, store: TheStore) -> list[Activation]
 def scanner_history_entries(
     scanner_id: Identifier, which: Annotated[HistoryPaging, Query()], store: TheStore
 ) -> Page[HistoryEntry]:
-    """List each calibration, drift check, activation, alarm and change of settings, with author, reason and result.
+    """Each calibration, drift check, activation, alarm and change of settings, with who, why and what it measured.
 
-    Entries stay when the resources that they are about are deleted.
+    Entries stay when what they are about is deleted.
     """
     return store.history.page(scanner_id, **which.narrowed(), after=which.after, limit=which.limit)
 
@@ -170,7 +170,7 @@ def scanner_history_entries(
 def scanner_history_file(
     scanner_id: Identifier, which: Annotated[HistoryFilter, Query()], store: TheStore
 ) -> StreamingResponse:
-    """Return the same entries, the oldest first, as CSV (RFC 4180) with one line of column names."""
+    """The same entries, the oldest first, as CSV (RFC 4180) with one line of column names."""
     headers = {"Content-Disposition": f'attachment; filename="{scanner_id}-history.csv"', "Cache-Control": "no-store"}
     return Csv(history_csv(store.history.all(scanner_id, **which.narrowed())), headers=headers)
 
@@ -181,7 +181,7 @@ def scanner_history_file(
     responses=refuses("scanner-not-found", "invalid-cursor"),
 )
 def list_measurements(scanner_id: Identifier, which: Annotated[Since, Query()], store: TheStore) -> Page[Measurement]:
-    """List the measurements that succeeded, newest first: the course of the rays, u_c and the tilt over months."""
+    """One entry for each that succeeded, newest first: what the rays, u_c and the tilt did over months."""
     return store.measurements.page(scanner_id, since=which.since, after=which.after, limit=which.limit)
 
 
@@ -191,5 +191,5 @@ def list_measurements(scanner_id: Identifier, which: Annotated[Since, Query()], 
     responses=refuses("scanner-not-found"),
 )
 def get_scanner_drift(scanner_id: Identifier, store: TheStore) -> ScannerDrift:
-    """Return the baseline since the active calibration, the newest checks pooled, and any jump or slow drift."""
+    """Since its active calibration: the baseline, the newest checks pooled, and whether it jumped or drifts slowly."""
     return store.drift_charts.of_scanner(scanner_id)

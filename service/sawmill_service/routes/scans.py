@@ -131,13 +131,13 @@ async def upload_scan(
 
 @router.get("", summary="List scans, newest first", responses=refuses("invalid-cursor"))
 def list_scans(query: Annotated[ScanFilter, Query()], store: TheStore) -> Page[Scan]:
-    """List all scans, or the scans of one scanner, in one state or of a span of time."""
+    """All of them, or those of one scanner, in one state, or of a span of time."""
     return store.scans.page(**query.model_dump())
 
 
 @router.get("/{scan_id}", summary="Get a scan", responses=refuses("scan-not-found"))
 async def get_scan(scan_id: Identifier, store: TheStore, waiting: TheWaiting) -> Scan:
-    """Return the state and the properties of the file; with `wait`, once the file has been read."""
+    """Its state, and what the file turned out to be; with `wait` as soon as it has been read."""
     return await waiting.read(lambda: store.scans.get(scan_id))
 
 
@@ -150,13 +150,13 @@ async def get_scan(scan_id: Identifier, store: TheStore, waiting: TheWaiting) ->
     responses=refuses("scan-not-found", "scan-in-use"),
 )
 def delete_scan(scan_id: Identifier, store: TheStore) -> None:
-    """Delete a scan and its files; its calibrations and reconstructions stay. 409 while a job needs it."""
+    """Its files too; calibrations and reconstructions made from it stay. Refused (409) while a job needs it."""
     store.scans.delete(scan_id)
 
 
 @router.get("/{scan_id}/preview", response_class=Png, summary="Preview a scan", responses=drawn(*OF_SCAN))
 def preview_scan(scan_id: Identifier, request: Request, store: TheStore) -> Response:
-    """Draw the middle row's sinogram."""
+    """The middle row's sinogram."""
     scan, shape = ready_scan(store, scan_id)
     return _sinogram(request, store, scan, shape, shape.rows // 2)
 
@@ -171,7 +171,7 @@ def preview_scan(scan_id: Identifier, request: Request, store: TheStore) -> Resp
 def get_sinogram(
     scan_id: Identifier, query: Annotated[SinogramQuery, Query()], request: Request, store: TheStore
 ) -> Response:
-    """Draw the line integrals over views and detector cells."""
+    """Line integrals over views and detector cells."""
     scan, shape = ready_scan(store, scan_id)
     return _sinogram(request, store, scan, shape, query.row)
 
@@ -180,7 +180,7 @@ def get_sinogram(
     "/{scan_id}/thumbnail.png", response_class=Png, summary="Get a scan as a small picture", responses=stored(*OF_SCAN)
 )
 def get_scan_thumbnail(scan_id: Identifier, request: Request, store: TheStore) -> Response:
-    """Draw the middle row's sinogram as a square of 160 pixels, for lists."""
+    """The middle row's sinogram as a square of 160 pixels, for lists."""
     scan, shape = ready_scan(store, scan_id)
     return file(request, scan_thumbnail(store, scan, shape), Png.media_type)
 

@@ -31,9 +31,9 @@ EXAMPLE = {"scanner_id": "example", "cron": "30 5 * * 1-6", "time_zone": "Europe
 )
 @repeatable
 def create_schedule(spec: Sent[ScheduleAsk], store: TheStore, response: Response) -> Schedule:
-    """Calibrate the newest phantom scan that no schedule has used, or check for drift, at each due time.
+    """At each due time it calibrates the newest phantom scan that no schedule has used, or looks for drift.
 
-    A drift check uses the newest log scan of 8 views or more that no drift check has used.
+    A drift check takes the newest log scan of 8 views or more that no drift check has looked at.
     """
     schedule = store.schedules.create(spec)
     response.headers["Location"] = f"/v1/schedules/{schedule.id}"
@@ -42,13 +42,13 @@ def create_schedule(spec: Sent[ScheduleAsk], store: TheStore, response: Response
 
 @router.get("", summary="List schedules, newest first", responses=refuses("invalid-cursor"))
 def list_schedules(paging: Annotated[Paging, Query()], store: TheStore) -> Page[Schedule]:
-    """List schedules, each with its next due time and its last run."""
+    """Each with its next due time and its last run."""
     return store.schedules.page(after=paging.after, limit=paging.limit)
 
 
 @router.get("/{schedule_id}", summary="Get a schedule", responses=refuses("schedule-not-found"))
 def get_schedule(schedule_id: Identifier, store: TheStore) -> Schedule:
-    """Return the schedule, its next due time and its last outcome."""
+    """The schedule, when it is due next, and its last outcome."""
     return store.schedules.get(schedule_id)
 
 
@@ -60,10 +60,7 @@ def get_schedule(schedule_id: Identifier, store: TheStore) -> Schedule:
     responses=refuses("schedule-not-found", "scanner-not-found", "invalid-cron", "invalid-zone"),
 )
 def replace_schedule(schedule_id: Identifier, spec: Sent[ScheduleAsk], store: TheStore) -> Schedule:
-    """Replace a schedule and count its next due time from now.
-
-    A due time that has come and has not run stays if `cron` and `time_zone` stay.
-    """
+    """The next due time is counted from now, unless one has come, has not run, and `cron` and `time_zone` stay."""
     return store.schedules.update(schedule_id, spec)
 
 
@@ -76,11 +73,11 @@ def replace_schedule(schedule_id: Identifier, spec: Sent[ScheduleAsk], store: Th
     responses=refuses("schedule-not-found"),
 )
 def delete_schedule(schedule_id: Identifier, store: TheStore) -> None:
-    """Delete a schedule; the calibrations that it started stay."""
+    """Calibrations that it asked for stay."""
     store.schedules.delete(schedule_id)
 
 
 @router.get("/{schedule_id}/runs", summary="List a schedule's outcomes", responses=refuses("schedule-not-found"))
 def schedule_runs(schedule_id: Identifier, store: TheStore) -> list[ScheduleRun]:
-    """List the outcomes, one entry for each due time, newest first."""
+    """One entry a due time, newest first."""
     return store.schedules.runs(schedule_id)

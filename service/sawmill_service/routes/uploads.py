@@ -44,7 +44,7 @@ _SUMS = ThreadPoolExecutor(2, "sums-of-uploads")
 )
 @repeatable
 def create_upload(ask: Sent[UploadAsk], store: TheStore, settings: TheSettings, response: Response) -> Upload:
-    """Declare a file, whose bytes follow with `PATCH`; room is kept free. It is deleted a day after the last part."""
+    """Declares a file; its bytes follow with `PATCH`. Room for them is kept free; a day after the last part it goes."""
     if ask.size_bytes > settings.max_upload_bytes:
         raise UploadTooLarge(settings.max_upload_bytes)
     store.check_room_for(ask.size_bytes)
@@ -60,9 +60,9 @@ def create_upload(ask: Sent[UploadAsk], store: TheStore, settings: TheSettings, 
     openapi_extra=trying(upload_id="example"),
 )
 async def get_upload(upload_id: Identifier, store: TheStore, transfers: TheTransfers, response: Response) -> Upload:
-    """Return the bytes received so far, and the resource made of the file; `HEAD` returns the same headers.
+    """What has come of it, and what was made of it; `HEAD` is answered with the same headers alone.
 
-    A part that is still being received is ended first with 409 `upload-busy`: the next part is taken at this offset.
+    A part that is still coming is ended first, and gets 409 `upload-busy`: the next one is taken at this offset.
     """
     await run_in_threadpool(store.uploads.get, upload_id)  # refused before a part of another key's upload is ended
     await transfers.end(upload_id)
@@ -89,10 +89,10 @@ async def get_upload(upload_id: Identifier, store: TheStore, transfers: TheTrans
 async def send_part(
     upload_id: Identifier, request: Request, store: TheStore, transfers: TheTransfers, response: Response
 ) -> Upload:
-    """Add the bytes of the body to the file from the offset on: all missing bytes, or fewer.
+    """The body is the file's bytes from the offset on, all that are missing or fewer.
 
-    Bytes received before a connection broke are kept. A part with a `Content-Digest` counts as a whole.
-    A later `HEAD`, `GET`, `PATCH` or `DELETE` of the upload ends a part that is still being received.
+    What came before a connection broke is kept, unless the part has a `Content-Digest`: then it counts as a whole.
+    A later `HEAD`, `GET`, `PATCH` or `DELETE` of the upload ends a part that is still coming.
     """
     announced = announced_part(request.headers)
     content = SentContent(request.headers, packed=False, begins=announced.offset_bytes == 0)
@@ -112,7 +112,7 @@ async def send_part(
     openapi_extra=trying(upload_id="example-spare"),
 )
 async def delete_upload(upload_id: Identifier, store: TheStore, transfers: TheTransfers, caller: TheCaller) -> None:
-    """Delete an upload; resources made of it stay. A key of the scope `admin` deletes other keys' uploads too."""
+    """What has come of it too; what was made of it stays. A key of the scope `admin` deletes other keys' uploads."""
     of_all_keys = caller.scope.covers(Scope.ADMIN)
     await run_in_threadpool(store.uploads.delete, upload_id, of_all_keys=of_all_keys)
     await transfers.end(upload_id)

@@ -89,7 +89,7 @@ def get_slice_array(
     request: Request,
     store: TheStore,
 ) -> Response:
-    """Return float32 (x, y) as an NPY file: a row is +x, a column +y, as in the pictures."""
+    """float32 (x, y), an NPY file: a row is +x, a column +y, as in the pictures."""
     result = result_of(store, reconstruction_id)
     check_slice(result, index)
     factor = _averaged_pixels(result, query)
@@ -129,7 +129,7 @@ def get_slice_jpeg(
     request: Request,
     store: TheStore,
 ) -> Response:
-    """Draw 8 bits a colour without axes, a row is +x and a column +y: for a first view, not for measuring."""
+    """8 bits a colour, nothing drawn around it, a row is +x and a column +y: a first look, not for measuring."""
     result = result_of(store, reconstruction_id)
     check_slice(result, index)
     window = window_to_draw(query, result.value_range)
@@ -161,7 +161,7 @@ def _averaged_pixels(result: ReconstructionResult, query: ArrayQuery) -> int:
 def get_side_array(
     reconstruction_id: Identifier, query: Annotated[SideArrayQuery, Query()], request: Request, store: TheStore
 ) -> Response:
-    """Return float32 (slice, y) or (slice, x): the densest value behind each point of the log's side."""
+    """float32 (slice, y) or (slice, x): the densest value behind each point of the log's side."""
     shape = result_of(store, reconstruction_id).shape
     slices, *size = shape
 
@@ -186,7 +186,7 @@ def get_side_array(
     responses=stored(*OF_RESULT),
 )
 def get_reconstruction_thumbnail(reconstruction_id: Identifier, request: Request, store: TheStore) -> Response:
-    """Draw the middle slice, 160 pixels a side, for lists."""
+    """The middle slice, 160 pixels a side, for lists."""
     result = result_of(store, reconstruction_id)
     drawn = volume_thumbnail(store, reconstruction_id, result)
     return file(request, drawn, Png.media_type)
@@ -194,7 +194,7 @@ def get_reconstruction_thumbnail(reconstruction_id: Identifier, request: Request
 
 @router.get("/v1/color-maps", summary="Get the colour maps")
 def list_color_maps() -> dict[ColorMap, list[Color]]:
-    """Return 256 colours each (red, green, blue of 255), from a window's low end to its high end, as in pictures."""
+    """256 colours each (red, green, blue of 255), from a window's low end to its high end, as pictures have them."""
     from sawmill_worker.pictures.color_maps import color_table
 
     return {name: color_table(name).tolist() for name in ColorMap}

@@ -52,7 +52,7 @@ FOR_A_DAY = WebhookRotation()
 )
 @repeatable
 def create_webhook(ask: Sent[WebhookAsk], store: TheStore, settings: TheSettings, response: Response) -> NewWebhook:
-    """Post events to a URL, signed as Standard Webhooks defines it. The secret is in this answer and nowhere else.
+    """Events are posted to its URL, signed as Standard Webhooks has it. Its secret is in this answer and nowhere else.
 
     The destination must be one that `SAWMILL_WEBHOOK_DESTINATIONS` allows, which is empty at first.
     """
@@ -65,13 +65,13 @@ def create_webhook(ask: Sent[WebhookAsk], store: TheStore, settings: TheSettings
 
 @router.get("", summary="List webhooks, newest first")
 def list_webhooks(store: TheStore) -> Webhooks:
-    """List webhooks with their waiting events and their last success and failure, without their secrets."""
+    """Each with what waits for it, and its last success and failure; without their secrets."""
     return store.webhooks.all()
 
 
 @router.get("/{webhook_id}", summary="Get a webhook", responses=refuses("webhook-not-found"))
 def get_webhook(webhook_id: Identifier, store: TheStore) -> Webhook:
-    """Return the state of a webhook and its waiting events."""
+    """How it stands, and what waits for it."""
     return store.webhooks.get(webhook_id)
 
 
@@ -83,7 +83,7 @@ def get_webhook(webhook_id: Identifier, store: TheStore) -> Webhook:
     responses=refuses("webhook-not-found", "destination-not-allowed"),
 )
 def replace_webhook(webhook_id: Identifier, ask: Sent[WebhookAsk], store: TheStore, settings: TheSettings) -> Webhook:
-    """Replace a webhook; its secret stays. If it is enabled, as after a pause, its waiting events are sent at once."""
+    """Its secret stays. Where it is enabled, what waits is sent at once: so a paused one goes on."""
     _check(ask, settings)
     return store.webhooks.update(webhook_id, ask)
 
@@ -97,7 +97,7 @@ def replace_webhook(webhook_id: Identifier, ask: Sent[WebhookAsk], store: TheSto
     responses=refuses("webhook-not-found"),
 )
 def delete_webhook(webhook_id: Identifier, store: TheStore) -> None:
-    """Delete a webhook and its list of deliveries; nothing is sent to it any more."""
+    """Nothing is sent to it any more; the list of what it was sent goes too."""
     store.webhooks.delete(webhook_id)
 
 
@@ -110,7 +110,7 @@ def delete_webhook(webhook_id: Identifier, store: TheStore) -> None:
 async def test_webhook(
     webhook_id: Identifier, store: TheStore, settings: TheSettings, repeatable: TheRepeatable
 ) -> WebhookTest:
-    """Send a `webhook-test` message once, now, also to a disabled webhook; the answer has the result."""
+    """A message of the type `webhook-test` is sent once, now, to a disabled one too; the answer says how that went."""
     await repeatable.check_sent()
     # Sent before the transaction, so that no lock waits for a receiver.
     tested = await run_in_threadpool(send_test, store, AllowedDestinations(settings.webhook_destinations), webhook_id)
@@ -128,7 +128,7 @@ async def test_webhook(
 def rotate_webhook(
     webhook_id: Identifier, store: TheStore, response: Response, rotation: Sent[WebhookRotation] = FOR_A_DAY
 ) -> NewWebhook:
-    """Replace the secret; both sign messages for the grace. The new one is in this answer and nowhere else."""
+    """Messages are signed with both secrets for the grace. The new one is in this answer and nowhere else."""
     response.headers["Cache-Control"] = "no-store"
     return store.webhooks.rotate(webhook_id, grace_s=rotation.grace_s)
 
@@ -141,7 +141,7 @@ def rotate_webhook(
 def list_deliveries(
     webhook_id: Identifier, paging: Annotated[NumberedPaging, Query()], store: TheStore
 ) -> Page[Delivery]:
-    """List an entry for each event, the newest first; each is kept for a week after its last attempt."""
+    """An entry an event, the newest first; each is kept for a week after its last attempt."""
     return store.webhooks.deliveries(webhook_id, after=paging.after, limit=paging.limit)
 
 
