@@ -58,7 +58,7 @@ def title_of(code: str, status: int) -> str:
 
 
 class ProblemTypes(Contract):
-    """All kinds of problems, by code."""
+    """List of all kinds of problems, by code."""
 
     items: list[ProblemType] = Field(description="Those of this version, by code.")
 

@@ -57,7 +57,7 @@ class WindowQuery(Given):
 
 
 class Shown(StrEnum):
-    """Quantity of a slice that is drawn."""
+    """Values of a slice that are drawn."""
 
     ATTENUATION = "attenuation"
     DEVIATION = "deviation"

@@ -30,7 +30,7 @@ def _change(schema: dict[str, Any]) -> None:
 
 
 class ScanForm(GivenScan):
-    """Form of a scan: its file, its description, and the priority of reading."""
+    """A scan's file, its description, and how urgent its reading is."""
 
     model_config = ConfigDict(json_schema_extra=_change)
 
