@@ -159,7 +159,7 @@ def openapi(
     """Write the OpenAPI document and its example requests."""
     from sawmill_platform.settings import StorageSettings
     from sawmill_service.app import create_app
-    from sawmill_service.http import openapi_document
+    from sawmill_service.http.document import openapi_document
     from sawmill_service.serving import no_wake
     from sawmill_service.settings import ServiceSettings
     from sawmill_store.store import Store

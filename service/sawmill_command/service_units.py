@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from sawmill_service.http.open_files import files_needed
+from sawmill_service.http.limits.open_files import files_needed
 from sawmill_service.settings import MOST_CONNECTIONS
 
 STATE, CACHE, SETTINGS = Path("/var/lib"), Path("/var/cache/sawmill"), Path("/etc/sawmill/sawmill.env")

@@ -6,7 +6,6 @@ from base64 import b64decode
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import cache
 from ipaddress import ip_address
 from urllib.parse import urlsplit
 
@@ -17,33 +16,20 @@ from starlette.datastructures import Headers
 from starlette.requests import Request
 from starlette.types import Scope as RequestScope
 
-from sawmill_contracts.kinds import asked_kinds
 from sawmill_platform.acting import Actor
 from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.errors import StorageError
 from sawmill_platform.keys.key_store import KeyStore, hash_of
 from sawmill_platform.keys.sessions import Sessions
+from sawmill_service.http.limits.rates import FailedLogins
 from sawmill_service.http.listening import is_loopback
 from sawmill_service.http.problems import Refused
-from sawmill_service.http.rates import FailedLogins
+from sawmill_service.http.route_rules import rule_of
 from sawmill_service.http.session_cookie import SessionCookie, csrf_token
 
 LOGIN, LOGOUT = "/login", "/logout"
 # One header each: browsers do not look for a second challenge within one.
 CHALLENGES = ('Basic realm="sawmill-calibration", charset="UTF-8"', 'Bearer realm="sawmill-calibration"')
-# Monitoring needs no key: these report the service's state alone.
-OPEN_PATHS = frozenset({"/health/live", "/health/ready"})
-# Nor does a login, with what its page loads.
-LOGIN_PATHS = frozenset(
-    {
-        LOGIN,
-        "/look",
-        "/static/mark.svg",
-        "/static/pages/base.css",
-        "/static/pages/dark.css",
-        "/static/pages/time.js",
-    }
-)
 # What proxies add to the requests that they pass on.
 FORWARDED = (
     "forwarded",
@@ -58,76 +44,6 @@ FORWARDED = (
     "x-real-ip",
 )
 LOOPBACK = frozenset({"127.0.0.1", "localhost", "[::1]"})
-# What a route needs where its method does not tell. A POST without a line here is for administrators alone.
-NEEDED = {
-    ("GET", "/v1/audit"): Scope.ADMIN,
-    ("GET", "/v1/audit.jsonl"): Scope.ADMIN,
-    ("GET", "/v1/keys"): Scope.ADMIN,
-    ("GET", "/system/keys"): Scope.ADMIN,
-    ("GET", "/v1/retention/preview"): Scope.ADMIN,
-    ("PUT", "/v1/retention"): Scope.ADMIN,
-    ("GET", "/retention"): Scope.ADMIN,
-    ("POST", "/retention"): Scope.ADMIN,
-    ("POST", "/retention/confirmed"): Scope.ADMIN,
-    ("POST", "/v1/keys"): Scope.ADMIN,
-    ("POST", "/v1/keys/{key_id}/rotate"): Scope.ADMIN,
-    ("GET", "/v1/webhooks"): Scope.ADMIN,
-    ("POST", "/v1/webhooks"): Scope.ADMIN,
-    ("GET", "/v1/webhooks/{webhook_id}"): Scope.ADMIN,
-    ("PUT", "/v1/webhooks/{webhook_id}"): Scope.ADMIN,
-    ("POST", "/v1/webhooks/{webhook_id}/rotate"): Scope.ADMIN,
-    ("POST", "/v1/webhooks/{webhook_id}/test"): Scope.ADMIN,
-    ("GET", "/v1/webhooks/{webhook_id}/deliveries"): Scope.ADMIN,
-    ("GET", "/system/webhooks"): Scope.ADMIN,
-    ("POST", "/system/webhooks/{webhook_id}/test"): Scope.ADMIN,
-    ("POST", "/system/webhooks/{webhook_id}/pause"): Scope.ADMIN,
-    ("POST", "/system/webhooks/{webhook_id}/enable"): Scope.ADMIN,
-    ("POST", "/v1/scanners"): Scope.ACTIVATE,
-    ("POST", "/v1/schedules"): Scope.ACTIVATE,
-    ("DELETE", "/v1/schedules/{schedule_id}"): Scope.ACTIVATE,
-    ("POST", "/v1/calibrations/{calibration_id}/activate"): Scope.ACTIVATE,
-    ("POST", "/operator/activate/{calibration_id}"): Scope.ACTIVATE,
-    ("POST", "/scanners/new"): Scope.ACTIVATE,
-    ("POST", "/scanners/{scanner_id}/settings"): Scope.ACTIVATE,
-    ("POST", "/scanners/{scanner_id}/schedules"): Scope.ACTIVATE,
-    ("POST", "/scanners/{scanner_id}/schedules/{schedule_id}/delete"): Scope.ACTIVATE,
-    ("POST", "/phantoms/{phantom_id}/delete"): Scope.ADMIN,
-    ("POST", "/scans/{scan_id}/delete"): Scope.ADMIN,
-    ("DELETE", "/v1/uploads/{upload_id}"): Scope.SUBMIT,
-    ("PATCH", "/v1/uploads/{upload_id}"): Scope.SUBMIT,
-    ("POST", "/v1/uploads"): Scope.SUBMIT,
-    ("POST", "/v1/phantoms"): Scope.SUBMIT,
-    ("POST", "/v1/phantoms/pictures"): Scope.SUBMIT,
-    ("POST", "/v1/phantoms/{phantom_id}/measurements"): Scope.SUBMIT,
-    ("POST", "/v1/scans"): Scope.SUBMIT,
-    ("POST", "/v1/scans/form"): Scope.SUBMIT,
-    ("POST", "/v1/jobs/{job_id}/cancel"): Scope.SUBMIT,
-    ("POST", "/calibrate"): Scope.SUBMIT,
-    ("POST", "/calibrate/dataset"): Scope.SUBMIT,
-    ("POST", "/jobs/{job_id}/cancel"): Scope.SUBMIT,
-    ("POST", "/phantoms/preview"): Scope.SUBMIT,
-    ("POST", "/scans/{scan_id}/reconstruct"): Scope.SUBMIT,
-    ("POST", LOGIN): Scope.READ,
-    ("POST", LOGOUT): Scope.READ,
-}
-BY_METHOD = {
-    "GET": Scope.READ,
-    "HEAD": Scope.READ,
-    "OPTIONS": Scope.READ,
-    "PUT": Scope.ACTIVATE,
-}
-
-
-def needed_scope(method: str, path: str) -> Scope:
-    """Return the scope that a route needs; `path` as it is declared, with the names of its parameters."""
-    if method == "POST" and path in _paths_of_asks():
-        return Scope.SUBMIT
-    return NEEDED.get((method, path)) or BY_METHOD.get(method, Scope.ADMIN)
-
-
-@cache
-def _paths_of_asks() -> frozenset[str]:
-    return frozenset(declared.asked_at or f"/v1/{declared.kind.plural}" for declared in asked_kinds())
 
 
 @dataclass(frozen=True)
@@ -282,7 +198,7 @@ class Access:
 
 async def check_scope(request: Request) -> None:
     """Refuse whoever has not the scope that the route needs; a dependency of every route."""
-    caller_of(request).check(needed_scope(request.method, request.scope["route"].path))
+    caller_of(request).check(rule_of(request).scope)
 
 
 def caller_of(request: Request) -> Caller:

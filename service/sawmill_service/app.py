@@ -12,24 +12,24 @@ from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
 from sawmill_service.access import Access, check_scope
 from sawmill_service.dependencies import Wake
 from sawmill_service.event_feed import EventFeed
-from sawmill_service.http.admission import Admission
-from sawmill_service.http.allowed_methods import check_method
-from sawmill_service.http.digests import Digests
-from sawmill_service.http.forms import check_csrf
+from sawmill_service.http.bodies.forms import check_csrf
+from sawmill_service.http.bodies.sent_json import check_body
+from sawmill_service.http.bodies.slow_bodies import SlowBodies
+from sawmill_service.http.document.openapi_document import Application
 from sawmill_service.http.gate import Gate, ProtectiveHeaders
-from sawmill_service.http.heads import Heads
+from sawmill_service.http.limits.admission import Admission
+from sawmill_service.http.limits.rates import FailedLogins, Rates
+from sawmill_service.http.limits.transfers import Transfers
 from sawmill_service.http.observer import Observer
-from sawmill_service.http.openapi_document import Application
 from sawmill_service.http.problems import install
 from sawmill_service.http.queries import check_query
-from sawmill_service.http.rates import FailedLogins, Rates
 from sawmill_service.http.repeats import install as install_repeats
 from sawmill_service.http.request_ids import RequestIds
-from sawmill_service.http.sent_json import check_body
+from sawmill_service.http.responses.digests import Digests
+from sawmill_service.http.responses.head_requests import Heads
+from sawmill_service.http.responses.waiting import JobEnds
+from sawmill_service.http.route_rules import RouteRules, check_method
 from sawmill_service.http.session_cookie import SessionCookie
-from sawmill_service.http.slow_bodies import SlowBodies
-from sawmill_service.http.transfers import Transfers
-from sawmill_service.http.waiting import JobEnds
 from sawmill_service.measures import Measures
 from sawmill_service.pages.all_pages import PAGES
 from sawmill_service.pages.problem_pages import ProblemPages
@@ -122,6 +122,11 @@ def create_app(
     -------
     Application
         An ASGI application.
+
+    Raises
+    ------
+    ValueError
+        A route declares no scope.
     """
     app = Application(
         title="Sawmill calibration",
@@ -159,6 +164,7 @@ def create_app(
     app.router.routes.extend(_all_routes())
     app.mount("/static", console.WholeFiles(directory=console.STATIC))
     app.mount("/console", console.WholeFiles(directory=Path(fastapi_offline.__file__).parent / "static"))
+    app.state.rules = RouteRules(app.routes)
     # The last one added is the outermost.
     app.add_middleware(Heads)
     app.add_middleware(
@@ -170,17 +176,9 @@ def create_app(
     app.add_middleware(Admission, settings=settings)
     app.add_middleware(
         Gate,
-        allowed_hosts=settings.names,
-        behind_proxy=settings.behind_proxy,
+        settings=settings,
         access=app.state.access,
-        max_body_bytes=settings.max_json_bytes,
-        larger_bodies={
-            ("POST", "/v1/scans"): settings.max_upload_bytes,
-            ("POST", "/v1/scans/form"): settings.max_form_file_bytes + settings.max_json_bytes,
-            ("POST", "/v1/inspections"): settings.max_upload_bytes,
-            ("POST", "/v1/phantoms/pictures"): settings.max_picture_bytes,
-            ("PATCH", "/v1/uploads/*"): settings.max_upload_bytes,
-        },
+        open_files=login.FILES,
         refusals=Rates(settings.rate_limit),
         stopping=app.state.stopping,
     )

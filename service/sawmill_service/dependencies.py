@@ -12,8 +12,8 @@ from fastapi import Depends, Request
 from sawmill_platform.database.database import after_commit
 from sawmill_service.access import Access, Caller, caller_of
 from sawmill_service.event_feed import EventFeed
+from sawmill_service.http.limits.transfers import Transfers
 from sawmill_service.http.session_cookie import SessionCookie
-from sawmill_service.http.transfers import Transfers
 from sawmill_service.settings import ServiceSettings
 from sawmill_service.stopping import Stopping
 from sawmill_store.store import Store

@@ -21,9 +21,9 @@ from sawmill_platform.workers.sole_service import refuse_second, sole_service
 from sawmill_platform.workers.supervise import WorkerSupervisor
 from sawmill_service.app import create_app
 from sawmill_service.dependencies import Wake
+from sawmill_service.http.bodies.unread_bodies import UnreadBodies
+from sawmill_service.http.limits.open_files import connections_of, log_refused_accepts_rarely
 from sawmill_service.http.listening import ListenError, is_loopback, listen
-from sawmill_service.http.open_files import connections_of, log_refused_accepts_rarely
-from sawmill_service.http.unread_bodies import UnreadBodies
 from sawmill_service.service_manager import ServiceManager
 from sawmill_service.settings import ServiceSettings
 from sawmill_service.stopping import Server

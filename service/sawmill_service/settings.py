@@ -9,8 +9,8 @@ from urllib.parse import urlsplit
 from pydantic import AfterValidator, Field, SecretStr, model_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
+from sawmill_service.http.limits.rates import check_rate
 from sawmill_service.http.listening import is_loopback
-from sawmill_service.http.rates import check_rate
 from sawmill_service.webhooks.destinations import check_entry
 
 GIB = 2**30

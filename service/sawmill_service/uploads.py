@@ -12,9 +12,9 @@ from pydantic import Field
 from sawmill_platform.contracts.base import Identifier
 from sawmill_platform.errors import UploadTooLarge
 from sawmill_platform.files.upload_stream import Content, Received, in_parts, in_thread
-from sawmill_service.http.body_sums import BodySums
+from sawmill_service.http.bodies.body_sums import BodySums
+from sawmill_service.http.bodies.sent_content import FirstBytes, SentContent, empty_body
 from sawmill_service.http.problems import Refused
-from sawmill_service.http.sent_content import FirstBytes, SentContent, empty_body
 from sawmill_store.store import Store
 
 # Forms are parsed in Python, and whoever repeats a file need not be served soon: neither takes the threads of others.

@@ -43,7 +43,7 @@ from sawmill_platform.settings import StorageSettings
 from sawmill_platform.uploads.upload_store import UploadQuota
 from sawmill_platform.workers.logs import configure_logs
 from sawmill_service.app import create_app
-from sawmill_service.http.openapi_document import Application
+from sawmill_service.http.document.openapi_document import Application
 from sawmill_service.settings import ServiceSettings
 from sawmill_store.store import Store
 from sawmill_vocabulary import DataKind, Disc, ReconstructionMethod

@@ -15,7 +15,7 @@ from sawmill_contracts import job_kinds
 from sawmill_platform.files import digests as noted_digests
 from sawmill_platform.files.digests import note_digests
 from sawmill_service.app import create_app
-from sawmill_service.http import digests
+from sawmill_service.http.responses import digests
 from sawmill_service.settings import ServiceSettings
 
 LOG, FOUND = "/v1/reconstructions/example", "/v1/calibrations/example"

@@ -8,7 +8,7 @@ from documented import check_documented
 from example_requests import with_file
 
 from sawmill_platform.contracts.keys import KeyAsk, Scope
-from sawmill_service.http.openapi_document import write
+from sawmill_service.http.document.openapi_document import write
 
 FOLDER = Path(__file__).parents[2] / "openapi"
 FILES = sorted((FOLDER / "requests").glob("*.json"))

@@ -6,10 +6,9 @@ from sawmill_contracts.kinds import asked_kinds
 from sawmill_platform.contracts.keys import KeyAsk, Scope
 from sawmill_platform.database.tables import JobRow
 from sawmill_platform.errors import StorageFull, StorageUnavailable
-from sawmill_service.access import NEEDED, OPEN_PATHS, needed_scope
+from sawmill_service import app as application
 from sawmill_service.app import create_app
-from sawmill_service.pages.all_pages import PAGES
-from sawmill_service.routes import console, login
+from sawmill_service.http.route_rules import NoKey, Router
 from sawmill_service.settings import ServiceSettings
 
 TOKEN = "Zm9yIHRlc3RzIGFsb25lLCBub3QgYSBzZWNyZXQ"  # noqa: S105 - for tests alone
@@ -30,6 +29,12 @@ def keyed(seeded, store):
     return seeded
 
 
+def rules(app):
+    """The rule of each method and pattern of paths."""
+    by_pattern = app.state.rules.by_pattern
+    return {(method, path): rule for path, methods in by_pattern.items() for method, rule in methods.items()}
+
+
 def operations(app):
     return [
         (method.upper(), path) for path, item in app.openapi()["paths"].items() for method in item if path != "/metrics"
@@ -45,15 +50,16 @@ def test_a_key_may_do_what_its_scope_covers_and_nothing_else(keyed, scope):
         where = path.replace("{", "").replace("}", "").replace("_id", "")
         answer = keyed.request(method, where, json={} if method in {"POST", "PUT"} else None)
         refused = answer.status_code == 403
-        allowed = path in OPEN_PATHS or scope.covers(needed_scope(method, path))
+        needed = rules(keyed.app)[method, path].scope
+        allowed = scope.covers(needed)
         assert refused is not allowed, (method, path, answer.text)
         if refused:
             assert answer.json()["code"] == "scope-too-small"
-            assert f"of the scope {needed_scope(method, path)}" in answer.json()["detail"]
+            assert f"of the scope {needed}" in answer.json()["detail"]
 
 
 def test_what_decides_or_removes_needs_more_than_work(keyed):
-    needs = {operation: needed_scope(*operation) for operation in operations(keyed.app)}
+    needs = {operation: rule.scope for operation, rule in rules(keyed.app).items()}
     assert {operation for operation, scope in needs.items() if scope is Scope.ACTIVATE} == {
         ("POST", "/v1/scanners"),
         ("PUT", "/v1/scanners/{scanner_id}"),
@@ -61,22 +67,39 @@ def test_what_decides_or_removes_needs_more_than_work(keyed):
         ("PUT", "/v1/schedules/{schedule_id}"),
         ("DELETE", "/v1/schedules/{schedule_id}"),
         ("POST", "/v1/calibrations/{calibration_id}/activate"),
+        ("POST", "/operator/activate/{calibration_id}"),
+        ("POST", "/scanners/new"),
+        ("POST", "/scanners/{scanner_id}/settings"),
+        ("POST", "/scanners/{scanner_id}/schedules"),
+        ("POST", "/scanners/{scanner_id}/schedules/{schedule_id}/delete"),
     }
     administration = {path for (_, path), scope in needs.items() if scope is Scope.ADMIN}
     assert administration >= {"/v1/keys", "/v1/keys/{key_id}", "/v1/keys/{key_id}/rotate", "/v1/scans/{scan_id}"}
-    assert not {path for (method, path), scope in needs.items() if method == "GET" and scope is Scope.SUBMIT}
+    assert {scope for (method, _), scope in needs.items() if method == "GET"} == {Scope.READ, Scope.ADMIN}
+    changing = {operation for operation, scope in needs.items() if operation[0] != "GET" and scope is Scope.READ}
+    assert changing == {("POST", "/login"), ("POST", "/logout")}
+    assert all(needs["POST", kind.asked_at or f"/v1/{kind.kind.plural}"] is Scope.SUBMIT for kind in asked_kinds())
 
 
-def test_every_route_that_changes_something_has_a_scope_and_no_other_has_a_row(keyed):
-    routers = (*PAGES, console.router, login.router)
-    pages = {(method, route.path) for router in routers for route in router.routes for method in route.methods}
-    declared = {*operations(keyed.app), *pages}
-    assert set(NEEDED) <= declared
-    asked = {("POST", declaration.asked_at or f"/v1/{declaration.kind.plural}") for declaration in asked_kinds()}
-    without = {(method, path) for method, path in declared - asked - set(NEEDED) if method in {"POST", "PATCH"}}
-    assert not without, "add the scope of each to NEEDED in service/sawmill_service/access.py"
-    assert all(needed_scope(*operation) is Scope.SUBMIT for operation in asked)
-    assert needed_scope("POST", "/v1/without-a-row") is Scope.ADMIN
+def test_no_route_but_health_the_login_and_the_problems_goes_without_a_key(keyed):
+    without = {path: rule.needs for (_, path), rule in rules(keyed.app).items() if isinstance(rule.needs, NoKey)}
+    assert without == {
+        "/health/live": NoKey.MONITORING,
+        "/health/ready": NoKey.MONITORING,
+        "/login": NoKey.LOGIN,
+        "/look": NoKey.LOGIN,
+        "/problems/": NoKey.AFTER_REFUSAL,
+        "/problems/{code}": NoKey.AFTER_REFUSAL,
+    }
+
+
+@pytest.mark.parametrize(("method", "reading"), [("GET", None), ("POST", None), ("POST", Scope.READ)])
+def test_an_application_with_a_route_without_a_scope_does_not_start(store, monkeypatch, method, reading):
+    router = Router(reading=reading)
+    getattr(router, method.lower())("/v1/forgotten")(lambda: None)
+    monkeypatch.setattr(application, "_all_routes", lambda: router.routes)
+    with pytest.raises(ValueError, match=f"{method} /v1/forgotten declares no scope"):
+        create_app(ServiceSettings(), store, print)
 
 
 def test_activation_on_pass_cannot_be_asked_for_by_who_may_not_activate(keyed):

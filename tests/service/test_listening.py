@@ -14,8 +14,8 @@ from pathlib import Path
 import httpx
 import pytest
 
+from sawmill_service.http.limits.open_files import RefusedAccepts
 from sawmill_service.http.listening import ListenError, is_loopback, listen
-from sawmill_service.http.open_files import RefusedAccepts
 from sawmill_service.settings import ServiceSettings
 
 pytestmark = pytest.mark.slow

@@ -12,7 +12,7 @@ from documented import check_documented
 from sawmill_contracts.kinds import asked_kinds
 from sawmill_contracts.reconstructions import ReconstructionAsk
 from sawmill_platform.contracts.old_names import out_of_use
-from sawmill_service.http.old_names import OLD_ROUTES, markdown_table
+from sawmill_service.http.document.old_names import OLD_ROUTES, markdown_table
 from sawmill_vocabulary.version import VERSION
 
 PAGE = Path(__file__).parents[2] / "docs/http.md"
@@ -118,7 +118,9 @@ def test_an_old_name_works_for_a_version_and_goes_with_the_one_that_was_named(na
 
 
 def test_the_page_lists_them():
-    assert markdown_table() in PAGE.read_text(), "put what `python -m sawmill_service.http.old_names` prints into it"
+    assert markdown_table() in PAGE.read_text(), (
+        "put in what `python -m sawmill_service.http.document.old_names` prints"
+    )
 
 
 def test_it_is_found_by_its_mark():

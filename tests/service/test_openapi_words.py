@@ -11,7 +11,7 @@ from jsonschema import Draft202012Validator
 from sawmill_platform.contracts.events import Event
 from sawmill_platform.settings import StorageSettings
 from sawmill_service.app import create_app
-from sawmill_service.http.openapi_words import unit_of
+from sawmill_service.http.document.openapi_words import unit_of
 from sawmill_service.settings import ServiceSettings
 from sawmill_service.webhooks.messages import body_of_event
 from sawmill_store.store import Store

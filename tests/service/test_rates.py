@@ -13,9 +13,9 @@ from sawmill_contracts.scans import ScanSpec
 from sawmill_platform.acting import Actor, acting_as
 from sawmill_platform.contracts.keys import KeyAsk, NewKey, Scope
 from sawmill_service.app import create_app
-from sawmill_service.http.callers import who
+from sawmill_service.http.limits.callers import who
+from sawmill_service.http.limits.rates import BoundedMemory, FailedLogins, Rates
 from sawmill_service.http.problems import Refused
-from sawmill_service.http.rates import BoundedMemory, FailedLogins, Rates
 from sawmill_service.settings import ServiceSettings
 from sawmill_vocabulary import DataKind
 

@@ -15,8 +15,8 @@ from pydantic import SecretStr
 from sawmill_contracts import job_kinds
 from sawmill_platform.files.upload_stream import PART_BYTES
 from sawmill_service.app import create_app
-from sawmill_service.http.sent_content import Gunzip
-from sawmill_service.http.sent_form import SentForm
+from sawmill_service.http.bodies.sent_content import Gunzip
+from sawmill_service.http.bodies.sent_form import SentForm
 from sawmill_service.http.session_cookie import csrf_token
 from sawmill_store.store import Store
 

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from starlette.responses import PlainTextResponse
 
-from sawmill_service.http.unread_bodies import UnreadBodies
+from sawmill_service.http.bodies.unread_bodies import UnreadBodies
 
 PART_BYTES = 2**10
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from sawmill_service.http.arrays import HeldBytes
 from sawmill_service.http.problems import Refused
+from sawmill_service.http.responses.arrays import HeldBytes
 from sawmill_vocabulary import ColorMap
 from sawmill_worker.pictures.arrays import averaged
 from sawmill_worker.pictures.color_maps import painted
@@ -97,7 +97,7 @@ def test_an_array_that_is_not_there_is_a_problem(seeded, path, status, code):
 
 def test_what_is_held_is_given_back_when_it_is_sent(seeded, monkeypatch):
     held = HeldBytes(most=3 * 4096)  # three slices of 32 x 32
-    monkeypatch.setattr("sawmill_service.http.arrays._ALL", held)
+    monkeypatch.setattr("sawmill_service.http.responses.arrays._ALL", held)
     assert {seeded.get(f"{LOG}/slices/0.npy").status_code for _ in range(5)} == {200}
     held.take(3 * 4096)
     answer = seeded.get(f"{LOG}/slices/0.npy")

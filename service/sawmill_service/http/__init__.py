@@ -1,1 +1,1 @@
-"""HTTP alone: limits, conditions, bodies, errors, and the public document."""
+"""HTTP: limits, bodies, responses, errors and the public document."""

@@ -1,6 +1,6 @@
-"""What stands in front of every route: headers for browsers, known hosts and origins, keys, bounded bodies."""
+"""Checks before every route: hosts, origins, keys and the length of bodies; and protective headers for browsers."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable
 from http import HTTPStatus
 from urllib.parse import urlencode
 
@@ -15,24 +15,22 @@ from sawmill_service.access import (
     ANYBODY,
     CHALLENGES,
     LOGIN,
-    LOGIN_PATHS,
     LOOPBACK,
-    OPEN_PATHS,
     Access,
     Caller,
     came_in_over_loopback,
     host_name,
 )
-from sawmill_service.http.allowed_methods import methods_of
-from sawmill_service.http.body_sums import checked
-from sawmill_service.http.callers import who
-from sawmill_service.http.problem_types import PATH as PROBLEMS
+from sawmill_service.http.bodies.body_sums import checked
+from sawmill_service.http.limits.callers import who
+from sawmill_service.http.limits.rates import Rates
 from sawmill_service.http.problems import COME_BACK, Refused, is_navigation, refusal_response
-from sawmill_service.http.rates import Rates
+from sawmill_service.http.route_rules import NoKey, no_key, rules_of
 from sawmill_service.http.session_cookie import NAME
+from sawmill_service.settings import ServiceSettings
 from sawmill_service.stopping import Stopping
 
-# Whoever has no key yet learns nothing of the database.
+# A client without a key learns nothing of the database.
 KEYS_AWAY = "keys cannot be looked up now: the database does not answer; try again in a few seconds"
 SAFE_METHODS = frozenset({"GET", "HEAD", "OPTIONS"})
 # The console's own script and styles; Swagger UI sets style attributes and shows pictures from data: and blob: URLs.
@@ -52,7 +50,7 @@ log = structlog.get_logger(__name__)
 
 
 class ProtectiveHeaders:
-    """Put the protective headers on every answer that does not set them itself."""
+    """Middleware that adds the protective headers to every answer that does not set them itself."""
 
     def __init__(self, app: ASGIApp) -> None:
         self.app = app
@@ -71,56 +69,48 @@ class ProtectiveHeaders:
 
 
 class Gate:
-    """Refuse unknown hosts, other sites' writes, requests without a key, and bodies that are too large or damaged.
+    """Middleware that refuses unknown hosts, other sites' writes, requests without a key, and large or damaged bodies.
 
-    A browser sends the password of HTTP Basic with whatever a page asks for, so other sites are refused first.
+    A browser sends the password of HTTP Basic with all requests of a page, so other sites are refused first.
 
     Parameters
     ----------
-    allowed_hosts
-        Host names without a port. The loopback names are right where the connection came in over loopback.
-    behind_proxy
-        Whether browsers may reach the service through a proxy.
+    settings
+        Host names, to which the loopback names are added where the connection came in over loopback; whether browsers
+        may reach the service through a proxy; the largest bodies.
     access
-        Finds out who sends a request; whatever is done in it is done in that one's name.
-    max_body_bytes
-        For every route that `larger_bodies` does not name. Of such a body `Content-Digest` is checked as it comes.
-    larger_bodies
-        Bytes by (method, path); a path that ends with `/*` stands for all directly below. Of these, which are files,
-        the routes check the digest, in threads.
+        Lookup of the caller, in whose name the request is handled.
+    open_files
+        Paths of files that need no key.
     refusals
-        Counts those who are not let in.
+        Rate of refused requests.
     stopping
-        Ends the wait for a body when the service ends.
+        End of the service, which ends the wait for a body.
     """
 
     def __init__(
         self,
         app: ASGIApp,
         *,
-        allowed_hosts: Iterable[str],
-        behind_proxy: bool,
+        settings: ServiceSettings,
         access: Access,
-        max_body_bytes: int,
-        larger_bodies: Mapping[tuple[str, str], int],
+        open_files: Collection[str],
         refusals: Rates,
         stopping: Stopping,
     ) -> None:
         self.app = app
-        self.allowed_hosts = frozenset(host.lower() for host in allowed_hosts)
-        self.behind_proxy = behind_proxy
-        self.access = access
-        self.max_body_bytes = max_body_bytes
-        self.larger_bodies = dict(larger_bodies)
+        self.settings, self.access, self.open_files = settings, access, open_files
+        self.allowed_hosts = frozenset(host.lower() for host in settings.names)
         self.refusals, self.stopping = refusals, stopping
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Let a request in, or answer it with a problem."""
+        """Pass a request on, or answer it with a problem."""
         if scope["type"] != "http":
             await self.app(scope, receive, send)
             return
-        headers, larger = Headers(scope=scope), self._larger(scope["method"], scope["path"])
-        limit = larger or self.max_body_bytes
+        headers, rule = Headers(scope=scope), rules_of(scope).get(scope["method"])
+        largest_file = rule.max_body(self.settings) if rule and rule.max_body else None
+        limit = largest_file or self.settings.max_json_bytes
         try:
             caller = await self._caller(scope, headers, limit)
         except Refused as refused:
@@ -129,26 +119,23 @@ class Gate:
         scope.setdefault("state", {})["caller"] = caller
         with acting_as(caller.acting(scope)), structlog.contextvars.bound_contextvars(key_id=caller.key_id):
             bounded = _bounded(receive, limit, self.stopping)
-            sums_here = larger is None and scope["method"] not in SAFE_METHODS
+            sums_here = largest_file is None and scope["method"] not in SAFE_METHODS
             await self.app(scope, checked(bounded, headers) if sums_here else bounded, send)
-
-    def _larger(self, method: str, path: str) -> int | None:
-        of_all = self.larger_bodies.get((method, f"{path.rpartition('/')[0]}/*"))
-        return self.larger_bodies.get((method, path), of_all)
 
     async def _caller(self, scope: Scope, headers: Headers, limit: int) -> Caller:
         _check_version(scope)
         self._check_origin(scope, headers)
-        caller = ANYBODY if scope["path"] in OPEN_PATHS | LOGIN_PATHS else await self._known(scope, headers)
+        is_open = scope["path"] in self.open_files or no_key(scope) in {NoKey.MONITORING, NoKey.LOGIN}
+        caller = ANYBODY if is_open else await self._known(scope, headers)
         _check_length(scope, headers, limit)
         return caller
 
     async def _known(self, scope: Scope, headers: Headers) -> Caller:
-        """Who sends a request; what a refusal means may be read by whoever was refused, and without a database."""
+        """Return the caller; the pages that explain refusals need neither a valid key nor the database."""
         try:
             return await self.access.caller(scope, headers)
         except (Refused, StorageError) as error:
-            if scope["path"].startswith(PROBLEMS) and scope["method"] in SAFE_METHODS:
+            if no_key(scope) is NoKey.AFTER_REFUSAL and scope["method"] in SAFE_METHODS:
                 return ANYBODY
             if isinstance(error, Refused):
                 raise
@@ -156,7 +143,7 @@ class Gate:
             raise Refused(503, error.code, KEYS_AWAY, COME_BACK) from error
 
     def _counted(self, scope: Scope, refused: Refused) -> Refused:
-        """The refusal, or that there were too many: whoever is not let in is bounded like whoever is."""
+        """Return the refusal, or 429 after too many: refused requests have the same rate as accepted ones."""
         try:
             self.refusals.take("refused requests", who(scope))
         except Refused as too_many:
@@ -172,8 +159,8 @@ class Gate:
                 "unknown-host",
                 f"this service does not answer as {host[:100]!r}; SAWMILL_ALLOWED_HOSTS adds a name",
             )
-        # A proxy that speaks TLS need not report that to the service.
-        own_schemes = {scope["scheme"], "https"} if self.behind_proxy else {scope["scheme"]}
+        # A proxy that uses TLS need not report that to the service.
+        own_schemes = {scope["scheme"], "https"} if self.settings.behind_proxy else {scope["scheme"]}
         own_origins = {f"{scheme}://{host}" for scheme in own_schemes}
         if scope["method"] not in SAFE_METHODS and _from_elsewhere(headers, own_origins):
             raise Refused(403, "other-site", "a page of another site may not change anything here")
@@ -191,13 +178,13 @@ def _refusal(scope: Scope, refused: Refused) -> Response:
 
 
 def _is_browser(headers: Headers) -> bool:
-    """Whether a page of ours sent this: a challenge of HTTP Basic would open the browser's own window for passwords."""
+    """Return whether a page of ours sent this: a challenge of HTTP Basic would open the browser's password window."""
     ours = "sec-fetch-mode" in headers or NAME in headers.get("cookie", "")
     return ours and "authorization" not in headers
 
 
 def _login_before(scope: Scope) -> str:
-    """The login, with where to go on to: a form that was sent is not sent again."""
+    """Return the path of the login, with the page to show afterwards; a form is not sent again."""
     if scope["method"] != "GET":
         return LOGIN
     query = scope["query_string"].decode("latin-1")
@@ -205,30 +192,30 @@ def _login_before(scope: Scope) -> str:
 
 
 def _check_version(scope: Scope) -> None:
-    """HTTP/2 without a proxy begins with what reads as a request of HTTP/2.0."""
+    """Refuse HTTP/2 without a proxy, whose first bytes read as a request of HTTP/2.0."""
     version = scope["http_version"]
     if not version.startswith("1."):
         raise Refused(505, "http-version-unsupported", f"this service speaks HTTP/1.1, not HTTP/{version}")
 
 
 def _check_length(scope: Scope, headers: Headers, limit: int) -> None:
-    """Refuse a body that is too large for a route; that there is none is answered without reading it."""
+    """Refuse a body that is too large for a route; a path without a route is answered without reading the body."""
     declared = headers.get("content-length", "0")
     if not declared.isdecimal():
         raise Refused(400, "bad-length", f"Content-Length must be a count of bytes, not {declared[:100]!r}")
-    if int(declared) > limit and scope["method"] in methods_of(scope):
+    if int(declared) > limit and scope["method"] in rules_of(scope):
         raise too_large(limit)
 
 
 def _from_elsewhere(headers: Headers, own_origins: Iterable[str]) -> bool:
-    """Whether a browser reports that another site's page sent this; other programs report nothing."""
+    """Return whether a browser reports that another site's page sent this; other programs report nothing."""
     if headers.get("sec-fetch-site", "none") not in {"none", "same-origin"}:
         return True
     return "origin" in headers and headers["origin"] not in own_origins
 
 
 def too_large(limit: int) -> Refused:
-    """Refuse a body of more than `limit` bytes."""
+    """Make the refusal of a body of more than `limit` bytes."""
     return Refused(413, "body-too-large", f"the body may have at most {limit} bytes")
 
 

@@ -1,4 +1,4 @@
-"""The socket that the service listens on: opened first, so that nothing is begun that could not be served."""
+"""Socket that the service listens on, opened before anything else is started."""
 
 import errno
 import socket
@@ -9,22 +9,22 @@ _FIRST_PROBE_S = 60
 
 
 class ListenError(Exception):
-    """The service cannot or must not listen there; the sentence names what would be right."""
+    """Refusal to listen on an address, with a sentence that names a right one."""
 
 
 def listen(host: str, port: int, *, guarded: bool) -> socket.socket:
-    """Listen on an address; beyond loopback only where a key guards the service.
+    """Listen on an address; beyond loopback only if a key guards the service.
 
-    Judged is the address that `host` led to, not its text: a name may lead anywhere.
+    The address that `host` resolves to counts, not its text: a name may resolve to any address.
 
     Parameters
     ----------
     host
         Address or name; one with a colon is an IPv6 address.
     port
-        0 takes a free one.
+        Port; 0 takes a free one.
     guarded
-        Whether there is a key or a token, which requests must bring then.
+        Whether there is a key or a token, without which requests are refused.
 
     Raises
     ------
@@ -37,7 +37,7 @@ def listen(host: str, port: int, *, guarded: bool) -> socket.socket:
         # Connections inherit it. Without it an answer's second part waits until the client has acknowledged the first,
         # and clients acknowledge after 40 ms: asyncio sets it on sockets of a named protocol alone.
         listening.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        # Connections whose client has gone without a word end, where something is on its way to it and where not.
+        # Connections whose client has silently gone end, whether bytes are being sent to it or not.
         listening.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, _UNACKNOWLEDGED_MS)
         listening.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
         listening.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, _FIRST_PROBE_S)
@@ -54,7 +54,7 @@ def listen(host: str, port: int, *, guarded: bool) -> socket.socket:
 
 
 def is_loopback(address: str) -> bool:
-    """Whether an IP address is this machine's own, where no other machine's packets arrive."""
+    """Return whether an IP address is this machine's own, which other machines cannot reach."""
     ip = ip_address(address)
     mapped = ip.ipv4_mapped if isinstance(ip, IPv6Address) else None
     return (mapped or ip).is_loopback

@@ -1,4 +1,4 @@
-"""Counts, times and logs every request, and turns what no handler expected into a 500 that gives nothing away."""
+"""Counts, times and log lines of all requests, and a 500 without details for unexpected errors."""
 
 import time
 from http import HTTPMethod, HTTPStatus
@@ -13,17 +13,17 @@ from sawmill_service.access import client_address
 from sawmill_service.http.problems import problem_response
 
 CLIENT_GONE = 499  # nobody reads this status; it keeps broken connections apart in the counts
-# What clients invent beside them is counted as one method: each value of a label is kept for good.
+# Unknown methods are counted as one: each value of a label is kept for good.
 METHODS = frozenset(HTTPMethod)
-# Asked every few seconds by machines: a line each would hide the others.
+# Machines request these every few seconds: a line for each would hide the rest of the log.
 QUIET_ROUTES = frozenset({"/health/live", "/health/ready", "/metrics"})
-# From where somebody came who was not let in, or asked for too much.
+# The log has the address of a client that got one of these.
 REFUSALS = frozenset({401, 403, 421, 429})
 log = structlog.get_logger(__name__)
 
 
 class Observer:
-    """Count and time requests by route; log and answer what went wrong inside."""
+    """Middleware that counts and times requests by route, and logs and answers unexpected errors."""
 
     def __init__(self, app: ASGIApp, *, registry: CollectorRegistry) -> None:
         self.app = app
@@ -57,13 +57,13 @@ class Observer:
             try:
                 await self.app(scope, receive, send_observed)
             except* BrokenResourceError:
-                pass  # an event waited to be sent in FastAPI's stream when its client left, which is how streams end
+                pass  # the client left while an event waited in FastAPI's stream, which is how streams end
         except ClientDisconnect:
             status = CLIENT_GONE
         except Exception:
             log.exception("request-failed", method=_method(scope), route=_route(scope), **_who_and_what(scope))
             if status is not None:
-                raise  # half an answer is out: only a broken connection tells the client
+                raise  # half an answer is sent: only a broken connection shows the error to the client
             status = 500
             await _internal_error(scope)(scope, receive, send)
         finally:
@@ -88,7 +88,7 @@ class Observer:
 
 
 def _route(scope: Scope) -> str:
-    """The path's pattern: the path itself is what a client wrote, a secret perhaps."""
+    """Return the path's pattern: the path itself comes from the client, and may have a secret."""
     return getattr(scope.get("route"), "path", "unmatched")
 
 
@@ -97,10 +97,10 @@ def _method(scope: Scope) -> str:
 
 
 def _who_and_what(scope: Scope) -> dict[str, str]:
-    """The caller's key and the job that was queued, where there are such."""
+    """Return the caller's key and the job that was queued, if there are any."""
     state = scope["state"]
-    known = {"key_id": getattr(state.get("caller"), "key_id", None), "job_id": state.get("job_id")}
-    return {name: value for name, value in known.items() if value is not None}
+    ids = {"key_id": getattr(state.get("caller"), "key_id", None), "job_id": state.get("job_id")}
+    return {name: value for name, value in ids.items() if value is not None}
 
 
 def _internal_error(scope: Scope) -> ASGIApp:

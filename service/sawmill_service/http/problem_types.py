@@ -1,4 +1,4 @@
-"""Every kind of problem by its code, with its texts for people: `problem_texts/` has them, `/problems/` shows them.
+"""Kinds of problems by code, with their texts for people from `problem_texts/`, which `/problems/` shows.
 
 `tests/service/test_problem_types.py` compares the codes with those that the sources raise.
 """
@@ -48,38 +48,38 @@ class ProblemType(Contract):
 
 
 def type_of(code: str) -> str:
-    """The `type` of a problem (RFC 9457, section 3.1.1): a reference that its page answers, offline as well."""
+    """Return the `type` of a problem (RFC 9457, section 3.1.1): the path of a page, which works offline as well."""
     return PATH + code
 
 
 def title_of(code: str, status: int) -> str:
-    """What a code means in a few words; the status in words where the code is of no known type."""
-    known = problem_types().get(code)
-    return HTTPStatus(status).phrase if known is None else known.title
+    """Return the meaning of a code in a few words; for an unknown code, the phrase of the status."""
+    kind = problem_types().get(code)
+    return HTTPStatus(status).phrase if kind is None else kind.title
 
 
 class ProblemTypes(Contract):
-    """All kinds of problems, by code."""
+    """List of all kinds of problems, by code."""
 
     items: list[ProblemType] = Field(description="Kinds of problems in this version, by code.")
 
 
 @cache
 def problem_types() -> Mapping[str, ProblemType]:
-    """All of them, by code."""
-    found = [kind for name in ("answers", "failures") for kind in _read(_TEXTS / f"{name}.toml")]
-    return {kind.code: kind for kind in sorted(found, key=lambda kind: kind.code)}
+    """Return all kinds of problems, by code."""
+    kinds = [kind for name in ("answers", "failures") for kind in _read(_TEXTS / f"{name}.toml")]
+    return {kind.code: kind for kind in sorted(kinds, key=lambda kind: kind.code)}
 
 
 def markdown_table() -> str:
-    """Status by status, as docs/http.md has it."""
+    """Return the table of codes by status for docs/http.md."""
     statuses = sorted({kind.status for kind in problem_types().values() if kind.status is not None})
     rows = [f"| {status} {HTTPStatus(status).phrase} | {_codes_of(status)} |" for status in statuses]
     return "\n".join(["| status | `code` |", "|---|---|", *rows])
 
 
 def describe_code(schema: dict[str, Any]) -> None:
-    """What the schema of a code has beside its pattern: no `enum`, which would break clients of earlier versions."""
+    """Complete the schema of a code; an `enum` would break clients of earlier versions."""
     schema.update({"x-extensible-enum": list(problem_types()), "description": f"Stable, for programs. {_OTHERS}"})
 
 

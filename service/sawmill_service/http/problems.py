@@ -1,4 +1,4 @@
-"""Every error leaves as `application/problem+json` (RFC 9457): a stable code for programs, one sentence for people."""
+"""Errors as `application/problem+json` (RFC 9457): a stable code for programs, one sentence for people."""
 
 import reprlib
 from collections.abc import Mapping, Sequence
@@ -32,8 +32,8 @@ from sawmill_platform.errors import (
     UploadTooLarge,
     outage_of,
 )
-from sawmill_service.http.allowed_methods import allowed_methods
 from sawmill_service.http.problem_types import CODE_PATTERN, describe_code, title_of, type_of
+from sawmill_service.http.route_rules import allowed_methods
 
 MEDIA_TYPE = "application/problem+json"
 STATUS: Mapping[type[Exception], int] = {
@@ -54,12 +54,12 @@ STATUS: Mapping[type[Exception], int] = {
 }
 # Pydantic's remark on a default that depends on a refused value.
 FOLLOWS_FROM_OTHERS = frozenset({"default_factory_not_called"})
-# Ours, of what no model sees of a query or a form; the message is a sentence.
+# Type of our own errors, about parts of a query or a form that no model sees; the message is a sentence.
 STATED = "stated"
-COME_BACK = {"Retry-After": "5"}  # of every 503, and of what is busy: seconds
+COME_BACK = {"Retry-After": "5"}  # seconds, for every 503 and for busy resources
 
 
-class Place(StrEnum):
+class ProblemPlace(StrEnum):
     """A part of a request."""
 
     BODY = "body"
@@ -81,7 +81,7 @@ class FieldProblem(BaseModel):
     message: str = Field(
         description="Fault of the value, and the value.", examples=["should be greater than 0, not -3"]
     )
-    in_: Place = Field(alias="in", description="Part of the request that has the value.")
+    in_: ProblemPlace = Field(alias="in", description="Part of the request that has the value.")
     pointer: str | None = Field(
         None,
         json_schema_extra={"format": "json-pointer-uri-fragment"},
@@ -148,7 +148,7 @@ def problem_response(
 
 
 def is_navigation(headers: Headers) -> bool:
-    """Whether somebody waits for a page, and not a program for an answer."""
+    """Return whether a person waits for a page, rather than a program for an answer."""
     return "text/html" in headers.get("accept", "") and "authorization" not in headers
 
 
@@ -161,7 +161,7 @@ class Refused(HTTPException):
 
 
 def refusal_response(path: str, refused: Refused) -> JSONResponse:
-    """Shape a refusal, wherever it was met."""
+    """Shape a refusal as a response."""
     return problem_response(path, refused.status_code, refused.code, refused.detail, headers=refused.headers)
 
 
@@ -173,34 +173,34 @@ def complaint(error: Mapping[str, Any]) -> tuple[str, str]:
 
 
 def _field_problem(error: Mapping[str, Any], body: object) -> FieldProblem:
-    """One of FastAPI's errors, whose place begins with a part of the request.
+    """Convert one of FastAPI's errors, whose place begins with a part of the request.
 
     Parameters
     ----------
     body
-        As it came, by which the variants that were tried are known from the fields of the body.
+        Body of the request, which tells the variants that were tried from the fields of the body.
     """
     location, message = complaint(error)
     place, *names = error["loc"]
-    if place != Place.BODY:
+    if place != ProblemPlace.BODY:
         # A rule about several parameters together names none.
         parameter = str(names[0]) if names else None
-        return FieldProblem(location=location, message=message, in_=Place(place), parameter=parameter)
+        return FieldProblem(location=location, message=message, in_=ProblemPlace(place), parameter=parameter)
     unread = error["type"] == "json_invalid"
     pointer = "#" if unread else _pointer(names, body, adds=error["type"] == "missing")
-    return FieldProblem(location=location, message=message, in_=Place.BODY, pointer=pointer)
+    return FieldProblem(location=location, message=message, in_=ProblemPlace.BODY, pointer=pointer)
 
 
 def _pointer(names: Sequence[int | str], body: object, *, adds: bool) -> str:
-    """A JSON pointer as the fragment of a URI; `adds`: the last name is of a field that is not there."""
-    found = []
+    """Return a JSON pointer as the fragment of a URI; `adds`: the field of the last name is missing."""
+    parts = []
     for number, name in enumerate(names, start=1):
         if _holds(body, name):
             body = body[name]  # type: ignore[index]
         elif not (adds and number == len(names)):
-            continue  # a variant of a union, or what pydantic names beside the fields
-        found.append(quote(str(name).replace("~", "~0").replace("/", "~1"), safe="~!$&'()*+,;=:@"))
-    return "".join(["#", *(f"/{name}" for name in found)])
+            continue  # a variant of a union, or another name that pydantic adds to the fields
+        parts.append(quote(str(name).replace("~", "~0").replace("/", "~1"), safe="~!$&'()*+,;=:@"))
+    return "".join(["#", *(f"/{name}" for name in parts)])
 
 
 def _holds(value: object, name: int | str) -> bool:
@@ -231,8 +231,8 @@ def _on_validation(request: Request, error: Exception) -> JSONResponse:
     problems = [
         _field_problem(item, refused.body) for item in refused.errors() if item["type"] not in FOLLOWS_FROM_OTHERS
     ]
-    first, others = problems[0], len(problems) - 1
-    detail = f"{first.location} {first.message}" + (f" (and {others} more)" if others else "")
+    first, more = problems[0], len(problems) - 1
+    detail = f"{first.location} {first.message}" + (f" (and {more} more)" if more else "")
     return problem_response(request.url.path, 422, "invalid-request", detail, errors=problems)
 
 
@@ -248,7 +248,7 @@ def _on_http(request: Request, error: Exception) -> JSONResponse:
         code, detail = "method-not-allowed", f"{request.method} is not for {path}, which takes {allowed}"
         return problem_response(path, status, code, detail, headers={"Allow": allowed})
     else:
-        code, detail = "bad-request", refused.detail  # as FastAPI raises it of a body that it cannot parse
+        code, detail = "bad-request", refused.detail  # raised by FastAPI for a body that it cannot parse
     return problem_response(path, status, code, detail, headers=refused.headers)
 
 
@@ -264,7 +264,7 @@ def _on_stored(request: Request, error: Exception) -> JSONResponse:
 
 
 def _on_disk(request: Request, error: Exception) -> JSONResponse:
-    """Answer an error of the data folder's disk; any other one of the system is ours."""
+    """Answer an error of the data folder's disk; any other system error is our fault."""
     outage = outage_of(cast("OSError", error), "the request")
     if outage is None:
         raise error
@@ -272,7 +272,7 @@ def _on_disk(request: Request, error: Exception) -> JSONResponse:
 
 
 def install(app: FastAPI) -> None:
-    """Give every kind of error its problem; the observer sees to the rest."""
+    """Install the handlers of expected errors; the observer answers unexpected ones."""
     app.add_exception_handler(RequestValidationError, _on_validation)
     app.add_exception_handler(HTTPException, _on_http)
     for stored in (StorageError, FileError):

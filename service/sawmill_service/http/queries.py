@@ -1,4 +1,4 @@
-"""Queries: what a route would pass over is refused, as in bodies: fields that it does not know, and repeated ones."""
+"""Queries: unknown and repeated fields are refused, as in bodies; FastAPI would ignore them."""
 
 import reprlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -11,38 +11,37 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.routing import APIRoute
 from pydantic import BaseModel
 
-from sawmill_service.http.problems import STATED, Place
+from sawmill_service.http.problems import STATED, ProblemPlace
 
 
 async def check_query(request: Request) -> None:
-    """Refuse fields that the route does not know, and those of one value that stand there twice.
+    """Refuse fields that the route does not know, and repeated fields that take one value; a dependency of every route.
 
-    A dependency of every route. Pages are left out, but for those that read a model of their own: an old bookmark
-    still leads to one.
+    Pages are exempt, except those that read a model: an old bookmark still works.
 
     Raises
     ------
     RequestValidationError
-        With a near name that is known, where there is one.
+        Names a similar known field, if there is one.
     """
     route: APIRoute = request.scope["route"]
     query = request.query_params
     if not query or not route.include_in_schema:
         return
-    known = dict(_fields(route.dependant))
+    types = dict(_fields(route.dependant))
     errors = []
     for name in query:
         values = query.getlist(name)
-        if name not in known:
-            errors.append(_refused((Place.QUERY, name), values, f"is not a known field{near_name(name, known)}"))
-        elif len(values) > 1 and not _is_list(known[name]):
-            errors.append(repeated((Place.QUERY, name), values))
+        if name not in types:
+            errors.append(_refused((ProblemPlace.QUERY, name), values, f"is not a known field{near_name(name, types)}"))
+        elif len(values) > 1 and not _is_list(types[name]):
+            errors.append(repeated((ProblemPlace.QUERY, name), values))
     if errors:
         raise RequestValidationError(errors)
 
 
 def _fields(dependant: Dependant) -> Iterator[tuple[str, object]]:
-    """Names and types of a route's query fields, those of models and of dependencies among them."""
+    """Yield the names and types of a route's query fields, including the fields of models and of dependencies."""
     for field in dependant.query_params:
         model = field.field_info.annotation
         if isinstance(model, type) and issubclass(model, BaseModel):
@@ -57,14 +56,14 @@ def _is_list(annotation: object) -> bool:
     return get_origin(annotation) is list or any(map(_is_list, get_args(annotation)))
 
 
-def near_name(name: str, known: Iterable[str]) -> str:
-    """A known name that is like an unknown one, as the end of a sentence about it; empty: none is."""
-    near = get_close_matches(name, sorted(known), n=1)
+def near_name(name: str, names: Iterable[str]) -> str:
+    """Return the end of a sentence about an unknown name: a similar known name; empty if there is none."""
+    near = get_close_matches(name, sorted(names), n=1)
     return f": {near[0]!r} is" if near else ""
 
 
 def repeated(place: Sequence[int | str], values: list[Any]) -> Mapping[str, object]:
-    """The refusal of a field of one value that stands there several times, its place beginning with a part."""
+    """Make the error of a repeated field that takes one value; its place begins with a part of the request."""
     return _refused(place, values, f"takes one value, not {len(values)}: {reprlib.repr(values)}")
 
 

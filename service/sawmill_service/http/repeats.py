@@ -1,6 +1,6 @@
-"""`Idempotency-Key`: a request that is sent again makes nothing again, and gets the answer that the first one got.
+"""`Idempotency-Key`: a repeated request creates nothing again, and gets the answer of the first request.
 
-The header is that of the IETF's draft-ietf-httpapi-idempotency-key-header-07. See docs/http.md for what it leaves open.
+The IETF's draft-ietf-httpapi-idempotency-key-header-07 defines the header. docs/http.md has what the draft leaves open.
 """
 
 import hashlib
@@ -23,14 +23,14 @@ from sawmill_platform.files.upload_stream import Received
 from sawmill_platform.keys.repeats import Answer, KeyedRequest
 from sawmill_service.access import caller_of
 from sawmill_service.dependencies import TheStore
+from sawmill_service.http.bodies.sent_content import SentContent
 from sawmill_service.http.problems import Refused
-from sawmill_service.http.sent_content import SentContent
 from sawmill_service.uploads import body_begun, body_sha256, check_no_file
 from sawmill_store.store import Store
 
 HEADER, REPLAYED = "Idempotency-Key", "Idempotency-Replayed"
 SECRET = "secret"  # noqa: S105 - the name of a field
-# A string of RFC 9651 (section 3.3.3), or what clients send without its quotes.
+# A string of RFC 9651 (section 3.3.3), or a text without quotes, which some clients send.
 _QUOTED = re.compile(r'"((?:[ !#-\[\]-~]|\\["\\]){1,200})"')
 _BARE = re.compile(r"[!#-~]{1,200}")
 
@@ -47,7 +47,7 @@ Key = Annotated[
 
 
 class AnsweredBefore(Exception):  # noqa: N818 - no error
-    """The request is a repeat, and this is its answer."""
+    """Raised for a repeat, with its answer."""
 
     def __init__(self, answer: Answer) -> None:
         super().__init__()
@@ -56,16 +56,16 @@ class AnsweredBefore(Exception):  # noqa: N818 - no error
 
 @dataclass(frozen=True)
 class Repeatable:
-    """A request that may be sent again where it brings a key.
+    """A request that may be repeated if it has an idempotency key.
 
     Attributes
     ----------
     request, response
-        The request, and the response whose headers the route sets.
+        Request, and the response whose headers the route sets.
     store
-        Where answers are kept.
+        Store that keeps the answers.
     keyed
-        The request with its key; null: it brings none.
+        Request with its key; None: it has no key.
     """
 
     request: Request
@@ -74,14 +74,14 @@ class Repeatable:
     keyed: KeyedRequest | None
 
     def once(self, make: Callable[[], Made], *, file_sha256: str | None = None) -> Made:
-        """Make what is asked for, in one transaction with the answer that its repeats get.
+        """Create the resource, in one transaction with the answer for repeats.
 
         Raises
         ------
         AnsweredBefore
-            It is a repeat.
+            The request is a repeat.
         Refused
-            409 `secret-not-repeated`: it is one, and its answer had a secret.
+            409 `secret-not-repeated`: the request is a repeat, and the answer had a secret.
         Invalid
             422 `idempotency-key-reused`.
         """
@@ -94,7 +94,10 @@ class Repeatable:
         return made
 
     def once_with(self, received: Received, make: Callable[[], Made], *, sent_sha256: str | None) -> Made:
-        """As `once`, where `make` takes a file, which is discarded otherwise; null: it came before this request."""
+        """Call `once` with a received file, which is discarded unless `make` takes it.
+
+        `sent_sha256` is None if the file came before this request.
+        """
         try:
             return self.once(make, file_sha256=sent_sha256)
         finally:
@@ -102,20 +105,20 @@ class Repeatable:
 
     @asynccontextmanager
     async def unless_repeated(self, content: SentContent | None = None) -> AsyncIterator[None]:
-        """Around what receives a file, or looks up what names one: a repeat is answered before.
+        """Answer a repeat before the block, which receives a file or looks up a file by name.
 
-        What is refused within may be so because the first request was answered meanwhile: then it is a repeat too,
-        unless a part of its body has been read, of which no checksum can be had any more.
+        The block may refuse the request because the first request was answered in the meantime. The request is a repeat
+        then too, unless a part of the body has been read, so that no checksum can be computed any more.
 
         Parameters
         ----------
         content
-            What the body stands for; null: it is the file.
+            Content of the body; None: the body is the file.
 
         Raises
         ------
         AnsweredBefore, Invalid
-            As by `check_sent`.
+            See `check_sent`.
         """
         await self.check_sent(content)
         try:
@@ -126,16 +129,16 @@ class Repeatable:
             raise
 
     async def check_sent(self, content: SentContent | None = None) -> None:
-        """Answer a repeat, for which its body is read: the file, or nothing where an earlier one is named.
+        """Answer a repeat; its body is read for that: the file, or nothing if the request names an earlier file.
 
         Raises
         ------
         AnsweredBefore
-            It is a repeat, with the same file or none.
+            The request is a repeat, with the same file or none.
         Invalid
             422 `idempotency-key-reused`.
         Refused
-            As by `body_sha256` or `check_no_file`.
+            See `body_sha256` and `check_no_file`.
         """
         if self.keyed is None:
             return
@@ -161,12 +164,12 @@ class Repeatable:
 
 
 async def _repeatable(request: Request, response: Response, store: TheStore, key: Key = None) -> Repeatable:
-    """Of a request whose body is JSON or empty."""
+    """Return the repeatable request of a route whose body is JSON or empty."""
     return _keyed(request, response, store, key, await request.body())
 
 
 async def _repeatable_with_file(request: Request, response: Response, store: TheStore, key: Key = None) -> Repeatable:
-    """Of a request whose body is a file."""
+    """Return the repeatable request of a route whose body is a file."""
     return _keyed(request, response, store, key, b"")
 
 
@@ -197,8 +200,8 @@ def repeatable(endpoint: Callable[..., Made]) -> Callable[..., Made]:
     """Have a route whose body is JSON, or empty, take `Idempotency-Key`."""
 
     @wraps(endpoint)
-    def once(repeatable: Repeatable, **given: Any) -> Made:  # noqa: ANN401 - the route's own
-        return repeatable.once(partial(endpoint, **given))
+    def once(repeatable: Repeatable, **arguments: Any) -> Made:  # noqa: ANN401 - the route's own
+        return repeatable.once(partial(endpoint, **arguments))
 
     signature = inspect.signature(endpoint)
     added = inspect.Parameter("repeatable", inspect.Parameter.KEYWORD_ONLY, annotation=TheRepeatable)
@@ -210,7 +213,7 @@ def repeatable(endpoint: Callable[..., Made]) -> Callable[..., Made]:
 def _repeated(answer: Answer, request: Request) -> AnsweredBefore | Refused:
     if answer.whole:
         return AnsweredBefore(answer)
-    # Only what has secrets answers with one, and each is replaced by the same path.
+    # Only keys and webhooks have secrets, and one path pattern replaces them.
     made, kinds = json.loads(answer.body)["id"], request.url.path.split("/")[2]
     what = f"{kinds.removesuffix('s')} {made!r}"
     return Refused(
@@ -227,5 +230,5 @@ def _on_repeat(_request: Request, error: Exception) -> Response:
 
 
 def install(app: FastAPI) -> None:
-    """Answer repeats."""
+    """Install the handler that answers repeats."""
     app.add_exception_handler(AnsweredBefore, _on_repeat)

@@ -1,4 +1,4 @@
-"""The cookie that a login gives a browser, and the token that its forms and scripts bring beside it."""
+"""Cookie that a login gives a browser, and the token that forms and scripts send in addition."""
 
 import hashlib
 import hmac
@@ -11,36 +11,37 @@ from starlette.types import Scope
 NAME = "sawmill_session"
 # With this prefix browsers let neither plain HTTP nor another host of the same domain set it.
 SECURE_NAME = f"__Host-{NAME}"
-# Browsers keep no cookie longer; a display's is given anew with each page.
+# Browsers keep no cookie longer; a display gets its cookie again with each page.
 DISPLAY_MAX_AGE_S = 400 * 86400
 
 
 class SessionCookie:
-    """Written into answers and read from requests.
+    """Cookie of a session: written into answers and read from requests.
 
-    It is sent along when somebody follows a link (`SameSite=Lax`), so that one in a mail does not lead to the login.
-    Nothing is changed by following links; what changes something needs the token of the session (`csrf_token`) and must
-    not come from another site's page (`gate`).
+    Browsers send the cookie when a person follows a link (`SameSite=Lax`), so that a link in a mail works without a new
+    login. Following links changes nothing; a request that changes something needs the token of the session
+    (`csrf_token`) and must not come from another site's page (`gate`).
 
     Parameters
     ----------
     public_url
-        Where it begins with `https:`, the cookie is for TLS alone, whatever the proxy speaks to the service.
+        Address of the service. If it begins with `https:`, the cookie is for TLS only, whatever the proxy uses towards
+        the service.
     """
 
     def __init__(self, public_url: str | None) -> None:
         self._always_secure = public_url is not None and public_url.startswith("https:")
 
     def read(self, scope: Scope, headers: Headers) -> str:
-        """The session's secret, as a browser brought it; empty where it brought none."""
+        """Return the session's secret from the cookie; empty without one."""
         return cookie_parser(headers.get("cookie", "")).get(self._name(scope), "")
 
     def give(self, answer: Response, scope: Scope, secret: str, *, lasting: bool) -> None:
-        """Have a browser keep it until it is closed, or for long where the session is a display's."""
+        """Set the cookie until the browser is closed, or for 400 days for a display."""
         self._set(answer, scope, secret, DISPLAY_MAX_AGE_S if lasting else None)
 
     def take_back(self, answer: Response, scope: Scope) -> None:
-        """Have a browser forget it."""
+        """Delete the cookie."""
         self._set(answer, scope, "", 0)
 
     def _set(self, answer: Response, scope: Scope, value: str, max_age_s: int | None) -> None:
@@ -62,5 +63,5 @@ class SessionCookie:
 
 
 def csrf_token(secret: str) -> str:
-    """What requests of a session bring to change something: it tells nothing about the session's secret."""
+    """Return the token of a session that changes need; the session's secret cannot be derived from it."""
     return hmac.new(secret.encode(), b"csrf", hashlib.sha256).hexdigest()

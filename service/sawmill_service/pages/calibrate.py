@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Annotated
 from urllib.parse import urlencode
 
-from fastapi import APIRouter, Query
+from fastapi import Query
 from fastapi.responses import HTMLResponse, RedirectResponse, Response
 from pydantic import ValidationError
 
@@ -19,12 +19,14 @@ from sawmill_contracts.inspections import Inspection, InspectionOptions
 from sawmill_contracts.scans import Scan, ScanSpec, ScanState
 from sawmill_platform.contracts.base import Identifier
 from sawmill_platform.contracts.given import Given
+from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.errors import Conflict, NotFound, QueueFull, StorageError
 from sawmill_service.dependencies import TheSettings, TheStore, TheWake
 from sawmill_service.drawing import shown_log
 from sawmill_service.finished import scan_if_kept
-from sawmill_service.http.forms import TheForm
+from sawmill_service.http.bodies.forms import TheForm
 from sawmill_service.http.problems import STATUS, complaint
+from sawmill_service.http.route_rules import Router
 from sawmill_service.pages.calibrate_questions import questions_of, usable_phantoms
 from sawmill_service.pages.calibrate_words import advice_for, changes_of, headline, parameters_of, stages
 from sawmill_service.pages.frame import PageFrame, ThePage
@@ -34,7 +36,10 @@ CALIBRATE = "/calibrate"
 # What the form asks of a scan.
 ASKED = ("scanner_id", "phantom_id", "data", "angles_deg")
 
-router = APIRouter(include_in_schema=False)
+# The form with an angle for each view: as many characters as a scan may have there, its commas as %2C.
+FORM_BYTES = 400_000
+
+router = Router(include_in_schema=False, reading=Scope.READ)
 
 
 class _Answers(Given, ScanSpec):
@@ -86,7 +91,7 @@ def calibrate(
     )
 
 
-@router.post(CALIBRATE)
+@router.post(CALIBRATE, needs=Scope.SUBMIT, max_form_bytes=FORM_BYTES)
 def start(page: ThePage, store: TheStore, wake: TheWake, form: TheForm) -> Response:
     """Take the answers: make a scan of the inspected file and calibrate with it."""
     if "scan_id" in form:
@@ -122,7 +127,7 @@ def _start_of_scan(page: PageFrame, store: Store, wake: TheWake, form: dict[str,
     return RedirectResponse(where.path(scan=None, calibration=calibration.id), 303)
 
 
-@router.post(f"{CALIBRATE}/dataset")
+@router.post(f"{CALIBRATE}/dataset", needs=Scope.SUBMIT)
 def choose_dataset(page: ThePage, store: TheStore, wake: TheWake, form: TheForm) -> Response:
     """Inspect the file again, with one of its arrays."""
     where = Where(form.get("scanner_id"), form.get("inspection_id"))

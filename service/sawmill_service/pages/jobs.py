@@ -3,15 +3,17 @@
 from collections.abc import Callable, Mapping, Sequence
 from typing import Annotated, Literal, NamedTuple
 
-from fastapi import APIRouter, Query
+from fastapi import Query
 from fastapi.responses import HTMLResponse, RedirectResponse
 
 from sawmill_platform.contracts.base import Identifier, Page
 from sawmill_platform.contracts.jobs import Job, JobKind, JobState
+from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.contracts.kinds import declaration_of
 from sawmill_platform.errors import Conflict
 from sawmill_service.dependencies import TheStore
-from sawmill_service.http.answers import Paging
+from sawmill_service.http.responses.answers import Paging
+from sawmill_service.http.route_rules import Router
 from sawmill_service.pages.frame import PageFrame, ThePage
 from sawmill_service.pages.job_words import FATES, STATES, JobView, job_view
 from sawmill_store.store import Store
@@ -20,7 +22,7 @@ JOBS = "/jobs"
 # Of a list: what fits on a page that is looked at, and is read again every few seconds.
 LISTED = 20
 
-router = APIRouter(include_in_schema=False)
+router = Router(include_in_schema=False, reading=Scope.READ)
 
 
 class JobFilter(Paging):
@@ -74,7 +76,7 @@ def history(job_id: Identifier, page: ThePage, store: TheStore) -> HTMLResponse:
     return page.answer("job_history.html", events=store.events.of_job(job_id), fates=FATES)
 
 
-@router.post(JOBS + "/{job_id}/cancel")
+@router.post(JOBS + "/{job_id}/cancel", needs=Scope.SUBMIT)
 def cancel(job_id: Identifier, store: TheStore) -> RedirectResponse:
     """Cancel a job; one that has ended meanwhile is left as it is, and the page shows how it ended."""
     try:

@@ -3,14 +3,16 @@
 from collections.abc import Mapping
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Query, Response
+from fastapi import Query, Response
 
 from sawmill_contracts.reconstructions import Reconstruction
 from sawmill_contracts.scans import Scan
 from sawmill_platform.contracts.base import Identifier
 from sawmill_platform.contracts.jobs import JobState
+from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.errors import NotFound
 from sawmill_service.dependencies import TheStore
+from sawmill_service.http.route_rules import Router
 from sawmill_service.pages.frame import ThePage
 from sawmill_service.pages.lists import TheFilter
 from sawmill_service.pages.words import COLOR_MAPS, LOG_STATES
@@ -20,7 +22,7 @@ from sawmill_vocabulary import ReconstructionMethod
 # Of the same scan, and of the same scanner: to look at beside a log.
 _OTHERS = 25
 
-router = APIRouter(include_in_schema=False)
+router = Router(include_in_schema=False, reading=Scope.READ)
 
 
 @router.get("/logs")

@@ -2,9 +2,10 @@
 
 from typing import Annotated
 
-from fastapi import APIRouter, Query, Request
+from fastapi import Query, Request
 from fastapi.responses import RedirectResponse
 
+from sawmill_service.http.route_rules import NoKey, Router
 from sawmill_service.pages.addresses import local_path
 from sawmill_service.pages.frame import LANGUAGE_COOKIE, THEME_COOKIE, THEMES
 from sawmill_service.pages.languages import LANGUAGES
@@ -12,10 +13,10 @@ from sawmill_service.pages.languages import LANGUAGES
 LOOK = "/look"
 YEAR_S = 365 * 86400
 
-router = APIRouter(include_in_schema=False)
+router = Router(include_in_schema=False)
 
 
-@router.get(LOOK)
+@router.get(LOOK, needs=NoKey.LOGIN)
 def look(
     request: Request,
     language: Annotated[str, Query()] = "",

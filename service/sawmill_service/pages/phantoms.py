@@ -4,7 +4,7 @@ import struct
 from datetime import date, datetime
 from typing import Annotated, NamedTuple
 
-from fastapi import APIRouter, Body, Query, Request, Response
+from fastapi import Body, Query, Request, Response
 from fastapi.responses import HTMLResponse, RedirectResponse
 from markupsafe import Markup
 from pydantic import Field, JsonValue, TypeAdapter, ValidationError
@@ -15,11 +15,13 @@ from sawmill_contracts.phantoms import DrawnShape, PhantomPicture, StoredPhantom
 from sawmill_contracts.scanners import StoredScanner
 from sawmill_platform.contracts.base import Contract, Identifier
 from sawmill_platform.contracts.given import Given
+from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.contracts.strict_json import read_strictly
 from sawmill_platform.errors import Conflict, NotFound
 from sawmill_service.dependencies import TheSettings, TheStore
-from sawmill_service.http.answers import Paging, Svg, file, picture
 from sawmill_service.http.problems import complaint
+from sawmill_service.http.responses.answers import Paging, Svg, file, picture
+from sawmill_service.http.route_rules import Router
 from sawmill_service.pages.frame import PageFrame, ThePage
 from sawmill_service.pages.phantom_plans import plan_views
 from sawmill_service.pages.phantom_words import SizeKnown, size_known, size_text
@@ -35,7 +37,7 @@ OFFERED = 200
 # Signature, length and name of the first chunk, width, height (PNG, section 11.2.2).
 _PNG_HEAD = struct.Struct(">16xII")
 
-router = APIRouter(include_in_schema=False)
+router = Router(include_in_schema=False, reading=Scope.READ)
 
 
 class ListedPhantom(NamedTuple):
@@ -94,7 +96,7 @@ def new_phantom(page: ThePage, settings: TheSettings) -> HTMLResponse:
     return page.answer("new_phantom.html", max_picture_bytes=settings.max_picture_bytes)
 
 
-@router.post(f"{PHANTOMS}/preview")
+@router.post(f"{PHANTOMS}/preview", needs=Scope.SUBMIT)
 def preview(page: ThePage, shapes: Annotated[list[JsonValue], Body(embed=True, max_length=200)]) -> Preview:
     """Draw what can be drawn of shapes that need not be right yet, and say what is wrong with which."""
     read: dict[int, Shape] = {}
@@ -140,7 +142,7 @@ def uploaded_picture(phantom_id: Identifier, request: Request, store: TheStore) 
     return file(request, store.files.upload(job_kinds.TRACE_PHANTOM, phantom_id), "image/png")
 
 
-@router.post(PHANTOMS + "/{phantom_id}/delete")
+@router.post(PHANTOMS + "/{phantom_id}/delete", needs=Scope.ADMIN)
 def delete(phantom_id: Identifier, page: ThePage, store: TheStore) -> Response:
     """Delete it, or say what it is still needed for."""
     try:

@@ -2,18 +2,19 @@
 
 from typing import Annotated
 
-from fastapi import APIRouter, Path, Request, Response
+from fastapi import Path, Request, Response
 
+from sawmill_service.http.document.refusals import refuses
 from sawmill_service.http.problem_types import CODE_PATTERN, PATH, ProblemType, ProblemTypes, problem_types
 from sawmill_service.http.problems import Refused, is_navigation
-from sawmill_service.http.refusals import refuses
+from sawmill_service.http.route_rules import NoKey, Router
 from sawmill_service.pages.frame import ThePage
 
-router = APIRouter(tags=["operation"])
+router = Router(tags=["operation"])
 _VARY = {"Vary": "Accept, Cookie"}
 
 
-@router.get(PATH, summary="List the kinds of problems", response_model=ProblemTypes)
+@router.get(PATH, needs=NoKey.AFTER_REFUSAL, summary="List the kinds of problems", response_model=ProblemTypes)
 def list_problem_types(request: Request, page: ThePage, response: Response) -> Response | ProblemTypes:
     """List by code what each kind means, when it occurs and what to do. A browser gets a page, without internet too."""
     if is_navigation(request.headers):
@@ -23,7 +24,11 @@ def list_problem_types(request: Request, page: ThePage, response: Response) -> R
 
 
 @router.get(
-    f"{PATH}{{code}}", summary="Get a kind of problem", response_model=ProblemType, responses=refuses("unknown-path")
+    f"{PATH}{{code}}",
+    needs=NoKey.AFTER_REFUSAL,
+    summary="Get a kind of problem",
+    response_model=ProblemType,
+    responses=refuses("unknown-path"),
 )
 def get_problem_type(
     code: Annotated[

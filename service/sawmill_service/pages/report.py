@@ -7,7 +7,6 @@ imported by the first report: a service at rest does not hold it.
 
 from typing import TYPE_CHECKING
 
-from fastapi import APIRouter
 from fastapi.responses import HTMLResponse
 
 from sawmill_contracts import job_kinds
@@ -15,9 +14,11 @@ from sawmill_contracts.calibrations import CalibrationSucceeded
 from sawmill_contracts.history import HistoryEntry
 from sawmill_formats.errors import damage_reported
 from sawmill_platform.contracts.base import Identifier
+from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.errors import NotFound
 from sawmill_service.dependencies import TheStore
 from sawmill_service.finished import scan_if_kept
+from sawmill_service.http.route_rules import Router
 from sawmill_service.routes.calibrations import succeeded
 from sawmill_store.store import Store
 
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
     from sawmill_contracts.calibration_arrays import CalibrationArrays
     from sawmill_worker.pictures.report_page import About
 
-router = APIRouter(include_in_schema=False)
+router = Router(include_in_schema=False, reading=Scope.READ)
 
 
 @router.get("/calibrations/{calibration_id}/report")

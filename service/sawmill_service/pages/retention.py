@@ -1,13 +1,14 @@
 """/retention: how long things are kept. A page asks for each confirmation with the number."""
 
-from fastapi import APIRouter
 from fastapi.responses import HTMLResponse, RedirectResponse
 from pydantic import ValidationError
 
 from sawmill_contracts.retention import RetentionAsk, RetentionPreview, RetentionRules
+from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.errors import Conflict
 from sawmill_service.dependencies import TheStore
-from sawmill_service.http.forms import TheForm
+from sawmill_service.http.bodies.forms import TheForm
+from sawmill_service.http.route_rules import Router
 from sawmill_service.pages.frame import PageFrame, ThePage
 from sawmill_service.pages.languages import locale_of
 from sawmill_service.pages.retention_form import KINDS, REASONS, RetentionForm, form_of, read_form
@@ -15,7 +16,7 @@ from sawmill_store.store import Store
 
 PATH = "/retention"
 
-router = APIRouter(include_in_schema=False)
+router = Router(include_in_schema=False, reading=Scope.ADMIN)
 
 
 @router.get(PATH)
@@ -24,7 +25,7 @@ def retention(page: ThePage, store: TheStore) -> HTMLResponse:
     return _answer(page, store)
 
 
-@router.post(PATH)
+@router.post(PATH, needs=Scope.ADMIN)
 def try_rules(page: ThePage, store: TheStore, typed: TheForm) -> HTMLResponse:
     """Show what would go by the rules that somebody typed, or the form again with what is wrong; nothing goes."""
     form, rules = read_form(typed, locale_of(page.language), page.text)
@@ -33,7 +34,7 @@ def try_rules(page: ThePage, store: TheStore, typed: TheForm) -> HTMLResponse:
     return _answer(page, store, form=form, preview=store.retention.preview(rules))
 
 
-@router.post(f"{PATH}/confirmed", response_model=None)
+@router.post(f"{PATH}/confirmed", needs=Scope.ADMIN, response_model=None)
 def confirm(page: ThePage, store: TheStore, typed: TheForm) -> HTMLResponse | RedirectResponse:
     """Put the rules into force, or show the new number if they would now remove more than was confirmed."""
     form, rules = read_form(typed, locale_of(page.language), page.text)

@@ -4,7 +4,7 @@ from dataclasses import replace
 from datetime import UTC, datetime
 from typing import Annotated
 
-from fastapi import APIRouter, Query
+from fastapi import Query
 from fastapi.responses import HTMLResponse, RedirectResponse
 
 from sawmill_contracts.calibrations import CalibrationSucceeded
@@ -14,10 +14,12 @@ from sawmill_contracts.scanners import StoredScanner
 from sawmill_contracts.schedules import Schedule, ScheduleRun
 from sawmill_mill.alarms import ALARMS
 from sawmill_platform.contracts.base import Identifier
+from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.errors import NotFound
 from sawmill_service.dependencies import TheStore
 from sawmill_service.drawing import ShownLog, shown_log
-from sawmill_service.http.forms import TheForm
+from sawmill_service.http.bodies.forms import TheForm
+from sawmill_service.http.route_rules import Router
 from sawmill_service.pages.charts import is_calibration, span_of
 from sawmill_service.pages.drift_chart import drift_chart
 from sawmill_service.pages.frame import PageFrame, ThePage
@@ -42,7 +44,7 @@ SPANS = {
 }
 SHOWN_ENTRIES, SHOWN_SCHEDULES, SHOWN_RUNS = 20, 20, 5
 
-router = APIRouter(include_in_schema=False)
+router = Router(include_in_schema=False, reading=Scope.READ)
 
 
 @router.get("/scanners/new")
@@ -51,7 +53,7 @@ def new_scanner(page: ThePage) -> HTMLResponse:
     return _new(page, _forms(page).empty())
 
 
-@router.post("/scanners/new", response_model=None)
+@router.post("/scanners/new", needs=Scope.ACTIVATE, response_model=None)
 def create_scanner(page: ThePage, store: TheStore, typed: TheForm) -> HTMLResponse | RedirectResponse:
     """Add it, or show the form again with what is wrong."""
     form, spec = _forms(page).read(typed, None)
@@ -71,7 +73,7 @@ def scanner(
     return _answer(page, store, store.scanners.get(scanner_id), days=days)
 
 
-@router.post("/scanners/{scanner_id}/settings", response_model=None)
+@router.post("/scanners/{scanner_id}/settings", needs=Scope.ACTIVATE, response_model=None)
 def change_settings(
     scanner_id: Identifier, page: ThePage, store: TheStore, typed: TheForm
 ) -> HTMLResponse | RedirectResponse:
@@ -84,7 +86,7 @@ def change_settings(
     return RedirectResponse(f"/scanners/{scanner_id}#settings", status_code=303)
 
 
-@router.post("/scanners/{scanner_id}/schedules", response_model=None)
+@router.post("/scanners/{scanner_id}/schedules", needs=Scope.ACTIVATE, response_model=None)
 def add_schedule(
     scanner_id: Identifier, page: ThePage, store: TheStore, typed: TheForm
 ) -> HTMLResponse | RedirectResponse:
@@ -96,7 +98,7 @@ def add_schedule(
     return RedirectResponse(f"/scanners/{scanner_id}#schedules", status_code=303)
 
 
-@router.post("/scanners/{scanner_id}/schedules/{schedule_id}/delete")
+@router.post("/scanners/{scanner_id}/schedules/{schedule_id}/delete", needs=Scope.ACTIVATE)
 def delete_schedule(scanner_id: Identifier, schedule_id: Identifier, store: TheStore) -> RedirectResponse:
     """Remove one of its schedules."""
     if store.schedules.get(schedule_id).scanner_id != scanner_id:

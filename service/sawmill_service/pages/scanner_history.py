@@ -5,7 +5,7 @@ from datetime import UTC, date, datetime
 from typing import Annotated, Any, Literal
 from urllib.parse import urlencode
 
-from fastapi import APIRouter, Depends, Query
+from fastapi import Depends, Query
 from fastapi.responses import HTMLResponse
 
 from sawmill_contracts import mill_events
@@ -13,7 +13,9 @@ from sawmill_contracts.history import HistoryEntry, HistoryKind
 from sawmill_mill.alarms import ALARMS
 from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.base import Identifier
+from sawmill_platform.contracts.keys import Scope
 from sawmill_service.dependencies import TheStore
+from sawmill_service.http.route_rules import Router
 from sawmill_service.pages.charts import is_calibration, span_of
 from sawmill_service.pages.frame import ThePage
 from sawmill_service.pages.languages import marked
@@ -59,7 +61,7 @@ _DRIFTS = {
     None: Word("idle", marked("Not certain")),
 }
 
-router = APIRouter(include_in_schema=False)
+router = Router(include_in_schema=False, reading=Scope.READ)
 
 
 @dataclass(frozen=True)

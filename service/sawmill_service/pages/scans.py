@@ -2,17 +2,19 @@
 
 from typing import Annotated
 
-from fastapi import APIRouter, Response
+from fastapi import Response
 from fastapi.responses import RedirectResponse
 from pydantic import BeforeValidator, ValidationError
 
 from sawmill_contracts.reconstructions import ReconstructionAsk, ReconstructionOptions
 from sawmill_platform.contracts.base import Identifier, placed_complaint
 from sawmill_platform.contracts.given import Given
+from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.errors import Conflict, Invalid, QueueFull
 from sawmill_service.dependencies import TheStore, TheWake
-from sawmill_service.http.forms import TheForm
+from sawmill_service.http.bodies.forms import TheForm
 from sawmill_service.http.problems import STATUS
+from sawmill_service.http.route_rules import Router
 from sawmill_service.pages.frame import PageFrame, ThePage
 from sawmill_service.pages.lists import TheFilter, phantom_names
 from sawmill_service.pages.words import SCAN_STATES
@@ -21,7 +23,7 @@ from sawmill_vocabulary import CoordinateMm, ReconstructionMethod
 
 SIZES_PX = (256, 512, 1024, 2048)
 
-router = APIRouter(include_in_schema=False)
+router = Router(include_in_schema=False, reading=Scope.READ)
 
 
 def _two_numbers(text: object) -> object:
@@ -57,7 +59,7 @@ def scan(scan_id: Identifier, page: ThePage, store: TheStore) -> Response:
     return _scan_page(page, store, scan_id)
 
 
-@router.post("/scans/{scan_id}/reconstruct")
+@router.post("/scans/{scan_id}/reconstruct", needs=Scope.SUBMIT)
 def reconstruct(scan_id: Identifier, page: ThePage, store: TheStore, wake: TheWake, fields: TheForm) -> Response:
     """Ask for a log, and go on to it."""
     wanted = {name: value for name, value in fields.items() if name in AskedLog.model_fields and value.strip()}
@@ -73,7 +75,7 @@ def reconstruct(scan_id: Identifier, page: ThePage, store: TheStore, wake: TheWa
     return RedirectResponse(f"/logs/{log.id}", status_code=303)
 
 
-@router.post("/scans/{scan_id}/delete")
+@router.post("/scans/{scan_id}/delete", needs=Scope.ADMIN)
 def delete(scan_id: Identifier, page: ThePage, store: TheStore) -> Response:
     """Delete a scan and go back to the list; where a job needs it, the page says which."""
     try:

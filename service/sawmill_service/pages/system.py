@@ -2,13 +2,14 @@
 
 from datetime import UTC, datetime
 
-from fastapi import APIRouter, Request
+from fastapi import Request
 from fastapi.responses import HTMLResponse
 
 from sawmill_contracts import mill_events
 from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.keys import Scope
 from sawmill_service.dependencies import TheSettings, TheStore
+from sawmill_service.http.route_rules import Router
 from sawmill_service.pages.frame import ThePage
 from sawmill_service.pages.languages import marked
 from sawmill_service.pages.system_parts import (
@@ -61,7 +62,7 @@ ACTIONS = {
     event_kinds.LOGGED_OUT: marked("logged out of"),
 }
 
-router = APIRouter(include_in_schema=False)
+router = Router(include_in_schema=False, reading=Scope.READ)
 
 
 @router.get(SYSTEM)
@@ -91,7 +92,7 @@ def system(request: Request, page: ThePage, store: TheStore, settings: TheSettin
     )
 
 
-@router.get(f"{SYSTEM}/keys")
+@router.get(f"{SYSTEM}/keys", needs=Scope.ADMIN)
 def keys(page: ThePage, store: TheStore) -> HTMLResponse:
     """The part of the page with the keys, for when one was made or ended."""
     return page.answer("system_keys.html", keys=store.keys.all().keys, scopes=SCOPES, now=datetime.now(UTC))

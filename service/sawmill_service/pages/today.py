@@ -5,7 +5,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 
-from fastapi import APIRouter
 from fastapi.responses import HTMLResponse
 
 from sawmill_contracts import mill_events
@@ -13,7 +12,9 @@ from sawmill_contracts.measurements import Movement
 from sawmill_mill.alarms import ALARMS
 from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.event_kinds import EventKind
+from sawmill_platform.contracts.keys import Scope
 from sawmill_service.dependencies import TheStore
+from sawmill_service.http.route_rules import Router
 from sawmill_service.pages.frame import PageFrame, ThePage
 from sawmill_service.pages.sparkline import Sparkline, sparkline
 from sawmill_service.scanner_conditions import ScannerCondition, conditions_of
@@ -44,7 +45,7 @@ _NOT_SHOWN = {
     event_kinds.WEBHOOK_DELETED,
 }
 
-router = APIRouter(include_in_schema=False)
+router = Router(include_in_schema=False, reading=Scope.READ)
 
 
 @dataclass(frozen=True)

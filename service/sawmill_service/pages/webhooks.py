@@ -1,11 +1,12 @@
 """/system/webhooks: where events are sent, how that goes, a test, and pausing; for administrators."""
 
-from fastapi import APIRouter
 from fastapi.responses import HTMLResponse, RedirectResponse
 
 from sawmill_platform.contracts.base import Identifier
+from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.contracts.webhooks import WebhookState, WebhookTest
 from sawmill_service.dependencies import TheSettings, TheStore
+from sawmill_service.http.route_rules import Router
 from sawmill_service.pages.frame import PageFrame, ThePage
 from sawmill_service.pages.languages import marked
 from sawmill_service.settings import ServiceSettings
@@ -21,7 +22,7 @@ STATES = {
     WebhookState.DISABLED: ("idle", marked("Paused")),
 }
 
-router = APIRouter(prefix=WEBHOOKS, include_in_schema=False)
+router = Router(prefix=WEBHOOKS, include_in_schema=False, reading=Scope.ADMIN)
 
 
 @router.get("")
@@ -30,21 +31,21 @@ def webhooks(page: ThePage, store: TheStore, settings: TheSettings) -> HTMLRespo
     return _answer(page, store, settings)
 
 
-@router.post("/{webhook_id}/test")
+@router.post("/{webhook_id}/test", needs=Scope.ADMIN)
 def try_webhook(webhook_id: Identifier, page: ThePage, store: TheStore, settings: TheSettings) -> HTMLResponse:
     """Send a test, and show how that went."""
     tested = send_test(store, AllowedDestinations(settings.webhook_destinations), webhook_id)
     return _answer(page, store, settings, store.webhooks.note_test(tested))
 
 
-@router.post("/{webhook_id}/pause")
+@router.post("/{webhook_id}/pause", needs=Scope.ADMIN)
 def pause_webhook(webhook_id: Identifier, store: TheStore) -> RedirectResponse:
     """Send nothing to it until it is enabled."""
     store.webhooks.enable(webhook_id, enabled=False)
     return RedirectResponse(WEBHOOKS, status_code=303)
 
 
-@router.post("/{webhook_id}/enable")
+@router.post("/{webhook_id}/enable", needs=Scope.ADMIN)
 def enable_webhook(webhook_id: Identifier, store: TheStore) -> RedirectResponse:
     """Send what waits, and go on."""
     store.webhooks.enable(webhook_id, enabled=True)

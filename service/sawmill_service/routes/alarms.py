@@ -2,13 +2,15 @@
 
 from typing import Annotated
 
-from fastapi import APIRouter, Query
+from fastapi import Query
 
 from sawmill_contracts.alarms import AlarmList
 from sawmill_platform.contracts.base import Identifier
+from sawmill_platform.contracts.keys import Scope
 from sawmill_service.dependencies import TheStore
+from sawmill_service.http.route_rules import Router
 
-router = APIRouter(tags=["scanners"])
+router = Router(tags=["scanners"], reading=Scope.READ)
 
 
 @router.get("/v1/alarms", summary="List open alarms")

@@ -1,36 +1,38 @@
-"""The routes of every kind of job that is asked for: ask, list, get, as its declaration describes them."""
+"""Routes of every kind of job that clients request: ask, list and get, as the declaration describes them."""
 
 from collections.abc import Mapping
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Depends, Path, Query, Response
+from fastapi import Depends, Path, Query, Response
 from pydantic import create_model
 
 from sawmill_contracts.kinds import AskedKind, Operation, Reference, asked_kinds
 from sawmill_platform.contracts.base import Contract, Identifier, Page
 from sawmill_platform.contracts.jobs import JobState, Priority
+from sawmill_platform.contracts.keys import Scope
 from sawmill_service.dependencies import TheCaller, TheSettings, TheStore, TheWake
-from sawmill_service.http.answers import AskedPriority, Dated, accept
-from sawmill_service.http.old_names import announce, announced
-from sawmill_service.http.openapi_document import trying
-from sawmill_service.http.refusals import Responses, refuses, refuses_ask
+from sawmill_service.http.bodies.sent_json import Strictly
+from sawmill_service.http.document.old_names import announce, announced
+from sawmill_service.http.document.openapi_document import trying
+from sawmill_service.http.document.refusals import Responses, refuses, refuses_ask
 from sawmill_service.http.repeats import repeatable
-from sawmill_service.http.sent_json import Strictly
-from sawmill_service.http.waiting import TheWaiting
+from sawmill_service.http.responses.answers import AskedPriority, Dated, accept
+from sawmill_service.http.responses.waiting import TheWaiting
+from sawmill_service.http.route_rules import Router
 
 
-def routers() -> list[APIRouter]:
-    """One for each kind."""
+def routers() -> list[Router]:
+    """Return a router for each kind."""
     return [_router(declared) for declared in asked_kinds()]
 
 
-def _router(declared: AskedKind[Any, Any]) -> APIRouter:
-    router = APIRouter(tags=[declared.tag or declared.kind.plural])
+def _router(declared: AskedKind[Any, Any]) -> Router:
+    router = Router(tags=[declared.tag or declared.kind.plural], reading=Scope.READ)
     folder = f"/v1/{declared.kind.plural}"
 
     def ask(
         ask: Contract,
-        given: Annotated[Mapping[str, str], Depends(_given_in_path(declared))],
+        path_ids: Annotated[Mapping[str, str], Depends(_ids_in_path(declared))],
         store: TheStore,
         settings: TheSettings,
         wake: TheWake,
@@ -39,29 +41,31 @@ def _router(declared: AskedKind[Any, Any]) -> APIRouter:
         priority: Annotated[AskedPriority, Query()] = Priority.WAITED_FOR,
     ) -> Any:  # noqa: ANN401 - the kind's answer
         caller.check(declared.needed_scope(ask))
-        answer = store.asked(declared).accept(ask, priority=priority, given=given)
+        answer = store.asked(declared).accept(ask, priority=priority, given=path_ids)
         wake(answer.job_id)
         accept(response, f"{folder}/{answer.id}", settings.retry_after_s)
         announce(ask, caller, response)
         return linked(declared, answer)
 
-    def list_all(query: Dated, store: TheStore) -> Any:  # noqa: ANN401 - pages of it
+    def list_all(query: Dated, store: TheStore) -> Any:  # noqa: ANN401 - a page of answers
         page = store.asked(declared).page(**query.model_dump())
         return page.model_copy(update={"items": [linked(declared, item) for item in page.items]})
 
     async def get(
         identifier: Annotated[Identifier, Path(alias=f"{declared.noun}_id")], store: TheStore, waiting: TheWaiting
-    ) -> Any:  # noqa: ANN401 - the same
+    ) -> Any:  # noqa: ANN401 - the kind's answer
         return linked(declared, await waiting.read(lambda: store.asked(declared).get(identifier)))
 
-    # What FastAPI reads as the types of body and query is known only here.
+    # Types of body and query for FastAPI, which are known only here.
     ask.__annotations__["ask"] = Annotated[declared.ask, Strictly()]
     list_all.__annotations__["query"] = Annotated[_filter(declared), Query()]
     one, many = declared.answer, Page.__class_getitem__(declared.answer)
     if declared.upload is None:
         answers = announced(declared.ask) | refuses_ask(declared)
         asking = _described(f"ask_{declared.noun}", one, declared.to_ask, answers)
-        router.add_api_route(declared.asked_at or folder, repeatable(ask), methods=["POST"], status_code=202, **asking)
+        # By its declaration, an ask may need more: `ask` checks that.
+        asking |= {"methods": ["POST"], "status_code": 202, "needs": Scope.SUBMIT}
+        router.add_api_route(declared.asked_at or folder, repeatable(ask), **asking)
     router.add_api_route(
         folder,
         list_all,
@@ -98,8 +102,8 @@ def _filter(declared: AskedKind[Any, Any]) -> type[Dated]:
     return create_model(f"{declared.noun}_filter", __base__=Dated, **fields)
 
 
-def _given_in_path(declared: AskedKind[Any, Any]) -> Any:  # noqa: ANN401 - a dependency
-    """The reference whose id stands in the path at which a kind is asked for."""
+def _ids_in_path(declared: AskedKind[Any, Any]) -> Any:  # noqa: ANN401 - a dependency
+    """Return a dependency that reads the id of a reference from the path of the ask, if the path has one."""
     names = [f"{name}_id" for name in Reference if f"{{{name}_id}}" in (declared.asked_at or "")]
 
     def none() -> Mapping[str, str]:
@@ -112,7 +116,7 @@ def _given_in_path(declared: AskedKind[Any, Any]) -> Any:  # noqa: ANN401 - a de
 
 
 def linked(declared: AskedKind[Any, Any], answer: Any) -> Any:  # noqa: ANN401 - the kind's answer
-    """The answer with the paths of itself, its job, its files and what it refers to."""
+    """Return the answer with links to itself, its job, its files and the resources that it refers to."""
     path = f"/v1/{declared.kind.plural}/{answer.id}"
     links = {"self": path, "job": f"/v1/jobs/{answer.job_id}"}
     links |= {name: f"{path}/{file}" for name, file in declared.files.items()}

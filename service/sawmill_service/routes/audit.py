@@ -3,23 +3,25 @@
 from collections.abc import Iterator
 from typing import Annotated
 
-from fastapi import APIRouter, Query, Request, Response
+from fastapi import Query, Request, Response
 from fastapi.responses import StreamingResponse
 
 from sawmill_platform.contracts.audit import AuditEntry
 from sawmill_platform.contracts.base import Page
+from sawmill_platform.contracts.keys import Scope
 from sawmill_service.dependencies import TheStore
-from sawmill_service.http.answers import NumberedPaging
-from sawmill_service.http.conditional import CACHING, check_conditions
-from sawmill_service.http.described_answers import SAVED
-from sawmill_service.http.refusals import refuses
+from sawmill_service.http.document.described_answers import SAVED
+from sawmill_service.http.document.refusals import refuses
+from sawmill_service.http.responses.answers import NumberedPaging
+from sawmill_service.http.responses.conditional import CACHING, check_conditions
+from sawmill_service.http.route_rules import Router
 from sawmill_store.store import Store
 
-router = APIRouter(tags=["keys"])
+router = Router(tags=["keys"], reading=Scope.ADMIN)
 
 
 class JsonLines(StreamingResponse):
-    """One JSON object a line."""
+    """Lines of one JSON object each."""
 
     media_type = "application/jsonl"
 
@@ -37,8 +39,8 @@ def list_audit(paging: Annotated[NumberedPaging, Query()], store: TheStore) -> P
     responses=SAVED | refuses("precondition-failed"),
 )
 def get_audit_file(request: Request, store: TheStore) -> Response:
-    """Return every entry, the oldest first, one JSON object a line."""
-    # Weak: entries that come while it is sent are sent too.
+    """Every entry, the oldest first, one JSON object a line."""
+    # A weak tag: entries that are added while the file is sent are sent too.
     tag = 'W/"{}-{}"'.format(*store.audit.extent())
     if held := check_conditions(request.headers, tag):
         return held

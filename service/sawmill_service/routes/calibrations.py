@@ -1,6 +1,6 @@
-"""/v1/calibrations: pictures, the file and activation, beside the routes that every asked kind has."""
+"""/v1/calibrations: pictures, the file and activation, in addition to the routes of every asked kind."""
 
-from fastapi import APIRouter, Request, Response
+from fastapi import Request, Response
 from pydantic import Field
 
 from sawmill_contracts import job_kinds
@@ -8,18 +8,20 @@ from sawmill_contracts.calibrations import CalibrationSucceeded
 from sawmill_contracts.scanners import StoredScanner
 from sawmill_platform.contracts.base import Identifier, Name
 from sawmill_platform.contracts.given import Given
+from sawmill_platform.contracts.keys import Scope
 from sawmill_service.dependencies import TheStore
 from sawmill_service.drawing import CalibrationPicture, calibration_picture
-from sawmill_service.http.answers import Hdf5, Png, file
-from sawmill_service.http.described_answers import stored
-from sawmill_service.http.openapi_document import trying
+from sawmill_service.http.bodies.sent_json import Sent
+from sawmill_service.http.document.described_answers import stored
+from sawmill_service.http.document.openapi_document import trying
+from sawmill_service.http.document.refusals import refuses
 from sawmill_service.http.problems import Refused
-from sawmill_service.http.refusals import refuses
 from sawmill_service.http.repeats import repeatable
-from sawmill_service.http.sent_json import Sent
+from sawmill_service.http.responses.answers import Hdf5, Png, file
+from sawmill_service.http.route_rules import Router
 from sawmill_store.store import Store
 
-router = APIRouter(prefix="/v1/calibrations", tags=["calibrations"])
+router = Router(prefix="/v1/calibrations", tags=["calibrations"], reading=Scope.READ)
 
 
 class Activate(Given):
@@ -107,6 +109,7 @@ def get_calibration_file(calibration_id: Identifier, request: Request, store: Th
 
 @router.post(
     "/{calibration_id}/activate",
+    needs=Scope.ACTIVATE,
     summary="Make a calibration the active one",
     openapi_extra=trying(body={"reason": "checked by hand"}),
     responses=refuses("calibration-not-found", "calibration-without-result"),
@@ -125,7 +128,7 @@ def _picture(request: Request, store: Store, calibration_id: str, picture: Calib
 
 
 def succeeded(store: Store, calibration_id: str, name: str) -> CalibrationSucceeded:
-    """A calibration with an answer; `name` is what is asked of it.
+    """Return a calibration that has succeeded; `name` is the requested file, for the refusal.
 
     Raises
     ------

@@ -1,18 +1,21 @@
-"""The API console with its document and example file, and the buttons that accept and roll back."""
+"""API console with its document and example file, and the buttons that accept and roll back."""
 
 from pathlib import Path
 from typing import Any
 
-from fastapi import APIRouter, Request, Response
+from fastapi import Request, Response
 from fastapi.responses import HTMLResponse, RedirectResponse
 from fastapi.staticfiles import StaticFiles
-from starlette.types import Receive, Scope, Send
+from starlette.types import Receive, Send
+from starlette.types import Scope as RequestScope
 
 from sawmill_platform.contracts.base import Identifier
+from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.files.file_store import EXAMPLES
 from sawmill_service.dependencies import TheStore
-from sawmill_service.http.answers import file, picture
-from sawmill_service.http.forms import TheForm
+from sawmill_service.http.bodies.forms import TheForm
+from sawmill_service.http.responses.answers import file, picture
+from sawmill_service.http.route_rules import Router
 from sawmill_service.pages.addresses import local_path
 from sawmill_service.pages.frame import ThePage
 
@@ -22,54 +25,54 @@ LONGEST_REASON = 200
 
 
 class JsonText(Response):
-    """JSON that is written already."""
+    """A text that is JSON."""
 
     media_type = "application/json"
 
 
 class WholeFiles(StaticFiles):
-    """Files of the pages, each as a whole: Starlette would refuse a range that it cannot read in plain text.
+    """Files of the pages, each sent whole: Starlette would refuse a malformed range in plain text.
 
-    So they do not offer ranges either (`Accept-Ranges`).
+    The answers do not offer ranges either (`Accept-Ranges`).
     """
 
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer one request; a server may pass over a range (RFC 9110, section 14.2)."""
+    async def __call__(self, scope: RequestScope, receive: Receive, send: Send) -> None:
+        """Answer one request; a server may ignore a range (RFC 9110, section 14.2)."""
         headers = [(name, value) for name, value in scope["headers"] if name != b"range"]
         await super().__call__({**scope, "headers": headers}, receive, send)
 
     def file_response(self, *args: Any, **options: Any) -> Response:  # noqa: ANN401 - as Starlette gives them
-        """A file, or 304."""
+        """Return a file, or 304."""
         answer = super().file_response(*args, **options)
         del answer.headers["Accept-Ranges"]
         return answer
 
 
-router = APIRouter(include_in_schema=False)
+router = Router(include_in_schema=False, reading=Scope.READ)
 
 
 @router.get("/docs")
 def console(page: ThePage) -> HTMLResponse:
-    """The API console: Swagger UI from this service's own files."""
+    """Show the API console: Swagger UI from this service's own files."""
     return page.answer("console.html")
 
 
 @router.get("/openapi.json")
 def openapi(request: Request) -> Response:
-    """The OpenAPI document."""
+    """Return the OpenAPI document."""
     return picture(request, "the document", lambda: request.app.openapi_json, answer=JsonText)
 
 
 @router.get("/examples/phantom-scan.npz")
 def example_scan(request: Request, store: TheStore) -> Response:
-    """A small scan to upload."""
+    """Return a small scan to upload."""
     path = store.files.folder / EXAMPLES / "phantom-scan.npz"
     return file(request, path, "application/octet-stream", save_as=path.name)
 
 
-@router.post("/operator/activate/{calibration_id}")
+@router.post("/operator/activate/{calibration_id}", needs=Scope.ACTIVATE)
 def accept_or_roll_back(calibration_id: Identifier, store: TheStore, typed: TheForm) -> RedirectResponse:
-    """The buttons that accept and roll back, on whatever page they stand: the field `next` leads back to it."""
+    """Activate a calibration, for the buttons that accept and roll back; the field `next` leads back to their page."""
     reason = "".join(letter for letter in typed.get("reason", "") if letter.isprintable()).strip()[:LONGEST_REASON]
     store.calibrations.activate(calibration_id, reason or "by hand on a page")
     return RedirectResponse(local_path(typed.get("next", "/")), status_code=303)

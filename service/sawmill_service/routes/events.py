@@ -5,24 +5,26 @@ import time
 from collections.abc import AsyncIterator
 from typing import Annotated
 
-from fastapi import APIRouter, Query, Request
+from fastapi import Query, Request
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 from pydantic import Field
 
 from sawmill_platform.contracts.base import Identifier
 from sawmill_platform.contracts.event_kinds import EventKind
 from sawmill_platform.contracts.given import Given
+from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.errors import StorageUnavailable
 from sawmill_service.access import Access
 from sawmill_service.dependencies import TheAccess, TheEventFeed, TheSettings, TheStopping
 from sawmill_service.event_feed import LARGEST_NUMBER, LastEventId
-from sawmill_service.http.described_answers import events
-from sawmill_service.http.openapi_document import trying
+from sawmill_service.http.document.described_answers import events
+from sawmill_service.http.document.openapi_document import trying
 from sawmill_service.http.problems import Refused
+from sawmill_service.http.route_rules import Router
 
-# A page that hears nothing for three of these shows that its data may be old.
+# A page that receives nothing for three of these shows that its data may be old.
 ALIVE_S = 5.0
-# A stream ends that soon after its key.
+# A stream ends this soon after its key.
 _ACCESS_S = 30.0
 EXAMPLE = """\
 event: alive
@@ -46,11 +48,11 @@ DESCRIBED = events(
     {"alive": _SEEN, "closing": _SEEN, **dict.fromkeys(EventKind.published(), _EVENT)},
 )
 
-router = APIRouter(prefix="/v1/events", tags=["events"])
+router = Router(prefix="/v1/events", tags=["events"], reading=Scope.READ)
 
 
 class EventFilter(Given):
-    """Which events to send."""
+    """Selection of the events to send."""
 
     scanner_id: Identifier | None = Field(
         None, description="Id of the scanner whose events are sent. Default: all events."
@@ -119,7 +121,7 @@ def _alive(number: int, retry_ms: int | None = None) -> ServerSentEvent:
 
 
 async def _may_listen(request: Request, access: Access) -> bool:
-    """Whether the key or the session with which the stream began is good still, as far as can be found out."""
+    """Return whether the stream's key or session is still valid; true if the database does not answer."""
     try:
         await access.caller(request.scope, request.headers)
     except Refused:

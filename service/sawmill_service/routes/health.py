@@ -4,16 +4,18 @@ from enum import StrEnum
 from typing import TYPE_CHECKING
 
 import structlog
-from fastapi import APIRouter, Request, Response
+from fastapi import Request, Response
 from fastapi.responses import PlainTextResponse
 from prometheus_client import generate_latest
 from pydantic import Field
 
 from sawmill_platform.contracts.base import Contract
 from sawmill_platform.contracts.jobs import JobState
+from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.errors import FolderUnavailable, StorageFull, StorageUnavailable
 from sawmill_service.dependencies import TheStore
 from sawmill_service.http.problems import COME_BACK, MEDIA_TYPE
+from sawmill_service.http.route_rules import NoKey, Router
 from sawmill_store.store import Store
 
 if TYPE_CHECKING:
@@ -23,7 +25,7 @@ NOT_READY = "the database cannot be used now: the service's log has the reason"
 PATIENCE_S = 30.0  # several times what an idle worker needs to take a job
 
 log = structlog.get_logger(__name__)
-router = APIRouter(tags=["operation"])
+router = Router(tags=["operation"], reading=Scope.READ)
 
 
 class Readiness(StrEnum):
@@ -41,7 +43,7 @@ class Health(Contract):
     detail: str = Field(description="Fault, in one sentence; empty when there is none.", examples=[""])
 
 
-@router.get("/health/live", summary="Is the process alive", response_class=PlainTextResponse)
+@router.get("/health/live", needs=NoKey.MONITORING, summary="Is the process alive", response_class=PlainTextResponse)
 async def live() -> str:
     """Answer as long as the process runs, whatever its threads wait for."""
     return "alive"
@@ -49,6 +51,7 @@ async def live() -> str:
 
 @router.get(
     "/health/ready",
+    needs=NoKey.MONITORING,
     summary="Can requests be answered",
     responses={
         503: {
@@ -71,7 +74,7 @@ def ready(request: Request, store: TheStore, response: Response) -> Health:
         log.warning("not-ready", reason=str(error))
         raise
     except StorageUnavailable as error:
-        # Anybody may ask, and the database's own words name hosts and users.
+        # No key is needed, and the database's own messages name hosts and users.
         log.warning("not-ready", reason=str(error))
         raise type(error)(NOT_READY) from error
     if health.state is Readiness.DISK_FULL:
@@ -81,7 +84,7 @@ def ready(request: Request, store: TheStore, response: Response) -> Health:
 
 
 def health_of(store: Store, broker_url: str | None = None) -> Health:
-    """How the service is, or `StorageUnavailable`; with a broker's URL, whether Redis keeps jobs waiting."""
+    """Return the health of the service or raise `StorageUnavailable`; a broker's URL adds whether Redis delays jobs."""
     try:
         store.check()
     except StorageFull as error:
@@ -98,10 +101,10 @@ def health_of(store: Store, broker_url: str | None = None) -> Health:
 
 
 def broker_of(broker_url: str | None) -> "BrokerReport | None":
-    """How Redis is; None: it is not used."""
+    """Return the state of Redis; None if it is not used."""
     if broker_url is None:
         return None
-    # Imported here: without a broker nobody needs its client.
+    # Imported here: without a broker its client is not needed.
     from sawmill_platform.workers.broker_report import report_of  # noqa: PLC0415
 
     return report_of(broker_url)

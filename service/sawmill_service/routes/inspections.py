@@ -1,8 +1,8 @@
-"""/v1/inspections: what is special to the kind whose file is sent."""
+"""/v1/inspections: routes of the kind whose ask is a file."""
 
 from typing import Annotated
 
-from fastapi import APIRouter, Query, Request, Response
+from fastapi import Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 from pydantic import Field
 
@@ -10,19 +10,21 @@ from sawmill_contracts.inspections import DECLARATION, Inspection, InspectionOpt
 from sawmill_platform.contracts.base import Identifier, Name
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.jobs import Priority
+from sawmill_platform.contracts.keys import Scope
 from sawmill_service.dependencies import TheSettings, TheStore, TheWake
-from sawmill_service.http.answers import AskedPriority, accept
-from sawmill_service.http.openapi_document import trying, trying_file
-from sawmill_service.http.refusals import OF_QUEUE, OF_UPLOAD_ID, refuses, refuses_upload
+from sawmill_service.http.document.openapi_document import trying, trying_file
+from sawmill_service.http.document.refusals import OF_QUEUE, OF_UPLOAD_ID, refuses, refuses_upload
 from sawmill_service.http.repeats import TheRepeatableWithFile
+from sawmill_service.http.responses.answers import AskedPriority, accept
+from sawmill_service.http.route_rules import Router
 from sawmill_service.routes.asked import linked
 from sawmill_service.uploads import InspectionId, UploadId, received_file
 
-router = APIRouter(prefix="/v1/inspections", tags=["inspections"])
+router = Router(prefix="/v1/inspections", tags=["inspections"])
 
 
 class InspectionUpload(Given, InspectionOptions):
-    """What is given with a file."""
+    """Query of the upload of a file."""
 
     name: Name = Field("file", description="Name of the file for people.", examples=["mill.h5"])
     priority: AskedPriority = Priority.WAITED_FOR
@@ -31,17 +33,19 @@ class InspectionUpload(Given, InspectionOptions):
 
     @property
     def sends_file(self) -> bool:
-        """Whether the file is in the body."""
+        """True if the file is in the body."""
         return self.inspection_id is None and self.upload_id is None
 
     @property
     def options(self) -> InspectionOptions:
-        """What is looked for in it."""
+        """Options of the inspection."""
         return InspectionOptions(**self.model_dump(include=set(InspectionOptions.model_fields)))
 
 
 @router.post(
     "",
+    needs=Scope.SUBMIT,
+    max_body=lambda settings: settings.max_upload_bytes,
     status_code=202,
     name="inspect_file",
     summary=DECLARATION.to_ask.summary,
@@ -59,7 +63,7 @@ async def inspect_file(
     wake: TheWake,
     repeatable: TheRepeatableWithFile,
 ) -> Inspection:
-    """As declared."""
+    """Inspect a file; the declaration has the public description."""
     async with repeatable.unless_repeated():
         if upload.sends_file:
             await run_in_threadpool(store.places.check)
@@ -83,6 +87,7 @@ async def inspect_file(
 
 @router.delete(
     "/{inspection_id}",
+    needs=Scope.ADMIN,
     status_code=204,
     summary="Delete an inspection",
     openapi_extra=trying(inspection_id="example-spare"),

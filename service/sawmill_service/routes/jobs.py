@@ -5,22 +5,24 @@ from collections.abc import AsyncIterator
 from http import HTTPStatus
 from typing import Annotated, NamedTuple
 
-from fastapi import APIRouter, Depends, Query, Response
+from fastapi import Depends, Query, Response
 from fastapi.concurrency import run_in_threadpool
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 
 from sawmill_platform.contracts.base import Identifier, Page
 from sawmill_platform.contracts.events import JobHistory
 from sawmill_platform.contracts.jobs import Job, JobKind, JobState
+from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.errors import Conflict, StorageUnavailable
 from sawmill_platform.ledger.events import JobNumbers
 from sawmill_service.dependencies import TheSettings, TheStopping, TheStore
 from sawmill_service.event_feed import LastEventId
-from sawmill_service.http.answers import Paging, accept
-from sawmill_service.http.described_answers import events
-from sawmill_service.http.refusals import refuses
+from sawmill_service.http.document.described_answers import events
+from sawmill_service.http.document.refusals import refuses
 from sawmill_service.http.repeats import repeatable
-from sawmill_service.http.waiting import TheWaiting
+from sawmill_service.http.responses.answers import Paging, accept
+from sawmill_service.http.responses.waiting import TheWaiting
+from sawmill_service.http.route_rules import Router
 from sawmill_store.store import Store
 
 SHORTEST_PAUSE_S = 0.02
@@ -49,11 +51,11 @@ DESCRIBED = events(
     {"job": _JOB, "end": _STATE, "closing": _STATE},
 ) | {204: {"description": "`Last-Event-ID` is the id of `end`: nothing follows, and browsers connect no more."}}
 
-router = APIRouter(prefix="/v1/jobs", tags=["jobs"])
+router = Router(prefix="/v1/jobs", tags=["jobs"], reading=Scope.READ)
 
 
 class JobFilter(Paging):
-    """Which jobs to list."""
+    """Filter of the jobs to list."""
 
     kind: JobKind | None = None
     state: JobState | None = None
@@ -72,7 +74,7 @@ async def get_job(job_id: Identifier, store: TheStore, waiting: TheWaiting) -> J
 
 
 class JobNow(NamedTuple):
-    """A job with the numbers of its events, which were read before it."""
+    """A job with the numbers of the job's events, which were read before the job."""
 
     job: Job
     numbers: JobNumbers
@@ -81,7 +83,7 @@ class JobNow(NamedTuple):
 def _to_follow(
     job_id: Identifier, store: TheStore, response: Response, last_event_id: LastEventId = None
 ) -> JobNow | None:
-    """The job as a stream begins with it; none where the client has seen the end."""
+    """Return the job with which a stream begins; None if the client has seen the end."""
     now = _read(store, job_id)
     if last_event_id is None or last_event_id != now.numbers.end:
         return now
@@ -127,13 +129,13 @@ def _event(name: str, now: JobNow, retry_ms: int | None = None) -> ServerSentEve
 def _read(store: Store, job_id: str) -> JobNow:
     numbers = store.events.numbers_of_job(job_id)
     job = store.jobs.get(job_id)
-    if job.state.ended and numbers.end is None:  # between the two
+    if job.state.ended and numbers.end is None:  # between the two reads
         numbers = store.events.numbers_of_job(job_id)
     return JobNow(job, numbers)
 
 
 def _read_or_keep(store: Store, before: JobNow) -> JobNow:
-    """The job as it stands, or as it stood while the database does not answer: a stream outlives that."""
+    """Read the job, or return it as it was before if the database does not answer, which a stream outlives."""
     try:
         return _read(store, before.job.id)
     except StorageUnavailable:
@@ -141,12 +143,12 @@ def _read_or_keep(store: Store, before: JobNow) -> JobNow:
 
 
 def _tells_more(now: Job, before: Job) -> bool:
-    """Whether more has changed than the time left, which runs by itself."""
+    """Return whether more has changed than the time left, which changes by itself."""
     return now.model_copy(update={"seconds_left": before.seconds_left}) != before
 
 
 def _pause_s(waited_s: float, longest_s: float) -> float:
-    """Until the next look at a job: a tenth of the wait so far, so that short jobs are not reported late."""
+    """Return the time until the job is read again: a tenth of the wait so far, so that short jobs are reported soon."""
     return min(longest_s, max(SHORTEST_PAUSE_S, 0.1 * waited_s))
 
 
@@ -156,13 +158,15 @@ def get_job_history(job_id: Identifier, store: TheStore) -> JobHistory:
     return JobHistory(events=store.events.of_job(job_id))
 
 
-@router.post("/{job_id}/cancel", status_code=202, summary="Cancel a job", responses=refuses("job-not-found"))
+@router.post(
+    "/{job_id}/cancel", needs=Scope.SUBMIT, status_code=202, summary="Cancel a job", responses=refuses("job-not-found")
+)
 @repeatable
 def cancel_job(job_id: Identifier, store: TheStore, settings: TheSettings, response: Response) -> Job:
     """Cancel a job: a queued job ends at once, a running one within seconds; an ended one is answered as it is."""
     try:
         job = store.jobs.request_cancel(job_id)
-    except Conflict:  # it has ended, perhaps a moment ago: that is what the caller wanted
+    except Conflict:  # the job has ended, perhaps a moment ago, as the caller wanted
         job = store.jobs.get(job_id)
     accept(response, f"/v1/jobs/{job.id}", settings.retry_after_s)
     return job

@@ -1,17 +1,18 @@
 """/v1/keys."""
 
-from fastapi import APIRouter, Response
+from fastapi import Response
 from pydantic import Field
 
 from sawmill_platform.contracts.base import Contract, Identifier, Name
 from sawmill_platform.contracts.keys import Key, KeyAsk, KeyRotation, Keys, NewKey, Scope
 from sawmill_service.dependencies import TheCaller, TheStore
-from sawmill_service.http.openapi_document import trying
-from sawmill_service.http.refusals import refuses
+from sawmill_service.http.bodies.sent_json import Sent
+from sawmill_service.http.document.openapi_document import trying
+from sawmill_service.http.document.refusals import refuses
 from sawmill_service.http.repeats import repeatable
-from sawmill_service.http.sent_json import Sent
+from sawmill_service.http.route_rules import Router
 
-router = APIRouter(prefix="/v1/keys", tags=["keys"])
+router = Router(prefix="/v1/keys", tags=["keys"], reading=Scope.READ)
 
 AT_ONCE = KeyRotation()
 
@@ -35,6 +36,7 @@ def get_own_key(caller: TheCaller) -> OwnKey:
 
 @router.post(
     "",
+    needs=Scope.ADMIN,
     status_code=201,
     summary="Make a key",
     openapi_extra=trying(body={"name": "scanner software of line 2", "scope": "submit"}),
@@ -47,7 +49,7 @@ def create_key(ask: Sent[KeyAsk], store: TheStore, response: Response) -> NewKey
     return store.keys.create(ask)
 
 
-@router.get("", summary="List keys, newest first")
+@router.get("", needs=Scope.ADMIN, summary="List keys, newest first")
 def list_keys(store: TheStore) -> Keys:
     """List keys without their secrets; with who made them and when they were last used."""
     return store.keys.all()
@@ -55,6 +57,7 @@ def list_keys(store: TheStore) -> Keys:
 
 @router.post(
     "/{key_id}/rotate",
+    needs=Scope.ADMIN,
     summary="Replace a key's secret",
     openapi_extra=trying(body={"grace_s": 3600}),
     responses=refuses("key-not-found", "key-ended", "secret-not-repeated"),
@@ -68,7 +71,7 @@ def rotate_key(
     return store.keys.rotate(key_id, grace_s=rotation.grace_s)
 
 
-@router.delete("/{key_id}", summary="Revoke a key", responses=refuses("key-not-found"))
+@router.delete("/{key_id}", needs=Scope.ADMIN, summary="Revoke a key", responses=refuses("key-not-found"))
 def revoke_key(key_id: Identifier, store: TheStore) -> Key:
     """Revoke a key: it is refused from now on, and stays listed."""
     return store.keys.revoke(key_id)

@@ -1,35 +1,40 @@
-"""The login of browsers: a key is brought once and becomes a session."""
+"""Login of browsers: a key is entered once and opens a session."""
 
 from functools import partial
 from typing import Annotated
 
-from fastapi import APIRouter, Query, Request, Response
+from fastapi import Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import RedirectResponse
 
 from sawmill_platform.acting import acting_as
+from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.keys.key_store import hash_of
 from sawmill_service.access import CHALLENGES, LOGIN, LOGOUT
 from sawmill_service.dependencies import TheAccess, TheCaller, TheSessionCookie, TheStore
-from sawmill_service.http.forms import TheForm
+from sawmill_service.http.bodies.forms import TheForm
 from sawmill_service.http.problems import Refused
+from sawmill_service.http.route_rules import NoKey, Router
 from sawmill_service.pages.addresses import local_path
 from sawmill_service.pages.frame import ThePage
 
-router = APIRouter(include_in_schema=False)
+# Files that the login page loads.
+FILES = frozenset({"/static/mark.svg", "/static/pages/base.css", "/static/pages/dark.css", "/static/pages/time.js"})
+
+router = Router(include_in_schema=False)
 
 
-@router.get(LOGIN)
+@router.get(LOGIN, needs=NoKey.LOGIN)
 def login_page(page: ThePage, onward: Annotated[str, Query(alias="next")] = "/") -> Response:
-    """A field for the key, and a button."""
+    """Show a field for the key, and a button."""
     return page.answer("login.html", onward=local_path(onward), error="")
 
 
-@router.post(LOGIN)
+@router.post(LOGIN, needs=NoKey.LOGIN)
 async def log_in(
     request: Request, fields: TheForm, store: TheStore, access: TheAccess, cookie: TheSessionCookie, page: ThePage
 ) -> Response:
-    """Go on to where the browser wanted to go, with a session."""
+    """Open a session, and lead the browser to the page that it requested."""
     secret_hash, onward = hash_of(fields.get("key", "").strip()), local_path(fields.get("next", "/"))
     try:
         holder = await access.holder(request.scope, secret_hash)
@@ -52,9 +57,9 @@ async def log_in(
     return answer
 
 
-@router.post(LOGOUT)
+@router.post(LOGOUT, needs=Scope.READ)
 def log_out(request: Request, store: TheStore, caller: TheCaller, cookie: TheSessionCookie) -> RedirectResponse:
-    """End the session that the request comes by."""
+    """End the session of the request."""
     if caller.csrf_token is not None:
         store.sessions.end(cookie.read(request.scope, request.headers))
     answer = RedirectResponse(LOGIN, status_code=303)

@@ -2,26 +2,28 @@
 
 from typing import Annotated
 
-from fastapi import APIRouter, Query, Request, Response
+from fastapi import Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 
 from sawmill_contracts.phantoms import MeasurementsAsk, PhantomAsk, PhantomPicture, StoredPhantom
 from sawmill_platform.contracts.base import Identifier, Page
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.jobs import Priority
+from sawmill_platform.contracts.keys import Scope
 from sawmill_service.dependencies import TheSettings, TheStore, TheWake
-from sawmill_service.http.answers import AskedPriority, Paging, Svg, accept, picture
-from sawmill_service.http.described_answers import LOCATED, drawn
-from sawmill_service.http.openapi_document import trying, trying_file
+from sawmill_service.http.bodies.sent_json import Sent
+from sawmill_service.http.document.described_answers import LOCATED, drawn
+from sawmill_service.http.document.openapi_document import trying, trying_file
+from sawmill_service.http.document.refusals import OF_QUEUE, OF_UPLOAD_ID, refuses, refuses_upload
 from sawmill_service.http.problems import Refused
-from sawmill_service.http.refusals import OF_QUEUE, OF_UPLOAD_ID, refuses, refuses_upload
 from sawmill_service.http.repeats import TheRepeatableWithFile, repeatable
-from sawmill_service.http.sent_json import Sent
-from sawmill_service.http.waiting import TheWaiting
+from sawmill_service.http.responses.answers import AskedPriority, Paging, Svg, accept, picture
+from sawmill_service.http.responses.waiting import TheWaiting
+from sawmill_service.http.route_rules import Router
 from sawmill_service.uploads import UploadId, received_file
 from sawmill_worker.pictures.phantom_drawing import phantom_svg
 
-router = APIRouter(prefix="/v1/phantoms", tags=["phantoms"])
+router = Router(prefix="/v1/phantoms", tags=["phantoms"], reading=Scope.READ)
 PICTURES = "/pictures"
 
 EXAMPLE = {
@@ -48,18 +50,25 @@ MEASURED = {
 
 
 class PictureUpload(Given, PhantomPicture):
-    """What is given with a picture, and how urgent its tracing is."""
+    """Query of the upload of a picture: the phantom's description, and the priority of tracing."""
 
     priority: AskedPriority = Priority.WAITED_FOR
     upload_id: UploadId = None
 
     @property
     def picture(self) -> PhantomPicture:
-        """What is stored of it."""
+        """Description that is stored."""
         return PhantomPicture.model_validate(self.model_dump(exclude={"priority", "upload_id"}, exclude_unset=True))
 
 
-@router.post("", status_code=201, summary="Draw a phantom", openapi_extra=trying(body=EXAMPLE), responses=LOCATED)
+@router.post(
+    "",
+    needs=Scope.SUBMIT,
+    status_code=201,
+    summary="Draw a phantom",
+    openapi_extra=trying(body=EXAMPLE),
+    responses=LOCATED,
+)
 @repeatable
 def create_phantom(drawing: Sent[PhantomAsk], store: TheStore, response: Response) -> StoredPhantom:
     """Draw a phantom from polygons and discs in mm, the rotation centre at the origin. Ready at once."""
@@ -70,6 +79,8 @@ def create_phantom(drawing: Sent[PhantomAsk], store: TheStore, response: Respons
 
 @router.post(
     PICTURES,
+    needs=Scope.SUBMIT,
+    max_body=lambda settings: settings.max_picture_bytes,
     status_code=202,
     summary="Upload a phantom's picture",
     openapi_extra=trying_file("image/png", "/static/phantom.png"),
@@ -141,6 +152,7 @@ def get_drawing(phantom_id: Identifier, request: Request, store: TheStore) -> Re
 
 @router.post(
     "/{phantom_id}/measurements",
+    needs=Scope.SUBMIT,
     status_code=201,
     summary="Measure a phantom again",
     openapi_extra=trying(phantom_id="l-shape", body=MEASURED),
@@ -161,6 +173,7 @@ def measure_phantom(
 
 @router.delete(
     "/{phantom_id}",
+    needs=Scope.ADMIN,
     status_code=204,
     summary="Delete an unused phantom",
     openapi_extra=trying(phantom_id="example-spare"),

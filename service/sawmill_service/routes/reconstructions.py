@@ -1,6 +1,6 @@
-"""/v1/reconstructions: pictures and the volume, beside the routes that every asked kind has.
+"""/v1/reconstructions: pictures and the volume, in addition to the routes of every asked kind.
 
-What draws is imported by the first picture: a service that draws none does not hold NumPy, h5py and Pillow.
+The first picture imports the modules that draw: a service that draws none does not hold NumPy, h5py and Pillow.
 """
 # ruff: noqa: PLC0415 - for that reason
 
@@ -8,28 +8,30 @@ from collections.abc import Sequence
 from enum import IntEnum, StrEnum
 from typing import Annotated, Self
 
-from fastapi import APIRouter, Path, Query, Request, Response
+from fastapi import Path, Query, Request, Response
 from pydantic import AfterValidator, Field, model_validator
 
 from sawmill_contracts.choices import Axis
 from sawmill_platform.contracts import patterns
 from sawmill_platform.contracts.base import LARGEST_NUMBER, Identifier, parse_span
 from sawmill_platform.contracts.given import Given
+from sawmill_platform.contracts.keys import Scope
 from sawmill_service.dependencies import TheStore
 from sawmill_service.drawing import drawn_alpha_curve
 from sawmill_service.finished import check_slice, result_of
-from sawmill_service.http.answers import Hdf5, Png, file, picture
-from sawmill_service.http.described_answers import drawn, stored
-from sawmill_service.http.openapi_document import trying
+from sawmill_service.http.document.described_answers import drawn, stored
+from sawmill_service.http.document.openapi_document import trying
+from sawmill_service.http.document.refusals import OF_RESULT
 from sawmill_service.http.problems import Refused
-from sawmill_service.http.refusals import OF_RESULT
+from sawmill_service.http.responses.answers import Hdf5, Png, file, picture
+from sawmill_service.http.route_rules import Router
 from sawmill_vocabulary import ColorMap
 
 Window = tuple[float, float]
 MOST_TILES = 64
 USUAL_TILES = 16
 
-router = APIRouter(prefix="/v1/reconstructions", tags=["reconstructions"])
+router = Router(prefix="/v1/reconstructions", tags=["reconstructions"], reading=Scope.READ)
 
 
 class Bits(IntEnum):
@@ -43,7 +45,7 @@ ValueOfVolume = Annotated[float, Field(ge=-LARGEST_NUMBER, le=LARGEST_NUMBER)]
 
 
 class WindowQuery(Given):
-    """Which values to draw, and how."""
+    """Window of the values to draw, and their colours."""
 
     window_low: ValueOfVolume | None = Field(
         None,
@@ -66,7 +68,7 @@ class Shown(StrEnum):
 
 
 class SliceQuery(WindowQuery):
-    """How to draw a slice."""
+    """Options for drawing a slice."""
 
     show: Shown = Field(
         Shown.ATTENUATION,
@@ -94,7 +96,7 @@ def _check_slices(text: str) -> str:
 
 
 class MosaicQuery(WindowQuery):
-    """Which slices to draw beside one another."""
+    """Slices to draw next to one another."""
 
     count: Annotated[int, Field(ge=1, le=MOST_TILES)] | None = Field(
         None,
@@ -118,7 +120,7 @@ class MosaicQuery(WindowQuery):
 
 
 class SideQuery(WindowQuery):
-    """From where to look at the log."""
+    """Direction of a side view of the log."""
 
     along: Axis = Field("x", description="Axis along which the log is seen; the other one runs down the picture.")
 
@@ -264,7 +266,7 @@ def get_volume(reconstruction_id: Identifier, request: Request, store: TheStore)
 
 
 def window_to_draw(query: WindowQuery, usual: Window) -> Window:
-    """Complete the window of a query by the usual one.
+    """Complete the window of a query by the default window.
 
     Raises
     ------
@@ -279,15 +281,15 @@ def window_to_draw(query: WindowQuery, usual: Window) -> Window:
 
 
 def _tiles(query: MosaicQuery, available: int) -> Sequence[int]:
-    """The slices of a mosaic."""
+    """Return the slices of a mosaic."""
     if query.slices is None:
         from sawmill_worker.pictures.log_pictures import spread
 
         return spread(query.count or USUAL_TILES, available)
-    wanted = parse_span("slices", query.slices)
-    if wanted.stop > available:
+    span = parse_span("slices", query.slices)
+    if span.stop > available:
         raise Refused(404, "slice-not-found", f"slices must be within 0:{available}, not {query.slices}")
-    tiles = range(available)[wanted]
+    tiles = range(available)[span]
     if len(tiles) > MOST_TILES:
         raise Refused(
             422, "too-many-slices", f"slices must name at most {MOST_TILES}, not {len(tiles)}: take a larger STEP"

@@ -2,7 +2,7 @@
 
 from typing import Annotated
 
-from fastapi import APIRouter, Query
+from fastapi import Query
 
 from sawmill_contracts.retention import (
     Retention,
@@ -11,12 +11,14 @@ from sawmill_contracts.retention import (
     RetentionQuery,
     RetentionRules,
 )
+from sawmill_platform.contracts.keys import Scope
 from sawmill_service.dependencies import TheStore
-from sawmill_service.http.openapi_document import trying
-from sawmill_service.http.refusals import refuses
-from sawmill_service.http.sent_json import Sent
+from sawmill_service.http.bodies.sent_json import Sent
+from sawmill_service.http.document.openapi_document import trying
+from sawmill_service.http.document.refusals import refuses
+from sawmill_service.http.route_rules import Router
 
-router = APIRouter(prefix="/v1/retention", tags=["retention"])
+router = Router(prefix="/v1/retention", tags=["retention"], reading=Scope.READ)
 
 
 @router.get("", summary="Get the rules of retention")
@@ -25,7 +27,9 @@ def get_retention(store: TheStore) -> Retention:
     return store.retention.get()
 
 
-@router.get("/preview", summary="Show what rules would remove", openapi_extra=trying(log_scans_days=14))
+@router.get(
+    "/preview", needs=Scope.ADMIN, summary="Show what would go by rules", openapi_extra=trying(log_scans_days=14)
+)
 def preview_retention(tried: Annotated[RetentionQuery, Query()], store: TheStore) -> RetentionPreview:
     """List objects that the query's rules, or else the rules in force, would remove within the next hour.
 
@@ -38,6 +42,7 @@ def preview_retention(tried: Annotated[RetentionQuery, Query()], store: TheStore
 
 @router.put(
     "",
+    needs=Scope.ADMIN,
     summary="Replace the rules of retention",
     openapi_extra=trying(body={"log_scans_days": 14, "reconstructions_days": 30}),
     responses=refuses("retention-unconfirmed"),

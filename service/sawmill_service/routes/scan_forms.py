@@ -3,26 +3,28 @@
 from functools import partial
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Request, Response
+from fastapi import Request, Response
 from fastapi.concurrency import run_in_threadpool
 from pydantic import ConfigDict, Field, WithJsonSchema, model_validator
 
 from sawmill_contracts.scans import Scan, state_what_is_averaged
 from sawmill_platform.contracts.base import Name
+from sawmill_platform.contracts.keys import Scope
 from sawmill_service.dependencies import TheSettings, TheStore, TheWake
-from sawmill_service.http.described_answers import BINARY
-from sawmill_service.http.openapi_document import trying_form
-from sawmill_service.http.refusals import OF_QUEUE, refuses_upload
+from sawmill_service.http.bodies.sent_form import FILE, SentForm
+from sawmill_service.http.document.described_answers import BINARY
+from sawmill_service.http.document.openapi_document import trying_form
+from sawmill_service.http.document.refusals import OF_QUEUE, refuses_upload
 from sawmill_service.http.repeats import TheRepeatableWithFile
-from sawmill_service.http.sent_form import FILE, SentForm
+from sawmill_service.http.route_rules import Router
 from sawmill_service.routes.scans import GivenScan
 from sawmill_service.uploads import received_body
 
-router = APIRouter(prefix="/v1/scans", tags=["scans"])
+router = Router(prefix="/v1/scans", tags=["scans"])
 
 
 def _change(schema: dict[str, Any]) -> None:
-    """State what goes together, and no default name: clients would send it in place of the file's name."""
+    """Add the rules between fields; remove the default name, which clients would send instead of the file's name."""
     state_what_is_averaged(schema)
     del schema["properties"]["name"]["default"]
 
@@ -43,12 +45,14 @@ class ScanForm(GivenScan):
 
     @model_validator(mode="before")
     @classmethod
-    def _is_called_as_its_file(cls, given: dict[str, str]) -> dict[str, str]:
-        return {"name": given[FILE], **given} if given.get(FILE) else given
+    def _is_called_as_its_file(cls, fields: dict[str, str]) -> dict[str, str]:
+        return {"name": fields[FILE], **fields} if fields.get(FILE) else fields
 
 
 @router.post(
     "/form",
+    needs=Scope.SUBMIT,
+    max_body=lambda settings: settings.max_form_file_bytes + settings.max_json_bytes,
     status_code=202,
     summary="Upload a scan as a form",
     openapi_extra=trying_form(

@@ -2,7 +2,7 @@
 
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Depends, Query, Response
+from fastapi import Depends, Query, Response
 from fastapi.responses import StreamingResponse
 from pydantic import Field
 
@@ -13,21 +13,23 @@ from sawmill_contracts.scanners import ScannerAsk, StoredScanner
 from sawmill_platform.contracts import patterns
 from sawmill_platform.contracts.base import Identifier, Page
 from sawmill_platform.contracts.given import Given, GivenTime
+from sawmill_platform.contracts.keys import Scope
 from sawmill_service.dependencies import TheStore
 from sawmill_service.history_file import history_csv
-from sawmill_service.http.answers import NumberedPaging, Paging
-from sawmill_service.http.described_answers import LOCATED, NAMED
-from sawmill_service.http.old_names import ACTIVATIONS, OLD
-from sawmill_service.http.openapi_document import trying
-from sawmill_service.http.refusals import refuses
+from sawmill_service.http.bodies.sent_json import Sent
+from sawmill_service.http.document.described_answers import LOCATED, NAMED
+from sawmill_service.http.document.old_names import ACTIVATIONS, OLD
+from sawmill_service.http.document.openapi_document import trying
+from sawmill_service.http.document.refusals import refuses
 from sawmill_service.http.repeats import repeatable
-from sawmill_service.http.sent_json import Sent
+from sawmill_service.http.responses.answers import NumberedPaging, Paging
+from sawmill_service.http.route_rules import Router
 
-router = APIRouter(prefix="/v1/scanners", tags=["scanners"])
+router = Router(prefix="/v1/scanners", tags=["scanners"], reading=Scope.READ)
 
 
 class Since(NumberedPaging):
-    """Which measurements, and which page of them."""
+    """Page of the measurements, and their beginning."""
 
     since: GivenTime | None = Field(
         None, description="Earliest time of the measurements, RFC 3339.", examples=["2026-03-01T00:00:00Z"]
@@ -35,7 +37,7 @@ class Since(NumberedPaging):
 
 
 class HistoryFilter(Given):
-    """Which entries of a history."""
+    """Filter of the entries of a history."""
 
     kind: HistoryKind | None = Field(
         None, description="Kind of the entries. Default: all kinds.", examples=["calibration"]
@@ -50,12 +52,12 @@ class HistoryFilter(Given):
     )
 
     def narrowed(self) -> dict[str, Any]:
-        """As the store takes it."""
+        """Return the filter as the store takes it."""
         return {"kind": self.kind, "since": self.since, "until": self.until}
 
 
 class HistoryPaging(HistoryFilter, Paging):
-    """Which entries of a history, and which page of them."""
+    """Page of the entries of a history, and their filter."""
 
     after: str | None = Field(
         None,
@@ -67,7 +69,7 @@ class HistoryPaging(HistoryFilter, Paging):
 
 
 class Csv(StreamingResponse):
-    """Lines of values with commas between them."""
+    """Lines of values, separated by commas."""
 
     media_type = "text/csv"
 
@@ -83,7 +85,14 @@ EXAMPLE = {
 }
 
 
-@router.post("", status_code=201, summary="Describe a scanner", openapi_extra=trying(body=EXAMPLE), responses=LOCATED)
+@router.post(
+    "",
+    needs=Scope.ACTIVATE,
+    status_code=201,
+    summary="Describe a scanner",
+    openapi_extra=trying(body=EXAMPLE),
+    responses=LOCATED,
+)
 @repeatable
 def create_scanner(spec: Sent[ScannerAsk], store: TheStore, response: Response) -> StoredScanner:
     """Describe a scanner by constants, search bounds and tolerances. All but name and constants has a default."""
@@ -106,6 +115,7 @@ def get_scanner(scanner_id: Identifier, store: TheStore) -> StoredScanner:
 
 @router.put(
     "/{scanner_id}",
+    needs=Scope.ACTIVATE,
     summary="Replace a scanner's description",
     openapi_extra=trying(scanner_id="example-spare", body=EXAMPLE),
     responses=refuses("scanner-not-found"),
@@ -117,6 +127,7 @@ def replace_scanner(scanner_id: Identifier, spec: Sent[ScannerAsk], store: TheSt
 
 @router.delete(
     "/{scanner_id}",
+    needs=Scope.ADMIN,
     status_code=204,
     summary="Delete an unused scanner",
     openapi_extra=trying(scanner_id="example-spare"),

@@ -3,7 +3,7 @@
 from functools import partial
 from typing import Annotated
 
-from fastapi import APIRouter, Query, Request, Response
+from fastapi import Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 from pydantic import Field
 
@@ -11,44 +11,46 @@ from sawmill_contracts.scans import Scan, ScanShape, ScanSpec, ScanState
 from sawmill_platform.contracts.base import LARGEST_NUMBER, Identifier, Page
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.jobs import Priority
+from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.files.upload_stream import Received
 from sawmill_service.dependencies import TheSettings, TheStore, TheWake, Wake
 from sawmill_service.drawing import scan_thumbnail
 from sawmill_service.finished import ready_scan
-from sawmill_service.http.answers import AskedPriority, Dated, Png, accept, file, picture
-from sawmill_service.http.described_answers import drawn, stored
-from sawmill_service.http.openapi_document import trying, trying_file
-from sawmill_service.http.refusals import OF_QUEUE, OF_SCAN, OF_UPLOAD_ID, refuses, refuses_upload
+from sawmill_service.http.document.described_answers import drawn, stored
+from sawmill_service.http.document.openapi_document import trying, trying_file
+from sawmill_service.http.document.refusals import OF_QUEUE, OF_SCAN, OF_UPLOAD_ID, refuses, refuses_upload
 from sawmill_service.http.repeats import TheRepeatableWithFile
-from sawmill_service.http.waiting import TheWaiting
+from sawmill_service.http.responses.answers import AskedPriority, Dated, Png, accept, file, picture
+from sawmill_service.http.responses.waiting import TheWaiting
+from sawmill_service.http.route_rules import Router
 from sawmill_service.settings import ServiceSettings
 from sawmill_service.uploads import InspectionId, UploadId, received_file
 from sawmill_store.store import Store
 
-router = APIRouter(prefix="/v1/scans", tags=["scans"])
+router = Router(prefix="/v1/scans", tags=["scans"], reading=Scope.READ)
 
 
 class ScanFilter(Dated):
-    """Which scans to list."""
+    """Filter of the scans to list."""
 
     scanner_id: Identifier | None = None
     state: ScanState | None = None
 
 
 class GivenScan(Given, ScanSpec):
-    """What is given with a file, and how urgent its reading is."""
+    """Description of a scan that is sent with its file, and the priority of reading."""
 
     priority: AskedPriority = Priority.WAITED_FOR
 
     @property
     def spec(self) -> ScanSpec:
-        """What is stored of it."""
+        """Description that is stored."""
         return ScanSpec.model_validate(self.model_dump(include=set(ScanSpec.model_fields), exclude_unset=True))
 
     def accept(
         self, received: Received, response: Response, store: Store, settings: ServiceSettings, wake: Wake
     ) -> Scan:
-        """Store it with its file, and have the file read."""
+        """Store the scan with its file, and queue the job that reads the file."""
         scan = store.scans.accept(self.spec, received, priority=self.priority)
         wake(scan.job_id)
         accept(response, f"/v1/scans/{scan.id}", settings.retry_after_s)
@@ -56,25 +58,27 @@ class GivenScan(Given, ScanSpec):
 
 
 class ScanUpload(GivenScan):
-    """What is given with a file, or with the name of one that came before, and how urgent its reading is."""
+    """Description of a scan that is sent with its file or the id of an earlier one, and the priority of reading."""
 
     inspection_id: InspectionId = None
     upload_id: UploadId = None
 
     @property
     def sends_file(self) -> bool:
-        """Whether the file is in the body."""
+        """True if the file is in the body."""
         return self.inspection_id is None and self.upload_id is None
 
 
 class SinogramQuery(Given):
-    """Which sinogram to draw."""
+    """Row of the sinogram to draw."""
 
     row: Annotated[int, Field(ge=0, le=LARGEST_NUMBER)] = Field(0, description="Number of the detector row, from 0.")
 
 
 @router.post(
     "",
+    needs=Scope.SUBMIT,
+    max_body=lambda settings: settings.max_upload_bytes,
     status_code=202,
     summary="Upload a scan",
     openapi_extra=trying_file(
@@ -139,6 +143,7 @@ async def get_scan(scan_id: Identifier, store: TheStore, waiting: TheWaiting) ->
 
 @router.delete(
     "/{scan_id}",
+    needs=Scope.ADMIN,
     status_code=204,
     summary="Delete a scan",
     openapi_extra=trying(scan_id="example-spare"),
@@ -182,7 +187,7 @@ def get_scan_thumbnail(scan_id: Identifier, request: Request, store: TheStore) -
 
 def _sinogram(request: Request, store: Store, scan: Scan, shape: ScanShape, row: int) -> Response:
     def draw() -> bytes:
-        # Imported by the first picture: a service that draws none does not hold NumPy, h5py and Pillow.
+        # The first picture imports this: a service that draws none does not hold NumPy, h5py and Pillow.
         from sawmill_formats.output import scan_reader  # noqa: PLC0415
         from sawmill_worker.pictures.images import sinogram_png  # noqa: PLC0415
 

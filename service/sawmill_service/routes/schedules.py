@@ -2,25 +2,28 @@
 
 from typing import Annotated
 
-from fastapi import APIRouter, Query, Response
+from fastapi import Query, Response
 
 from sawmill_contracts.schedules import Schedule, ScheduleAsk, ScheduleRun
 from sawmill_platform.contracts.base import Identifier, Page
+from sawmill_platform.contracts.keys import Scope
 from sawmill_service.dependencies import TheStore
-from sawmill_service.http.answers import Paging
-from sawmill_service.http.described_answers import LOCATED
-from sawmill_service.http.openapi_document import trying
-from sawmill_service.http.refusals import refuses
+from sawmill_service.http.bodies.sent_json import Sent
+from sawmill_service.http.document.described_answers import LOCATED
+from sawmill_service.http.document.openapi_document import trying
+from sawmill_service.http.document.refusals import refuses
 from sawmill_service.http.repeats import repeatable
-from sawmill_service.http.sent_json import Sent
+from sawmill_service.http.responses.answers import Paging
+from sawmill_service.http.route_rules import Router
 
-router = APIRouter(prefix="/v1/schedules", tags=["schedules"])
+router = Router(prefix="/v1/schedules", tags=["schedules"], reading=Scope.READ)
 
 EXAMPLE = {"scanner_id": "example", "cron": "30 5 * * 1-6", "time_zone": "Europe/Helsinki", "enabled": False}
 
 
 @router.post(
     "",
+    needs=Scope.ACTIVATE,
     status_code=201,
     summary="Schedule a scanner's recalibration or drift checks",
     openapi_extra=trying(body=EXAMPLE),
@@ -51,6 +54,7 @@ def get_schedule(schedule_id: Identifier, store: TheStore) -> Schedule:
 
 @router.put(
     "/{schedule_id}",
+    needs=Scope.ACTIVATE,
     summary="Replace a schedule",
     openapi_extra=trying(body=EXAMPLE),
     responses=refuses("schedule-not-found", "scanner-not-found", "invalid-cron", "invalid-zone"),
@@ -62,6 +66,7 @@ def replace_schedule(schedule_id: Identifier, spec: Sent[ScheduleAsk], store: Th
 
 @router.delete(
     "/{schedule_id}",
+    needs=Scope.ACTIVATE,
     status_code=204,
     summary="Delete a schedule",
     openapi_extra=trying(schedule_id="example-spare"),

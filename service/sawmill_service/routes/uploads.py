@@ -1,10 +1,10 @@
-"""/v1/uploads: files that come in parts, after the draft "Resumable Uploads for HTTP" of the IETF."""
+"""/v1/uploads: files that are sent in parts, by the draft "Resumable Uploads for HTTP" of the IETF."""
 
 import asyncio
 from collections.abc import AsyncIterator
 from concurrent.futures import ThreadPoolExecutor
 
-from fastapi import APIRouter, Request, Response
+from fastapi import Request, Response
 from fastapi.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
@@ -17,24 +17,26 @@ from sawmill_platform.files.upload_stream import in_parts
 from sawmill_platform.uploads.upload_parts import Part
 from sawmill_platform.uploads.upload_store import UploadQuota, WrongOffset
 from sawmill_service.dependencies import TheCaller, TheSettings, TheStore, TheTransfers
-from sawmill_service.http.announced_part import HEADERS, AnnouncedPart, announced_part
-from sawmill_service.http.described_answers import offset_answered, with_some
-from sawmill_service.http.openapi_document import trying, trying_file
+from sawmill_service.http.bodies.announced_part import HEADERS, AnnouncedPart, announced_part
+from sawmill_service.http.bodies.sent_content import BYTES, SentContent
+from sawmill_service.http.bodies.sent_json import Sent
+from sawmill_service.http.document.described_answers import offset_answered, with_some
+from sawmill_service.http.document.openapi_document import trying, trying_file
+from sawmill_service.http.document.refusals import refuses, refuses_upload
 from sawmill_service.http.problems import Refused
-from sawmill_service.http.refusals import refuses, refuses_upload
 from sawmill_service.http.repeats import repeatable
-from sawmill_service.http.sent_content import BYTES, SentContent
-from sawmill_service.http.sent_json import Sent
+from sawmill_service.http.route_rules import Router
 from sawmill_service.settings import ServiceSettings
 from sawmill_store.store import Store
 
-router = APIRouter(prefix="/v1/uploads", tags=["uploads"])
-# Summing up a large file takes as long as reading it; the threads that write others do not wait for that.
+router = Router(prefix="/v1/uploads", tags=["uploads"], reading=Scope.READ)
+# Computing the digest of a large file takes as long as reading it; the threads that write files do not wait for that.
 _SUMS = ThreadPoolExecutor(2, "sums-of-uploads")
 
 
 @router.post(
     "",
+    needs=Scope.SUBMIT,
     status_code=201,
     summary="Start an upload that can be resumed",
     responses=offset_answered(201, "Location") | refuses("upload-too-large", "upload-quota"),
@@ -62,13 +64,15 @@ async def get_upload(upload_id: Identifier, store: TheStore, transfers: TheTrans
 
     A part that is still arriving is ended first, and gets 409 `upload-busy`: the next one is accepted at this offset.
     """
-    await run_in_threadpool(store.uploads.get, upload_id)  # nobody ends a part of somebody else's upload
+    await run_in_threadpool(store.uploads.get, upload_id)  # refused before a part of another key's upload is ended
     await transfers.end(upload_id)
     return _with_headers(response, await run_in_threadpool(store.uploads.get, upload_id))
 
 
 @router.patch(
     "/{upload_id}",
+    needs=Scope.SUBMIT,
+    max_body=lambda settings: settings.max_upload_bytes,
     summary="Send a part of an upload",
     responses=offset_answered()
     | with_some(
@@ -101,6 +105,7 @@ async def send_part(
 
 @router.delete(
     "/{upload_id}",
+    needs=Scope.SUBMIT,
     status_code=204,
     summary="Delete an upload",
     responses=refuses("upload-not-found"),
@@ -114,7 +119,7 @@ async def delete_upload(upload_id: Identifier, store: TheStore, transfers: TheTr
 
 
 async def _receive(part: Part, announced: AnnouncedPart, chunks: AsyncIterator[bytes], content: SentContent) -> None:
-    """Write a part in threads; however it ends, the file is free for the next one."""
+    """Write a part in threads; the file is closed in any case, so that the next part can be written."""
     commits = not content.has_digest
     try:
         async for piece in in_parts(chunks):
@@ -122,7 +127,7 @@ async def _receive(part: Part, announced: AnnouncedPart, chunks: AsyncIterator[b
         announced.check_end(part.missing_bytes)
         await asyncio.to_thread(part.finish, content)
         await _complete_if_whole(part)
-    except (ClientDisconnect, HTTPException, Busy):  # the sender's
+    except (ClientDisconnect, HTTPException, Busy):  # caused by the sender
         if commits:
             await asyncio.to_thread(part.commit)
             await _complete_if_whole(part)

@@ -1,35 +1,37 @@
 """/v1/reconstructions: slices as arrays and small pictures, for viewers and programs; /v1/color-maps.
 
-What reads and draws is imported by the first request: as in `routes/reconstructions.py`.
+The first request imports the modules that read and draw, as in `routes/reconstructions.py`.
 """
 # ruff: noqa: PLC0415 - for that reason
 
 from collections.abc import Mapping
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Path, Query, Request, Response
+from fastapi import Path, Query, Request, Response
 from pydantic import Field
 
 from sawmill_contracts.choices import Axis
 from sawmill_contracts.reconstructions import ReconstructionResult
 from sawmill_platform.contracts.base import Identifier
 from sawmill_platform.contracts.given import Given
+from sawmill_platform.contracts.keys import Scope
 from sawmill_service.dependencies import TheStore
 from sawmill_service.drawing import volume_thumbnail
 from sawmill_service.finished import check_slice, result_of
-from sawmill_service.http.answers import Jpeg, Png, file, picture, unchanging
-from sawmill_service.http.arrays import Npy, array
-from sawmill_service.http.described_answers import drawn, stored
-from sawmill_service.http.openapi_document import trying
-from sawmill_service.http.refusals import OF_RESULT
+from sawmill_service.http.document.described_answers import drawn, stored
+from sawmill_service.http.document.openapi_document import trying
+from sawmill_service.http.document.refusals import OF_RESULT
+from sawmill_service.http.responses.answers import Jpeg, Png, file, picture, unchanging
+from sawmill_service.http.responses.arrays import Npy, array
+from sawmill_service.http.route_rules import Router
 from sawmill_service.routes.reconstructions import WindowQuery, window_to_draw
 from sawmill_vocabulary import ColorMap
 
 _FLOAT32_BYTES = 4
-# A list of three, and no tuple: not every generator of clients reads `prefixItems`.
+# A list of three, not a tuple: some generators of clients ignore `prefixItems`.
 Color = Annotated[list[Annotated[int, Field(ge=0, le=255)]], Field(min_length=3, max_length=3)]
 
-router = APIRouter(tags=["reconstructions"])
+router = Router(tags=["reconstructions"], reading=Scope.READ)
 folder = "/v1/reconstructions/{reconstruction_id}"
 
 _HEADERS: dict[str, Any] = {
@@ -47,7 +49,7 @@ _HEADERS: dict[str, Any] = {
 
 
 class ArrayQuery(Given):
-    """How large an array to send."""
+    """Largest size of the array to send."""
 
     max_size: Annotated[int, Field(ge=16, le=4096)] | None = Field(
         None,
@@ -58,11 +60,11 @@ class ArrayQuery(Given):
 
 
 class JpegQuery(WindowQuery, ArrayQuery):
-    """Which values to draw, and how large a picture to send."""
+    """Window of the values to draw, and the largest size of the picture to send."""
 
 
 class SideArrayQuery(Given):
-    """From where to look at the log, and how large an array to send."""
+    """Direction of a side view of the log, and the largest size of the array to send."""
 
     max_size: Annotated[int, Field(ge=16, le=4096)] | None = Field(
         None,
@@ -97,7 +99,7 @@ def get_slice_array(
         from sawmill_worker.pictures.arrays import averaged, npy
 
         image = volume_reader.volume_slice(store.files.volume(reconstruction_id), result.shape, index)
-        # The middle of the first block of pixels.
+        # Shift to the middle of the first block of pixels.
         shift_mm = 0.5 * (factor - 1) * image.pixel_mm
         headers = {
             "X-Pixel-Mm": repr(factor * image.pixel_mm),
@@ -144,7 +146,7 @@ def get_slice_jpeg(
 
 
 def _averaged_pixels(result: ReconstructionResult, query: ArrayQuery) -> int:
-    """Pixels along the side of a block that is averaged, so that a slice fits into `max_size`."""
+    """Return the side of the blocks of pixels that are averaged so that a slice fits into `max_size`."""
     side = max(result.shape[1:])
     return -(-side // (query.max_size or side))
 

@@ -3,10 +3,11 @@
 from functools import partial
 from typing import Annotated
 
-from fastapi import APIRouter, Query, Response
+from fastapi import Query, Response
 from fastapi.concurrency import run_in_threadpool
 
 from sawmill_platform.contracts.base import Identifier, Page
+from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.contracts.webhooks import (
     Delivery,
     NewWebhook,
@@ -18,18 +19,19 @@ from sawmill_platform.contracts.webhooks import (
     destination_of,
 )
 from sawmill_service.dependencies import TheSettings, TheStore
-from sawmill_service.http.answers import NumberedPaging
-from sawmill_service.http.described_answers import LOCATED
-from sawmill_service.http.openapi_document import trying
+from sawmill_service.http.bodies.sent_json import Sent
+from sawmill_service.http.document.described_answers import LOCATED
+from sawmill_service.http.document.openapi_document import trying
+from sawmill_service.http.document.refusals import refuses
 from sawmill_service.http.problems import Refused
-from sawmill_service.http.refusals import refuses
 from sawmill_service.http.repeats import TheRepeatable, repeatable
-from sawmill_service.http.sent_json import Sent
+from sawmill_service.http.responses.answers import NumberedPaging
+from sawmill_service.http.route_rules import Router
 from sawmill_service.settings import ServiceSettings
 from sawmill_service.webhooks.destinations import AllowedDestinations, RefusedDestinationError
 from sawmill_service.webhooks.testing import send_test
 
-router = APIRouter(prefix="/v1/webhooks", tags=["webhooks"])
+router = Router(prefix="/v1/webhooks", tags=["webhooks"], reading=Scope.ADMIN)
 
 EXAMPLE = {
     "url": "https://alarms.mill.example/sawmill",
@@ -42,6 +44,7 @@ FOR_A_DAY = WebhookRotation()
 
 @router.post(
     "",
+    needs=Scope.ADMIN,
     status_code=201,
     summary="Add a webhook",
     openapi_extra=trying(body=EXAMPLE),
@@ -74,6 +77,7 @@ def get_webhook(webhook_id: Identifier, store: TheStore) -> Webhook:
 
 @router.put(
     "/{webhook_id}",
+    needs=Scope.ADMIN,
     summary="Replace a webhook",
     openapi_extra=trying(body=EXAMPLE),
     responses=refuses("webhook-not-found", "destination-not-allowed"),
@@ -86,6 +90,7 @@ def replace_webhook(webhook_id: Identifier, ask: Sent[WebhookAsk], store: TheSto
 
 @router.delete(
     "/{webhook_id}",
+    needs=Scope.ADMIN,
     status_code=204,
     summary="Delete a webhook",
     openapi_extra=trying(webhook_id="example-spare"),
@@ -98,6 +103,7 @@ def delete_webhook(webhook_id: Identifier, store: TheStore) -> None:
 
 @router.post(
     "/{webhook_id}/test",
+    needs=Scope.ADMIN,
     summary="Send a test to a webhook",
     responses=refuses("webhook-not-found"),
 )
@@ -106,13 +112,14 @@ async def test_webhook(
 ) -> WebhookTest:
     """Send one message of the type `webhook-test` now, also to a disabled webhook; the answer has the outcome."""
     await repeatable.check_sent()
-    # Before the transaction: no lock waits for a receiver.
+    # Sent before the transaction, so that no lock waits for a receiver.
     tested = await run_in_threadpool(send_test, store, AllowedDestinations(settings.webhook_destinations), webhook_id)
     return await run_in_threadpool(repeatable.once, partial(store.webhooks.note_test, tested))
 
 
 @router.post(
     "/{webhook_id}/rotate",
+    needs=Scope.ADMIN,
     summary="Replace a webhook's secret",
     openapi_extra=trying(body={"grace_s": 3600}),
     responses=refuses("webhook-not-found", "secret-not-repeated"),

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import httpcore
 
 from sawmill_platform.contracts.webhooks import Destination, destination_of
-from sawmill_service.http.conditional import http_date
+from sawmill_service.http.responses.conditional import http_date
 from sawmill_service.webhooks.destinations import AllowedDestinations, RefusedDestinationError
 
 # Of one attempt in all: the specification recommends 15 to 30.

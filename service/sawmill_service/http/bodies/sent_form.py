@@ -1,4 +1,4 @@
-"""A form (multipart/form-data, RFC 7578) of fields and one file, read as it comes: the file is held nowhere whole."""
+"""A form (multipart/form-data, RFC 7578) of fields and one file, read as it arrives: memory never holds it whole."""
 
 import hashlib
 import json
@@ -13,8 +13,8 @@ from python_multipart.multipart import MultipartState, parse_options_header
 from starlette.datastructures import Headers
 
 from sawmill_platform.contracts.given import Given, shown
-from sawmill_service.http.problems import Place, Refused
-from sawmill_service.http.sent_content import FirstBytes, SentContent, check_media_type
+from sawmill_service.http.bodies.sent_content import FirstBytes, SentContent, check_media_type
+from sawmill_service.http.problems import ProblemPlace, Refused
 
 MEDIA_TYPE, FILE = "multipart/form-data", "file"
 _MOST_PARTS, _LONGEST_NAME = 100, 200
@@ -22,9 +22,9 @@ _AS_IT_IS = {b"identity", b"binary", b"8bit", b"7bit"}
 
 
 class SentForm(SentContent):
-    """The file of a form as its content; once `end` has returned, `form` is the model of its fields.
+    """Reader of a form whose content is the file; once `end` has returned, `form` is the model of the fields.
 
-    `check` is called when the file begins, if the fields before it are enough. What it raises is the answer.
+    `check` is called when the file begins, if the fields before the file suffice. Its error is the answer.
     """
 
     def __init__(self, headers: Headers, model: type[Given], *, max_field_bytes: int) -> None:
@@ -47,7 +47,7 @@ class SentForm(SentContent):
             raise _bad(f"cannot be read: Content-Type must be as in {MEDIA_TYPE}; boundary=x") from error
 
     def take(self, part: bytes) -> Iterator[bytes]:
-        """Return the file's bytes in a part of what was sent."""
+        """Yield the file's bytes that a part of the body holds."""
         for sent in super().take(part):
             try:
                 self._parser.write(sent)
@@ -57,7 +57,7 @@ class SentForm(SentContent):
             yield from pieces
 
     def end(self) -> None:
-        """Refuse what did not come whole, and what is missing."""
+        """Refuse a form that did not arrive whole, and one with missing fields."""
         super().end()
         if self._parser.state is not MultipartState.END:
             raise _bad("breaks off: the boundary that ends it is missing; send it again")
@@ -66,7 +66,7 @@ class SentForm(SentContent):
             raise Refused(422, "empty-body", f"the form's {FILE!r} is empty: choose a file")
 
     def sha256_with(self, file_sha256: str) -> str:
-        """Return a checksum of the fields and the file, in whatever order and with whatever boundary they came."""
+        """Return a checksum of the fields and the file, independent of their order and of the boundary."""
         fields = sorted((name, value.decode()) for name, value in self._given.items())
         return hashlib.sha256(json.dumps([fields, file_sha256]).encode()).hexdigest()
 
@@ -114,7 +114,7 @@ class SentForm(SentContent):
             raise Refused(413, "body-too-large", "the fields of the form are too large: only its file may be large")
 
     def _read_fields(self, *, more_follow: bool = False) -> Given | None:
-        """Read the fields so far; None where fields that may follow are missing, or may go with these."""
+        """Read the fields so far; return None if fields that may follow are missing or may complete them."""
         try:
             return self._model.model_validate({name: value.decode() for name, value in self._given.items()})
         except UnicodeDecodeError as error:
@@ -125,7 +125,7 @@ class SentForm(SentContent):
                 faults = [each for each in faults if each["loc"] and each["type"] != "missing"]
             if not faults:
                 return None
-            placed = [{**each, "loc": (Place.BODY, *each["loc"])} for each in faults]
+            placed = [{**each, "loc": (ProblemPlace.BODY, *each["loc"])} for each in faults]
             raise RequestValidationError(placed, body=self._given) from error
 
 

@@ -1,4 +1,4 @@
-"""Forms of our own pages, and the proof that it was one of these that sent a request."""
+"""Forms of the service's own pages, and the token that proves that one of these pages sent a request."""
 
 import hmac
 from typing import Annotated
@@ -9,28 +9,26 @@ from fastapi import Depends, Request
 from sawmill_service.access import caller_of
 from sawmill_service.http.gate import SAFE_METHODS, too_large
 from sawmill_service.http.problems import Refused
+from sawmill_service.http.route_rules import rule_of
 
 CSRF_FIELD, CSRF_HEADER = "csrf", "X-CSRF-Token"
-# A scanner's settings, with a token.
-MAX_BYTES, MAX_FIELDS = 8192, 30
-# Of the form with an angle for each view: as many characters as a scan may have there, its commas as %2C.
-LARGER = {"/calibrate": 400_000}
+MAX_FIELDS = 30
 
 
 async def form(request: Request) -> dict[str, str]:
-    """The fields of a form; none where the body is no form, or its length is not declared.
+    """Return the fields of a form; none if the body is no form, or its length is not declared.
 
     Raises
     ------
     Refused
-        400 `bad-form`: it cannot be read. 413 `body-too-large`: it is larger than any of ours to this path.
+        400 `bad-form`: the form cannot be read. 413 `body-too-large`: no page of ours sends one that large.
     """
     media_type = request.headers.get("content-type", "").partition(";")[0].strip().lower()
     length = request.headers.get("content-length")
     if media_type != "application/x-www-form-urlencoded" or length is None:
         return {}
-    most = LARGER.get(request.url.path, MAX_BYTES)
-    if int(length) > most:  # digits: the gate has looked
+    most = rule_of(request).max_form_bytes
+    if int(length) > most:  # digits: the gate has checked that
         raise too_large(most)
     try:
         return dict(parse_qsl((await request.body()).decode(), max_num_fields=MAX_FIELDS))
@@ -42,14 +40,15 @@ TheForm = Annotated[dict[str, str], Depends(form)]
 
 
 async def check_csrf(request: Request) -> None:
-    """Refuse what a session's cookie alone would change; a dependency of every route.
+    """Refuse a change that a session's cookie alone would authorise; a dependency of every route.
 
-    A browser adds the cookie to whatever any page has it send. Only our pages know the token beside it.
+    A browser adds the cookie to all requests to the service, whichever site's page sends them. Only our pages know the
+    session's token.
 
     Raises
     ------
     Refused
-        403 `csrf`. 413 `body-too-large`: a form so large that its token is not read.
+        403 `csrf`. 413 `body-too-large`: the form is so large that its token is not read.
     """
     expected = caller_of(request).csrf_token
     if expected is None or request.method in SAFE_METHODS:

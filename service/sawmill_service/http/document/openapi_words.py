@@ -1,7 +1,7 @@
-"""What the OpenAPI document says of each property and parameter: a description, its unit in words, and an example.
+"""Descriptions, units in words and examples of the properties and parameters in the OpenAPI document.
 
-The contracts state them. What follows from them is added here: the unit that a name ends with, the description of the
-type that a property has, and an example of it.
+The contracts give them. This module adds what follows from the contracts: the unit at the end of a name, the
+description of a property's type, and an example of that type.
 """
 
 from collections.abc import Iterator, Mapping
@@ -9,7 +9,7 @@ from typing import Any
 
 Schema = dict[str, Any]
 
-# What the end of a name stands for, and the words that state it. The first that fits holds.
+# Ends of names with the words for their units. The first end that fits holds.
 UNITS: Mapping[str, tuple[str, ...]] = {
     "_mm": ("mm", "millimet"),
     "_rad": ("rad", "radian"),
@@ -22,7 +22,7 @@ _REFERENCE = "#/components/schemas/"
 
 
 def unit_of(name: str) -> tuple[str, ...]:
-    """The words for a name's unit; none where its end is none."""
+    """Return the words for the unit at the end of a name; none if the name ends with no unit."""
     return next((words for end, words in UNITS.items() if name.endswith(end)), ())
 
 
@@ -47,7 +47,7 @@ def _describe(name: str, described: Schema, schema: Schema, schemas: Mapping[str
 
 
 def _require_discriminators(part: Any, schemas: Mapping[str, Schema]) -> None:  # noqa: ANN401 - any JSON value
-    """What tells the kinds of a choice apart must be given, whatever default it has where it stands alone."""
+    """Require the discriminator of each choice, although it has a default in the schema of each kind."""
     if isinstance(part, dict) and isinstance(part.get("discriminator"), dict):
         name = part["discriminator"]["propertyName"]
         for reference in part["discriminator"]["mapping"].values():
@@ -63,7 +63,7 @@ def _plural(unit: str) -> str:
 
 
 def _kind(schema: Schema) -> Schema:
-    """What it is if it is not null."""
+    """Return the schema of the values that are not null."""
     return next((each for each in schema.get("anyOf", []) if each.get("type") != "null"), schema)
 
 
@@ -73,7 +73,7 @@ def _resolved(schema: Schema, schemas: Mapping[str, Schema]) -> Schema:
 
 
 def example_of(schema: Schema, schemas: Mapping[str, Schema]) -> Any:  # noqa: ANN401 - any JSON value
-    """A value of it: its own example, a default, a choice, or what is required of its parts; None: none follows."""
+    """Return a value of a schema: an example, a default, a choice, or its required parts; None if none follows."""
     own = _resolved(_kind(schema), schemas)
     stated = [each["examples"][0] for each in (schema, own) if each.get("examples")]
     if stated:

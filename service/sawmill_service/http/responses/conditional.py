@@ -1,4 +1,4 @@
-"""What a request's conditions and its range make of an answer (RFC 9110, sections 13 and 14)."""
+"""Conditional requests and ranges (RFC 9110, sections 13 and 14)."""
 
 import re
 from collections.abc import Sequence
@@ -10,7 +10,7 @@ from starlette.datastructures import Headers
 
 from sawmill_service.http.problems import Refused
 
-# Asked again each time, and kept by whoever asked alone: what needs a key is nobody else's.
+# An answer that needs a key is kept by its client alone, which asks again each time.
 CACHING = "private, no-cache"
 
 _UNIT = re.compile(r"[A-Za-z0-9!#$%&'*+.^_`|~-]+")
@@ -19,16 +19,16 @@ _SPAN = re.compile(r"(\d{0,18})-(\d{0,18})")
 
 
 def check_conditions(headers: Headers, tag: str, modified: str | None = None) -> Response | None:
-    """The 304 for a client that holds what it asks for; none where the conditions let an answer be sent.
+    """Return 304 for a client that has the answer already; None if the conditions let the answer be sent.
 
     Parameters
     ----------
     headers
-        The request's.
+        Headers of the request.
     tag
-        The answer's entity tag; a weak one meets no `If-Match` but `*`.
+        Entity tag of the answer; a weak one meets no `If-Match` but `*`.
     modified
-        Its `Last-Modified`; null: it has none, and conditions about that are passed over.
+        `Last-Modified` of the answer; None: it has none, and conditions about the date are ignored.
 
     Raises
     ------
@@ -43,22 +43,22 @@ def check_conditions(headers: Headers, tag: str, modified: str | None = None) ->
     elif _is_newer(modified, headers.get("if-unmodified-since")):
         _refuse_condition("If-Unmodified-Since", headers["if-unmodified-since"], f"Last-Modified is {modified}")
     if held:
-        known = "*" in held or tag.removeprefix("W/") in {each.removeprefix("W/") for each in held}
+        is_held = "*" in held or tag.removeprefix("W/") in {each.removeprefix("W/") for each in held}
     else:
-        known = _is_newer(modified, headers.get("if-modified-since")) is False
-    return Response(status_code=304, headers={"ETag": tag, "Cache-Control": CACHING}) if known else None
+        is_held = _is_newer(modified, headers.get("if-modified-since")) is False
+    return Response(status_code=304, headers={"ETag": tag, "Cache-Control": CACHING}) if is_held else None
 
 
 def spans_of(headers: Headers, size_bytes: int, tag: str) -> Sequence[slice]:
-    """The ranges of an answer that are asked for and are in it, one at least; none: all of it is asked for.
+    """Return the requested ranges that the answer has, at least one; none if all of the answer is requested.
 
-    A range in another unit, or of another version by `If-Range`, is passed over. A date there is never of this version:
-    two may have been written within its second (section 13.1.5).
+    A range in another unit, or of another version by `If-Range`, is ignored. A date in `If-Range` never matches: two
+    versions may have been written within its second (section 13.1.5).
 
     Raises
     ------
     Refused
-        400 `bad-range`. 416 `range-beyond-end`: none of them is in it.
+        400 `bad-range`. 416 `range-beyond-end`: all ranges are beyond the end of the answer.
     """
     header = headers.get("range")
     if header is None or headers.get("if-range") not in {None, tag}:
@@ -73,17 +73,17 @@ def spans_of(headers: Headers, size_bytes: int, tag: str) -> Sequence[slice]:
         )
     there = [span for span in spans if span is not None and span.start < size_bytes]
     if not there:
-        beyond = f"the file has {size_bytes} bytes, so {header[:100]!r} is beyond its end"
-        raise Refused(416, "range-beyond-end", beyond, {"Content-Range": f"bytes */{size_bytes}"})
+        detail = f"the file has {size_bytes} bytes, so {header[:100]!r} is beyond its end"
+        raise Refused(416, "range-beyond-end", detail, {"Content-Range": f"bytes */{size_bytes}"})
     return there
 
 
 def _span(part: str, size_bytes: int) -> slice | None:
-    """The bytes that one part of the header names, none where it cannot be understood; it may begin at the end."""
-    found = _SPAN.fullmatch(part)
-    if found is None or part == "-":
+    """Return the bytes that a part of the header names, which may begin at the end of the answer; None if malformed."""
+    match = _SPAN.fullmatch(part)
+    if match is None or part == "-":
         return None
-    first, last = found.groups()
+    first, last = match.groups()
     if not first:
         return slice(max(0, size_bytes - int(last)), size_bytes)
     if last and int(last) < int(first):
@@ -92,26 +92,26 @@ def _span(part: str, size_bytes: int) -> slice | None:
 
 
 def _listed(headers: Headers, name: str) -> list[str]:
-    """The entity tags of a header, or its `*`; none without it. None of ours holds a comma."""
+    """Return the entity tags of a header, or its `*`; none without the header. No tag of ours has a comma."""
     return [tag for line in headers.getlist(name) for each in line.split(",") if (tag := each.strip(" \t"))]
 
 
-def _is_newer(modified: str | None, given: str | None) -> bool | None:
-    """Whether an answer was modified after the date of a condition; null: nothing can be said."""
-    if modified is None or given is None:
+def _is_newer(modified: str | None, date_header: str | None) -> bool | None:
+    """Return whether an answer was modified after the date of a condition; None if that is not known."""
+    if modified is None or date_header is None:
         return None
-    date = http_date(given)
+    date = http_date(date_header)
     return None if date is None else parsedate_to_datetime(modified) > date
 
 
-def http_date(given: str) -> datetime | None:
-    """A date of HTTP in any of its three forms; null: it is none, and is passed over (section 13.1.4)."""
+def http_date(text: str) -> datetime | None:
+    """Read a date of HTTP in any of the three forms; return None for other texts, to be ignored (section 13.1.4)."""
     try:
-        date = parsedate_to_datetime(given)
-    except (ValueError, OverflowError):  # the latter of numbers of more digits than a date can have
+        date = parsedate_to_datetime(text)
+    except (ValueError, OverflowError):  # an overflow: numbers of more digits than a date can have
         return None
     return date if date.tzinfo else date.replace(tzinfo=UTC)
 
 
-def _refuse_condition(header: str, given: str, found: str) -> None:
-    raise Refused(412, "precondition-failed", f"{header} is {given[:100]!r}, but {found}")
+def _refuse_condition(header: str, value: str, actual: str) -> None:
+    raise Refused(412, "precondition-failed", f"{header} is {value[:100]!r}, but {actual}")

@@ -1,10 +1,10 @@
-"""How the OpenAPI document describes what succeeds: files as binary, the headers of every answer, streams of events."""
+"""Description of successful answers in the OpenAPI document: binary files, headers, streams of events."""
 
 from collections.abc import Mapping
 from typing import Any
 
+from sawmill_service.http.document.refusals import OF_DOWNLOADS, Responses, refuses
 from sawmill_service.http.problems import MEDIA_TYPE
-from sawmill_service.http.refusals import OF_DOWNLOADS, Responses, refuses
 
 BINARY = {"type": "string", "format": "binary"}
 
@@ -34,7 +34,7 @@ HEADERS: dict[str, dict[str, Any]] = {
 }
 for _header in HEADERS.values():
     _header["required"] = True
-# By status, where every answer of that status has them.
+# Headers that every answer of a status has.
 _BY_STATUS = {
     "202": ("Location", "Retry-After"),
     "206": ("Content-Range",),
@@ -48,33 +48,33 @@ _OF_FILES = ("Accept-Ranges", "Content-Disposition", "ETag", "Repr-Digest")
 _UNCHANGED = "The client already holds these bytes, as `If-None-Match` states."
 
 LOCATED: Responses = {201: {"headers": {"Location": {}}}}
-"""Of what is made at once: `Location` leads to it."""
+"""Answer of a route that creates a resource at once: `Location` leads to the resource."""
 NAMED: Responses = {200: {"headers": {"Content-Disposition": {}}}}
-"""Of what is written out while it is sent, to be saved as a file."""
+"""Answer that is written while it is sent, to be saved as a file."""
 SAVED: Responses = {200: {"headers": {"Content-Disposition": {}, "ETag": {}}}, 304: {"description": _UNCHANGED}}
-"""Of what is written out for the request, to be saved as a file."""
+"""Answer that is written for the request, to be saved as a file."""
 
 
 def offset_answered(status: int = 200, *names: str) -> Responses:
-    """Of an upload in parts: the headers of its offset, and others by name."""
+    """Describe the answer of an upload in parts, with the headers of the offset, and more headers by name."""
     return {status: {"headers": _named("Upload-Complete", "Upload-Length", "Upload-Offset", *names)}}
 
 
 def with_some(responses: Responses, status: int, *names: str) -> Responses:
-    """The same, where only some answers of a status have headers, by name."""
+    """Add headers by name, which only some answers of a status have."""
     headers = {name: HEADERS[name] | {"required": False} for name in names}
     return responses | {status: responses[status] | {"headers": headers}}
 
 
 def drawn(*codes: str, headers: dict[str, Any] | None = None) -> Responses:
-    """Of a picture or an array that is made for the request: 304 for a client that holds it.
+    """Describe a picture or an array that is made for the request, with 304 for a client that has it already.
 
     Parameters
     ----------
     codes
-        The refusals that are the operation's own.
+        Refusals that are specific to the operation.
     headers
-        Described as OpenAPI has them, beside those of every file.
+        Headers with their OpenAPI descriptions, in addition to the headers of every file.
     """
     whole = {"headers": _named(*_OF_FILES) | (headers or {})}
     return {
@@ -86,23 +86,23 @@ def drawn(*codes: str, headers: dict[str, Any] | None = None) -> Responses:
 
 
 def stored(*codes: str) -> Responses:
-    """As `drawn`, of a stored file, which may have been removed."""
+    """Describe a stored file, which may have been removed; otherwise as `drawn`."""
     return drawn("file-missing", "result-damaged", *codes)
 
 
 def events(description: str, example: str, data: Mapping[str, dict[str, Any]]) -> Responses:
-    """Of a stream of events.
+    """Describe a stream of events.
 
-    OpenAPI 3.1 has no words for it: a type would be that of the whole text to some readers, of one event to others.
+    OpenAPI 3.1 has no terms for a stream: some readers take a schema for the whole text, other readers for one event.
 
     Parameters
     ----------
     description
-        When which event comes.
+        Events, and when each is sent.
     example
-        The text of a short stream.
+        Text of a short stream.
     data
-        An event's name -> the JSON schema of its data.
+        JSON schema of the data of each event, by the event's name.
     """
     shape = {"schema": {"description": description}, "example": example, "x-event-data": dict(data)}
     return {200: {"description": description, "content": {"text/event-stream": shape}}}
@@ -115,7 +115,7 @@ def describe_answers(operation: dict[str, Any]) -> None:
         responses["206"]["content"] = responses["200"]["content"]
     for status, response in responses.items():
         for media_type, media in response.get("content", {}).items():
-            # FastAPI's words for events are those of OpenAPI 3.2, which a 3.1 document may not hold.
+            # FastAPI describes events by a keyword of OpenAPI 3.2, which a 3.1 document may not have.
             media.pop("itemSchema", None)
             if status < "300" and _is_binary(media_type):
                 media["schema"] = BINARY
@@ -125,7 +125,7 @@ def describe_answers(operation: dict[str, Any]) -> None:
 
 
 def _named(*headers: str) -> dict[str, Any]:
-    """Headers whose description is looked up later."""
+    """Return headers whose descriptions are added later."""
     return {name: {} for name in headers}
 
 

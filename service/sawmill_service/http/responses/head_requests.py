@@ -1,11 +1,11 @@
-"""HEAD wherever GET is: the same headers, and nothing after them."""
+"""HEAD wherever GET is: the same headers, without a body."""
 
 import anyio
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 
 class Heads:
-    """Answer HEAD as GET; what would follow the headers, a file or a stream, is not begun."""
+    """Middleware that answers HEAD as GET, but does not start the file or stream after the headers."""
 
     def __init__(self, app: ASGIApp) -> None:
         self.app = app
@@ -15,7 +15,7 @@ class Heads:
         if scope["type"] != "http" or scope["method"] != "HEAD":
             await self.app(scope, receive, send)
             return
-        # Ranges are of GET alone (RFC 9110, section 14.2).
+        # Ranges are for GET only (RFC 9110, section 14.2).
         headers = [(name, value) for name, value in scope["headers"] if name != b"range"]
         inner = {**scope, "method": "GET", "headers": headers}
         with anyio.CancelScope() as rest:

@@ -1,4 +1,4 @@
-"""The number of files that the process may open, each connection being one."""
+"""Number of files that the process may open; each connection is one."""
 
 import logging
 import resource
@@ -59,7 +59,7 @@ class RefusedAccepts(logging.Filter):
         self._next = 0.0
 
     def filter(self, record: logging.LogRecord) -> bool:
-        """Tell whether a line is logged."""
+        """Return whether a line is logged."""
         if "accept() out of system resource" not in record.msg and "_start_serving" not in record.msg:
             return True
         if record.created < self._next:

@@ -1,7 +1,7 @@
-"""The OpenAPI document: FastAPI's own, with every answer listed and an example for every operation."""
+"""OpenAPI document: FastAPI's own, with every answer listed and an example for every operation."""
 
 import json
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from functools import cached_property
 from http import HTTPStatus
 from pathlib import Path
@@ -10,15 +10,13 @@ from typing import Any, NamedTuple
 from fastapi import FastAPI
 from pydantic import BaseModel
 
-from sawmill_service.access import OPEN_PATHS, needed_scope
-from sawmill_service.http.allowed_methods import methods_by_pattern
-from sawmill_service.http.described_answers import BINARY, HEADERS, describe_answers
-from sawmill_service.http.openapi_words import complete
-from sawmill_service.http.problem_types import PATH as PROBLEMS
+from sawmill_service.http.bodies.sent_form import FILE
+from sawmill_service.http.bodies.sent_form import MEDIA_TYPE as FORM
+from sawmill_service.http.document.described_answers import BINARY, HEADERS, describe_answers
+from sawmill_service.http.document.openapi_words import complete
+from sawmill_service.http.document.refusals import CODES_KEY, list_refusals
 from sawmill_service.http.problems import Problem
-from sawmill_service.http.refusals import CODES_KEY, list_refusals
-from sawmill_service.http.sent_form import FILE
-from sawmill_service.http.sent_form import MEDIA_TYPE as FORM
+from sawmill_service.http.route_rules import NoKey, RouteRules, Rule
 
 TRY = "x-try"
 SECURITY_SCHEMES = {
@@ -28,9 +26,9 @@ SECURITY_SCHEMES = {
 
 
 def trying(**values: Any) -> dict[str, Any]:  # noqa: ANN401 - any JSON value
-    """Name an operation's values for the console's "Try it out": parameters by name, and the JSON `body`.
+    """Give the values for the console's "Try it out": parameters by name, and the JSON `body`.
 
-    A required parameter that is not named takes the first example of its type.
+    A required parameter without a value takes the first example of the parameter's type.
     """
     return {TRY: values}
 
@@ -42,7 +40,7 @@ def trying_file(
     required: bool = True,
     **values: Any,  # noqa: ANN401 - any JSON value
 ) -> dict[str, Any]:
-    """As `trying`, for an operation whose body is a file; `file` is where the service offers one to try."""
+    """Give the values for an operation whose body is a file; `file` is the path of an example file of the service."""
     return {
         TRY: values,
         "x-example-file": file,
@@ -55,7 +53,7 @@ def trying_form(
     file: str,
     **fields: Any,  # noqa: ANN401 - any JSON value
 ) -> dict[str, Any]:
-    """As `trying_file`, for an operation that takes a form of a model's fields and a file apart itself."""
+    """Give the values for an operation that parses a form of a model's fields and a file itself."""
     schema = model.model_json_schema(ref_template="#/components/schemas/{model}")
     schema["properties"] = {name: _not_null(described) for name, described in schema["properties"].items()}
     content = {FORM: {"schema": schema}}
@@ -66,29 +64,24 @@ class Application(FastAPI):
     """FastAPI with this service's OpenAPI document."""
 
     def openapi(self) -> dict[str, Any]:
-        """Make the document once."""
+        """Return the document, which is made once."""
         if self.openapi_schema is None:
-            self.openapi_schema = _finish(super().openapi())
+            self.openapi_schema = _finish(super().openapi(), self.state.rules)
         return self.openapi_schema
 
     @cached_property
-    def methods_by_pattern(self) -> Mapping[str, set[str]]:
-        """The methods of each pattern of paths, once all routes are there."""
-        return methods_by_pattern(self)
-
-    @cached_property
     def openapi_json(self) -> bytes:
-        """The document as it is served: writing it out takes longer than most requests, and is done once."""
+        """Document as it is served, written once: writing takes longer than most requests."""
         return json.dumps(self.openapi(), separators=(",", ":"), ensure_ascii=False).encode()
 
 
 def render(app: FastAPI) -> str:
-    """The document as it is committed: sorted keys, two spaces, a newline at the end."""
+    """Write the document as it is committed: sorted keys, two spaces, a newline at the end."""
     return json.dumps(app.openapi(), indent=2, sort_keys=True, ensure_ascii=False) + "\n"
 
 
 class ExampleRequest(NamedTuple):
-    """One request that works on a fresh data folder."""
+    """Request that works on a fresh data folder."""
 
     operation_id: str
     method: str
@@ -100,12 +93,12 @@ class ExampleRequest(NamedTuple):
     media_type: str | None
 
     def render(self) -> str:
-        """The request as it is committed."""
+        """Write the request as it is committed."""
         return json.dumps(self._asdict(), indent=2, sort_keys=True, ensure_ascii=False) + "\n"
 
 
 def write(app: FastAPI, folder: Path) -> None:
-    """Write `openapi.json` and one file a request in `requests/`; requests of operations that are gone go."""
+    """Write `openapi.json` and a file for each request in `requests/`; remove requests of operations that are gone."""
     requests = folder / "requests"
     requests.mkdir(parents=True, exist_ok=True)
     (folder / "openapi.json").write_text(render(app))
@@ -116,7 +109,7 @@ def write(app: FastAPI, folder: Path) -> None:
 
 
 def example_requests(app: FastAPI) -> list[ExampleRequest]:
-    """Every operation's example as the console would send it."""
+    """Return the example of each operation, as the console would send it."""
     return [_example_request(path, method, operation) for path, method, operation in _operations(app.openapi())]
 
 
@@ -126,7 +119,7 @@ def _operations(document: dict[str, Any], part: str = "paths") -> Iterator[tuple
             yield path, method, operation
 
 
-def _finish(document: dict[str, Any]) -> dict[str, Any]:
+def _finish(document: dict[str, Any], rules: RouteRules) -> dict[str, Any]:
     components = document.setdefault("components", {})
     schemas = components.setdefault("schemas", {})
     for generated in ("HTTPValidationError", "ValidationError"):
@@ -144,10 +137,11 @@ def _finish(document: dict[str, Any]) -> dict[str, Any]:
         _drop_generated_refusal(message["responses"])
     _state_items(document)
     for path, method, operation in _operations(document):
-        _describe_access(method.upper(), path, operation)
+        rule = rules.by_pattern[path][method.upper()]
+        _describe_access(rule, operation)
         _describe_repeats(operation)
         _drop_generated_refusal(operation["responses"])
-        list_refusals(method.upper(), path, operation)
+        list_refusals(method.upper(), rule, operation)
         describe_answers(operation)
         _describe_parameters(operation)
         _give_examples(operation, operation.pop(TRY, {}))
@@ -156,14 +150,14 @@ def _finish(document: dict[str, Any]) -> dict[str, Any]:
 
 
 def _share(schema: dict[str, Any], schemas: dict[str, Any]) -> dict[str, str]:
-    """Put a schema and those within it beside FastAPI's own, and refer to it."""
+    """Add a schema and its inner schemas to FastAPI's schemas, and return a reference to it."""
     schemas.update(schema.pop("$defs", {}))
     schemas[schema["title"]] = schema
     return {"$ref": f"#/components/schemas/{schema['title']}"}
 
 
 def _name_by_title(document: dict[str, Any], schemas: dict[str, Any]) -> None:
-    """Each schema under its title: pydantic calls a page of scans `Page_Scan_`, and gives a named literal no title."""
+    """Name each schema by its title: pydantic calls a page of scans `Page_Scan_`, and a named literal has no title."""
     names = {name: schema.setdefault("title", name) for name, schema in schemas.items()}
     if len(set(names.values())) < len(names):
         msg = f"two schemas have one title: {sorted(names.items(), key=lambda pair: pair[1])}"
@@ -175,7 +169,7 @@ def _name_by_title(document: dict[str, Any], schemas: dict[str, Any]) -> None:
 
 
 def _replace_references(part: Any, refer: dict[str, str]) -> None:  # noqa: ANN401 - any JSON value
-    """In place, wherever one stands."""
+    """Replace references in place, at any depth."""
     for key, value in part.items() if isinstance(part, dict) else enumerate(part):
         if isinstance(value, dict | list):
             _replace_references(value, refer)
@@ -184,9 +178,10 @@ def _replace_references(part: Any, refer: dict[str, str]) -> None:  # noqa: ANN4
 
 
 def _state_items(part: Any) -> None:  # noqa: ANN401 - any JSON value
-    """State the type of the items of each pair, in place: generators that pass over `prefixItems` read it.
+    """Add the type of the items of each pair, in place, for generators that ignore `prefixItems`.
 
-    Its length already forbids further items. `items: false` would say so again, and openapi-python-client refuses it.
+    The pair's length already forbids further items. `items: false` would repeat that, and openapi-python-client refuses
+    it.
     """
     if isinstance(part, dict) and "prefixItems" in part:
         [kind] = {item["type"] for item in part["prefixItems"]}
@@ -200,7 +195,7 @@ def _parameters(document: dict[str, Any]) -> Iterator[dict[str, Any]]:
 
 
 def _shared_refusals(answers: Iterable[dict[str, Any]]) -> dict[str, Any]:
-    """Take the commonest answer of each status that refuses out of all operations, and leave references to it."""
+    """Replace the commonest refusal of each status in all operations by a reference, and return these refusals."""
     refusals = [(answer, status) for answer in answers for status in answer if status >= "400"]
     shared = {}
     for status in sorted({status for _, status in refusals}):
@@ -214,31 +209,31 @@ def _shared_refusals(answers: Iterable[dict[str, Any]]) -> dict[str, Any]:
     return shared
 
 
-def _describe_access(method: str, path: str, operation: dict[str, Any]) -> None:
-    """Which key it needs; a service that stands open on loopback needs none."""
-    needed = None if path in OPEN_PATHS or path.startswith(PROBLEMS) else needed_scope(method, path)
-    operation["security"] = [] if needed is None else [{}, *({scheme: [needed]} for scheme in SECURITY_SCHEMES)]
+def _describe_access(rule: Rule, operation: dict[str, Any]) -> None:
+    """Add the scope that a key needs; a service on loopback without keys needs no key."""
+    with_key = [{}, *({scheme: [rule.scope]} for scheme in SECURITY_SCHEMES)]
+    operation["security"] = [] if isinstance(rule.needs, NoKey) else with_key
 
 
 def _drop_generated_refusal(responses: dict[str, Any]) -> None:
-    """FastAPI's own description of a refused value is of a shape that this service does not answer."""
+    """Remove FastAPI's description of a refused value, whose shape this service does not answer."""
     if CODES_KEY not in responses.get("422", {}):
         responses.pop("422", None)
 
 
 def _describe_parameters(operation: dict[str, Any]) -> None:
-    """A parameter that is left out is null; none can be given as that."""
+    """Remove null from the types of parameters: a parameter is left out, and cannot be given as null."""
     for parameter in operation.get("parameters", []):
         parameter["schema"] = _not_null(parameter["schema"])
 
 
 def _not_null(schema: dict[str, Any]) -> dict[str, Any]:
-    given = [choice for choice in schema.get("anyOf", []) if choice != {"type": "null"}]
-    return given[0] | {key: value for key, value in schema.items() if key != "anyOf"} if len(given) == 1 else schema
+    choices = [choice for choice in schema.get("anyOf", []) if choice != {"type": "null"}]
+    return choices[0] | {key: value for key, value in schema.items() if key != "anyOf"} if len(choices) == 1 else schema
 
 
 def _describe_repeats(operation: dict[str, Any]) -> None:
-    """The header by which a repeat's answer is known, on what is answered to requests that may be sent again."""
+    """Add the header that marks a repeat's answer to the answers of operations that may be repeated."""
     if any(parameter["name"] == "Idempotency-Key" for parameter in operation.get("parameters", [])):
         replayed = {"description": "This answer repeats an earlier one.", "schema": {"type": "string", "const": "true"}}
         for status, response in operation["responses"].items():
@@ -259,10 +254,10 @@ def _give_examples(operation: dict[str, Any], values: dict[str, Any]) -> None:
 
 
 def _example_request(path: str, method: str, operation: dict[str, Any]) -> ExampleRequest:
-    given = [parameter for parameter in operation.get("parameters", []) if "example" in parameter]
-    query = {parameter["name"]: parameter["example"] for parameter in given if parameter["in"] == "query"}
-    headers = {parameter["name"]: str(parameter["example"]) for parameter in given if parameter["in"] == "header"}
-    for parameter in given:
+    parameters = [parameter for parameter in operation.get("parameters", []) if "example" in parameter]
+    query = {parameter["name"]: parameter["example"] for parameter in parameters if parameter["in"] == "query"}
+    headers = {parameter["name"]: str(parameter["example"]) for parameter in parameters if parameter["in"] == "header"}
+    for parameter in parameters:
         if parameter["in"] == "path":
             path = path.replace(f"{{{parameter['name']}}}", str(parameter["example"]))
     content = operation.get("requestBody", {}).get("content", {})

@@ -1,4 +1,4 @@
-"""Shapes of answers that several routes share: accepted work, pictures, files, and the 304 of both."""
+"""Answers that several routes share: accepted work, pictures and files, with 304."""
 
 import mimetypes
 import os
@@ -17,9 +17,9 @@ from sawmill_platform.contracts import patterns
 from sawmill_platform.contracts.given import Given, GivenTime
 from sawmill_platform.contracts.jobs import Priority
 from sawmill_platform.keys import sessions
-from sawmill_service.http.conditional import CACHING, check_conditions, spans_of
-from sawmill_service.http.digests import Digests, key_of, repr_digest, tag_of
 from sawmill_service.http.problems import Refused
+from sawmill_service.http.responses.conditional import CACHING, check_conditions, spans_of
+from sawmill_service.http.responses.digests import Digests, key_of, repr_digest, tag_of
 
 
 class Png(Response):
@@ -29,7 +29,7 @@ class Png(Response):
 
 
 class Jpeg(Response):
-    """A picture that is sent in few bytes, and is not exact."""
+    """A picture in few bytes, which is not exact."""
 
     media_type = "image/jpeg"
 
@@ -56,7 +56,7 @@ AskedPriority = Annotated[
 
 
 class Paging(Given):
-    """Which page of a list."""
+    """Page of a list."""
 
     after: str | None = Field(
         None,
@@ -69,7 +69,7 @@ class Paging(Given):
 
 
 class NumberedPaging(Paging):
-    """Which page of a list of numbered entries."""
+    """Page of a list of numbered entries."""
 
     after: str | None = Field(
         None,
@@ -81,7 +81,7 @@ class NumberedPaging(Paging):
 
 
 class Dated(Paging):
-    """Which page of a list, and of which span of time."""
+    """Page of a list, and its span of time."""
 
     created_from: GivenTime | None = Field(
         None, description="Earliest time of creation, RFC 3339 with its offset.", examples=["2026-03-01T00:00:00+02:00"]
@@ -92,13 +92,13 @@ class Dated(Paging):
 
 
 def accept(response: Response, location: str, retry_after_s: int) -> None:
-    """Set where accepted work will be found, and when to look."""
+    """Set the path of accepted work, and the time after which to ask."""
     response.headers["Location"] = location
     response.headers["Retry-After"] = str(retry_after_s)
 
 
 def describing(digest: bytes, disposition: str, name: str) -> dict[str, str]:
-    """The headers of a download: its tag and digest, under which name it is saved, and how long it may be kept."""
+    """Return the headers of a download: its tag and digest, the name to save it under, and how long it may be kept."""
     return {"ETag": tag_of(digest), "Repr-Digest": repr_digest(digest), **_saved(disposition, name)}
 
 
@@ -111,7 +111,7 @@ def _saved(disposition: str, name: str) -> dict[str, str]:
 
 
 def unchanging(answer: Response) -> Response:
-    """Let a browser show an answer that will never change without a further request, as long as a session lasts unused.
+    """Let a browser keep an answer that never changes, without a further request, for as long as an idle session lasts.
 
     With another session or key, and after the logout, the browser requests it again.
     """
@@ -123,16 +123,16 @@ def unchanging(answer: Response) -> Response:
 def picture(
     request: Request, drawn_from: Hashable, draw: Callable[[], bytes | str], *, answer: type[Response] = Png
 ) -> Response:
-    """A PNG, or what else is made for a request, whole or a range; made only for a client that does not hold it.
+    """Return a picture, whole or a range of it, or 304 for a client that has the picture already.
 
     Parameters
     ----------
     drawn_from
-        Everything that the picture depends on.
+        All values that the picture depends on.
     draw
-        Draws it; not called while the picture is kept, or known to be what the client holds.
+        Function that draws the picture; not called if the picture is kept here, or the client is known to have it.
     answer
-        Its kind.
+        Type of the answer.
     """
     digests: Digests = request.app.state.digests
     key = key_of(request.url.path, drawn_from)
@@ -152,7 +152,7 @@ def picture(
 
 
 def one_part(headers: Headers, content: bytes, tag: str) -> tuple[bytes, int, dict[str, str]]:
-    """What is sent of a content in memory, with its status and header: one range, or all of it."""
+    """Return one range of a content in memory, or all of it, with the status and the header of the answer."""
     spans = spans_of(headers, len(content), tag)
     if len(spans) != 1:
         return content, 200, {}
@@ -161,7 +161,7 @@ def one_part(headers: Headers, content: bytes, tag: str) -> tuple[bytes, int, di
 
 
 class Download(FileResponse):
-    """A stored file, whole or in ranges, or 304 for a client that holds it; begun once its digest is known."""
+    """A stored file, whole or in ranges, or 304 for a client that has it; sent once the digest is known."""
 
     check: Callable[[], None]
 
@@ -173,17 +173,17 @@ class Download(FileResponse):
             digest = await digests.of_file(Path(self.path), status, self.check)
         except FileNotFoundError:
             raise _missing(Path(self.path)) from None
-        tag, modified, asked = tag_of(digest), self.headers["Last-Modified"], Headers(scope=scope)
-        if held := check_conditions(asked, tag, modified):
+        tag, modified, request_headers = tag_of(digest), self.headers["Last-Modified"], Headers(scope=scope)
+        if held := check_conditions(request_headers, tag, modified):
             await held(scope, receive, send)
             return
         self.headers.update({"ETag": tag, "Repr-Digest": repr_digest(digest)})
-        spans = spans_of(asked, status.st_size, tag)
-        # What the base class is given, it never refuses.
-        given = [line for line in scope["headers"] if line[0] not in {b"range", b"if-range"}]
+        spans = spans_of(request_headers, status.st_size, tag)
+        # The base class gets only ranges that it does not refuse.
+        lines = [line for line in scope["headers"] if line[0] not in {b"range", b"if-range"}]
         if spans:
-            given.append((b"range", f"bytes={','.join(f'{span.start}-{span.stop - 1}' for span in spans)}".encode()))
-        await super().__call__({**scope, "headers": given}, receive, send)
+            lines.append((b"range", f"bytes={','.join(f'{span.start}-{span.stop - 1}' for span in spans)}".encode()))
+        await super().__call__({**scope, "headers": lines}, receive, send)
 
 
 def file(
@@ -194,14 +194,14 @@ def file(
     save_as: str | None = None,
     check: Callable[[], None] = lambda: None,
 ) -> Response:
-    """A stored file as a download.
+    """Return a stored file as a download.
 
     Parameters
     ----------
     save_as
-        The name under which a browser saves it; None: by the request's path.
+        Name under which a browser saves the file; None: from the request's path.
     check
-        Refuses a damaged file; called before its digest is taken for the first time.
+        Function that refuses a damaged file; called before the digest is computed for the first time.
     """
     try:
         status = regular_status(path)
@@ -219,5 +219,5 @@ def _missing(path: Path) -> Refused:
 
 
 def _name_of(request: Request) -> str:
-    """Of a file that has none of its own, by its path: `scans-example-sinogram.png`."""
+    """Return the name of a file without a name, from the request's path: `scans-example-sinogram.png`."""
     return request.url.path.removeprefix("/v1/").strip("/").replace("/", "-")

@@ -1,4 +1,4 @@
-"""`Content-Digest` (RFC 9530): a body that was damaged on its way is refused."""
+"""`Content-Digest` (RFC 9530): a body that was damaged in transit is refused."""
 
 import hashlib
 import hmac
@@ -8,33 +8,33 @@ from typing import Protocol
 from starlette.datastructures import Headers
 from starlette.types import Message, Receive
 
+from sawmill_service.http.bodies.structured_fields import bytes_in, dictionary_in
 from sawmill_service.http.problems import Refused
-from sawmill_service.http.structured_fields import bytes_in, dictionary_in
 
-# By RFC 9530, 5: algorithms that still guard against whoever wants to change something; others are ignored.
+# Algorithms that still protect against deliberate changes (RFC 9530, section 5); other algorithms are ignored.
 ALGORITHMS = {"sha-256": hashlib.sha256, "sha-512": hashlib.sha512}
 
 
 class _Hash(Protocol):
     def update(self, data: bytes, /) -> None:
-        """Go on with more bytes."""
+        """Add more bytes."""
 
     def digest(self) -> bytes:
-        """The sum."""
+        """Return the digest."""
 
 
 class BodySums:
-    """Checks the bytes of one body as they come against its `Content-Digest` (RFC 9530).
+    """Check of the bytes of one body against its `Content-Digest` (RFC 9530), as they arrive.
 
     Parameters
     ----------
     headers
-        Of the request.
+        Headers of the request.
 
     Raises
     ------
     Refused
-        400 `bad-digest`: it cannot be read.
+        400 `bad-digest`: the header cannot be read.
     """
 
     def __init__(self, headers: Headers) -> None:
@@ -42,16 +42,16 @@ class BodySums:
         self._sums: Mapping[str, _Hash] = {name: ALGORITHMS[name]() for name in self._expected}
 
     def __bool__(self) -> bool:
-        """Whether there is any digest to check."""
+        """Return whether there is a digest to check."""
         return bool(self._expected)
 
     def update(self, part: bytes) -> None:
-        """Go on with more bytes."""
+        """Add more bytes."""
         for computed in self._sums.values():
             computed.update(part)
 
     def check(self) -> None:
-        """Refuse what was damaged on its way."""
+        """Refuse a body that was damaged in transit."""
         for name, computed in self._sums.items():
             if not hmac.compare_digest(self._expected[name], computed.digest()):
                 detail = f"the bytes that came have another {name} than Content-Digest says: send them again"
@@ -59,7 +59,7 @@ class BodySums:
 
 
 def checked(receive: Receive, headers: Headers) -> Receive:
-    """Refuse a body that is another one than its `Content-Digest` says; what cannot be read of that, when it begins."""
+    """Refuse a body that does not match its `Content-Digest`, and at its start a `Content-Digest` that is malformed."""
     sums: BodySums | None = None
 
     async def receive_checked() -> Message:
@@ -75,22 +75,22 @@ def checked(receive: Receive, headers: Headers) -> Receive:
 
 
 def digests_of(headers: Headers) -> dict[str, bytes]:
-    """Of `Content-Digest` (RFC 9530), those whose algorithm is known here.
+    """Return the digests of `Content-Digest` (RFC 9530) whose algorithm is known here, by algorithm.
 
     Raises
     ------
     Refused
-        400 `bad-digest`: it cannot be read.
+        400 `bad-digest`: the header cannot be read.
     """
-    given = all_lines(headers, "content-digest") or ""
-    members = dictionary_in(given)
+    header = all_lines(headers, "content-digest") or ""
+    members = dictionary_in(header)
     if members is None:
-        raise _bad_digest(given)
+        raise _bad_digest(header)
     return {name: _digest(name, value) for name, value in members.items() if name in ALGORITHMS}
 
 
 def all_lines(headers: Headers, name: str) -> str | None:
-    """A header's value, of several lines all (RFC 9110, section 5.3)."""
+    """Return a header's value, several lines joined by commas (RFC 9110, section 5.3)."""
     return ",".join(headers.getlist(name)) or None
 
 
@@ -101,6 +101,6 @@ def _digest(name: str, value: str) -> bytes:
     return digest
 
 
-def _bad_digest(given: str) -> Refused:
+def _bad_digest(header: str) -> Refused:
     example = "sha-256=:47DEQpj8HBSa+/TImW+5JCeuQeRkm5NMpJWZG3hSuFU=:"
-    return Refused(400, "bad-digest", f"Content-Digest must be as in {example}, not {given[:100]!r}")
+    return Refused(400, "bad-digest", f"Content-Digest must be as in {example}, not {header[:100]!r}")

@@ -1,4 +1,4 @@
-"""What the head of a PATCH says of a part of an upload, by the draft "Resumable Uploads for HTTP"."""
+"""Headers of a PATCH that describe a part of an upload, by the draft "Resumable Uploads for HTTP"."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -7,12 +7,12 @@ from typing import Any, TypeVar
 from starlette.datastructures import Headers
 
 from sawmill_platform.contracts.uploads import Upload
+from sawmill_service.http.bodies.structured_fields import boolean_in, integer_in
 from sawmill_service.http.problems import Refused
-from sawmill_service.http.structured_fields import boolean_in, integer_in
 
 Value = TypeVar("Value")
 
-_MOST = 10**15 - 1  # of an integer in a structured field
+_MOST = 10**15 - 1  # largest integer in a structured field
 _BYTES = {"type": "integer", "minimum": 0, "maximum": _MOST}
 
 
@@ -38,23 +38,23 @@ HEADERS = [
         _BYTES | {"examples": [1048576]},
     ),
 ]
-"""As the OpenAPI document has them: what is wrong with one is answered with 400, and not as a field of a form is."""
+"""Headers as the OpenAPI document describes them. A wrong one is answered with 400, unlike a field of a form."""
 
 
 @dataclass(frozen=True)
 class AnnouncedPart:
-    """A part that is about to come.
+    """A part that is announced by its headers.
 
     Attributes
     ----------
     offset_bytes
-        Where it begins.
+        Position in the file at which the part begins.
     part_bytes
-        Its length; None: it is not declared.
+        Length of the part; None: not declared.
     is_last
-        Whether nothing is missing after it, as its sender says.
+        True if the sender declares that no bytes are missing after the part.
     size_bytes
-        Of the whole file, as its sender says; None: says nothing.
+        Length of the whole file, as the sender declares it; None: not declared.
     """
 
     offset_bytes: int
@@ -63,7 +63,7 @@ class AnnouncedPart:
     size_bytes: int | None
 
     def check(self, upload: Upload) -> None:
-        """Refuse what does not fit the upload, before a byte is read.
+        """Refuse a part that does not fit the upload, before a byte is read.
 
         Raises
         ------
@@ -90,7 +90,7 @@ class AnnouncedPart:
 
 
 def announced_part(headers: Headers) -> AnnouncedPart:
-    """Read the head.
+    """Read the headers of a part.
 
     Raises
     ------
@@ -103,14 +103,14 @@ def announced_part(headers: Headers) -> AnnouncedPart:
         raise Refused(400, "bad-upload-header", detail)
     return AnnouncedPart(
         offset_bytes=offset_bytes,
-        part_bytes=int(headers["content-length"]) if "content-length" in headers else None,  # the gate has looked
+        part_bytes=int(headers["content-length"]) if "content-length" in headers else None,  # digits, by the gate
         is_last=_read(headers, "Upload-Complete", boolean_in, "?1 or ?0") or False,
         size_bytes=_read(headers, "Upload-Length", _count_in, "a count of bytes, as in 1048576"),
     )
 
 
 def _read(headers: Headers, name: str, parse: Callable[[str], Value | None], right: str) -> Value | None:
-    """One header; None where there is none."""
+    """Read one header; return None if it is missing."""
     lines = headers.getlist(name)
     if not lines:
         return None

@@ -1,4 +1,4 @@
-"""Structured fields (RFC 9651): as much of them as this service's headers need. What is malformed is None."""
+"""Structured fields (RFC 9651), as far as this service's headers need them. A malformed field is read as None."""
 
 import re
 from base64 import b64decode
@@ -8,25 +8,25 @@ _BARE = (
     r"(?:-?\d{1,12}\.\d{1,3}|-?\d{1,15}|@-?\d{1,15}|\?[01]"
     r"|%?\"(?:[ !#-\[\]-~]|\\[\"\\])*\"|:[A-Za-z0-9+/=]*:|[A-Za-z*][!#$%&'*+.^_`|~:/0-9A-Za-z-]*)"
 )
-# Nothing that this service reads has any; an unknown one is left out (section 1.1).
+# No field that this service reads has parameters; unknown ones are ignored (section 1.1).
 _PARAMETERS = rf"(?:;[ ]*{_KEY}(?:={_BARE})?)*"
 _ITEM = re.compile(rf"[ ]*({_BARE}){_PARAMETERS}[ ]*", re.ASCII)
 _MEMBER = re.compile(rf"[ \t]*({_KEY})(?:=({_BARE}))?{_PARAMETERS}[ \t]*(,|$)", re.ASCII)
 
 
 def integer_in(text: str) -> int | None:
-    """An item that is an integer (section 3.3.1)."""
+    """Read an item that is an integer (section 3.3.1)."""
     bare = _bare_in(text)
     return int(bare) if bare is not None and re.fullmatch(r"-?\d+", bare, re.ASCII) else None
 
 
 def boolean_in(text: str) -> bool | None:
-    """An item that is a boolean (section 3.3.6): `?1` or `?0`."""
+    """Read an item that is a boolean (section 3.3.6): `?1` or `?0`."""
     return {"?1": True, "?0": False}.get(_bare_in(text) or "")
 
 
 def bytes_in(text: str) -> bytes | None:
-    """An item that is a sequence of bytes (section 3.3.5), as in `:aGVsbG8=:`."""
+    """Read an item that is a sequence of bytes (section 3.3.5), as in `:aGVsbG8=:`."""
     bare = _bare_in(text) or ""
     try:
         return b64decode(bare[1:-1], validate=True) if bare.startswith(":") else None
@@ -35,15 +35,15 @@ def bytes_in(text: str) -> bytes | None:
 
 
 def dictionary_in(text: str) -> dict[str, str] | None:
-    """A dictionary of items (section 3.2), each as it is written; of one name the last."""
-    found, at = dict[str, str](), 0
+    """Read a dictionary of items (section 3.2), each as it is written; the last item of a name counts."""
+    members, at = dict[str, str](), 0
     if not text.strip(" \t"):
-        return found
+        return members
     while (member := _MEMBER.match(text, at)) is not None:
-        found[member[1]] = member[2] or "?1"
+        members[member[1]] = member[2] or "?1"
         at = member.end()
         if not member[3]:
-            return found
+            return members
     return None
 
 

@@ -1,4 +1,4 @@
-"""Bodies that come too slowly are refused, so that none is held open for ever."""
+"""Bodies that arrive too slowly are refused, so that no request stays open for ever."""
 
 import asyncio
 
@@ -8,16 +8,16 @@ from sawmill_service.http.problems import Refused
 
 
 class SlowBodies:
-    """Refuse a body that stands still, or comes at less than the least mean rate.
+    """Middleware that refuses a body that stops, or arrives at less than the least mean rate.
 
-    Only the time in which the service waited for it counts: writing to a slow disk is not the client's fault.
+    Only the time in which the service waited for the body counts: writing to a slow disk is not the client's fault.
 
     Parameters
     ----------
     silence_s
-        The longest wait for a part.
+        Longest wait for a part, s.
     grace_s, least_bytes_per_s
-        Once the wait was longer than the grace, the mean rate counts.
+        Mean rate that the body must have once the service has waited longer than the grace.
     """
 
     def __init__(self, app: ASGIApp, *, silence_s: float, grace_s: float, least_bytes_per_s: float) -> None:

@@ -1,4 +1,4 @@
-"""How many requests, and how many failed logins, somebody may send in a span of time."""
+"""Rates of requests and of failed logins."""
 
 import math
 import threading
@@ -9,28 +9,28 @@ from limits import RateLimitItem, parse_many
 from limits.storage import MemoryStorage
 from limits.strategies import SlidingWindowCounterRateLimiter
 
-from sawmill_service.http.callers import network_of
+from sawmill_service.http.limits.callers import network_of
 from sawmill_service.http.problems import Refused
 
-# Of counts: some 7 MB. A caller has two or four.
+# Number of counts that are kept, some 7 MB. A caller has two or four.
 _MOST_COUNTS = 20_000
-# Of wrong secrets that are known again: 2 MB.
+# Number of wrong secrets that are recognised, 2 MB.
 _MOST_WRONG = 10_000
 _WRONG_KEYS = "wrong keys"
 
 
 def too_many(detail: str, retry_after_s: int) -> Refused:
-    """Refuse for now."""
+    """Make the refusal of a request that may be sent again later."""
     return Refused(429, "too-many-requests", detail, {"Retry-After": str(retry_after_s)})
 
 
 def check_rate(text: str) -> str:
-    """Refuse what the library cannot read as a rate, or as several.
+    """Check that the library can read a text as one rate or several.
 
     Raises
     ------
     ValueError
-        It is no rate, or one that lets nothing through.
+        The text is no rate, or a rate that lets nothing through.
     """
     try:
         limits = parse_many(text)
@@ -45,12 +45,12 @@ _WRONG_RATE = "must be as in 1200/minute, or 1200/minute; 50/second, with at lea
 
 
 class BoundedMemory(MemoryStorage):
-    """The library's memory, bounded: its own looks at all counts in a new thread after each request.
+    """The library's memory with a bound; without one, it inspects all counts in a new thread after each request.
 
     Parameters
     ----------
     most_counts
-        Of them; beyond that those that have run out go, and the tenth that is oldest.
+        Largest number of counts. Beyond it, expired counts are removed; if none has expired, the oldest tenth is.
     """
 
     def __init__(self, most_counts: int = _MOST_COUNTS) -> None:
@@ -58,7 +58,7 @@ class BoundedMemory(MemoryStorage):
         self._most_counts = most_counts
 
     def incr(self, key: str, expiry: float, amount: int = 1) -> int:
-        """Count."""
+        """Add to a count."""
         if self.get(key) == 0:
             self._make_room()
             self.expirations[key] = time.time() + expiry
@@ -80,7 +80,7 @@ class Rates:
     Parameters
     ----------
     limits
-        As settings give them: each is one that must hold.
+        Limits as the settings give them; all of them must hold.
     """
 
     def __init__(self, limits: str) -> None:
@@ -89,12 +89,12 @@ class Rates:
         self._lock = threading.Lock()
 
     def take(self, *name: str) -> None:
-        """Count one.
+        """Count one request.
 
         Raises
         ------
         Refused
-            There were as many as allowed: 429, with the time until there is room.
+            429 `too-many-requests`, with the time after which to try again.
         """
         with self._lock:
             for limit in self._limits:
@@ -112,15 +112,15 @@ class Rates:
 
 
 class FailedLogins:
-    """Secrets that were wrong, by address. Beyond a rate further wrong ones get 429; a good one opens all the same.
+    """Wrong secrets by address. Beyond a rate, further wrong secrets get 429; a valid secret is accepted all the same.
 
-    The same one again is known, and neither looked up nor counted: a program that goes on with a key that has ended
-    guesses nothing.
+    A wrong secret that is sent again is recognised, and neither looked up nor counted: a program that continues with
+    an expired key guesses nothing.
 
     Parameters
     ----------
     limits
-        As settings give them.
+        Limits as the settings give them.
     """
 
     def __init__(self, limits: str) -> None:
@@ -128,16 +128,16 @@ class FailedLogins:
         self._wrong: OrderedDict[tuple[str, str], None] = OrderedDict()
 
     def knows(self, address: str, secret_hash: str) -> bool:
-        """Whether this address brought this secret before, and it was wrong."""
+        """Return whether this address has sent this wrong secret before."""
         return (network_of(address), secret_hash) in self._wrong
 
     def failed(self, address: str, secret_hash: str) -> None:
-        """A secret from this address was wrong.
+        """Count a wrong secret from an address.
 
         Raises
         ------
         Refused
-            So were too many others before it.
+            429 `too-many-requests`: too many wrong secrets came before.
         """
         network = network_of(address)
         self._wrong[network, secret_hash] = None

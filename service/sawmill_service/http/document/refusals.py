@@ -1,13 +1,13 @@
-"""What operations refuse, as the OpenAPI document lists it: the codes of problems, each under its status."""
+"""Refusals of operations in the OpenAPI document: the codes of problems by status."""
 
 from collections.abc import Iterable
 from http import HTTPStatus
 from typing import Any
 
 from sawmill_contracts.kinds import AskedKind, Reference
-from sawmill_service.access import OPEN_PATHS
-from sawmill_service.http.problem_types import PATH, problem_types
+from sawmill_service.http.problem_types import problem_types
 from sawmill_service.http.problems import MEDIA_TYPE
+from sawmill_service.http.route_rules import NoKey, Rule
 
 Responses = dict[int | str, dict[str, Any]]
 
@@ -42,40 +42,40 @@ _OF_REFERENCES = {
 
 
 def refuses(*codes: str) -> Responses:
-    """The codes that are an operation's own, for `responses` of its decorator; those of all operations come by rule.
+    """Describe the specific refusals of an operation, for `responses` in the decorator; common ones are added later.
 
     Raises
     ------
     KeyError
-        A code that `problem_texts/` gives no status.
+        `problem_texts/` gives a code no status.
     """
     return {status: {CODES_KEY: sorted(listed)} for status, listed in _by_status(codes).items()}
 
 
 def refuses_upload(*codes: str) -> Responses:
-    """As `refuses`, of an operation whose body is a file."""
+    """Describe the refusals of an operation whose body is a file."""
     return refuses(*_OF_UPLOADS, *codes)
 
 
 def refuses_ask(declared: AskedKind[Any, Any]) -> Responses:
-    """What asking for a kind's job may refuse, by what it refers to."""
+    """Describe the refusals of asking for a kind of job, by the resources that it refers to."""
     codes = {code for reference in declared.references for code in _OF_REFERENCES[reference]}
     fields = declared.options.model_fields
     codes |= {code for name, code in (("rows", "rows-outside"), ("views", "views-too-many")) if name in fields}
     return refuses(*codes, *OF_QUEUE)
 
 
-def list_refusals(method: str, path: str, operation: dict[str, Any]) -> None:
-    """Give an operation of the document its refusals, one by one: its own, and those that its shape brings."""
+def list_refusals(method: str, rule: Rule, operation: dict[str, Any]) -> None:
+    """List the refusals of an operation in the document: specific ones, and those that follow from its shape."""
     responses = operation["responses"]
     own = {code for response in responses.values() for code in response.pop(CODES_KEY, ())}
-    for status, codes in sorted(_by_status({*own, *_by_shape(method, path, operation)}).items()):
+    for status, codes in sorted(_by_status({*own, *_by_shape(method, rule, operation)}).items()):
         responses[str(status)] = responses.get(str(status), {}) | _refusal(status, codes)
 
 
-def _by_shape(method: str, path: str, operation: dict[str, Any]) -> Iterable[str]:
+def _by_shape(method: str, rule: Rule, operation: dict[str, Any]) -> Iterable[str]:
     yield from _ALWAYS
-    yield from () if path in OPEN_PATHS or path.startswith(PATH) else _WITH_KEY
+    yield from () if isinstance(rule.needs, NoKey) else _WITH_KEY
     yield from () if method == "GET" else _CHANGING
     yield from _DELETING if method == "DELETE" else ()
     yield from _WITH_BODY if "requestBody" in operation else ()
@@ -92,10 +92,10 @@ def _status_of(code: str) -> int:
 
 
 def _by_status(codes: Iterable[str]) -> dict[int, set[str]]:
-    found: dict[int, set[str]] = {}
+    by_status: dict[int, set[str]] = {}
     for code in codes:
-        found.setdefault(_status_of(code), set()).add(code)
-    return found
+        by_status.setdefault(_status_of(code), set()).add(code)
+    return by_status
 
 
 def _refusal(status: int, codes: Iterable[str]) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""What one caller may ask for: requests in a span of time, requests at once, and streams."""
+"""Limits for each caller: requests in a span of time, requests at once, and streams."""
 
 from collections import Counter
 from collections.abc import Iterator
@@ -8,31 +8,31 @@ from urllib.parse import parse_qs
 from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from sawmill_service.access import OPEN_PATHS
-from sawmill_service.http.callers import who
+from sawmill_service.http.bodies.unread_bodies import has_body
 from sawmill_service.http.gate import SAFE_METHODS
+from sawmill_service.http.limits.callers import who
+from sawmill_service.http.limits.rates import Rates, too_many
 from sawmill_service.http.problems import Refused, refusal_response
-from sawmill_service.http.rates import Rates, too_many
-from sawmill_service.http.unread_bodies import has_body
+from sawmill_service.http.route_rules import NoKey, no_key
 from sawmill_service.settings import ServiceSettings
 
 _MOST_HEADERS = 100
 _MOST_HEAD_BYTES = 20 * 2**10
-# Of all streams every so-manieth is kept for displays on the wall, whose keys are made for nothing else.
+# One stream in this many is kept for displays on the wall, whose keys serve no other purpose.
 _SHARE_OF_DISPLAYS = 4
 # Places become free as answers begin, most of them within a second.
 _RETRY_S = 2
 
 
-class Places:
-    """Places that are taken and left, a bounded number for each name."""
+class RequestPlaces:
+    """Counter of requests that are being answered, bounded for each name."""
 
     def __init__(self) -> None:
         self._taken: Counter[str] = Counter()
 
     @contextmanager
     def one(self, name: str, most: int, detail: str) -> Iterator[None]:
-        """Have a place, or refuse with a sentence."""
+        """Hold a place within the block, or refuse with a sentence."""
         if self._taken[name] >= most:
             raise too_many(detail, _RETRY_S)
         self._taken[name] += 1
@@ -45,16 +45,16 @@ class Places:
 
 
 class Admission:
-    """Refuse what is beyond a caller's rates, and beyond the number of requests that it may have open at once.
+    """Middleware that refuses requests beyond a caller's rates, and beyond the number that it may have open at once.
 
-    Without that, one caller could hold all threads. A request counts until its answer begins: what comes then waits
-    for the client alone. A stream of events counts until its end. Those with a body are counted apart, so that slow
-    uploads do not keep short requests out; so are those that wait for a job, and looks at the service's health.
+    Without that, one caller could hold all threads. A request counts until its answer begins: from then on, only the
+    client is waited for. A stream of events counts until its end. Requests with a body are counted apart, so that slow
+    uploads do not keep short requests out. So are requests that wait for a job, and checks of the service's health.
 
     Parameters
     ----------
     settings
-        The bounds.
+        Settings with the limits.
     """
 
     def __init__(self, app: ASGIApp, *, settings: ServiceSettings) -> None:
@@ -68,7 +68,7 @@ class Admission:
             "waits": settings.max_waits_at_once,
         }
         self._streams = settings.max_streams
-        self._places = Places()
+        self._places = RequestPlaces()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Let a request in, or answer it with a problem."""
@@ -99,7 +99,7 @@ class Admission:
             detail = f"the path, the query and the headers may have {_MOST_HEAD_BYTES} bytes together"
             raise Refused(431, "head-too-large", detail)
         caller = who(scope)
-        self._all.take("looks at health" if scope["path"] in OPEN_PATHS else "requests", caller)
+        self._all.take("looks at health" if no_key(scope) is NoKey.MONITORING else "requests", caller)
         if scope["method"] not in SAFE_METHODS:
             self._changes.take("changes", caller)
 
@@ -127,10 +127,10 @@ def _kind(scope: Scope, headers: Headers) -> str:
 
 
 def _waits(scope: Scope) -> bool:
-    """Whether the answer may be asked to wait: `wait=0` is not, nor is what is refused at once."""
-    asked = parse_qs(scope["query_string"].decode("latin-1")).get("wait", [])
+    """Return whether a request asks to wait for a job; `wait=0` does not, nor does a value that is refused at once."""
+    values = parse_qs(scope["query_string"].decode("latin-1")).get("wait", [])
     with suppress(ValueError):
-        return any(float(seconds) > 0.0 for seconds in asked)
+        return any(float(seconds) > 0.0 for seconds in values)
     return False
 
 

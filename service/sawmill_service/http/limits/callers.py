@@ -1,4 +1,4 @@
-"""Who sends a request, as limits count it."""
+"""Names of the senders of requests, by which limits count."""
 
 from ipaddress import IPv6Address, ip_address, ip_network
 
@@ -8,7 +8,7 @@ from sawmill_platform.acting import actor
 
 
 def who(scope: Scope) -> str:
-    """For whom a request counts: the key that it brought, or its client's network."""
+    """Return the name under which a request is counted: the key that it brought, or the client's network."""
     key_id = actor().key_id
     if key_id is not None:
         return f"key {key_id}"
@@ -17,10 +17,10 @@ def who(scope: Scope) -> str:
 
 
 def network_of(address: str) -> str:
-    """An IPv4 address, or the /64 of an IPv6 address, which is what one subscriber has; other text as it is."""
+    """Return an IPv4 address, or the /64 of an IPv6 address, which one subscriber has; any other text unchanged."""
     try:
         ip = ip_address(address.partition("%")[0])
-    except ValueError:  # what a proxy has put there
+    except ValueError:  # a text that a proxy has put there
         return address[:64]
     if not isinstance(ip, IPv6Address):
         return str(ip)

@@ -19,7 +19,7 @@ from sawmill_service.stopping import Stopping
 MOST_S = 60.0
 # Proxies give up a request that is silent for a minute, as nginx does by default.
 _LONGEST_S = 55.0
-# Threads for hundreds that hear of an end at once: the others are for whoever asks meanwhile.
+# Threads for hundreds of requests that wait for one end: the other threads remain for further requests.
 _READERS = 8
 _UNFINISHED = {JobState.QUEUED, JobState.RUNNING, ScanState.INGESTING, PhantomState.TRACING}
 
@@ -27,16 +27,16 @@ Answer = TypeVar("Answer")
 
 
 class JobEnds:
-    """Wakes whoever waits for a job; one reader of events for all of them, and none while nobody waits.
+    """Ends of jobs, for the requests that wait; one reader of events for all requests, and none while no request waits.
 
     Parameters
     ----------
     feed
-        What happens.
+        Feed of events.
     stopping
-        The end of the service, which ends every wait.
+        End of the service, which ends every wait.
     poll_s
-        Time between two looks at the feed.
+        Time between two reads of the feed, s.
     """
 
     def __init__(self, feed: EventFeed, stopping: Stopping, poll_s: float) -> None:
@@ -47,35 +47,39 @@ class JobEnds:
         self._begun: asyncio.Future[None]
 
     async def read(
-        self, read: Callable[[], Answer], wait_s: float, left: Callable[[], Coroutine[Any, Any, None]]
+        self, read: Callable[[], Answer], wait_s: float, until_gone: Callable[[], Coroutine[Any, Any, None]]
     ) -> Answer:
-        """An answer with its job ended, or as it is after a time.
+        """Return an answer once its job has ended, or its state after the wait.
 
         Parameters
         ----------
         read
-            Gives the answer as it is now, a job or what a job works on; runs in a thread.
+            Function that returns the current state, of a job or of the resource that a job works on; runs in a thread.
         wait_s
-            0 does not wait.
-        left
-            Ends when the client has gone, which ends the wait.
+            Longest wait, s; 0 does not wait.
+        until_gone
+            Coroutine that ends when the client has gone, which ends the wait.
 
         Raises
         ------
         StorageUnavailable
-            The database does not answer when the wait begins or ends; meanwhile it may be away.
+            The database does not answer when the wait begins or ends; in between it may be away.
         """
         answer = await run_in_threadpool(read)
         if wait_s <= 0.0 or not is_unfinished(answer):
             return answer
-        return await self._read_when_ended(read, _job_id(answer), min(wait_s, _LONGEST_S), left)
+        return await self._read_when_ended(read, _job_id(answer), min(wait_s, _LONGEST_S), until_gone)
 
     async def _read_when_ended(
-        self, read: Callable[[], Answer], job_id: str, wait_s: float, left: Callable[[], Coroutine[Any, Any, None]]
+        self,
+        read: Callable[[], Answer],
+        job_id: str,
+        wait_s: float,
+        until_gone: Callable[[], Coroutine[Any, Any, None]],
     ) -> Answer:
         waiting, ended = self._waiting.setdefault(job_id, set()), asyncio.get_running_loop().create_future()
         waiting.add(ended)
-        gone = asyncio.create_task(left())
+        gone = asyncio.create_task(until_gone())
         until_s = time.monotonic() + wait_s
 
         async def wait_for(what: asyncio.Future[None]) -> None:
@@ -86,7 +90,7 @@ class JobEnds:
             await wait_for(begun := self._watch())
             if begun.done():
                 begun.result()
-                # From here on no end is missed; one that came before shows in the answer.
+                # From here on no end is missed; the answer shows an earlier end.
                 answer = await self._again(read)
                 if not is_unfinished(answer):
                     return answer
@@ -103,7 +107,7 @@ class JobEnds:
             return await run_in_threadpool(read)
 
     def _watch(self) -> "asyncio.Future[None]":
-        """See to it that somebody reads events; done when somebody does."""
+        """Start a reader of events if there is none; the result is done once it reads."""
         if self._watcher is None or self._watcher.done():
             self._begun = asyncio.get_running_loop().create_future()
             self._watcher = asyncio.create_task(self._follow(self._begun))
@@ -112,7 +116,7 @@ class JobEnds:
     async def _follow(self, begun: "asyncio.Future[None]") -> None:
         try:
             number = await self._feed.start(None)
-        except Exception as error:  # noqa: BLE001 - whoever waits raises it
+        except Exception as error:  # noqa: BLE001 - the waiting requests raise it
             begun.set_exception(error)
             return
         begun.set_result(None)
@@ -132,8 +136,8 @@ class JobEnds:
                     ended.set_result(None)
 
 
-def is_unfinished(answer: Any) -> bool:  # noqa: ANN401 - a job, or what a job works on
-    """Whether a job, or that of a scan, a phantom or what somebody asked for, has not ended."""
+def is_unfinished(answer: Any) -> bool:  # noqa: ANN401 - a job, or a resource that a job works on
+    """Return whether a job, or the job of a scan, a phantom or another resource, has not ended."""
     return answer.state in _UNFINISHED
 
 
@@ -142,8 +146,8 @@ def _job_id(answer: Any) -> str:  # noqa: ANN401 - the same
     return job_id
 
 
-class Waiting:
-    """How long one request waits."""
+class WaitOption:
+    """Query option `wait` of a request."""
 
     def __init__(
         self,
@@ -165,16 +169,16 @@ class Waiting:
         self._request, self._response, self._wait_s = request, response, wait
 
     async def read(self, read: Callable[[], Answer]) -> Answer:
-        """An answer after the wait, with `Retry-After` while its job has not ended."""
+        """Return an answer after the wait, with `Retry-After` if its job has not ended."""
         answer = await self._ends.read(read, self._wait_s, self._left)
         if is_unfinished(answer):
             self._response.headers["Retry-After"] = str(self._retry_after_s)
         return answer
 
     async def _left(self) -> None:
-        """Return when the client has gone; what it sends after the head is passed over."""
+        """Return when the client has gone; a body is ignored."""
         while (await self._request.receive())["type"] != "http.disconnect":
             pass
 
 
-TheWaiting = Annotated[Waiting, Depends()]
+TheWaiting = Annotated[WaitOption, Depends()]

@@ -1,4 +1,4 @@
-"""The sha256 of what is sent: entity tags and digests are made of it, and it is computed once."""
+"""sha256 of the answers: entity tags and digests are made of it, and it is computed once."""
 
 import asyncio
 import hashlib
@@ -15,33 +15,33 @@ from fastapi.concurrency import run_in_threadpool
 from sawmill_formats.errors import DamagedResult
 from sawmill_platform.files.digests import NOTED_FROM_BYTES, compute_digest, note_digest, read_note
 
-# Of pictures that are kept as they were sent; one alone may have a quarter.
+# Bytes of the pictures that are kept as they were sent; one picture may have a quarter.
 _KEPT_BYTES = 16 * 1024**2
 # A digest and its key have some 300 bytes.
 _MOST_DIGESTS = 10_000
-# Large files that are read at once, each in a thread: the other threads are for whoever asks meanwhile.
+# Large files that are read at once, each in a thread: the other threads remain for further requests.
 _READ_AT_ONCE = 2
 
 log = structlog.get_logger(__name__)
 
 
 def tag_of(digest: bytes) -> str:
-    """A strong entity tag."""
+    """Return a strong entity tag."""
     return f'"{digest.hex()}"'
 
 
 def repr_digest(digest: bytes) -> str:
-    """As in the header `Repr-Digest` (RFC 9530)."""
+    """Return the value of the header `Repr-Digest` (RFC 9530)."""
     return f"sha-256=:{b64encode(digest).decode()}:"
 
 
 def key_of(path: str, made_of: Hashable) -> Hashable:
-    """Of a content that is made for a path from other values, which may be long."""
+    """Return the key of a content that is made for a path from further values, which may be long."""
     return path, hashlib.sha256(repr(made_of).encode()).digest()
 
 
 class Digests:
-    """Digests by what was sent, the newest, and small contents with theirs."""
+    """Digests of the newest answers by key, and small contents with their digests."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -52,19 +52,19 @@ class Digests:
         self._kept_bytes = 0
 
     def known(self, key: Hashable) -> bytes | None:
-        """The digest that was noted under a key."""
+        """Return the digest that was noted under a key."""
         with self._lock:
             return self._digests.get(key)
 
     def content(self, key: Hashable) -> bytes | None:
-        """The content that was noted under a key, if it is kept still."""
+        """Return the content that was noted under a key, if it is still kept."""
         with self._lock:
             if key in self._contents:
                 self._contents.move_to_end(key)
             return self._contents.get(key)
 
     def note(self, key: Hashable, content: bytes, *, keep: bool = True) -> bytes:
-        """The digest of a content, which is known by its key from now on; a small content is kept with it."""
+        """Note and return the digest of a content under a key; keep a small content with the digest."""
         digest = hashlib.sha256(content).digest()
         with self._lock:
             self._note(key, digest)
@@ -76,18 +76,18 @@ class Digests:
         return digest
 
     async def of_file(self, path: Path, status: os.stat_result, check: Callable[[], None]) -> bytes:
-        """The digest of a file as it was when `status` was taken; the first time may take as long as reading it.
+        """Return the digest of a file as it was when `status` was taken; the first time may take as long as reading it.
 
-        Of many that ask for one file one computes it, and the others hold no thread.
+        If many requests need one file, one of them computes the digest, and the rest hold no thread.
 
         Raises
         ------
         FileNotFoundError
-            It is gone.
+            The file is gone.
         StorageUnavailable
-            It is another one by now.
+            The file has been replaced.
         DamagedResult
-            `check` refuses it, or it is not the file whose digest was noted.
+            `check` refuses the file, or its digest differs from the noted one.
         """
         key = (str(path), status.st_size, status.st_mtime_ns)
         if (digest := self.known(key)) is not None:
@@ -95,7 +95,7 @@ class Digests:
         if key not in self._reading:
             self._reading[key] = asyncio.create_task(self._read(key, path, status, check))
             self._reading[key].add_done_callback(lambda _: self._reading.pop(key))
-        return await asyncio.shield(self._reading[key])  # whoever goes leaves it to the others
+        return await asyncio.shield(self._reading[key])  # a request that is cancelled leaves the task to the rest
 
     async def _read(self, key: Hashable, path: Path, status: os.stat_result, check: Callable[[], None]) -> bytes:
         await run_in_threadpool(check)

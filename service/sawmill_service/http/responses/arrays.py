@@ -1,4 +1,4 @@
-"""Answers that are arrays: NPY files, sent piece by piece, and a bound on what all of them together hold in memory."""
+"""Answers that are arrays: NPY files, sent in pieces, with a bound on the memory of all of them together."""
 
 import threading
 from collections.abc import AsyncIterator, Callable, Hashable, Mapping
@@ -7,12 +7,12 @@ from fastapi import Request, Response
 from fastapi.responses import StreamingResponse
 from starlette.types import Receive, Scope, Send
 
-from sawmill_service.http.answers import describing, one_part
-from sawmill_service.http.conditional import check_conditions
-from sawmill_service.http.digests import Digests, key_of, tag_of
-from sawmill_service.http.rates import too_many
+from sawmill_service.http.limits.rates import too_many
+from sawmill_service.http.responses.answers import describing, one_part
+from sawmill_service.http.responses.conditional import check_conditions
+from sawmill_service.http.responses.digests import Digests, key_of, tag_of
 
-# Of all arrays that are being read or sent: four slices of 4096 x 4096.
+# Bytes of all arrays that are being read or sent: four slices of 4096 x 4096.
 MOST_BYTES = 256 * 1024**2
 _PIECE_BYTES = 256 * 1024
 _RETRY_S = 1
@@ -25,12 +25,12 @@ class Npy(Response):
 
 
 class HeldBytes:
-    """Counts the memory of answers until they are sent.
+    """Counter of the memory of answers until they are sent.
 
     Parameters
     ----------
     most
-        Bytes of all of them at once; one alone may have more.
+        Largest sum, in bytes; a single answer may have more.
     """
 
     def __init__(self, most: int = MOST_BYTES) -> None:
@@ -44,7 +44,7 @@ class HeldBytes:
         Raises
         ------
         Refused
-            429 `too-many-requests`: too much is held.
+            429 `too-many-requests`: other answers use the memory.
         """
         with self._lock:
             if self._held and self._held + size > self._most:
@@ -53,7 +53,7 @@ class HeldBytes:
             self._held += size
 
     def give_back(self, size: int) -> None:
-        """Forget an answer that was sent."""
+        """Subtract an answer that was sent."""
         with self._lock:
             self._held -= size
 
@@ -64,18 +64,18 @@ _ALL = HeldBytes()
 def array(
     request: Request, made_of: Hashable, size: int, read: Callable[[], tuple[bytes, Mapping[str, str]]], *, save_as: str
 ) -> Response:
-    """An NPY file, read only for a client that does not hold it.
+    """Return an NPY file, or 304 for a client that has the file already.
 
     Parameters
     ----------
     made_of
-        Everything that it depends on.
+        All values that the file depends on.
     size
-        Bytes of what is read for it.
+        Bytes that are read for the file.
     read
-        Gives the file's content and headers that describe it.
+        Function that returns the file's content, and headers that describe it.
     save_as
-        The name under which a browser saves it.
+        Name under which a browser saves the file.
     """
     digests: Digests = request.app.state.digests
     key = key_of(request.url.path, made_of)
@@ -93,7 +93,7 @@ def array(
     except BaseException:
         _ALL.give_back(size)
         raise
-    # What is sent may be smaller than what was read.
+    # Fewer bytes may be sent than were read.
     counted = min(size, len(content))
     _ALL.give_back(size - counted)
     described = {**headers, **own, **of_range, "Content-Length": str(len(part))}
@@ -101,13 +101,13 @@ def array(
 
 
 def _given_back(size: int, answer: Response) -> Response:
-    """An answer without the array that was read for it."""
+    """Return an answer that does not send the array that was read."""
     _ALL.give_back(size)
     return answer
 
 
 class _Sent(StreamingResponse):
-    """Its bytes are counted until the client has them, or is gone."""
+    """An answer whose bytes are counted until the client has them, or is gone."""
 
     def __init__(self, content: bytes, status: int, headers: Mapping[str, str], *, counted: int) -> None:
         super().__init__(_pieces(content), status, media_type=Npy.media_type, headers=headers)
@@ -122,6 +122,6 @@ class _Sent(StreamingResponse):
 
 
 async def _pieces(content: bytes) -> AsyncIterator[bytes]:
-    # The server takes a piece when the client has read the one before: only then are bytes held here and not there.
+    # The server takes a piece when the client has read the one before, so that the bytes are held once.
     for start in range(0, len(content), _PIECE_BYTES):
         yield content[start : start + _PIECE_BYTES]

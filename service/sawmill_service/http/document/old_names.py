@@ -1,6 +1,6 @@
-"""Answers to requests that use what is out of use say so: `Deprecation` (RFC 9745), and where it is described.
+"""Headers of answers to requests that use a deprecated field or route: `Deprecation` (RFC 9745) and a link.
 
-There is no `Sunset` (RFC 8594): an old name goes when somebody installs a later version, and nobody knows that day.
+There is no `Sunset` (RFC 8594): an old name is removed when a later version is installed, and nobody knows that day.
 """
 
 from collections.abc import Mapping
@@ -15,7 +15,7 @@ from sawmill_contracts.kinds import asked_kinds
 from sawmill_platform.contracts.old_names import OutOfUse, out_of_use
 from sawmill_service.access import Caller
 from sawmill_service.dependencies import TheCaller
-from sawmill_service.http.refusals import Responses
+from sawmill_service.http.document.refusals import Responses
 
 _TEXT = {"type": "string"}
 _HEADERS = {
@@ -29,12 +29,12 @@ log = structlog.get_logger(__name__)
 
 
 def announced(ask: type[BaseModel]) -> Responses:
-    """How the OpenAPI document describes it on what a request is accepted with."""
+    """Describe the headers in the OpenAPI document for an ask that has deprecated fields."""
     return {202: {"headers": _HEADERS}} if list(out_of_use(ask)) else {}
 
 
 def announce(ask: BaseModel, caller: Caller, response: Response) -> None:
-    """Set the headers of an accepted request, and log who uses what is out of use."""
+    """Set the headers of the answer to an accepted ask, and log the deprecated fields with the key."""
     used = {name: mark for name, mark in out_of_use(type(ask)) if name in ask.model_fields_set}
     if used:
         fields = f"components/schemas/{type(ask).__name__}/properties"
@@ -44,20 +44,20 @@ def announce(ask: BaseModel, caller: Caller, response: Response) -> None:
 
 @dataclass(frozen=True)
 class OldRoute:
-    """A route that is out of use: a dependency of it, so that its answers say so."""
+    """Dependency of a deprecated route, which marks the route's answers."""
 
     method: str
     path: str
     mark: OutOfUse
 
     def __call__(self, caller: TheCaller, response: Response) -> None:
-        """Set the headers of its answer, and log who asks for it."""
+        """Set the headers of the answer, and log the use of the route with the key."""
         pointer = self.path.replace("~", "~0").replace("/", "~1")
         _set_headers(response, {quote(f"paths/{pointer}/{self.method.lower()}", safe="/~"): self.mark})
         log.warning("out-of-use", routes={str(self): self.mark.gone_in}, key_id=caller.key_id)
 
     def __str__(self) -> str:
-        """As requests have it."""
+        """Return the method and the path."""
         return f"{self.method} {self.path}"
 
 
@@ -73,11 +73,11 @@ ACTIVATIONS = OldRoute(
 )
 OLD_ROUTES = (ACTIVATIONS,)
 OLD: Responses = {200: {"headers": _HEADERS}}
-"""What a route that is out of use answers with."""
+"""Answer of a deprecated route."""
 
 
 def _set_headers(response: Response, used: Mapping[str, OutOfUse]) -> None:
-    """By where in the OpenAPI document each is described."""
+    """Set the headers from deprecation marks by their JSON pointer in the OpenAPI document."""
     since = min(mark.moment for mark in used.values())
     links = [f'</openapi.json#/{pointer}>; rel="deprecation"; type="application/json"' for pointer in used]
     response.headers["Deprecation"] = f"@{int(since.timestamp())}"
@@ -85,7 +85,7 @@ def _set_headers(response: Response, used: Mapping[str, OutOfUse]) -> None:
 
 
 def markdown_table() -> str:
-    """All of them, as docs/http.md has it."""
+    """Return the table of deprecated names for docs/http.md."""
     marks = [
         (f"`{name}` of `{declared.ask.__name__}`", mark)
         for declared in asked_kinds()

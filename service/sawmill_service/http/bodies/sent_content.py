@@ -1,4 +1,4 @@
-"""What the bytes of an upload's body stand for: packed or not, a file and no page."""
+"""Content of an upload's body: packed by gzip or not, and a file, not a page or a form."""
 
 import re
 import zlib
@@ -7,23 +7,23 @@ from typing import Any
 
 from starlette.datastructures import Headers
 
-from sawmill_service.http.body_sums import BodySums, all_lines
+from sawmill_service.http.bodies.body_sums import BodySums, all_lines
 from sawmill_service.http.problems import Refused
 
 BYTES = "application/octet-stream"
-# No file is a text that somebody says is one, nor a form; `curl --data-binary` calls any file a urlencoded form.
+# A body that is declared as text or as a form is no file; `curl --data-binary` declares any file as a urlencoded form.
 _NO_FILE = re.compile(r"text/.*|multipart/.*|application/json|application/xml|.*\+(json|xml)")
 _PAGE = re.compile(rb"(?:\xef\xbb\xbf)?\s*<(!doctype\s+html|html|\?xml)", re.IGNORECASE)
 _FORM = re.compile(rb"--[^\r\n]{1,70}\r\ncontent-disposition:\s*form-data", re.IGNORECASE)
 _PIECE_BYTES = 2**20
 # gzip packs a file of one value a thousandfold; measured counts and line integrals about twofold.
-# Each member costs time of its own, even an empty one; programs that write many give each thousands of bytes.
+# Each member costs time, even an empty one; programs that write many members give each thousands of bytes.
 _FREE_MEMBERS, _LEAST_MEMBER_BYTES = 100, 1024
 _MOST_RATIO, _FREE_BYTES = 100, 16 * 2**20
 
 
 class FirstBytes:
-    """Looks at how a file begins, in whatever pieces that comes."""
+    """Check of the first bytes of a file, in pieces of any size."""
 
     NUMBER = 1024
 
@@ -35,25 +35,25 @@ class FirstBytes:
         if len(self._seen) == self.NUMBER:
             return
         self._seen += piece[: self.NUMBER - len(self._seen)]
-        found = "a page (HTML or XML)" if _PAGE.match(self._seen) else "a form" if _FORM.match(self._seen) else None
-        if found:
-            detail = f"the body is {found}, not a file of measurements: send the file's bytes alone, as {BYTES}"
+        kind = "a page (HTML or XML)" if _PAGE.match(self._seen) else "a form" if _FORM.match(self._seen) else None
+        if kind:
+            detail = f"the body is {kind}, not a file of measurements: send the file's bytes alone, as {BYTES}"
             raise Refused(415, "unsupported-media-type", detail, {"Accept": BYTES})
 
 
 class SentContent:
-    """Unpacks and checks the bytes of one body.
+    """Reader that unpacks and checks the bytes of one body.
 
     Parameters
     ----------
     headers
-        Of the request.
+        Headers of the request.
     packed
-        Whether they may be packed by gzip.
+        Whether the bytes may be packed by gzip.
     begins
-        Whether they are the file's first ones.
+        Whether the bytes are the first ones of the file.
     of_form
-        Whether they are those of a form, and no file's: whoever takes it apart looks at its type and its file.
+        Whether the body is a form and no file; the reader of the form checks the form's type and its file.
 
     Raises
     ------
@@ -75,15 +75,15 @@ class SentContent:
 
     @property
     def has_digest(self) -> bool:
-        """Whether it must come whole to be known as right."""
+        """True if the body has a digest, which can be checked only when it has arrived whole."""
         return bool(self._sums)
 
     def sha256_with(self, file_sha256: str) -> str:
-        """By which what was sent is known again: the file is all."""
+        """Return the checksum by which the body is recognised, here the file's."""
         return file_sha256
 
     def take(self, part: bytes) -> Iterator[bytes]:
-        """The file's bytes in a part of what was sent."""
+        """Yield the file's bytes that a part of the body holds."""
         self._sums.update(part)
         for piece in [part] if self._gzip is None else self._gzip.unpack(part):
             if self._first is not None:
@@ -91,16 +91,17 @@ class SentContent:
             yield piece
 
     def end(self) -> None:
-        """Refuse what was damaged on its way."""
+        """Refuse a body that was damaged in transit."""
         self._sums.check()
         if self._gzip is not None:
             self._gzip.end()
 
 
 class Gunzip:
-    """Unpacks gzip, of one or more members, within bounds.
+    """Reader that unpacks gzip of one or more members, within bounds.
 
-    Zeros after the last member are left out, as by gzip(1): RFC 1952 knows none, but who writes whole blocks adds them.
+    Zeros after the last member are skipped, as by gzip(1): RFC 1952 has none, but programs that write whole blocks add
+    them.
     """
 
     def __init__(self) -> None:
@@ -109,12 +110,12 @@ class Gunzip:
         self._taken = self._given = self._members = 0
 
     def unpack(self, part: bytes) -> Iterable[bytes]:
-        """What a part holds, in pieces.
+        """Yield the bytes that a part holds, in pieces.
 
         Raises
         ------
         Refused
-            400 `bad-encoding`: it is no gzip. 413 `packed-too-well`: it would become far longer than any scan.
+            400 `bad-encoding`: the part is no gzip. 413 `packed-too-well`: it would become far longer than any scan.
         """
         self._taken += len(part)
         while part:
@@ -137,7 +138,7 @@ class Gunzip:
                 self._count_member()
 
     def end(self) -> None:
-        """Refuse what broke off, and an empty file."""
+        """Refuse a body that breaks off, and an empty file."""
         if self._member is not None:
             raise Refused(400, "bad-encoding", "the body ends in the middle of what gzip packed: send it again")
         if not self._given:
@@ -157,7 +158,7 @@ class Gunzip:
 
 
 def check_media_type(content_type: str) -> None:
-    """Refuse a body that says of itself that it is no file, before a byte of it is read."""
+    """Refuse a body whose media type belongs to no file, before a byte is read."""
     media_type = content_type.partition(";")[0].strip().lower()
     if _NO_FILE.fullmatch(media_type):
         detail = f"the body must be the file's bytes alone, as {BYTES}, not {media_type[:100]!r}"
@@ -165,5 +166,5 @@ def check_media_type(content_type: str) -> None:
 
 
 def empty_body() -> Refused:
-    """Refuse a file of no bytes."""
+    """Make the refusal of a file of no bytes."""
     return Refused(422, "empty-body", "the body is empty: send the file's bytes as the body")

@@ -1,7 +1,7 @@
-"""Parts of uploads that are coming to this process: a later request about an upload ends the earlier part of it.
+"""Parts of uploads that this process receives: a later request about an upload ends the earlier part.
 
-A client sends one part of an upload at a time, so its later request shows that the line of the earlier one has broken,
-which the service may not have noticed yet (draft-ietf-httpbis-resumable-upload, "Concurrency").
+A client sends one part of an upload at a time. Its later request shows that the connection of the earlier one has
+broken, which the service may not have noticed yet (draft-ietf-httpbis-resumable-upload, "Concurrency").
 """
 
 import asyncio
@@ -14,12 +14,12 @@ from sawmill_platform.errors import Busy
 
 
 class Transfer:
-    """One part that is coming.
+    """A part of an upload that is being received.
 
     Attributes
     ----------
     over : asyncio.Event
-        Set once what has come is counted.
+        Set once the received bytes are counted.
     """
 
     def __init__(self, upload_id: str) -> None:
@@ -28,7 +28,7 @@ class Transfer:
         self._wait = anyio.CancelScope()
 
     async def until_ended(self, chunks: AsyncGenerator[bytes]) -> AsyncIterator[bytes]:
-        """Yield a body's chunks as they come.
+        """Yield a body's chunks as they arrive.
 
         Raises
         ------
@@ -46,26 +46,26 @@ class Transfer:
                 raise Busy("upload-busy", msg)
 
     async def end(self) -> None:
-        """Wait for nothing more of the body, and return once what has come is counted."""
+        """Stop waiting for the body, and return once the received bytes are counted."""
         self._is_ended = True
         self._wait.cancel()
         await self.over.wait()
 
 
 class Transfers:
-    """All of them, by their uploads; used by one event loop."""
+    """Current transfers by upload; used by one event loop."""
 
     def __init__(self) -> None:
         self._coming: dict[str, Transfer] = {}
 
     async def end(self, upload_id: str) -> None:
-        """End the part of an upload that is coming; nothing where none is."""
+        """End the part of an upload that is being received, if there is one."""
         while transfer := self._coming.get(upload_id):
             await transfer.end()
 
     @asynccontextmanager
     async def begin(self, upload_id: str) -> AsyncIterator[Transfer]:
-        """End the earlier part of an upload, and have the place of the one that is coming."""
+        """End the earlier part of an upload, and register the new part within the block."""
         await self.end(upload_id)
         transfer = self._coming[upload_id] = Transfer(upload_id)
         try:

@@ -1,4 +1,4 @@
-"""Bodies of JSON: each value is of its type, and no field stands in an object twice.
+"""Bodies of JSON: each value has its declared type, and no object has a field twice.
 
 FastAPI would take "1" and true for 1, and the last of two equal fields.
 """
@@ -17,14 +17,14 @@ from pydantic_core import CoreSchema, core_schema, from_json, to_json
 
 from sawmill_platform.contracts.given import hidden_characters
 from sawmill_platform.contracts.strict_json import BYTE_ORDER_MARK, read_strictly
-from sawmill_service.http.problems import STATED, Place
+from sawmill_service.http.problems import STATED, ProblemPlace
 from sawmill_service.http.queries import repeated
 
 Pairs = list[tuple[str, Any]]
 
 
 class _Repeating(dict[str, Any]):
-    """An object in which a field stands again, with all that was sent of it."""
+    """An object in which a field is repeated, with all pairs that were sent."""
 
     def __init__(self, pairs: Pairs) -> None:
         super().__init__(pairs)
@@ -32,51 +32,51 @@ class _Repeating(dict[str, Any]):
 
 
 async def check_body(request: Request) -> None:
-    """Refuse a field that stands twice in an object, and texts that cannot be shown; a dependency of every route.
+    """Refuse objects with a repeated field, and texts that cannot be displayed; a dependency of every route.
 
-    The body of a DELETE, which no route reads, is read where it has a digest: the gate checks that as it comes.
+    The body of a DELETE, which no route reads, is read if it has a digest, which the gate checks as the body arrives.
 
     Raises
     ------
     RequestValidationError
-        With the outermost of those fields and its values, since one is a fault of whatever wrote the body; or with each
-        of those texts.
+        Names the outermost repeated field with its values, since repetition is a fault of the program that wrote the
+        body; or names each text that cannot be displayed.
     """
     route: APIRoute = request.scope["route"]
     if route.body_field is None:
         if request.method == "DELETE" and "content-digest" in request.headers:
             await request.body()
         return
-    # A thread is less deep than FastAPI was when it read this: what it could nest, the thread can.
+    # FastAPI has read the body already, from a deeper stack: the thread can read the same nesting.
     await run_in_threadpool(_check, await request.body())
 
 
 def _check(body: bytes) -> None:
     try:
         repeating = _read(body)
-    except ValueError:  # it is not declared as JSON, else FastAPI would have refused it: the route does
+    except ValueError:  # not declared as JSON, else FastAPI would have refused the body: the route refuses it
         return
     if repeating is not None:
         raise RequestValidationError([_first_repeated(repeating)], body=repeating)
     try:
         sent = from_json(body.removeprefix(BYTE_ORDER_MARK))
     except ValueError as error:  # half a surrogate, or hundreds of lists in lists
-        unread = {"type": STATED, "loc": (Place.BODY,), "msg": f"cannot be read: {error}", "input": None}
+        unread = {"type": STATED, "loc": (ProblemPlace.BODY,), "msg": f"cannot be read: {error}", "input": None}
         raise RequestValidationError([unread]) from error
-    found = hidden_characters(sent) if isinstance(sent, dict | list) else ()
-    if hidden := [fault | {"loc": (Place.BODY, *fault["loc"])} for fault in found]:
+    faults = hidden_characters(sent) if isinstance(sent, dict | list) else ()
+    if hidden := [fault | {"loc": (ProblemPlace.BODY, *fault["loc"])} for fault in faults]:
         raise RequestValidationError(hidden, body=sent)
 
 
 class Strictly:
-    """Has pydantic read a body as strict JSON, in which "1" and true are not 1, and a time is a text."""
+    """Annotation by which pydantic reads a body as strict JSON: "1" and true are not 1, and a time is a text."""
 
     def __get_pydantic_core_schema__(self, contract: Any, handler: GetCoreSchemaHandler) -> CoreSchema:  # noqa: ANN401
-        """Wrap the contract's schema, which takes what is read as it is."""
+        """Wrap the contract's schema, which takes the value that was read as it is."""
         strict = TypeAdapter(contract)
 
         def read(body: object) -> object:
-            if isinstance(body, bytes):  # a media type that is not JSON, which the contract refuses
+            if isinstance(body, bytes):  # the media type is not JSON: the contract refuses the body
                 return body
             return read_strictly(strict, to_json(body, inf_nan_mode="constants"))
 
@@ -89,7 +89,7 @@ Sent = Annotated[Body, Strictly()]
 
 
 def _read(body: bytes) -> Any:  # noqa: ANN401 - JSON
-    """Read a body in which a field stands twice in an object; None for any other body."""
+    """Read a body in which an object has a field twice; return None for any other body."""
     has_repeated = False
 
     def made(pairs: Pairs) -> dict[str, Any]:
@@ -105,7 +105,7 @@ def _read(body: bytes) -> Any:  # noqa: ANN401 - JSON
 
 
 def _first_repeated(sent: object) -> Mapping[str, object]:
-    # What to look at, each with its place, a chain: whole places of all would be large where they are deep.
+    # Values still to be inspected, each with its place as a chain: full places would be large for deep values.
     ahead: deque[tuple[tuple[Any, ...], Any]] = deque([((), sent)])
     while not isinstance((value := ahead[0][1]), _Repeating):
         place, _ = ahead.popleft()
@@ -118,4 +118,4 @@ def _first_repeated(sent: object) -> Mapping[str, object]:
     while place:
         place, name = place
         names.appendleft(name)
-    return repeated((Place.BODY, *names), [each for name, each in value.pairs if name == again])
+    return repeated((ProblemPlace.BODY, *names), [each for name, each in value.pairs if name == again])

@@ -1,4 +1,4 @@
-"""Requests that are answered before their body has come whole."""
+"""Requests that are answered before their body has arrived whole."""
 
 import asyncio
 from contextlib import suppress
@@ -8,20 +8,20 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 
 def has_body(headers: Headers) -> bool:
-    """Whether a request announces a body."""
+    """Return whether a request announces a body."""
     return headers.get("content-length", "0") != "0" or "transfer-encoding" in headers
 
 
 class UnreadBodies:
-    """Throw away what a client still sends of a body after its answer, within bounds, and end the connection.
+    """Middleware that discards the rest of a body after the answer, within bounds, and ends the connection.
 
-    A client that sends its whole body before it reads gets the answer. An answer that ends the connection by itself
-    is not followed by more of a body.
+    A client that sends its whole body before it reads gets the answer. After an answer that ends the connection itself,
+    the rest of the body is not read.
 
     Parameters
     ----------
     most_bytes, longest_s
-        The connection ends when more has come, or after this time.
+        Bytes that are discarded, and the time for that in s, before the connection ends.
     """
 
     def __init__(self, app: ASGIApp, *, most_bytes: int = 2**26, longest_s: float = 30.0) -> None:

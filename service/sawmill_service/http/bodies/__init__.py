@@ -1,0 +1,1 @@
+"""Bodies of requests: their digests, forms, files and JSON."""

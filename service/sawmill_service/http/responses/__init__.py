@@ -1,0 +1,1 @@
+"""Responses: downloads, pictures, arrays, conditional requests and long polls."""

@@ -1,0 +1,188 @@
+"""Rules of a route, declared in its decorator: who may use it, and how large its body may be."""
+# ruff: noqa: ANN401 - options of FastAPI's decorators are passed on
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import TYPE_CHECKING, Any, TypeVar, cast
+
+from fastapi import APIRouter, Request
+from fastapi.routing import APIRoute, iter_route_contexts
+from starlette.exceptions import HTTPException
+from starlette.routing import BaseRoute, compile_path
+from starlette.types import Scope as RequestScope
+
+from sawmill_platform.contracts.keys import Scope
+
+if TYPE_CHECKING:  # the settings check rates, which are refused as problems, which list the methods of a path
+    from sawmill_service.settings import ServiceSettings
+
+Endpoint = TypeVar("Endpoint", bound=Callable[..., Any])
+# A scanner's settings, with a token.
+_FORM_BYTES = 8192
+
+
+class NoKey(StrEnum):
+    """Requests that a route answers without a key."""
+
+    MONITORING = "monitoring"
+    """All requests: the route reports the state of the service alone. Their rate is counted apart."""
+    LOGIN = "login"
+    """All requests: the route is the login, or the login page loads it."""
+    AFTER_REFUSAL = "after refusal"
+    """Requests whose key is missing or wrong: the route explains refusals."""
+
+
+@dataclass(frozen=True)
+class Rule:
+    """Rule of a route.
+
+    Attributes
+    ----------
+    needs : Scope or NoKey
+        Scope that a key needs, or the reason for which no key is needed.
+    max_body : callable or None
+        Bytes that a file in the body may have, from the settings; the route checks its digest, in a thread. None: the
+        body is no file, has at most `max_json_bytes`, and its digest is checked as it comes.
+    max_form_bytes : int
+        Bytes that a form of a page may have.
+    """
+
+    needs: Scope | NoKey
+    max_body: Callable[["ServiceSettings"], int] | None = None
+    max_form_bytes: int = _FORM_BYTES
+
+    @property
+    def scope(self) -> Scope:
+        """Scope that a request needs, with a key or without."""
+        return Scope.READ if isinstance(self.needs, NoKey) else self.needs
+
+
+class Route(APIRoute):
+    """A route with its rule; None: it declares no scope, and no application starts with it."""
+
+    rule: Rule | None = None
+
+
+class Router(APIRouter):
+    """A router whose routes declare their rules: `@router.post("/scans", needs=Scope.SUBMIT)`.
+
+    Parameters
+    ----------
+    reading
+        Scope of each GET route that declares none. None: each declares its own.
+    """
+
+    def __init__(self, *, reading: Scope | None = None, **options: Any) -> None:
+        super().__init__(route_class=Route, **options)
+        self._reading = reading
+
+    def add_api_route(
+        self,
+        path: str,
+        endpoint: Callable[..., Any],
+        *,
+        needs: Scope | NoKey | None = None,
+        max_body: Callable[["ServiceSettings"], int] | None = None,
+        max_form_bytes: int = _FORM_BYTES,
+        **options: Any,
+    ) -> None:
+        """Add a route with its rule."""
+        super().add_api_route(path, endpoint, **options)
+        route = cast("Route", self.routes[-1])
+        needs = needs or (self._reading if route.methods == {"GET"} else None)
+        route.rule = None if needs is None else Rule(needs, max_body, max_form_bytes)
+
+    def get(self, path: str, **options: Any) -> Callable[[Endpoint], Endpoint]:
+        """Add a GET route."""
+        return self._adding("GET", path, options)
+
+    def post(self, path: str, **options: Any) -> Callable[[Endpoint], Endpoint]:
+        """Add a POST route."""
+        return self._adding("POST", path, options)
+
+    def put(self, path: str, **options: Any) -> Callable[[Endpoint], Endpoint]:
+        """Add a PUT route."""
+        return self._adding("PUT", path, options)
+
+    def patch(self, path: str, **options: Any) -> Callable[[Endpoint], Endpoint]:
+        """Add a PATCH route."""
+        return self._adding("PATCH", path, options)
+
+    def delete(self, path: str, **options: Any) -> Callable[[Endpoint], Endpoint]:
+        """Add a DELETE route."""
+        return self._adding("DELETE", path, options)
+
+    def _adding(self, method: str, path: str, options: dict[str, Any]) -> Callable[[Endpoint], Endpoint]:
+        def add(endpoint: Endpoint) -> Endpoint:
+            self.add_api_route(path, endpoint, methods=[method], **options)
+            return endpoint
+
+        return add
+
+
+class RouteRules:
+    """Rules of all routes of an application.
+
+    Raises
+    ------
+    ValueError
+        A route declares no scope.
+    """
+
+    def __init__(self, routes: Sequence[BaseRoute]) -> None:
+        self.by_pattern: dict[str, dict[str, Rule]] = {}
+        for route in iter_route_contexts(routes):
+            rules = self.by_pattern.setdefault(route.path or "", {})
+            for method in route.methods or ():
+                rule = getattr(route.original_route, "rule", None)
+                if rule is None:
+                    msg = f"{method} {route.path} declares no scope: give `needs` to its decorator"
+                    raise ValueError(msg)
+                rules.setdefault(method, rule)
+        self._patterns = [(compile_path(path)[0], rules) for path, rules in self.by_pattern.items() if "{" in path]
+
+    def of_path(self, path: str) -> Mapping[str, Rule]:
+        """Return the rule of each method that a path takes; none for a path that is no route's.
+
+        A path without parameters takes its own methods only, although the pattern of another route fits too.
+        """
+        if path in self.by_pattern:
+            return self.by_pattern[path]
+        fitting = [rules for pattern, rules in self._patterns if pattern.match(path)]
+        return {method: rule for rules in reversed(fitting) for method, rule in rules.items()}
+
+
+def rules_of(scope: RequestScope) -> Mapping[str, Rule]:
+    """Return the rule of each method that the path of a request takes, before the request has come to its route."""
+    rules: RouteRules = scope["app"].state.rules
+    return rules.of_path(scope["path"])
+
+
+def no_key(scope: RequestScope) -> NoKey | None:
+    """Return the reason for which the path of a request needs no key, whatever its method; None: a key is needed."""
+    return next((rule.needs for rule in rules_of(scope).values() if isinstance(rule.needs, NoKey)), None)
+
+
+def rule_of(request: Request) -> Rule:
+    """Return the rule of the route that a request has come to."""
+    rule: Rule = request.scope["route"].rule
+    return rule
+
+
+def allowed_methods(request: Request) -> str:
+    """Return the value of `Allow` for the path of a request, HEAD wherever GET is; empty for a path of no route."""
+    methods = {*rules_of(request.scope)}
+    return ", ".join(sorted(methods | ({"HEAD"} if "GET" in methods else set())))
+
+
+async def check_method(request: Request) -> None:
+    """Refuse a path without parameters that a pattern would take for an id; a dependency of every route.
+
+    Raises
+    ------
+    HTTPException
+        405, whose `Allow` the handler of problems adds.
+    """
+    if request.method not in request.app.state.rules.by_pattern.get(request.url.path, {request.method}):
+        raise HTTPException(405)
