@@ -1,8 +1,8 @@
-"""Addresses of our own pages."""
+"""Addresses of the service's own pages."""
 
 import re
 
 
 def local_path(path: str) -> str:
-    r"""A path of this service, else Today's: nothing leads to another site, as `//` and `/\` would."""
+    r"""Return the path if it is one of this service, else Today's: `//` and `/\` would lead to another site."""
     return path if re.fullmatch(r"/(?!/)[!-\[\]-~]*", path) else "/"

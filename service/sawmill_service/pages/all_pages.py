@@ -1,4 +1,4 @@
-"""The routes of every page; each that has a place in the header also stands in `navigation`."""
+"""Routes of all pages; a page with a place in the header is in `navigation` too."""
 
 from sawmill_service.pages import (
     calibrate,

@@ -1,8 +1,9 @@
-"""`/calibrate`: from a file to the accepted calibration; the address alone says how far it is.
+"""`/calibrate`: from a file to the accepted calibration; the address alone determines the step.
 
-Without anything it takes a file; with `inspection` it asks what that file does not say; with `calibration` it follows
-the search and then shows the result; with `scan` it asks about a scan that was sent before. Where others stand, too,
-`inspection` is what "other answers" leads back to, and `scan` has the answers that were given before.
+Without parameters the page takes a file; with `inspection` it asks for what that file does not say; with
+`calibration` it follows the search and then shows the result; with `scan` it asks about a scan that was sent before.
+In addition to other parameters, `inspection` is where "other answers" leads back to, and `scan` has the answers that
+were given before.
 """
 
 from dataclasses import dataclass
@@ -31,21 +32,21 @@ from sawmill_store.errors import Conflict, NotFound, QueueFull, StorageError
 from sawmill_store.store import Store
 
 CALIBRATE = "/calibrate"
-# What the form asks of a scan.
+# Fields of a scan for which the form asks.
 ASKED = ("scanner_id", "phantom_id", "data", "angles_deg")
 
 router = APIRouter(include_in_schema=False)
 
 
 class _Answers(Given, ScanSpec):
-    """What the form's fields say of the scan: texts, as in a query."""
+    """Answers of the form about the scan: texts, as in a query."""
 
     phantom_id: Identifier
 
 
 @dataclass(frozen=True)
 class Where:
-    """What stands in the address."""
+    """Parameters in the page's address."""
 
     scanner: str | None = None
     inspection: str | None = None
@@ -53,7 +54,7 @@ class Where:
     scan: str | None = None
 
     def path(self, **changes: str | None) -> str:
-        """The address with some of it changed."""
+        """Return the address with some parameters changed."""
         names = {name: value for name, value in (vars(self) | changes).items() if value}
         return f"{CALIBRATE}?{urlencode(names)}" if names else CALIBRATE
 
@@ -68,7 +69,7 @@ def calibrate(
     calibration: Annotated[Identifier | None, Query()] = None,
     scan: Annotated[Identifier | None, Query()] = None,
 ) -> HTMLResponse:
-    """Wherever one is between the file and the accepted calibration."""
+    """Show the step between the file and the accepted calibration that the address names."""
     where = Where(scanner, inspection, calibration, scan)
     if calibration is not None:
         return _of_calibration(page, store, where, store.calibrations.get(calibration))
@@ -124,7 +125,7 @@ def _start_of_scan(page: PageFrame, store: Store, wake: TheWake, form: dict[str,
 
 @router.post(f"{CALIBRATE}/dataset")
 def choose_dataset(page: ThePage, store: TheStore, wake: TheWake, form: TheForm) -> Response:
-    """Inspect the file again, with one of its arrays."""
+    """Inspect the file again, with another array."""
     where = Where(form.get("scanner_id"), form.get("inspection_id"))
     earlier = store.inspections.get(where.inspection or "")
     if earlier.result is None:
@@ -147,12 +148,12 @@ def _started(store: Store, wake: TheWake, spec: ScanSpec, inspection_id: str) ->
         calibration = store.calibrations.accept(CalibrationAsk(scan_id=scan.id))
     for job_id in (scan.job_id, calibration.job_id):
         wake(job_id)
-    assert isinstance(calibration, CalibrationUnfinished)  # noqa: S101 - it was only just asked for
+    assert isinstance(calibration, CalibrationUnfinished)  # noqa: S101 - it was only just requested
     return calibration
 
 
 def _sentence(page: PageFrame, error: ValidationError) -> str:
-    """The first complaint about an answer; what was not answered at all is asked for."""
+    """Return the first complaint about an answer; for a missing answer, a request to give it."""
     field, message = complaint(error.errors()[0])
     if message == "is required":
         return page.text.gettext("Answer every question: %(field)s is missing.") % {"field": field}
@@ -169,7 +170,7 @@ def _asked_again(
     *,
     status: int = 422,
 ) -> HTMLResponse:
-    """The questions once more, with the answers as they were given."""
+    """Show the questions again, with the answers as they were given."""
     questions = questions_of(store, inspection, form)
     return page.answer("calibrate_questions.html", status=status, where=where, questions=questions, problem=problem)
 
@@ -186,7 +187,7 @@ def _of_inspection(page: PageFrame, store: Store, where: Where, inspection: Insp
 
 
 def _of_scan(page: PageFrame, store: Store, where: Where, scan_id: str, problem: str | None = None) -> HTMLResponse:
-    """A scan that was sent before: which phantom it shows is all that can be asked."""
+    """Show a scan that was sent before; the only question is which phantom it shows."""
     scan = store.scans.get(scan_id)
     return page.answer(
         "calibrate_scan.html",
@@ -241,14 +242,14 @@ def _of_calibration(
 
 
 def _earlier(store: Store, scan_id: str | None) -> dict[str, str]:
-    """The answers that made a scan of the same file; none where it was deleted since."""
+    """Return the answers that made a scan of the same file; none where the scan was deleted since."""
     scan = None if scan_id is None else scan_if_kept(store, scan_id)
     given = {} if scan is None else {name: getattr(scan, name) for name in ASKED}
     return {name: str(value) for name, value in given.items() if value is not None}
 
 
 def _again(store: Store, where: Where, scan: Scan | None) -> str | None:
-    """Where the same file, or the scan that was made of it, is asked about once more; None where neither can be."""
+    """Return the address that asks about the same file or its scan again; None where neither is possible."""
     if scan is None:
         return None
     if where.inspection is not None and store.files.upload(JobKind.INSPECT, where.inspection).exists():

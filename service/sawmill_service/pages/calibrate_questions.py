@@ -1,4 +1,4 @@
-"""What a file does not say, as questions: about the scanner, the phantom, the numbers, the angles, the array."""
+"""Questions about what a file does not say: the scanner, the phantom, the numbers, the angles, the array."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -9,9 +9,9 @@ from sawmill_contracts.scanners import StoredScanner
 from sawmill_store.store import Store
 from sawmill_vocabulary import DataKind
 
-# Of each list; a mill has a few scanners and phantoms.
+# Longest list; a mill has a few scanners and phantoms.
 OFFERED = 200
-# Among which one with a phantom is looked for.
+# Number of scans in which the last one with a phantom is searched.
 LAST_SCANS = 20
 # A stack or one row of it: views and cells at least.
 LEAST_AXES = 2
@@ -19,24 +19,24 @@ LEAST_AXES = 2
 
 @dataclass(frozen=True)
 class Questions:
-    """What is asked about an inspected file, and what it says itself.
+    """Questions about an inspected file, and what the file says itself.
 
     Attributes
     ----------
     inspection : Inspection
-        The file's; its reading is None while it is not known which array is meant.
+        Inspection of the file; its reading is None while it is not known which array is meant.
     datasets : sequence of FilePart
-        The arrays of which one must be named; empty where that is no question.
+        Arrays of which one must be named; empty where that is no question.
     scanners, phantoms
-        To choose from; the scanners whose detector fits the file stand first.
+        Choices; the scanners whose detector fits the file come first.
     data : DataKind or None
-        What the numbers can only be; None: that is asked.
+        The only possible kind of the numbers; None: the kind is a question.
     counts_possible : bool
-        Whether the file carries the flat fields that counts need.
+        True if the file has the flat fields that counts need.
     angles : bool
-        Whether the views' angles are asked for.
+        True if the angles of the views are a question.
     answers : mapping
-        What was answered, or is proposed, by the fields' names.
+        Given or proposed answers, by the names of the fields.
     """
 
     inspection: Inspection
@@ -50,7 +50,7 @@ class Questions:
 
     @property
     def reading(self) -> InspectedReading | None:
-        """What would be read."""
+        """Reading of the file that a scan would have; None where there is none yet."""
         return None if self.inspection.result is None else self.inspection.result.reading
 
     @property
@@ -60,16 +60,16 @@ class Questions:
         return f"0:{360 / views:.10g}" if views else ""
 
     def answer(self, field: str) -> str:
-        """What was answered, or is proposed; empty for neither."""
+        """Return the given or proposed answer; empty where there is neither."""
         return self.answers.get(field, "")
 
     def fits(self, scanner: StoredScanner) -> bool:
-        """Whether the file has as many cells as the scanner's detector."""
+        """Return whether the file has as many cells as the scanner's detector."""
         return self.reading is None or scanner.constants.num_detector_pixels == self.reading.shape.detector
 
 
 def questions_of(store: Store, inspection: Inspection, answers: Mapping[str, str]) -> Questions:
-    """About a file that was inspected; `answers` as far as there are any, else proposals stand in their place."""
+    """Collect the questions about an inspected file; proposals fill in for answers that are missing."""
     result = inspection.result
     assert result is not None  # noqa: S101 - its state says so
     missing = {part.field for part in result.missing}
@@ -89,7 +89,7 @@ def questions_of(store: Store, inspection: Inspection, answers: Mapping[str, str
 
 
 def _proposed(store: Store, questions: Questions) -> dict[str, str]:
-    """The only scanner whose detector fits, and the phantom that its last scan with one showed."""
+    """Propose the only scanner whose detector fits, and the phantom that its last scan with a phantom showed."""
     fitting = [each.id for each in questions.scanners if questions.fits(each)]
     scanner_id = questions.answers.get("scanner_id") or (fitting[0] if len(fitting) == 1 else "")
     if not scanner_id:
@@ -100,7 +100,7 @@ def _proposed(store: Store, questions: Questions) -> dict[str, str]:
 
 
 def usable_phantoms(store: Store) -> list[StoredPhantom]:
-    """Those that can be used and that no newer measurement has replaced."""
+    """Select the phantoms that can be used and that no newer measurement has replaced."""
     replaced = store.phantoms.replaced()
     listed = store.phantoms.page(limit=OFFERED).items
     return [each for each in listed if each.state is PhantomState.READY and each.id not in replaced]
@@ -111,7 +111,7 @@ def _arrays(result: InspectionResult) -> list[FilePart]:
 
 
 def _only_possible(result: InspectionResult) -> DataKind | None:
-    """Counts where there are flat fields, with which line integrals are refused; or what this product wrote."""
+    """Return counts for a file with flat fields (line integrals have none), or the kind that this product wrote."""
     if result.reading is not None and result.reading.flats is not None:
         return DataKind.COUNTS
     return DataKind.LINE_INTEGRALS if result.own_kind == "scan" else None

@@ -1,4 +1,4 @@
-"""The words of `/calibrate`: what the result is worth, what changed, what to do about a failure."""
+"""Words of `/calibrate`: the quality of the result, the changes, and what to do about a failure."""
 
 import math
 from collections.abc import Iterator
@@ -10,7 +10,7 @@ from sawmill_contracts.jobs import Failure
 from sawmill_service.pages.frame import PageFrame
 from sawmill_service.pages.languages import marked
 
-# By the names that jobs report.
+# Stages, by the names that jobs report.
 STAGES = {
     "read": marked("Reading the file"),
     "prepare": marked("Turning the numbers into attenuation"),
@@ -40,7 +40,7 @@ _OTHER = marked("Try again with other answers. If that does not help, scan the p
 
 @dataclass(frozen=True)
 class Headline:
-    """What the result is worth: a colour, a title, and what to do."""
+    """Quality of the result: a colour, a title, and what to do."""
 
     tone: str
     title: str
@@ -49,7 +49,7 @@ class Headline:
 
 @dataclass(frozen=True)
 class Row:
-    """A line of a table: a name, a value, and what stands beside it."""
+    """Row of a table: a name, a value, and a remark."""
 
     name: str
     value: str
@@ -57,12 +57,12 @@ class Row:
 
 
 def stages(page: PageFrame) -> dict[str, str]:
-    """What a running job does, in the page's language, by the names that it reports."""
+    """Return the stages of a running job in the page's language, by the names that the job reports."""
     return {name: page.text.gettext(text) for name, text in STAGES.items()}
 
 
 def headline(page: PageFrame, calibration: CalibrationSucceeded, *, active: bool) -> Headline:
-    """By the verdict on the rays, which are what an image needs to be sharp."""
+    """Return the headline for the verdict on the rays, which must be right for a sharp image."""
     _ = page.text.gettext
     rays = calibration.rays_verdict or calibration.verdict
     if rays == "fail" and active:
@@ -80,7 +80,7 @@ def headline(page: PageFrame, calibration: CalibrationSucceeded, *, active: bool
 
 
 def advice_for(page: PageFrame, failure: Failure | None, *, unread: bool) -> str:
-    """What to do about a calibration without an answer, or, `unread`, a scan that could not be read."""
+    """Return what to do about a calibration without an answer or, with `unread`, a scan that could not be read."""
     code = "" if failure is None else failure.code
     if code in DEFECTS | LOSSES | OUTAGES:
         return page.text.gettext(_OURS)
@@ -90,7 +90,7 @@ def advice_for(page: PageFrame, failure: Failure | None, *, unread: bool) -> str
 
 
 def changes_of(page: PageFrame, calibration: CalibrationSucceeded) -> list[Row]:
-    """Against the calibration that was in use; empty where there was none."""
+    """Return the changes against the calibration that was in use; empty where there was none."""
     compared = calibration.comparison
     if compared is None:
         return []
@@ -107,7 +107,7 @@ def changes_of(page: PageFrame, calibration: CalibrationSucceeded) -> list[Row]:
 
 
 def parameters_of(page: PageFrame, calibration: CalibrationSucceeded) -> list[Row]:
-    """The geometry that was found, each number with its standard deviation."""
+    """Return the geometry that was found, each number with its standard deviation."""
     _, formats, frame = page.text.gettext, page.formats, calibration.source_frame
     deviation = calibration.standard_deviation
     known = None if deviation is None else deviation.source_frame

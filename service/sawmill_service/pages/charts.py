@@ -1,7 +1,7 @@
 """Charts of months of measurements: panels over one axis of time, drawn as SVG by `chart_panels.html`.
 
-Places along the time are in per cent of the panel's width, so that one drawing fits a telephone and a wall; places
-across it are in pixels.
+Positions along the time are in per cent of the panel's width, so that one drawing fits a telephone and a wall;
+positions across it are in pixels.
 """
 
 from collections.abc import Collection, Iterable, Sequence
@@ -14,7 +14,7 @@ from sawmill_service.pages.pooled_lines import Together, Value, points, pooled_l
 from sawmill_worker.pictures.round_numbers import round_length, ticks
 
 HEIGHT_PX, PAD_PX = 150, 14
-# Beyond this number of measurements each part of the time keeps the extremes of each value alone.
+# Beyond this number of measurements each part of the time keeps only the extremes of each value.
 MOST_MARKS, PARTS = 240, 40
 DAY = timedelta(days=1)
 STEPS = (
@@ -26,9 +26,9 @@ MOST_STEPS = 5
 
 @dataclass(frozen=True)
 class Mark:
-    """One measurement in one panel.
+    """A measurement in a panel.
 
-    `beyond`: its value is larger than the panel shows. `faint`: a pooled line stands for it and others.
+    `beyond`: its value is larger than the panel shows. `faint`: a pooled line represents this and other measurements.
     """
 
     x: float
@@ -41,27 +41,27 @@ class Mark:
 
 @dataclass(frozen=True)
 class Panel:
-    """One value over the time.
+    """A value over the time.
 
     Attributes
     ----------
     name : str
-        Of its value.
+        Name of the value.
     marks, line
-        The measurements, and a line through them: `points` of SVG in a box of 100 x the height.
+        Measurements, and a line through them: `points` of SVG in a box of 100 x the height.
     ticks : list of (y, value), digits : int
-        Round values beside it, and with how many decimals.
+        Round values next to the panel, and the number of their decimals.
     tolerance_y : float or None
-        Down to which the values are within tolerance.
+        Position of the tolerance, below which values are within tolerance; None: there is no tolerance.
     bars : str
-        From where to where a value may lie: a path of SVG in the same box.
+        Intervals in which a value may lie: a path of SVG in the same box.
     pooled : list of (line, band)
-        Of drift checks against one calibration by one method: `points` of SVG in the same box of what they measured
-        together, and of where that lies with 95 %.
+        Pooled values of the drift checks against one calibration by one method, and the band in which these lie with
+        95 %: `points` of SVG in the same box.
     zeros : list of (x, y)
-        Where a baseline begins, and its value.
+        Starts of baselines, and their values.
     height : int
-        In pixels.
+        Height, pixels.
     """
 
     name: str
@@ -78,24 +78,24 @@ class Panel:
 
 @dataclass(frozen=True)
 class Chart:
-    """Everything that its template draws.
+    """Content of a chart, as its template draws it.
 
     Attributes
     ----------
     panels : list of Panel
-        One above the other.
+        Panels, one above the other.
     shown : list of (x, Movement)
-        The measurements that are drawn, the oldest first.
+        Measurements that are drawn, the oldest first.
     accepted : list of (x, calibration's id, time)
-        When a calibration became the active one.
+        Times at which a calibration became the active one.
     days : list of (x, time)
-        Where the axis has a date, or an hour.
+        Dates or hours on the axis.
     total : int
-        Of the measurements in the span; those that are not shown lie between ones that are.
+        Number of measurements in the span; those that are not shown lie between shown ones.
     alarms : list of (x, width)
-        While one was open.
+        Periods with an open alarm.
     changed : list of (x, start, width)
-        When the scanner moved or began to, as its logs show together, and where that time lies with 95 %.
+        Times at which the scanner moved or began to, as its logs together show, and the 95 % intervals of these times.
     """
 
     panels: list[Panel]
@@ -109,20 +109,20 @@ class Chart:
 
 @dataclass(frozen=True)
 class Span:
-    """From when to when a chart reaches."""
+    """Time span of a chart."""
 
     start: datetime
     end: datetime
 
     def x(self, at: datetime) -> float:
-        """In per cent of the width; the ends keep free of marks."""
+        """Return the position of a time, per cent of the width; the ends keep free of marks."""
         return round(1.0 + 98.0 * ((at - self.start) / (self.end - self.start)), 2)
 
 
 def thinned(
     movements: Sequence[Movement], span: Span, values: Collection[Value], *, parts: int = PARTS
 ) -> list[Movement]:
-    """All of them or, of many, the first, the last, and those with an extreme of any value in each part of the span.
+    """Select all measurements or, of many, the first, the last, and the extremes of each value in parts of the span.
 
     Calibrations stay where they are few.
     """
@@ -153,26 +153,26 @@ def panel_of(
     zeros: Iterable[tuple[float, float]] = (),
     height: int = HEIGHT_PX,
 ) -> Panel:
-    """A panel from its lowest value to its highest.
+    """Make a panel from its lowest value to its highest.
 
     Parameters
     ----------
     name
-        Of the value.
+        Name of the value.
     known
-        Places along the time, values, and whose they are.
+        Positions along the time, values, and their measurements.
     low, high
-        What stands at the lower and the upper edge, and what is beyond stands there too.
+        Values at the lower and the upper edge; values beyond are drawn at the edge.
     tolerance
-        Up to which values are within tolerance; null: they have none.
+        Largest value that is within tolerance; None: there is no tolerance.
     bars
-        Places along the time, with the lowest and the highest that a value may be.
+        Positions along the time, with the lowest and the highest possible value.
     together
-        What drift checks measured together of the value; null: nothing.
+        Pooled results of drift checks for the value; None: there are none.
     zeros
-        Where baselines begin, and their values.
+        Starts of baselines, and their values.
     height
-        In pixels.
+        Height, pixels.
     """
 
     def y(number: float) -> float:
@@ -200,7 +200,7 @@ def panel_of(
 
 
 def zeros_of(charts: Iterable[PooledDrift], span: Span, together: Together | None) -> list[tuple[float, float]]:
-    """Where the baselines of charts begin in a span, and what they are of a value; none of what has no baseline."""
+    """Return the starts of baselines in a span, with the value of each; charts without a baseline have none."""
     found = []
     for chart in charts:
         zero = None if together is None else together.zero(chart)
@@ -210,7 +210,7 @@ def zeros_of(charts: Iterable[PooledDrift], span: Span, together: Together | Non
 
 
 def changes_of(charts: Iterable[PooledDrift], span: Span) -> list[tuple[float, float, float]]:
-    """When logs together show that the scanner moved, as `Chart.changed`."""
+    """Return the times at which logs together show that the scanner moved, as in `Chart.changed`."""
     found = []
     for each in (chart.alarm for chart in charts):
         if each is None or each.began_at is None or each.began_between is None or each.began_at < span.start:
@@ -221,17 +221,17 @@ def changes_of(charts: Iterable[PooledDrift], span: Span) -> list[tuple[float, f
 
 
 def range_of(numbers: Sequence[float], *, least: float) -> tuple[float, float]:
-    """With room around it; `least` is that of values that are all the same, or nearly so."""
+    """Return the range of the numbers with a tenth of it, at least a tenth of `least`, added at either end."""
     if not numbers:
         return 0.0, 1.0
     low, high = min(numbers), max(numbers)
-    # Of huge values alone, `least` would be lost in rounding.
+    # With huge values, `least` would be lost in rounding.
     room = 0.1 * max(high - low, least, 1e-9 * max(-low, high))
     return low - room, high + room
 
 
 def _digits(step: float) -> int:
-    """Decimals that tell two neighbouring ticks apart."""
+    """Return the number of decimals that distinguishes two neighbouring ticks."""
     return next(digits for digits in range(7) if round_length(step) >= 10.0**-digits * 0.999 or digits == 6)
 
 
@@ -242,7 +242,7 @@ def _tone(one: Movement) -> str:
 
 
 def days_of(span: Span) -> list[tuple[float, datetime]]:
-    """Evenly spaced midnights, back from the newest; of a short span hours."""
+    """Return evenly spaced midnights with their positions, counted back from the newest; for a short span hours."""
     length = span.end - span.start
     step = next((step for step in STEPS if length / step <= MOST_STEPS), STEPS[-1])
     midnight = span.end.astimezone().replace(hour=0, minute=0, second=0, microsecond=0)
@@ -255,10 +255,10 @@ def days_of(span: Span) -> list[tuple[float, datetime]]:
 
 
 def span_of(days: float, now: datetime) -> Span:
-    """The last days up to now."""
+    """Return the span of the last days up to now."""
     return Span(now - days * DAY, now)
 
 
 def is_calibration(one: Movement) -> bool:
-    """Whether a phantom was measured, and not a log."""
+    """Return whether a phantom was measured, and not a log."""
     return one.kind is MeasurementKind.CALIBRATION

@@ -18,7 +18,7 @@ from sawmill_service.pages.charts import (
 )
 from sawmill_service.pages.pooled_lines import COLUMN, TILT, Value
 
-# Values far beyond the tolerance stand at the upper edge: they must not flatten all others.
+# Values beyond this multiple of the tolerance are drawn at the upper edge: they must not flatten all others.
 MOST_TOLERANCES = 4.0
 DRIFT: dict[str, Value] = {
     "rays": lambda one: one.ray_change_mm,
@@ -37,22 +37,22 @@ def drift_chart(
     total: int,
     together: Sequence[PooledDrift] = (),
 ) -> Chart:
-    """The chart of one scanner.
+    """Make the drift chart of one scanner.
 
     Parameters
     ----------
     movements
-        In the span, the oldest first; of very many, some.
+        Measurements in the span, the oldest first; a selection where there are very many.
     activations
-        Calibrations' ids and when they became the active one.
+        Ids of calibrations, and the times at which they became active.
     span
-        From when to when it reaches.
+        Time span of the chart.
     tolerance_mm
-        What the rays may move.
+        Movement of the rays that is allowed, mm.
     total
-        Of the measurements in the span.
+        Number of measurements in the span.
     together
-        What drift checks since the active calibration show together, by method.
+        Pooled results of the drift checks since the active calibration, by method.
     """
     shown = [(span.x(one.at), one) for one in thinned(movements, span, DRIFT.values())]
     accepted = [(span.x(at), identifier, at) for identifier, at in activations if span.start <= at <= span.end]

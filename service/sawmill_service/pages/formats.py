@@ -12,19 +12,19 @@ from babel.dates import format_date, format_skeleton, format_time, format_timede
 from babel.numbers import format_decimal, format_scientific
 
 _BINARY = ("B", "KiB", "MiB", "GiB", "TiB")
-# Beyond it babel has no digits for a number's end.
+# Babel has no digits for the end of a larger number.
 _LARGEST_IN_FULL = 1e15
 
 
 class Formats:
-    """One language's way. What is not known (None, or not finite) is written so.
+    """Numbers and times in one language; an unknown value (None, or not finite) is written as unknown.
 
     Parameters
     ----------
     locale
-        Whose way.
+        Locale of the language.
     text
-        Its catalogue.
+        Catalogue of the language.
     """
 
     def __init__(self, locale: Locale, text: gettext.NullTranslations) -> None:
@@ -32,7 +32,7 @@ class Formats:
         self._text = text
 
     def filters(self) -> dict[str, Callable[..., Any]]:
-        """By the names that templates use."""
+        """Return the formats by the names that templates use."""
         return {
             "number": self.number,
             "mm": self.mm,
@@ -50,7 +50,7 @@ class Formats:
         }
 
     def number(self, value: float | None, digits: int = 0, *, signed: bool = False) -> str:
-        """Rounded to `digits` decimals; `signed` writes the plus too."""
+        """Write a number rounded to `digits` decimals; `signed` writes the plus too."""
         if value is None or not math.isfinite(value):
             return self._text.gettext("not known")
         if abs(value) >= _LARGEST_IN_FULL:
@@ -60,51 +60,51 @@ class Formats:
         return written
 
     def mm(self, value: float | None, digits: int = 3, *, signed: bool = False) -> str:
-        """Millimetres."""
+        """Write a length, mm."""
         return self._with_unit(value, digits, "mm", signed=signed)
 
     def percent(self, value: float | None, digits: int = 2, *, signed: bool = False) -> str:
-        """A value that is in per cent already."""
+        """Write a value that is in per cent already."""
         return self._with_unit(value, digits, "%", signed=signed)
 
     def share(self, value: float | None) -> str:
-        """Per cent to two digits that matter."""
+        """Write a value in per cent to two significant digits."""
         return self._with_unit(value, _two_digits(value), "%", signed=False)
 
     def log_mm(self, value: float | None) -> str:
-        """Millimetres as of a log: to two digits that matter below 10 mm, to one mm above."""
+        """Write a length on a log: to two significant digits below 10 mm, to one mm above."""
         return self._with_unit(value, _two_digits(value), "mm", signed=False)
 
     def degrees(self, value_deg: float | None, digits: int = 3, *, signed: bool = False) -> str:
-        """A value that is in degrees already."""
+        """Write an angle that is in degrees already."""
         return self._with_unit(value_deg, digits, "°", signed=signed)
 
     def bytes(self, value: float | None) -> str:
-        """With a binary prefix."""
+        """Write a number of bytes with a binary prefix."""
         if value is None:
             return self._text.gettext("not known")
         step = min(len(_BINARY) - 1, max(0, int(math.log2(max(value, 1)) // 10)))
         return f"{self.number(value / 1024**step, 1 if step else 0)} {_BINARY[step]}"
 
     def moment(self, time: datetime | str | None, zone: str | None = None) -> str:
-        """Day and minute, in a zone or in that of this machine, which the pages' script turns into the browser's."""
+        """Write day and minute in a zone or in this machine's, which the pages' script turns into the browser's."""
         if time is None:
             return self._text.gettext("never")
         hour = format_time(_local(time, zone), "short", locale=self._locale)
         return str(get_datetime_format("medium", self._locale)).format(hour, self.day(time, zone))
 
     def day(self, time: datetime | str | None, zone: str | None = None) -> str:
-        """The day alone, in a time zone or in that of this machine."""
+        """Write the day alone, in a time zone or, without one, in this machine's."""
         return self._text.gettext("never") if time is None else format_date(_local(time, zone), "medium", self._locale)
 
     def axis(self, time: datetime, *, with_year: bool = False) -> str:
-        """Day and month, or month and year, for an axis; the hour where it is not midnight."""
+        """Write day and month, or month and year, for an axis; the hour where the time is not midnight."""
         if time.hour or time.minute:
             return str(format_time(_local(time), "short", locale=self._locale))
         return str(format_skeleton("yMMM" if with_year else "MMMd", _local(time), locale=self._locale))
 
     def age(self, time: datetime | str | None) -> str:
-        """How long ago, or in how long."""
+        """Write how long ago a time was, or how far ahead it is."""
         if time is None:
             return self._text.gettext("never")
         ago = _local(time) - datetime.now(UTC)
@@ -119,12 +119,12 @@ class Formats:
 
 
 def iso(time: datetime | str) -> str:
-    """For programs: RFC 3339."""
+    """Write a time for programs (RFC 3339)."""
     return time if isinstance(time, str) else time.isoformat()
 
 
 def known_zone(name: str) -> str:
-    """The time zone of that name, or UTC where this machine's tz database, an older one, does not have it."""
+    """Return the time zone of that name, or UTC where this machine's tz database, an older one, does not have it."""
     try:
         ZoneInfo(name)
     except (ZoneInfoNotFoundError, ValueError):
@@ -138,5 +138,5 @@ def _local(time: datetime | str, zone: str | None = None) -> datetime:
 
 
 def _two_digits(value: float | None) -> int:
-    """Decimals that leave two digits that matter, of values from 0.1 on."""
+    """Return the number of decimals that leaves two significant digits, for values from 0.1 on."""
     return 0 if value is None or value >= 9.95 else 1 if value >= 0.995 else 2

@@ -1,4 +1,4 @@
-"""What every page shares: its language, who looks at it, and the templates with both."""
+"""Common part of all pages: the language, the caller, and the templates with both."""
 
 from functools import cache
 from typing import Annotated
@@ -21,18 +21,18 @@ THEMES = ("auto", "light", "dark")
 
 
 class PageFrame:
-    """Answers one request with a page, in its browser's language.
+    """Page that answers one request, in the browser's language.
 
     Attributes
     ----------
     caller : Caller
-        Who looks at it.
+        Caller who sees the page.
     language : str
-        A key of `languages.LANGUAGES`.
+        Key of `languages.LANGUAGES`.
     text : gettext.NullTranslations
-        Its catalogue.
+        Catalogue of the language.
     formats : Formats
-        How it writes numbers and times.
+        Numbers and times as the language writes them.
     """
 
     def __init__(self, request: Request) -> None:
@@ -47,16 +47,17 @@ class PageFrame:
     def answer(
         self, template: str, *, status: int = 200, headers: dict[str, str] | None = None, **values: object
     ) -> HTMLResponse:
-        """A page about whoever looks at it: kept nowhere, so that nobody finds it after the logout.
+        """Answer with a page for its caller, which no cache keeps, so that nobody finds it after the logout.
 
         Parameters
         ----------
         template
-            In `templates/pages`.
+            Name of a file in `templates/pages`.
         status, headers
-            Of the answer.
+            Status and further headers of the answer.
         values
-            By the names that the template uses, beside `caller`, `may`, `language` and what `base.html` needs.
+            Values by the names that the template uses, in addition to `caller`, `may`, `language` and what `base.html`
+            needs.
         """
         html = self.render(template, **values)
         answer = HTMLResponse(html, status, {"Cache-Control": "no-store", "Vary": "Cookie", **(headers or {})})
@@ -64,7 +65,7 @@ class PageFrame:
         return answer
 
     def render(self, template: str, **values: object) -> str:
-        """A template's text, of a page or a part of one."""
+        """Return the text of a template, for a page or a part of one."""
         return (
             templates(self.language)
             .get_template(f"pages/{template}")
@@ -83,7 +84,7 @@ class PageFrame:
         )
 
     def may(self, scope: str) -> bool:
-        """Whether whoever looks may do what needs a scope, as `activate`."""
+        """Return whether the caller may do what needs a scope, as `activate`."""
         return self.caller.scope.covers(Scope(scope))
 
     def _theme(self) -> str:
@@ -91,7 +92,7 @@ class PageFrame:
         return chosen if chosen in THEMES else THEMES[0]
 
     def _keep_display_open(self, answer: HTMLResponse) -> None:
-        """A display's cookie is given anew with each page."""
+        """Renew the cookie of a display with each page."""
         if self.caller.display and self.caller.csrf_token is not None:
             cookie: SessionCookie = self._request.app.state.session_cookie
             secret = cookie.read(self._request.scope, self._request.headers)
@@ -103,13 +104,13 @@ ThePage = Annotated[PageFrame, Depends()]
 
 @cache
 def formats_of(language: str) -> Formats:
-    """How a language writes numbers and times."""
+    """Return the formats of numbers and times in a language."""
     return Formats(locale_of(language), texts(language))
 
 
 @cache
 def templates(language: str = ENGLISH) -> Environment:
-    """The templates in a language."""
+    """Return the templates in a language."""
     environment = templates_of("sawmill_service", ["jinja2.ext.i18n"])
     text, formats = texts(language), formats_of(language)
     environment.install_gettext_translations(text, newstyle=True)  # type: ignore[attr-defined]

@@ -8,32 +8,32 @@ from sawmill_vocabulary import Theta
 
 Point = tuple[float, float]
 MARGIN = 0.09
-# Where no calibration has found the detector's distance.
+# Detector's distance over the source's, assumed where no calibration has found it.
 ASSUMED_DETECTOR_SHARE = 0.8
 
 
 @dataclass(frozen=True)
 class ScannerDrawing:
-    """In mm as SVG counts them, y downwards, the centre of rotation at (0, 0): the source stands below it.
+    """Drawing of a scanner in mm, y downwards as in SVG, with the COR at (0, 0) and the source below it.
 
     Attributes
     ----------
     source, detector
-        The source, and the two ends of the detector.
+        Source, and the two ends of the detector.
     foot : (x, y)
-        Where the ray through the centre of rotation meets the detector.
+        Point in which the ray through the centre of rotation meets the detector.
     middle : (x, y)
-        The middle of the detector.
+        Middle of the detector.
     log_radius_mm : float
-        Of the largest log.
+        Radius of the largest log.
     box : (left, top, width, height)
-        What holds all of it.
+        Box around the whole drawing.
     size_mm : float
-        Of a letter that can be read.
+        Size of a letter that can be read.
     tilt_deg : float
-        Of the detector.
+        Tilt of the detector.
     calibrated : bool
-        False: drawn straight, with the detector where it may be.
+        False: the detector is drawn straight, at an assumed distance.
     """
 
     source: Point
@@ -48,10 +48,10 @@ class ScannerDrawing:
 
 
 def scanner_drawing(constants: ScannerConstants, theta: Theta | None, log_radius_mm: float) -> ScannerDrawing:
-    """A scanner as its constants and its active calibration have it, at the first view's angle.
+    """Draw a scanner by its constants and its active calibration, at the angle of the first view.
 
-    docs/conventions.md#theta: the source stands at (h_S, -r_S), the detector's middle at (-h_D, r_D), its axis runs
-    along (1, alpha_D), with y upwards.
+    docs/conventions.md#theta: the source is at (h_S, -r_S), the detector's middle at (-h_D, r_D), and the detector's
+    axis runs along (1, alpha_D), with y upwards.
     """
     r_s = constants.source_to_cor_mm
     drawn = theta or Theta(0.0, ASSUMED_DETECTOR_SHARE * r_s, 0.0, 0.0, 0.0)
@@ -79,7 +79,7 @@ def scanner_drawing(constants: ScannerConstants, theta: Theta | None, log_radius
 
 
 def _foot(source: Point, middle: Point, slope: float) -> Point:
-    """Where the line from the source through the origin meets the line of the detector."""
+    """Intersect the line from the source through the origin with the line of the detector."""
     s_x, s_y = source
     # t (-s) on the line y - middle_y = slope (x - middle_x).
     t = (middle[1] - slope * middle[0]) / (slope * s_x - s_y)

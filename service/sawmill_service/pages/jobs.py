@@ -1,4 +1,4 @@
-"""Jobs: what runs now, what waits, how the last ones ended."""
+"""Page of jobs: those that run now, those that wait, and how the last ones ended."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Annotated, Literal, NamedTuple
@@ -17,32 +17,32 @@ from sawmill_store.errors import Conflict
 from sawmill_store.store import Store
 
 JOBS = "/jobs"
-# Of a list: what fits on a page that is looked at, and is read again every few seconds.
+# Longest list: it fits on a screen, and is read again every few seconds.
 LISTED = 20
 
 router = APIRouter(include_in_schema=False)
 
 
 class JobFilter(Paging):
-    """Which jobs a page shows; the empty text of a form's first choice shows all."""
+    """Filter of the jobs on the page; the empty text of a form's first choice selects all."""
 
     kind: JobKind | Literal[""] = ""
     state: JobState | Literal[""] = ""
 
 
 class JobsShown(NamedTuple):
-    """What the page shows of them; None: not asked for.
+    """Jobs on the page; None for a list that was not requested.
 
     Attributes
     ----------
     running, queued, ended : list of JobView or None
-        The first few of each: of the queue those whose turn is next, of those that ended the ones asked for last.
+        The first few of each: in the queue those whose turn is next, of ended jobs those requested last.
     following : str or None
-        From where on older ones are listed.
+        Cursor from which older ones are listed.
     counts : mapping
-        How many are in each state, of every kind.
+        Number of jobs in each state, of every kind.
     older : bool
-        Whether it is such a list of older ones, which does not change by itself.
+        True if this is a list of older jobs, which does not change by itself.
     """
 
     running: list[JobView] | None
@@ -58,25 +58,25 @@ Wanted = Annotated[JobFilter, Query()]
 
 @router.get(JOBS)
 def jobs(page: ThePage, store: TheStore, wanted: Wanted) -> HTMLResponse:
-    """The page."""
+    """Show the page."""
     return _answer("jobs.html", page, store, wanted)
 
 
 @router.get(f"{JOBS}/now")
 def now(page: ThePage, store: TheStore, wanted: Wanted) -> HTMLResponse:
-    """The part of the page that changes, for its script."""
+    """Return the part of the page that changes, for its script."""
     return _answer("jobs_now.html", page, store, wanted)
 
 
 @router.get(JOBS + "/{job_id}/history")
 def history(job_id: Identifier, page: ThePage, store: TheStore) -> HTMLResponse:
-    """Each attempt at a job and its fate, as a part of the page."""
+    """Show the attempts at a job and the outcome of each, as a part of the page."""
     return page.answer("job_history.html", events=store.events.of_job(job_id), fates=FATES)
 
 
 @router.post(JOBS + "/{job_id}/cancel")
 def cancel(job_id: Identifier, store: TheStore) -> RedirectResponse:
-    """Cancel a job; one that has ended meanwhile is left as it is, and the page shows how it ended."""
+    """Cancel a job; a job that has already ended is left as it is, and the page shows how it ended."""
     try:
         store.jobs.request_cancel(job_id)
     except Conflict:

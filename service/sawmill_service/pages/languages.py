@@ -1,4 +1,4 @@
-"""The languages of the pages: gettext catalogues, and which of them a browser gets."""
+"""The languages of the pages: gettext catalogues, and the choice of a language for a browser."""
 
 import gettext
 import io
@@ -12,9 +12,9 @@ from babel.messages.pofile import read_po
 
 _CATALOGUES = Path(__file__).parent.parent / "locale"
 ENGLISH = "en"
-# By their own names, for whoever looks for theirs.
+# Names of the languages in the languages themselves, so that readers recognise their own.
 LANGUAGES = {ENGLISH: "English", "fi": "Suomi"}
-# Whose dates, hours and decimals a language is shown with.
+# Locales whose dates, hours and decimals are used for a language.
 _REGIONS = {ENGLISH: "en_GB"}
 
 
@@ -24,14 +24,14 @@ def marked(text: str) -> str:
 
 
 def catalogue(language: str) -> Catalog:
-    """Read the translations into a language, which is not English."""
+    """Read the translations into a language other than English."""
     with (_CATALOGUES / language / "LC_MESSAGES" / "sawmill.po").open("rb") as file:
         return read_po(file, locale=language)
 
 
 @cache
 def texts(language: str) -> gettext.NullTranslations:
-    """The catalogue of a language; English is what the pages are written in and needs none."""
+    """Return the catalogue of a language; English needs none, because the pages are written in it."""
     if language == ENGLISH:
         return gettext.NullTranslations()
     compiled = io.BytesIO()
@@ -41,17 +41,17 @@ def texts(language: str) -> gettext.NullTranslations:
 
 
 def locale_of(language: str) -> Locale:
-    """How a language writes dates and numbers."""
+    """Return the locale by which a language writes dates and numbers."""
     return Locale.parse(_REGIONS.get(language, language))
 
 
 def preferred_language(chosen: str, accepted: str) -> str:
-    """The language to answer in.
+    """Choose the language of the answer.
 
     Parameters
     ----------
     chosen
-        What the browser's cookie says; anything, or nothing.
+        Value of the browser's cookie; any text, or empty.
     accepted
         The header `Accept-Language` (RFC 9110, section 12.5.4).
 
@@ -62,14 +62,14 @@ def preferred_language(chosen: str, accepted: str) -> str:
     """
     if chosen in LANGUAGES:
         return chosen
-    wanted = sorted((_weighed(part) for part in accepted.split(",")[:20]), reverse=True)
-    return negotiate_locale([name for weight, name in wanted if weight > 0.0], LANGUAGES, sep="-") or ENGLISH
+    by_weight = sorted((_weighed(part) for part in accepted.split(",")[:20]), reverse=True)
+    return negotiate_locale([name for weight, name in by_weight if weight > 0.0], LANGUAGES, sep="-") or ENGLISH
 
 
 def _weighed(part: str) -> tuple[float, str]:
     name, _, parameter = part.partition(";")
     try:
         weight = float(parameter.strip().removeprefix("q=") or 1.0)
-    except ValueError:  # no weight of the standard's: as good as none
+    except ValueError:  # no weight of the standard: the language is not accepted
         weight = 0.0
     return weight, name.strip().lower()

@@ -1,4 +1,4 @@
-"""Logs: what was reconstructed, and the viewer of its slices."""
+"""Pages of logs: the reconstructions, and the viewer of their slices."""
 
 from collections.abc import Mapping
 from typing import Annotated, Any
@@ -17,7 +17,7 @@ from sawmill_store.errors import NotFound
 from sawmill_store.store import Store
 from sawmill_vocabulary import ReconstructionMethod
 
-# Of the same scan, and of the same scanner: to look at beside a log.
+# Number of logs for comparison from the same scan, and from the same scanner.
 _OTHERS = 25
 
 router = APIRouter(include_in_schema=False)
@@ -25,7 +25,7 @@ router = APIRouter(include_in_schema=False)
 
 @router.get("/logs")
 def logs(page: ThePage, store: TheStore, chosen: TheFilter) -> Response:
-    """The list, newest first."""
+    """Show the list, newest first."""
     found = store.reconstructions.page(**chosen.arguments())
     return page.answer(
         "logs.html",
@@ -45,7 +45,7 @@ def log(
     store: TheStore,
     beside: Annotated[str, Query(max_length=64)] = "",
 ) -> Response:
-    """One log: its progress, why it failed, or its slices; `beside` names another log to look at with it."""
+    """Show a log: its progress, why it failed, or its slices, with a second log for comparison."""
     log = store.reconstructions.get(reconstruction_id)
     others = _others(store, log) if log.result else {}
     shown = [log, store.reconstructions.get(beside)] if beside and log.result else [log]
@@ -69,29 +69,29 @@ def log(
 
 
 def method_of(log: Reconstruction) -> ReconstructionMethod:
-    """The method that made a log, or that was asked for while there is no result."""
+    """Return the method that made a log, or the requested one while there is no result."""
     used = log.result.method if log.result else None
     return used.name if used else log.options.method
 
 
 def _name_of(log: Reconstruction, scans: Mapping[str, Scan]) -> str:
-    """Its scan's name; of one that was deleted, its id."""
+    """Return the name of a log's scan; the id of a scan that was deleted."""
     scan = scans.get(log.scan_id)
     return scan.name if scan else log.scan_id
 
 
 def _others(store: Store, log: Reconstruction) -> dict[str, Reconstruction]:
-    """Ready logs to look at beside this one, by their ids: first those of the same scan."""
+    """Find ready logs to compare with a log, by their ids; logs of the same scan come first."""
     same_scan = store.reconstructions.page(scan_id=log.scan_id, limit=_OTHERS).items
     same_scanner = store.reconstructions.page(scanner_id=log.scanner_id, limit=_OTHERS).items
     return {each.id: each for each in (*same_scan, *same_scanner) if each.result and each.id != log.id}
 
 
 def _volume(store: Store, log: Reconstruction) -> dict[str, Any] | None:
-    """Where a volume's slices and pixels lie, as the viewer's script reads it; None where its file is gone."""
+    """Describe where a volume's slices and pixels lie, for the viewer's script; None where the file is gone."""
     from sawmill_formats.output.volume_reader import volume_grid  # noqa: PLC0415 - a service that shows none has no h5py
 
-    assert log.result is not None  # noqa: S101 - the caller has looked
+    assert log.result is not None  # noqa: S101 - the caller has checked
     try:
         grid = volume_grid(store.files.volume(log.id), log.result.shape)
     except NotFound:

@@ -1,4 +1,4 @@
-"""How the pages look in one browser: its language and colours, kept in cookies."""
+"""Look of the pages in one browser: language and colours, kept in cookies."""
 
 from typing import Annotated
 
@@ -22,7 +22,7 @@ def look(
     theme: Annotated[str, Query()] = "",
     onward: Annotated[str, Query(alias="next")] = "/",
 ) -> RedirectResponse:
-    """Keep what of it is known, and go back to the page."""
+    """Keep the language and the theme that are known, and return to the page."""
     answer = RedirectResponse(local_path(onward), status_code=303)
     for name, value, known in [(LANGUAGE_COOKIE, language, LANGUAGES), (THEME_COOKIE, theme, THEMES)]:
         if value in known:

@@ -1,4 +1,4 @@
-"""The pages that the header leads to, in its order."""
+"""Pages that the header leads to, in the order of the header."""
 
 from sawmill_service.pages.languages import marked
 

@@ -1,4 +1,4 @@
-"""What a plan promises, held against the scanner's tolerances: the two questions, before the phantom is made."""
+"""Plans against the scanner's tolerances: the two questions, answered before the phantom is made."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -16,14 +16,14 @@ SHOWN = 3
 
 @dataclass(frozen=True)
 class PlanView:
-    """One plan as its page shows it.
+    """A plan as its page shows it.
 
     Attributes
     ----------
     scanner : StoredScanner or None
-        None: it was deleted since.
+        None: the scanner was deleted since.
     questions : list of ShownQuestion
-        None of them while there is no answer, or no scanner whose tolerances it could be held against.
+        Empty while there is no answer, or no scanner with tolerances for a comparison.
     """
 
     plan: Plan
@@ -32,7 +32,7 @@ class PlanView:
 
 
 def plan_views(store: Store, phantom_id: str, page: PageFrame) -> Iterator[PlanView]:
-    """The newest plans with a phantom, by the tolerances as they stand now."""
+    """Yield the newest plans with a phantom, judged by the present tolerances."""
     for plan in store.plans.page(phantom_id=phantom_id, limit=SHOWN).items:
         scanner = _scanner(store, plan.scanner_id)
         questions: list[ShownQuestion] = []

@@ -1,4 +1,4 @@
-"""What pages say of a phantom: its size, how well that is known, and whether it must be measured again."""
+"""Words of the pages for a phantom: its size, how well that is known, and whether it must be measured again."""
 
 from dataclasses import dataclass
 from datetime import date, timedelta
@@ -9,15 +9,15 @@ from sawmill_contracts.phantoms import PhantomDrawing, SizeMeasurement, StoredPh
 from sawmill_service.pages.formats import Formats
 from sawmill_service.pages.frame import PageFrame
 
-# Of an expiry that comes: time enough to find the caliper.
+# Time from the first warning to the expiry: enough to find the caliper.
 SOON = timedelta(days=30)
-# From two of a unit on: 14 months are no year.
+# Ages are given in a unit from two of that unit on: 14 months are not a year.
 _TWO = 2.0
 
 
 @dataclass(frozen=True)
 class SizeKnown:
-    """How well a phantom's size is known, for people: a word with its tone, and a sentence."""
+    """Accuracy of a phantom's size, for people: a word with its tone, and a sentence."""
 
     tone: str
     word: str
@@ -25,13 +25,13 @@ class SizeKnown:
 
 
 def size_text(drawing: PhantomDrawing, formats: Formats) -> str:
-    """Along x and y."""
+    """Write the size along x and y."""
     along_x, along_y = drawing.extent_mm
     return f"{formats.number(along_x, 1)} \N{MULTIPLICATION SIGN} {formats.mm(along_y, 1)}"
 
 
 def size_known(phantom: StoredPhantom, page: PageFrame, today: date) -> SizeKnown:
-    """By its measurements and what they say of their own expiry."""
+    """Judge how well the size is known, by the measurements and their own expiry."""
     measured = phantom.drawing.measurements if phantom.drawing else []
     if not measured:
         return _unmeasured(phantom, page)
@@ -39,8 +39,8 @@ def size_known(phantom: StoredPhantom, page: PageFrame, today: date) -> SizeKnow
     when = _last_measured(measured, page, today)
     if any(each.expired(today) for each in measured):
         return SizeKnown("watch", _("Measure again"), _("%(when)s: measure it again.") % {"when": when})
-    if phantom.drawing is not None and (left := phantom.drawing.axis_as_drawn) is not None:
-        return _along_one_axis(when, left, page)
+    if phantom.drawing is not None and (unmeasured := phantom.drawing.axis_as_drawn) is not None:
+        return _along_one_axis(when, unmeasured, page)
     ends = min((each.expires_on for each in measured if each.expires_on is not None), default=None)
     formats = page.formats
     if ends is not None and ends - today <= SOON:
@@ -52,9 +52,9 @@ def size_known(phantom: StoredPhantom, page: PageFrame, today: date) -> SizeKnow
     return SizeKnown("good", _("Measured"), _("%(when)s, with no day on which to repeat it.") % {"when": when})
 
 
-def _along_one_axis(when: str, left: str, page: PageFrame) -> SizeKnown:
+def _along_one_axis(when: str, unmeasured: str, page: PageFrame) -> SizeKnown:
     _ = page.text.gettext
-    axes = {"axis": "x" if left == "y" else "y", "other": left}
+    axes = {"axis": "x" if unmeasured == "y" else "y", "other": unmeasured}
     sentence = _("%(when)s, along %(axis)s only: along %(other)s it is as it was drawn. Measure that side too.")
     return SizeKnown("watch", _("Measured along %(axis)s only") % axes, sentence % {"when": when, **axes})
 
@@ -67,7 +67,7 @@ def _unmeasured(phantom: StoredPhantom, page: PageFrame) -> SizeKnown:
 
 
 def _last_measured(measured: list[SizeMeasurement], page: PageFrame, today: date) -> str:
-    """When it was measured last, and by what."""
+    """Write when the phantom was measured last, and with what."""
     _ = page.text.gettext
     last = max(measured, key=lambda each: each.measured_on or date.min)
     if last.measured_on is None:

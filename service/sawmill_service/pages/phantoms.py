@@ -1,4 +1,4 @@
-"""Phantoms: which there are, how well their sizes are known, a form for a new one, and the plan of a calibration."""
+"""Pages of phantoms: the list, how well sizes are known, a form for a new phantom, and the plan of a calibration."""
 
 import struct
 from datetime import date, datetime
@@ -28,9 +28,9 @@ from sawmill_vocabulary import Shape
 from sawmill_worker.pictures.phantom_drawing import outline_svg, shown_svg
 
 PHANTOMS = "/phantoms"
-# Of a list's page; a mill has one or two.
+# Phantoms on a page of the list; a mill has one or two.
 LISTED = 50
-# The scanners that a plan can be asked for.
+# Number of scanners for which a plan can be requested.
 OFFERED = 200
 # Signature, length and name of the first chunk, width, height (PNG, section 11.2.2).
 _PNG_HEAD = struct.Struct(">16xII")
@@ -39,7 +39,7 @@ router = APIRouter(include_in_schema=False)
 
 
 class ListedPhantom(NamedTuple):
-    """A row of the list."""
+    """Row of the list."""
 
     phantom: StoredPhantom
     size: str
@@ -47,14 +47,14 @@ class ListedPhantom(NamedTuple):
 
 
 class PictureShown(NamedTuple):
-    """A phantom's picture, in mm: its rotation centre is its middle."""
+    """Size of a phantom's picture, mm; the rotation centre is the middle of the picture."""
 
     width_mm: float
     height_mm: float
 
 
 class _Outline(Given):
-    """One shape of a drawing that is being made."""
+    """A shape of a drawing that is being made."""
 
     shape: DrawnShape
 
@@ -63,7 +63,7 @@ _OUTLINE = TypeAdapter(_Outline)
 
 
 class ShapeFault(Contract):
-    """Why a drawing is none yet."""
+    """Reason why a drawing is not yet valid."""
 
     shape: int | None = Field(description="The shape's number, counted from 0; null: all of them together.")
     sentence: str
@@ -78,7 +78,7 @@ class Preview(Contract):
 
 @router.get(PHANTOMS)
 def phantoms(page: ThePage, store: TheStore, paging: Annotated[Paging, Query()]) -> HTMLResponse:
-    """Every phantom that no newer measurement has replaced, the newest first."""
+    """List the phantoms that no newer measurement has replaced, the newest first."""
     listed, replaced, today = (
         store.phantoms.page(after=paging.after, limit=LISTED),
         store.phantoms.replaced(),
@@ -90,18 +90,18 @@ def phantoms(page: ThePage, store: TheStore, paging: Annotated[Paging, Query()])
 
 @router.get(f"{PHANTOMS}/new")
 def new_phantom(page: ThePage, settings: TheSettings) -> HTMLResponse:
-    """Draw one, or upload a picture of one."""
+    """Show the forms to draw a phantom or to upload a picture of one."""
     return page.answer("new_phantom.html", max_picture_bytes=settings.max_picture_bytes)
 
 
 @router.post(f"{PHANTOMS}/preview")
 def preview(page: ThePage, shapes: Annotated[list[JsonValue], Body(embed=True, max_length=200)]) -> Preview:
-    """Draw what can be drawn of shapes that need not be right yet, and say what is wrong with which."""
+    """Draw what can be drawn of shapes that need not be right yet, and report the faults of each shape."""
     read: dict[int, Shape] = {}
     faults: list[ShapeFault] = []
-    for number, given in enumerate(shapes):
+    for number, shape in enumerate(shapes):
         try:
-            read[number] = read_strictly(_OUTLINE, to_json({"shape": given})).shape
+            read[number] = read_strictly(_OUTLINE, to_json({"shape": shape})).shape
         except ValidationError as error:
             faults.append(ShapeFault(shape=number, sentence=_complaint(error)))
     faults += [ShapeFault(shape=number, sentence=sentence) for number, sentence in faults_of(read)]
@@ -114,19 +114,19 @@ def preview(page: ThePage, shapes: Annotated[list[JsonValue], Body(embed=True, m
 
 @router.get(PHANTOMS + "/{phantom_id}")
 def phantom(phantom_id: Identifier, page: ThePage, store: TheStore) -> HTMLResponse:
-    """One phantom: its drawing, its measurements, what it promises."""
+    """Show a phantom: its drawing, its measurements, its plans."""
     return _phantom_page(phantom_id, page, store)
 
 
 @router.get(PHANTOMS + "/{phantom_id}/plans")
 def plans(phantom_id: Identifier, page: ThePage, store: TheStore) -> HTMLResponse:
-    """The part of that page with its newest plans, for when one has ended."""
+    """Return the part of the phantom's page with the newest plans, for when a plan has ended."""
     return page.answer("phantom_plans.html", plans=list(plan_views(store, phantom_id, page)))
 
 
 @router.get(PHANTOMS + "/{phantom_id}/outline.svg")
 def outline(phantom_id: Identifier, request: Request, store: TheStore) -> Response:
-    """A small picture of its shapes, for lists."""
+    """Return a small picture of the phantom's shapes, for lists."""
     drawing = store.phantoms.get(phantom_id).drawing
     if drawing is None:
         raise NotFound("drawing", phantom_id)
@@ -135,14 +135,14 @@ def outline(phantom_id: Identifier, request: Request, store: TheStore) -> Respon
 
 @router.get(PHANTOMS + "/{phantom_id}/picture.png")
 def uploaded_picture(phantom_id: Identifier, request: Request, store: TheStore) -> Response:
-    """The picture that its outline was traced from."""
+    """Return the picture from which the outline was traced."""
     store.phantoms.picture(phantom_id)
     return file(request, store.files.upload(JobKind.TRACE_PHANTOM, phantom_id), "image/png")
 
 
 @router.post(PHANTOMS + "/{phantom_id}/delete")
 def delete(phantom_id: Identifier, page: ThePage, store: TheStore) -> Response:
-    """Delete it, or say what it is still needed for."""
+    """Delete a phantom, or show what still needs it."""
     try:
         store.phantoms.delete(phantom_id)
     except Conflict as refused:
@@ -172,7 +172,7 @@ def _phantom_page(
 
 
 def _scanners(store: Store) -> list[StoredScanner]:
-    """Those first whose calibration has a geometry to plan with."""
+    """Return the scanners, first those whose calibration has a geometry to plan with."""
     return sorted(store.scanners.page(limit=OFFERED).items, key=lambda each: each.active_calibration_id is None)
 
 
@@ -182,21 +182,21 @@ def _listed(phantom: StoredPhantom, page: PageFrame, today: date) -> ListedPhant
 
 
 def _picture_of(phantom: StoredPhantom, store: Store) -> PictureShown | None:
-    """None where it was drawn, or where what was uploaded is no PNG."""
+    """Return the size of the uploaded picture; None where the phantom was drawn, or the upload is no PNG."""
     if phantom.job_id is None:
         return None
-    given: PhantomPicture = store.phantoms.picture(phantom.id)
+    uploaded: PhantomPicture = store.phantoms.picture(phantom.id)
     path = store.files.upload(JobKind.TRACE_PHANTOM, phantom.id)
-    with path.open("rb") as uploaded:
-        head = uploaded.read(_PNG_HEAD.size)
+    with path.open("rb") as stream:
+        head = stream.read(_PNG_HEAD.size)
     if len(head) < _PNG_HEAD.size or not head.startswith(b"\x89PNG"):
         return None
     width, height = _PNG_HEAD.unpack(head)
-    return PictureShown(given.width_mm, given.width_mm * height / width) if width else None
+    return PictureShown(uploaded.width_mm, uploaded.width_mm * height / width) if width else None
 
 
 def _complaint(error: ValidationError) -> str:
-    """The first, with its place within the shape."""
+    """Return the first complaint, with its place within the shape."""
     location, message = complaint(error.errors()[0])
     place = ".".join(part for part in location.split(".") if part not in {"shape", "polygon", "disc"})
     return f"{place} {message}".strip()

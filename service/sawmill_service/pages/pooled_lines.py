@@ -1,4 +1,4 @@
-"""What drift checks measured together: a line with its band for each calibration and method, in a panel of a chart."""
+"""Pooled results of drift checks: a line with its band for each calibration and method, in a panel of a chart."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from sawmill_contracts.measurements import Movement
 from sawmill_contracts.scanner_drift import PooledDrift
 
-# Of a normal distribution 95 % lie within.
+# Standard deviations from the mean within which 95 % of a normal distribution lie.
 DEVIATIONS = 2.0
 
 Value = Callable[[Movement], float | None]
@@ -14,14 +14,14 @@ Value = Callable[[Movement], float | None]
 
 @dataclass(frozen=True)
 class Together:
-    """What a drift check measured together with those before it, its standard deviation, and what their baseline is."""
+    """A value pooled from a drift check and those before it, its standard deviation, and the value of the baseline."""
 
     value: Value
     deviation: Value
     zero: Callable[[PooledDrift], float | None]
 
     def has(self, one: Movement) -> bool:
-        """Whether it is in a chart."""
+        """Return whether a measurement has the pooled value."""
         return self.value(one) is not None
 
 
@@ -40,16 +40,16 @@ TILT = Together(
 def pooled_lines(
     together: Together, known: Sequence[tuple[float, float, Movement]], y: Callable[[float], float]
 ) -> Iterator[tuple[str, str]]:
-    """A line and the outline of its band, as `points` of SVG.
+    """Yield lines and the outlines of their bands, as `points` of SVG.
 
     Parameters
     ----------
     together
-        Of which value.
+        Pooled value.
     known
-        Places along the time, single values, and whose they are, the oldest first.
+        Positions along the time, single values, and their measurements, the oldest first.
     y
-        The place of a value in the panel.
+        Function that returns the position of a value in the panel.
     """
     by_chart: dict[tuple[str | None, str | None], list[tuple[float, float, float]]] = {}
     for x, _, one in known:
@@ -63,5 +63,5 @@ def pooled_lines(
 
 
 def points(places: Iterable[tuple[float, float]]) -> str:
-    """As SVG has them."""
+    """Write points as SVG has them."""
     return " ".join(f"{x},{y}" for x, y in places)

@@ -1,4 +1,4 @@
-"""Kinds of problems: their list and a page of each for people, JSON for programs; no database has a part in it."""
+"""Kinds of problems: their list and a page of each for people, JSON for programs; no database is needed."""
 
 from typing import Annotated
 
@@ -15,7 +15,7 @@ _VARY = {"Vary": "Accept, Cookie"}
 
 @router.get(PATH, summary="List the kinds of problems", response_model=ProblemTypes)
 def list_problem_types(request: Request, page: ThePage, response: Response) -> Response | ProblemTypes:
-    """By code: what each means, when it comes and what to do. A page for a browser, which needs no internet."""
+    """List each `code`: what it means, when it comes and what to do. Browsers get a page, which needs no internet."""
     if is_navigation(request.headers):
         return page.answer("problem_types.html", headers=_VARY, kinds=problem_types().values())
     response.headers.update(_VARY)
@@ -39,7 +39,7 @@ def get_problem_type(
     page: ThePage,
     response: Response,
 ) -> Response | ProblemType:
-    """What a `code` means, when it comes and what to do: the `type` of a problem leads here, and so do failed jobs."""
+    """Explain a `code`: its meaning, when it comes and what to do. Problems (`type`) and failed jobs link here."""
     kind = problem_types().get(code)
     if kind is None:
         raise Refused(404, "unknown-path", f"there is no problem {code!r}; {PATH} lists all that this version knows")

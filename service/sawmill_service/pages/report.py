@@ -1,7 +1,7 @@
-"""`/calibrations/{id}/report`: one page that prints on A4, the same that `sawmill report` writes.
+"""`/calibrations/{id}/report`: a page that prints on A4, the same that `sawmill report` writes.
 
-It stands alone, so that it can be saved and sent: it is the one page without the frame of the others. What draws is
-imported by the first report: a service at rest does not hold it.
+The report can be saved and sent: it is the one page without the common frame. Drawing modules are imported by the
+first report: a service at rest does not hold them.
 """
 # ruff: noqa: PLC0415 - for that reason
 
@@ -30,7 +30,7 @@ router = APIRouter(include_in_schema=False)
 
 @router.get("/calibrations/{calibration_id}/report")
 def report(calibration_id: Identifier, store: TheStore) -> HTMLResponse:
-    """The report of a calibration that has an answer."""
+    """Show the report of a calibration that has an answer."""
     from sawmill_worker.pictures.report_page import report_html
 
     calibration = succeeded(store, calibration_id, "report")
@@ -72,7 +72,7 @@ def _asked_by(store: Store, calibration: CalibrationSucceeded) -> str | None:
 
 
 def _arrays(store: Store, calibration_id: str) -> "CalibrationArrays | None":
-    """Those of result.h5; None where the file was removed."""
+    """Read the arrays of result.h5; None where the file was removed."""
     from sawmill_contracts.calibration_arrays import CalibrationArrays
     from sawmill_formats.output import calibration_file
 

@@ -1,4 +1,4 @@
-"""/retention: how long things are kept. A page asks for each confirmation with the number."""
+"""`/retention`: how long things are kept. A page asks for each confirmation with the number of items."""
 
 from fastapi import APIRouter
 from fastapi.responses import HTMLResponse, RedirectResponse
@@ -20,13 +20,13 @@ router = APIRouter(include_in_schema=False)
 
 @router.get(PATH)
 def retention(page: ThePage, store: TheStore) -> HTMLResponse:
-    """The rules in force, and the form for others."""
+    """Show the rules in force, and the form for new ones."""
     return _answer(page, store)
 
 
 @router.post(PATH)
 def try_rules(page: ThePage, store: TheStore, typed: TheForm) -> HTMLResponse:
-    """Show what would go by the rules that somebody typed, or the form again with what is wrong; nothing goes."""
+    """Show what typed rules would remove, or the form again with what is wrong; nothing is removed."""
     form, rules = read_form(typed, locale_of(page.language), page.text)
     if form.errors:
         return _answer(page, store, status=422, form=form)

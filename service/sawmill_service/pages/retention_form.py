@@ -39,21 +39,21 @@ REASONS = {
 
 @dataclass
 class RetentionForm:
-    """What stands in the fields, by the names of the rules, and what is wrong with it."""
+    """Texts of the fields and what is wrong with them, by the names of the rules."""
 
     values: dict[str, str]
     errors: dict[str, str] = field(default_factory=dict)
 
 
 def form_of(rules: RetentionRules, locale: Locale) -> RetentionForm:
-    """As rules are."""
+    """Write rules into a form."""
     return RetentionForm({name: _written(name, value, locale) for name, value in rules.model_dump().items()})
 
 
 def read_form(
     typed: Mapping[str, str], locale: Locale, text: gettext.NullTranslations
 ) -> tuple[RetentionForm, RetentionRules]:
-    """What somebody typed, and the rules; those that are wrong are none, and stand among the errors."""
+    """Read typed texts as a form and as rules; a wrong text gives no rule, and an error in the form."""
     form = RetentionForm({name: typed.get(name, "").strip() for name in RetentionRules.model_fields})
     numbers: dict[str, int] = {}
     for name, written in form.values.items():

@@ -1,4 +1,4 @@
-"""/scanners/{scanner_id}: how a scanner stands and has moved, its newest calibration, history, schedules, settings."""
+"""`/scanners/{scanner_id}`: condition, movement, newest calibration, history, schedules and settings of a scanner."""
 
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -29,7 +29,7 @@ from sawmill_store.errors import NotFound
 from sawmill_store.store import Store
 from sawmill_vocabulary import LARGEST_ASSUMED_LOG_RADIUS_MM
 
-# In days: twelve hours hold any shift.
+# Spans of the chart, days; twelve hours contain any shift.
 SPANS = {
     0.5: marked("12 hours"),
     1: marked("1 day"),
@@ -46,13 +46,13 @@ router = APIRouter(include_in_schema=False)
 
 @router.get("/scanners/new")
 def new_scanner(page: ThePage) -> HTMLResponse:
-    """The form for a new scanner."""
+    """Show the form for a new scanner."""
     return _new(page, _forms(page).empty())
 
 
 @router.post("/scanners/new", response_model=None)
 def create_scanner(page: ThePage, store: TheStore, typed: TheForm) -> HTMLResponse | RedirectResponse:
-    """Add it, or show the form again with what is wrong."""
+    """Add a scanner, or show the form again with what is wrong."""
     form, spec = _forms(page).read(typed, None)
     if spec is None:
         return _new(page, form)
@@ -66,7 +66,7 @@ def scanner(
     store: TheStore,
     days: Annotated[float, Query(ge=0.1, le=3660)] = 90,
 ) -> HTMLResponse:
-    """The whole page."""
+    """Show the whole page."""
     return _answer(page, store, store.scanners.get(scanner_id), days=days)
 
 
@@ -74,7 +74,7 @@ def scanner(
 def change_settings(
     scanner_id: Identifier, page: ThePage, store: TheStore, typed: TheForm
 ) -> HTMLResponse | RedirectResponse:
-    """Replace its description, or show the form again with what is wrong."""
+    """Replace a scanner's description, or show the form again with what is wrong."""
     known = store.scanners.get(scanner_id)
     form, spec = _forms(page).read(typed, known)
     if spec is None:
@@ -97,7 +97,7 @@ def add_schedule(
 
 @router.post("/scanners/{scanner_id}/schedules/{schedule_id}/delete")
 def delete_schedule(scanner_id: Identifier, schedule_id: Identifier, store: TheStore) -> RedirectResponse:
-    """Remove one of its schedules."""
+    """Remove a schedule of the scanner."""
     if store.schedules.get(schedule_id).scanner_id != scanner_id:
         raise NotFound("schedule", schedule_id)
     store.schedules.delete(schedule_id)
@@ -168,7 +168,7 @@ def _answer(
 
 
 def _made_with(active: CalibrationSucceeded | None, now: ScannerConstants) -> ScannerConstants | None:
-    """The constants of the active calibration, where others are set since; the distance of rows is no part of theta."""
+    """Return the constants of the active calibration if others are set since; the row pitch is no part of theta."""
     if active is None or replace(active.scanner, row_pitch_mm=now.row_pitch_mm) == now:
         return None
     return active.scanner
@@ -179,7 +179,7 @@ def _log(store: Store, newest: CalibrationSucceeded | None) -> ShownLog | None:
 
 
 def _schedules(store: Store, scanner_id: str) -> list[tuple[Schedule, list[ScheduleRun], set[str]]]:
-    """Each with its newest outcomes, and the ids of their calibrations that succeeded."""
+    """Return the schedules, each with its newest outcomes and the ids of their calibrations that succeeded."""
     items = store.schedules.page(scanner_id=scanner_id, limit=SHOWN_SCHEDULES).items
     with_runs = [(each, store.schedules.runs(each.id, limit=SHOWN_RUNS)) for each in items]
     ids = {run.calibration_id for _, runs in with_runs for run in runs if run.calibration_id is not None}

@@ -1,4 +1,4 @@
-"""A scanner's settings as a form: what each field means, what was typed, and what is wrong with it."""
+"""A scanner's settings as a form: what each field means, what was typed, and what is wrong with the text."""
 
 import gettext
 import re
@@ -17,7 +17,7 @@ from sawmill_service.pages.languages import marked
 
 @dataclass(frozen=True)
 class Field:
-    """One field: its place in the contract, its texts, and whether it may be left empty."""
+    """A field: its place in the contract, its texts, and whether it may be left empty."""
 
     name: str
     place: tuple[str, ...]
@@ -116,7 +116,7 @@ FIELDS = (
     ),
 )
 _BY_PLACE = {each.place: each.name for each in FIELDS} | {("name",): "name"}
-# Of what pydantic finds, with the words for it: the limit stands in the details under the name.
+# Errors of pydantic: the name of the limit in the details, and the sentence.
 _LIMITS = {
     "greater_than": ("gt", marked("must be more than %(limit)s, not %(value)s")),
     "greater_than_equal": ("ge", marked("must be %(limit)s or more, not %(value)s")),
@@ -127,7 +127,7 @@ _LIMITS = {
 
 @dataclass
 class ScannerForm:
-    """What stands in the fields, and beside them what is wrong; `further` belongs to no field."""
+    """Texts of the fields, and what is wrong with them; `further` belongs to no field."""
 
     values: dict[str, str]
     errors: dict[str, str] = field(default_factory=dict)
@@ -135,19 +135,19 @@ class ScannerForm:
 
     @property
     def is_wrong(self) -> bool:
-        """Whether anything has to be changed."""
+        """True if anything has to be changed."""
         return bool(self.errors or self.further)
 
 
 class ScannerForms:
-    """Reads and writes forms in one language.
+    """Reader and writer of forms in one language.
 
     Parameters
     ----------
     locale
-        Whose decimals are typed.
+        Locale whose decimals are typed.
     text
-        Its catalogue.
+        Catalogue of the language.
     """
 
     def __init__(self, locale: Locale, text: gettext.NullTranslations) -> None:
@@ -155,34 +155,34 @@ class ScannerForms:
         self._text = text
 
     def empty(self) -> ScannerForm:
-        """Of a scanner that is new: its tolerances stand there already."""
-        known = {"tolerances": Tolerances().model_dump()}
-        numbers = {each.name: _at(known, each.place) if each.place[0] in known else None for each in FIELDS}
+        """Return the form of a new scanner, in which the tolerances are filled in already."""
+        defaults = {"tolerances": Tolerances().model_dump()}
+        numbers = {each.name: _at(defaults, each.place) if each.place[0] in defaults else None for each in FIELDS}
         return ScannerForm({"name": "", **{name: self._number(value) for name, value in numbers.items()}})
 
     def of(self, spec: ScannerSpec) -> ScannerForm:
-        """As a scanner is."""
-        known = spec.model_dump(mode="json")
-        return ScannerForm({"name": spec.name, **{each.name: self._number(_at(known, each.place)) for each in FIELDS}})
+        """Write a scanner's description into a form."""
+        values = spec.model_dump(mode="json")
+        return ScannerForm({"name": spec.name, **{each.name: self._number(_at(values, each.place)) for each in FIELDS}})
 
     def read(self, typed: Mapping[str, str], known: ScannerSpec | None) -> tuple[ScannerForm, ScannerAsk | None]:
-        """What somebody typed, and the scanner that it describes unless something is wrong.
+        """Read what somebody typed: the form, and the scanner that it describes unless something is wrong.
 
         Parameters
         ----------
         known
-            What the form has no field for stays as it is there.
+            Scanner whose values are kept where the form has no field for them; None: the scanner is new.
         """
         form = ScannerForm({name: typed.get(name, "").strip() for name in ("name", *(each.name for each in FIELDS))})
         own = set(ScannerSpec.model_fields)
-        asked: dict[str, Any] = {} if known is None else known.model_dump(mode="json", include=own)
-        asked["name"] = form.values["name"]
+        document: dict[str, Any] = {} if known is None else known.model_dump(mode="json", include=own)
+        document["name"] = form.values["name"]
         for each in FIELDS:
-            _put(asked, each.place, self._read_number(each, form))
+            _put(document, each.place, self._read_number(each, form))
         if form.errors:
             return form, None
         try:
-            return form, ScannerAsk.model_validate(asked)
+            return form, ScannerAsk.model_validate(document)
         except ValidationError as error:
             for detail in error.errors():
                 self._place(form, detail)
@@ -204,10 +204,10 @@ class ScannerForms:
         return int(number) if each.whole else float(number)
 
     def _place(self, form: ScannerForm, detail: ErrorDetails) -> None:
-        """Put one complaint beside its field."""
+        """Assign a complaint to its field."""
         place = tuple(str(part) for part in detail["loc"])
         message = detail["msg"].removeprefix("Value error, ")
-        # What concerns two fields names the first one.
+        # A complaint about two fields names the first one.
         named = next((each.name for each in FIELDS if message.startswith(".".join(each.place) + " ")), None)
         name = _BY_PLACE.get(place[:2]) or named
         if name is None:
@@ -226,10 +226,10 @@ class ScannerForms:
 
 
 def _at(document: Mapping[str, Any], place: tuple[str, ...]) -> Any:  # noqa: ANN401 - a number or nothing
-    found: Any = document
+    value: Any = document
     for part in place:
-        found = found[part]
-    return found
+        value = value[part]
+    return value
 
 
 def _put(document: dict[str, Any], place: tuple[str, ...], value: float | None) -> None:

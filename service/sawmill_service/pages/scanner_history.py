@@ -1,4 +1,4 @@
-"""/scanners/{scanner_id}/history: what was measured over months, and everything that happened, by whom and why."""
+"""`/scanners/{scanner_id}/history`: measurements over months, and everything that happened, by whom and why."""
 
 from dataclasses import dataclass
 from datetime import UTC, date, datetime
@@ -63,20 +63,20 @@ router = APIRouter(include_in_schema=False)
 
 @dataclass(frozen=True)
 class ShownHistory:
-    """Which entries the page lists, and how far back its chart reaches.
+    """Selection of the entries that the page lists, and the span of the chart.
 
     Attributes
     ----------
     kind : HistoryKind or None
-        Those of this kind; None: all.
+        Kind of the entries; None: all kinds.
     first, last : date or None
-        The first and the last day.
+        First and last day.
     zone : str
-        The time zone of these days; empty: this machine's.
+        Time zone of these days; empty: this machine's.
     days : float
-        Of the chart.
+        Span of the chart, days.
     after : str or None
-        The cursor of the page before.
+        Cursor of the previous page.
     """
 
     kind: HistoryKind | None
@@ -87,18 +87,18 @@ class ShownHistory:
     after: str | None
 
     def arguments(self) -> dict[str, Any]:
-        """As the store takes them."""
+        """Return the selection as arguments for the store."""
         since = None if self.first is None else day_of(self.first, self.zone)[0]
         until = None if self.last is None else day_of(self.last, self.zone)[1]
         return {"kind": self.kind, "since": since, "until": until}
 
     def address(self, **changes: str | float | None) -> str:
-        """The query of this page with some of it changed; from its first entries on, unless `after` is given."""
-        known = {"kind": self.kind, "first": self.first, "last": self.last, "zone": self.zone, "days": f"{self.days:g}"}
-        return "?" + urlencode({name: value for name, value in (known | changes).items() if value})
+        """Return the query of this page with some values changed; from the first entries on unless `after` is given."""
+        query = {"kind": self.kind, "first": self.first, "last": self.last, "zone": self.zone, "days": f"{self.days:g}"}
+        return "?" + urlencode({name: value for name, value in (query | changes).items() if value})
 
     def file_query(self) -> str:
-        """The same entries, as the API's file takes them."""
+        """Return the query for the same entries in the API's file."""
         times = {
             name: value.isoformat() if name != "kind" else value for name, value in self.arguments().items() if value
         }
@@ -113,7 +113,7 @@ def _shown(
     days: Annotated[float, Query(ge=0.1, le=3660)] = 365,
     after: Annotated[str, Query(max_length=200, pattern=SHOWN)] = "",
 ) -> ShownHistory:
-    """As a form sends it: a field that is left empty is an empty text."""
+    """Read the selection from a form, which sends an empty text for an empty field."""
     span = parse_day("first", first), parse_day("last", last)
     return ShownHistory(kind or None, *span, check_zone(zone), days, after or None)
 
@@ -122,7 +122,7 @@ def _shown(
 def scanner_history(
     scanner_id: Identifier, page: ThePage, store: TheStore, shown: Annotated[ShownHistory, Depends(_shown)]
 ) -> HTMLResponse:
-    """The whole page."""
+    """Show the whole page."""
     known, span = store.scanners.get(scanner_id), span_of(shown.days, datetime.now(UTC))
     movements, total = store.measurements.movements_of(scanner_id, span.start, span.end)
     marks, opened = store.history.marks(scanner_id, span.start), store.alarms.open(scanner_id=scanner_id)
@@ -144,7 +144,7 @@ def scanner_history(
 
 
 def word_of(entry: HistoryEntry) -> Word:
-    """What became of it, in a word with its colour."""
+    """Return the outcome of an entry, in a word with its colour."""
     measured = entry.measured
     if measured is None:
         return EVENT_WORDS.get(entry.what) or Word("idle", entry.what)

@@ -1,4 +1,4 @@
-"""Scans: what was uploaded, what became of it, and what to do with it."""
+"""Pages of scans: what was uploaded, what became of it, and what to do with it."""
 
 from typing import Annotated
 
@@ -33,14 +33,14 @@ def _two_numbers(text: object) -> object:
 
 
 class AskedLog(Given, ReconstructionOptions):
-    """What the form for a log sends: texts."""
+    """Values of the form for a log, as texts."""
 
     field_centre_mm: Annotated[tuple[CoordinateMm, CoordinateMm], BeforeValidator(_two_numbers)] = (0.0, 0.0)
 
 
 @router.get("/scans")
 def scans(page: ThePage, store: TheStore, chosen: TheFilter) -> Response:
-    """The list, newest first."""
+    """Show the list, newest first."""
     return page.answer(
         "scans.html",
         chosen=chosen,
@@ -53,18 +53,18 @@ def scans(page: ThePage, store: TheStore, chosen: TheFilter) -> Response:
 
 @router.get("/scans/{scan_id}")
 def scan(scan_id: Identifier, page: ThePage, store: TheStore) -> Response:
-    """One scan with what can be done with it."""
+    """Show a scan with what can be done with it."""
     return _scan_page(page, store, scan_id)
 
 
 @router.post("/scans/{scan_id}/reconstruct")
 def reconstruct(scan_id: Identifier, page: ThePage, store: TheStore, wake: TheWake, fields: TheForm) -> Response:
-    """Ask for a log, and go on to it."""
-    wanted = {name: value for name, value in fields.items() if name in AskedLog.model_fields and value.strip()}
+    """Request a log, and go to its page."""
+    texts = {name: value for name, value in fields.items() if name in AskedLog.model_fields and value.strip()}
     try:
-        options = AskedLog.model_validate(wanted)
-        asked = ReconstructionAsk(scan_id=scan_id, **options.model_dump(exclude_unset=True))
-        log = store.reconstructions.accept(asked)
+        options = AskedLog.model_validate(texts)
+        ask = ReconstructionAsk(scan_id=scan_id, **options.model_dump(exclude_unset=True))
+        log = store.reconstructions.accept(ask)
     except ValidationError as error:
         return _scan_page(page, store, scan_id, status=422, problem=placed_complaint(error), given=fields)
     except (Conflict, Invalid, QueueFull) as error:
@@ -75,7 +75,7 @@ def reconstruct(scan_id: Identifier, page: ThePage, store: TheStore, wake: TheWa
 
 @router.post("/scans/{scan_id}/delete")
 def delete(scan_id: Identifier, page: ThePage, store: TheStore) -> Response:
-    """Delete a scan and go back to the list; where a job needs it, the page says which."""
+    """Delete a scan and return to the list; where a job needs the scan, the page names that job."""
     try:
         store.scans.delete(scan_id)
     except Conflict as error:

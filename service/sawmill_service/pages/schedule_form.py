@@ -12,7 +12,7 @@ from sawmill_service.pages.languages import marked
 from sawmill_store.errors import Invalid
 from sawmill_store.store import Store
 
-# The weekdays of cron, by their choices.
+# Choices of days, by the weekdays of cron.
 DAYS = {
     "*": marked("Every day"),
     "1-5": marked("Monday to Friday"),
@@ -29,7 +29,7 @@ KINDS = {
     "recalibrate": marked("Calibrate with the newest phantom scan"),
     "check-drift": marked("Look for drift on the newest log"),
 }
-# Of a due time of which no calibration and no drift check is stored.
+# Outcomes of a due time without a stored calibration or drift check.
 OUTCOMES = {
     "queued": marked("a calibration, which was removed since"),
     "no-new-phantom-scan": marked("no new phantom scan"),
@@ -43,7 +43,7 @@ _CLOCK = re.compile(r"([01]?\d|2[0-3]):([0-5]\d)")
 
 @dataclass
 class ScheduleForm:
-    """What stands in the fields of a new schedule, and what is wrong with it."""
+    """Texts of the fields of a new schedule, and what is wrong with them."""
 
     values: dict[str, str] = field(
         default_factory=lambda: {
@@ -59,15 +59,15 @@ class ScheduleForm:
 
 
 def plain(cron: str) -> tuple[str, str] | None:
-    """The days, a text of the pages, and the time HH:MM of an expression that a choice could have made."""
-    found = _PLAIN.fullmatch(" ".join(cron.split()))
-    return None if found is None else (DAYS[found[3]], f"{int(found[2]):02}:{int(found[1]):02}")
+    """Return the days (a text of the pages) and the time HH:MM of an expression that a choice can make, else None."""
+    match = _PLAIN.fullmatch(" ".join(cron.split()))
+    return None if match is None else (DAYS[match[3]], f"{int(match[2]):02}:{int(match[1]):02}")
 
 
 def added(
     store: Store, scanner: StoredScanner, typed: Mapping[str, str], text: gettext.NullTranslations
 ) -> ScheduleForm:
-    """Add the schedule that somebody typed; the form holds errors where it is none."""
+    """Add the schedule that somebody typed; the form holds errors where the schedule is wrong."""
     form = ScheduleForm()
     form.values |= {name: typed.get(name, value).strip() for name, value in form.values.items()}
     cron = form.values["cron"] or _cron_of(form, text)
@@ -91,13 +91,13 @@ def added(
 
 
 def _cron_of(form: ScheduleForm, text: gettext.NullTranslations) -> str | None:
-    """The expression of the chosen days and time."""
+    """Return the cron expression of the chosen days and time."""
     days, clock = form.values["days"], form.values["clock"]
-    found = _CLOCK.fullmatch(clock)
+    match = _CLOCK.fullmatch(clock)
     if days not in DAYS:
         form.errors["days"] = text.gettext("Choose the days.")
-    if found is None:
+    if match is None:
         sentence = text.gettext("must be a time from 00:00 to 23:59, as in 05:30, not “%(value)s”")
         form.errors["clock"] = sentence % {"value": clock}
         return None
-    return None if form.errors else f"{int(found[2])} {int(found[1])} * * {days}"
+    return None if form.errors else f"{int(match[2])} {int(match[1])} * * {days}"

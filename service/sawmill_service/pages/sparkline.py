@@ -1,4 +1,4 @@
-"""A month of a scanner's movement, as small as a word."""
+"""Chart of a month of a scanner's movement, as small as a word."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -9,28 +9,28 @@ from sawmill_contracts.scanners import Tolerances
 
 WIDTH, HEIGHT = 150, 40  # as drawn; the page may stretch it
 _MARGIN = 4
-_TALLEST = 1.6  # tolerances; what moved farther stands at the top
+_TALLEST = 1.6  # tolerances; larger movements are drawn at the top
 _MOST = 60  # points: two a day
 
 
 @dataclass(frozen=True)
 class Sparkline:
-    """What the page draws, in the drawing's units, y downwards.
+    """Chart in units of the drawing, y downwards.
 
     Attributes
     ----------
     line : str
-        The points of a polyline, the oldest first.
+        Points of a polyline, the oldest first.
     last : tuple of float
-        The newest point.
+        Newest point.
     tolerance_y : float
-        Where the tolerance lies.
+        Position of the tolerance.
     beyond : bool
-        Whether the newest point lies beyond it.
+        True if the newest point lies beyond the tolerance.
     checks : int
-        How many measurements there are.
+        Number of measurements.
     most_mm : float
-        The farthest of them.
+        Largest movement.
     """
 
     line: str
@@ -44,7 +44,7 @@ class Sparkline:
 def sparkline(
     movements: Iterable[Movement], tolerances: Tolerances, start: datetime, end: datetime
 ) -> Sparkline | None:
-    """Draw those that show a movement, from `start` to `end`; None where there is none."""
+    """Draw the measurements that show a movement, from `start` to `end`; None where there is none."""
     seen = [each for each in movements if each.ray_change_mm is not None]
     if not seen:
         return None
@@ -67,7 +67,7 @@ def sparkline(
 
 
 def _thinned(movements: list[Movement]) -> list[Movement]:
-    """At most sixty: the farthest of each few neighbours, and the newest."""
+    """Select at most sixty measurements: the farthest of each few neighbours, and the newest."""
     step = -(-len(movements) // _MOST)
     groups = [movements[first : first + step] for first in range(0, len(movements) - 1, step)]
     return [*(max(group[:step], key=lambda each: each.ray_change_mm or 0.0) for group in groups), movements[-1]]

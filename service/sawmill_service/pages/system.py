@@ -1,4 +1,4 @@
-"""The system: disk, workers, database, clock, limits; for administrators keys and the audit."""
+"""Page of the system: disk, workers, database, clock, limits; for administrators keys and the audit."""
 
 from datetime import UTC, datetime
 
@@ -65,7 +65,7 @@ router = APIRouter(include_in_schema=False)
 
 @router.get(SYSTEM)
 def system(request: Request, page: ThePage, store: TheStore, settings: TheSettings) -> HTMLResponse:
-    """The page; keys and the audit for administrators alone."""
+    """Show the page, with keys and the audit for administrators alone."""
     admin, now = page.may(Scope.ADMIN), datetime.now(UTC)
     return page.answer(
         "system.html",
@@ -92,5 +92,5 @@ def system(request: Request, page: ThePage, store: TheStore, settings: TheSettin
 
 @router.get(f"{SYSTEM}/keys")
 def keys(page: ThePage, store: TheStore) -> HTMLResponse:
-    """The part of the page with the keys, for when one was made or ended."""
+    """Return the part of the page with the keys, for when a key was made or has ended."""
     return page.answer("system_keys.html", keys=store.keys.all().keys, scopes=SCOPES, now=datetime.now(UTC))

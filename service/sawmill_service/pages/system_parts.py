@@ -1,4 +1,4 @@
-"""What the page of the system shows of disk, workers, clock, versions and limits."""
+"""Parts of the page of the system: disk, workers, clock, versions and limits."""
 
 import platform
 from datetime import datetime, timedelta
@@ -16,18 +16,18 @@ from sawmill_store.settings import StorageSettings
 from sawmill_store.store import Store
 from sawmill_vocabulary.version import VERSION
 
-# A worker that has taken no job for so long is not known to be there.
+# A worker that has taken no job for this time is not known to be there.
 SEEN = timedelta(minutes=10)
-# More than this many times the reserve is plenty.
+# Free space of more than this many times the reserve is plenty.
 PLENTY = 10
-# Share of the places in the queue.
+# Share of the places in the queue from which the queue is nearly full.
 NEARLY = 0.8
-# A disk that is full later than that needs nobody now.
+# A disk that is full only after more days than this needs no attention now.
 PLENTY_DAYS = 30
 MOST_WORKERS = 200
 CLOCK_EVENTS = 5
 PACKAGES = ("fastapi", "SQLAlchemy", "numpy", "scipy", "numba", "h5py", "celery")
-# What a person runs into: uploads, requests, streams. Places and secrets are none of a page's.
+# Limits that a person meets: uploads, requests, streams. Locations and secrets are not shown on a page.
 LIMITS = (
     "max_upload_bytes",
     "max_form_bytes",
@@ -49,7 +49,7 @@ STORED_LIMITS = ("max_queued_jobs", "max_queued_jobs_per_key")
 
 
 class Disk(NamedTuple):
-    """The data folder's disk."""
+    """Disk of the data folder."""
 
     free_bytes: int
     size_bytes: int
@@ -58,19 +58,19 @@ class Disk(NamedTuple):
 
     @property
     def used_share(self) -> float:
-        """Of the disk, by whomever."""
+        """Share of the disk that is used, by any program."""
         return 1.0 - self.free_bytes / self.size_bytes
 
     @property
     def tone(self) -> str:
-        """Bad where it counts as full, a look where that is near."""
+        """Bad where the disk counts as full, watch where that is near."""
         if self.free_bytes < self.reserve_bytes:
             return "bad"
         return "good" if self.free_bytes > PLENTY * self.reserve_bytes else "watch"
 
 
 class Queue(NamedTuple):
-    """How many jobs wait, and how many may."""
+    """Number of waiting jobs, and how many are allowed."""
 
     waiting: Waiting
     most: int
@@ -78,13 +78,13 @@ class Queue(NamedTuple):
 
     @property
     def tone(self) -> str:
-        """Bad where somebody is refused, a look where that is near."""
+        """Bad where new jobs are refused, watch where that is near."""
         full = max(self.waiting.in_all / self.most, self.waiting.most_of_a_key / self.most_of_a_key)
         return "good" if full < NEARLY else "watch" if full < 1.0 else "bad"
 
 
 class Worker(NamedTuple):
-    """A worker that is known: with its job, or with the last time that it began or ended one."""
+    """Worker with its jobs, or with the last time at which it began or ended one."""
 
     name: str
     jobs: list[JobView]
@@ -92,7 +92,7 @@ class Worker(NamedTuple):
 
 
 class Limit(NamedTuple):
-    """A setting in force."""
+    """Setting in force."""
 
     name: str
     value: str | float
@@ -100,19 +100,19 @@ class Limit(NamedTuple):
 
 
 def disk_of(store: Store) -> Disk:
-    """As it is now, or an `OSError`."""
+    """Read the present state of the disk, or raise an `OSError`."""
     room = store.files.room()
     reserve_bytes = store.settings.disk_reserve_bytes
     return Disk(room.free_bytes, room.size_bytes, reserve_bytes, store.scans.uploaded_bytes())
 
 
 def queue_of(store: Store) -> Queue:
-    """As it is now."""
+    """Read the present state of the queue."""
     return Queue(store.places.waiting(), store.settings.max_queued_jobs, store.settings.max_queued_jobs_per_key)
 
 
 def workers_of(store: Store, page: PageFrame, now: datetime) -> list[Worker]:
-    """Those that run something first, then those that did lately."""
+    """Return the workers that run something, then those that ran something lately."""
     busy: dict[str, list[JobView]] = {}
     for job in store.jobs.page(state=JobState.RUNNING, limit=MOST_WORKERS).items:
         busy.setdefault(job.worker or "?", []).append(job_view(job, page))
@@ -122,19 +122,19 @@ def workers_of(store: Store, page: PageFrame, now: datetime) -> list[Worker]:
 
 
 def clock_remarks(store: Store) -> list[Event]:
-    """The newest first."""
+    """Return the events of the clock, the newest first."""
     return store.events.of_clock()[::-1][:CLOCK_EVENTS]
 
 
 @cache
 def versions() -> dict[str, str]:
-    """Of this process."""
+    """Return the versions of this process and the packages in it."""
     ours = {"sawmill-calibration": VERSION, "Python": platform.python_version()}
     return ours | {name: version(name) for name in PACKAGES}
 
 
 def limits_of(settings: ServiceSettings, stored: StorageSettings) -> list[Limit]:
-    """Those that a person runs into, each as its setting is called."""
+    """Return the limits that a person meets, by the names of their settings."""
     return [
         Limit(f"SAWMILL_{name.upper()}", getattr(these, name), type(these).model_fields[name].description or "")
         for these, names in ((settings, LIMITS), (stored, STORED_LIMITS))

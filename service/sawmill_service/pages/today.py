@@ -1,4 +1,4 @@
-"""/: how all scanners stand, the worst first, kept up to date while the page is open."""
+"""`/`: the condition of all scanners, the worst first, kept up to date while the page is open."""
 
 import gettext
 from collections.abc import Mapping, Sequence
@@ -17,10 +17,10 @@ from sawmill_service.scanner_conditions import ALARMS, ScannerCondition, conditi
 from sawmill_store.store import Store
 
 SPAN = timedelta(days=30)
-# A lost connection is mended within a second, and the stream speaks every five seconds where nothing happens.
+# A lost connection is restored within a second; the stream sends a sign of life every five seconds.
 LOST_MS, SILENT_MS = 4_000, 12_000
 _WORST_FIRST = ("bad", "watch", "idle", "good")
-# What no row of a scanner shows.
+# Events that no row of a scanner shows.
 _NOT_SHOWN = {
     EventKind.CLOCK_OFF,
     EventKind.CLOCK_STEPPED,
@@ -46,14 +46,14 @@ router = APIRouter(include_in_schema=False)
 
 @dataclass(frozen=True)
 class ScannerRow:
-    """One scanner of the page."""
+    """A scanner of the page."""
 
     condition: ScannerCondition
     movements: Sparkline | None
 
     @property
     def rank(self) -> tuple[int, float, str]:
-        """The worst comes first; among equals the one that has moved farthest."""
+        """Key for sorting: the worst comes first; among equals the scanner that has moved farthest."""
         moved = self.condition.moved
         share = moved.share if moved is not None and moved.since_active else 0.0
         return _WORST_FIRST.index(self.condition.standing.tone), -share, self.condition.scanner.name
@@ -61,7 +61,7 @@ class ScannerRow:
 
 @dataclass(frozen=True)
 class Board:
-    """The part of the page that changes: all scanners, how many of them need somebody, and when that was so."""
+    """Part of the page that changes: all scanners, the number of them that need somebody, and the time of the state."""
 
     rows: Sequence[ScannerRow]
     needy: int
@@ -71,7 +71,7 @@ class Board:
 
 @router.get("/")
 def today(page: ThePage, store: TheStore) -> HTMLResponse:
-    """The whole page; its script follows the events behind the number that was read before the rows."""
+    """Show the whole page; its script follows the events after the number that was read before the rows."""
     number = store.events.reader().number
     kinds = " ".join(kind for kind in EventKind if kind not in _NOT_SHOWN)
     return page.answer(
@@ -87,7 +87,7 @@ def today(page: ThePage, store: TheStore) -> HTMLResponse:
 
 @router.get("/today/rows")
 def rows(page: ThePage, store: TheStore) -> HTMLResponse:
-    """The part of the page that changes."""
+    """Return the part of the page that changes."""
     return page.answer("today_rows.html", board=_board(page, store), alarms=ALARMS)
 
 

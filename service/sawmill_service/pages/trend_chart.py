@@ -1,4 +1,4 @@
-"""What calibrations and drift checks measured of a scanner: five values over months, with alarms and activations."""
+"""Chart of calibrations and drift checks of a scanner: five values over months, with alarms and activations."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -23,10 +23,10 @@ from sawmill_service.pages.charts import (
 )
 from sawmill_service.pages.pooled_lines import COLUMN, DEVIATIONS, TILT, Together, Value
 
-# Two extremes of five values in each leave as many marks as the drift chart has.
+# Two extremes of five values in each part leave as many marks as the drift chart has.
 PARTS = 24
 HEIGHT_PX = 110
-# More of them would be a hatching.
+# More lines would look like a hatching.
 MOST_LINES = 60
 
 
@@ -37,11 +37,11 @@ class Quantity:
     Attributes
     ----------
     value, deviation
-        Of a measurement, and its standard deviation.
+        Value of a measurement, and its standard deviation.
     together
-        What drift checks measured of it together; null: nothing.
+        Pooled results of drift checks for the value; None: there are none.
     least : float
-        The smallest change that fills the panel: values that differ by less are the same to a person.
+        Smallest change that fills the panel: values that differ by less are the same to a person.
     """
 
     value: Value
@@ -51,7 +51,7 @@ class Quantity:
 
 
 def _of_phantoms(value: Value) -> Value:
-    """Where a log shows another thing of that name, or hardly anything."""
+    """Restrict a value to phantoms: a log shows another quantity under that name, or hardly anything."""
     return lambda one: value(one) if is_calibration(one) else None
 
 
@@ -76,22 +76,22 @@ def trend_chart(
     total: int,
     together: Sequence[PooledDrift] = (),
 ) -> Chart:
-    """The chart of one scanner.
+    """Make the trend chart of one scanner.
 
     Parameters
     ----------
     movements
-        In the span, the oldest first; of very many, some.
+        Measurements in the span, the oldest first; a selection where there are very many.
     marks
         Activations and alarms in the span, the oldest first.
     opened
-        The alarms that are open.
+        Open alarms.
     span
-        From when to when it reaches.
+        Time span of the chart.
     total
-        Of the measurements in the span.
+        Number of measurements in the span.
     together
-        What drift checks since the active calibration show together, by method.
+        Pooled results of the drift checks since the active calibration, by method.
     """
     marks = list(marks)
     values = [quantity.value for quantity in QUANTITIES.values()]
@@ -121,7 +121,7 @@ def _panel(
         if (deviation := quantity.deviation(one)) is not None
         and (quantity.together is None or not quantity.together.has(one))
     ]
-    # A typical bar fits; a long one ends at the edge, for it must not flatten all others.
+    # A typical bar fits; a long bar ends at the edge, because it must not flatten all others.
     half = median([(high - low) / 2.0 for _, low, high in bars]) if bars else 0.0
     values = [value for _, value, _ in known] + [zero for _, zero in zeros]
     reached = [min(values) - half, max(values) + half] if values else []
@@ -130,7 +130,7 @@ def _panel(
 
 
 def _alarms(marks: Iterable[HistoryMark], opened: Iterable[Alarm], span: Span) -> list[tuple[float, float]]:
-    """From where to where on the axis an alarm was open; one that began before the span begins at its edge."""
+    """Return position and width of each period with an open alarm; a period that began before the span is cut off."""
     since, found = {}, []
     for mark in marks:
         if mark.what is EventKind.ALARM_OPENED:

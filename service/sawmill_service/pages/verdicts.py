@@ -1,4 +1,4 @@
-"""The two questions of a verdict as the pages show them: a word, a number against its limit, a sentence."""
+"""The two questions of a verdict on pages: a word, a number against its limit, a sentence."""
 
 import gettext
 from collections.abc import Callable
@@ -20,18 +20,18 @@ _WORDS = {
 
 @dataclass(frozen=True)
 class ShownQuestion:
-    """One of the two, in a language.
+    """Question of the two with its answer, in a language.
 
     Attributes
     ----------
     question, word, sentence : str
-        What is asked, the answer in a word and in a sentence.
+        Question, and the answer in a word and in a sentence.
     tone : str
-        Its colour: good, watch, bad or idle.
+        Colour: good, watch, bad or idle.
     value, limit : str or None
-        The number and what is allowed, with their units.
+        Number and its limit, with their units.
     share : float or None
-        The number over its limit.
+        Number over its limit.
     """
 
     question: str
@@ -46,7 +46,7 @@ class ShownQuestion:
 def shown_questions(
     text: gettext.NullTranslations, formats: Formats
 ) -> Callable[[CalibrationResult, Tolerances | None], list[ShownQuestion]]:
-    """What templates call with a calibration and its scanner's tolerances (`two_questions`)."""
+    """Return the function that templates call with a calibration and its scanner's tolerances (`two_questions`)."""
 
     def shown(calibration: CalibrationResult, tolerances: Tolerances | None = None) -> list[ShownQuestion]:
         return shown_pair(TwoQuestions.of(calibration, tolerances), text, formats)
@@ -55,7 +55,7 @@ def shown_questions(
 
 
 def shown_pair(two: TwoQuestions, text: gettext.NullTranslations, formats: Formats) -> list[ShownQuestion]:
-    """Both, of a calibration or a plan."""
+    """Return both questions with their answers, for a calibration or a plan."""
     rays, millimetres = two.rays, two.millimetres
     rays_sentence = rays.sentence(text.gettext, formats.mm)
     lengths = millimetres.sentence(text.gettext, formats.log_mm, formats.share)

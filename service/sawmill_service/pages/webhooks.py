@@ -1,4 +1,4 @@
-"""/system/webhooks: where events are sent, how that goes, a test, and pausing; for administrators."""
+"""`/system/webhooks`: destinations of events, how deliveries go, a test, and pausing; for administrators."""
 
 from fastapi import APIRouter
 from fastapi.responses import HTMLResponse, RedirectResponse
@@ -26,27 +26,27 @@ router = APIRouter(prefix=WEBHOOKS, include_in_schema=False)
 
 @router.get("")
 def webhooks(page: ThePage, store: TheStore, settings: TheSettings) -> HTMLResponse:
-    """All of them."""
+    """Show all webhooks."""
     return _answer(page, store, settings)
 
 
 @router.post("/{webhook_id}/test")
 def try_webhook(webhook_id: Identifier, page: ThePage, store: TheStore, settings: TheSettings) -> HTMLResponse:
-    """Send a test, and show how that went."""
+    """Send a test, and show the result."""
     tested = send_test(store, AllowedDestinations(settings.webhook_destinations), webhook_id)
     return _answer(page, store, settings, store.webhooks.note_test(tested))
 
 
 @router.post("/{webhook_id}/pause")
 def pause_webhook(webhook_id: Identifier, store: TheStore) -> RedirectResponse:
-    """Send nothing to it until it is enabled."""
+    """Send nothing to a webhook until it is enabled."""
     store.webhooks.enable(webhook_id, enabled=False)
     return RedirectResponse(WEBHOOKS, status_code=303)
 
 
 @router.post("/{webhook_id}/enable")
 def enable_webhook(webhook_id: Identifier, store: TheStore) -> RedirectResponse:
-    """Send what waits, and go on."""
+    """Enable a webhook: send what waits, and continue."""
     store.webhooks.enable(webhook_id, enabled=True)
     return RedirectResponse(WEBHOOKS, status_code=303)
 

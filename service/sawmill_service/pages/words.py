@@ -1,4 +1,4 @@
-"""What pages call the states that programs know by other names, each text marked for the catalogues."""
+"""Words of the pages for states that programs know by other names, each marked for the catalogues."""
 
 from typing import NamedTuple
 
@@ -9,7 +9,7 @@ from sawmill_vocabulary import ColorMap
 
 
 class Word(NamedTuple):
-    """A state: the colour's name and the word on it."""
+    """Word for a state, and the name of a colour."""
 
     tone: str
     word: str
