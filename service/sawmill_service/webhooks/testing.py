@@ -1,4 +1,4 @@
-"""A message that somebody sends for a test, now and once, whatever the webhook's state."""
+"""Test message to a webhook: sent at once and once, whatever the webhook's state."""
 
 import asyncio
 from uuid import uuid4
@@ -10,14 +10,14 @@ from sawmill_store.store import Store
 
 
 def send_test(store: Store, allowed: AllowedDestinations, webhook_id: str) -> WebhookTest:
-    """Send it; a thread is held until the receiver has answered, or time is up. Who sends it notes it as well.
+    """Send a test message, and wait in this thread for the answer or the time limit; the caller notes the result.
 
     Raises
     ------
     NotFound
         There is no such webhook.
     """
-    # Imported here: where nothing may be sent, nobody needs the client.
+    # Imported here: the HTTP client is not needed where nothing may be sent.
     from sawmill_service.webhooks.sending import Sending  # noqa: PLC0415
 
     webhook, secrets = store.webhooks.signing(webhook_id)
