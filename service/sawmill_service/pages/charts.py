@@ -25,7 +25,7 @@ MOST_STEPS = 5
 
 
 @dataclass(frozen=True)
-class Mark:
+class ChartMark:
     """A measurement in a panel.
 
     `beyond`: its value is larger than the panel shows. `faint`: a pooled line represents this and other measurements.
@@ -65,7 +65,7 @@ class Panel:
     """
 
     name: str
-    marks: list[Mark]
+    marks: list[ChartMark]
     line: str
     ticks: list[tuple[float, float]]
     digits: int
@@ -180,7 +180,9 @@ def panel_of(
         return round(height - PAD_PX - share * (height - 2 * PAD_PX), 1)
 
     marks = [
-        Mark(x, y(number), one.kind.value, _tone(one), number > high, faint=together is not None and together.has(one))
+        ChartMark(
+            x, y(number), one.kind.value, _tone(one), number > high, faint=together is not None and together.has(one)
+        )
         for x, number, one in known
     ]
     values = ticks(low, high, 4 if height >= HEIGHT_PX else 3)

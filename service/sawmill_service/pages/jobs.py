@@ -23,7 +23,7 @@ LISTED = 20
 router = APIRouter(include_in_schema=False)
 
 
-class JobFilter(Paging):
+class JobsPageFilter(Paging):
     """Filter of the jobs on the page; the empty text of a form's first choice selects all."""
 
     kind: JobKind | Literal[""] = ""
@@ -53,19 +53,19 @@ class JobsShown(NamedTuple):
     older: bool
 
 
-Wanted = Annotated[JobFilter, Query()]
+TheJobsFilter = Annotated[JobsPageFilter, Query()]
 
 
 @router.get(JOBS)
-def jobs(page: ThePage, store: TheStore, wanted: Wanted) -> HTMLResponse:
+def jobs(page: ThePage, store: TheStore, chosen: TheJobsFilter) -> HTMLResponse:
     """Show the page."""
-    return _answer("jobs.html", page, store, wanted)
+    return _answer("jobs.html", page, store, chosen)
 
 
 @router.get(f"{JOBS}/now")
-def now(page: ThePage, store: TheStore, wanted: Wanted) -> HTMLResponse:
+def now(page: ThePage, store: TheStore, chosen: TheJobsFilter) -> HTMLResponse:
     """Return the part of the page that changes, for its script."""
-    return _answer("jobs_now.html", page, store, wanted)
+    return _answer("jobs_now.html", page, store, chosen)
 
 
 @router.get(JOBS + "/{job_id}/history")
@@ -84,19 +84,19 @@ def cancel(job_id: Identifier, store: TheStore) -> RedirectResponse:
     return RedirectResponse(JOBS, status_code=303)
 
 
-def _answer(template: str, page: PageFrame, store: Store, wanted: JobFilter) -> HTMLResponse:
-    shown = _shown(page, store, wanted)
+def _answer(template: str, page: PageFrame, store: Store, chosen: JobsPageFilter) -> HTMLResponse:
+    shown = _shown(page, store, chosen)
     kinds = {kind: declaration_of(kind).label for kind in JobKind}
-    return page.answer(template, shown=shown, kinds=kinds, states=STATES, kind=wanted.kind, state=wanted.state)
+    return page.answer(template, shown=shown, kinds=kinds, states=STATES, kind=chosen.kind, state=chosen.state)
 
 
-def _shown(page: PageFrame, store: Store, wanted: JobFilter) -> JobsShown:
-    kind, older = wanted.kind or None, wanted.after is not None
+def _shown(page: PageFrame, store: Store, chosen: JobsPageFilter) -> JobsShown:
+    kind, older = chosen.kind or None, chosen.after is not None
 
     def views(state: JobState, first: Callable[[], Sequence[Job]]) -> list[JobView] | None:
-        return [job_view(job, page) for job in first()] if wanted.state in {"", state} and not older else None
+        return [job_view(job, page) for job in first()] if chosen.state in {"", state} and not older else None
 
-    ended = _ended(store, wanted)
+    ended = _ended(store, chosen)
     return JobsShown(
         running=views(JobState.RUNNING, lambda: store.jobs.page(state=JobState.RUNNING, kind=kind, limit=LISTED).items),
         queued=views(JobState.QUEUED, lambda: store.jobs.waiting_in_line(kind=kind, limit=LISTED)),
@@ -107,10 +107,10 @@ def _shown(page: PageFrame, store: Store, wanted: JobFilter) -> JobsShown:
     )
 
 
-def _ended(store: Store, wanted: JobFilter) -> Page[Job] | None:
-    kind, state = wanted.kind or None, wanted.state
+def _ended(store: Store, chosen: JobsPageFilter) -> Page[Job] | None:
+    kind, state = chosen.kind or None, chosen.state
     if not state:
-        return store.jobs.ended_page(kind=kind, after=wanted.after, limit=LISTED)
+        return store.jobs.ended_page(kind=kind, after=chosen.after, limit=LISTED)
     if state.ended:
-        return store.jobs.page(state=state, kind=kind, after=wanted.after, limit=LISTED)
+        return store.jobs.page(state=state, kind=kind, after=chosen.after, limit=LISTED)
     return None

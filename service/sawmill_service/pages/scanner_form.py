@@ -16,7 +16,7 @@ from sawmill_service.pages.languages import marked
 
 
 @dataclass(frozen=True)
-class Field:
+class FormField:
     """A field: its place in the contract, its texts, and whether it may be left empty."""
 
     name: str
@@ -30,7 +30,7 @@ class Field:
 
 
 FIELDS = (
-    Field(
+    FormField(
         "source_to_cor_mm",
         ("constants", "source_to_cor_mm"),
         marked("Source to turning axis"),
@@ -40,7 +40,7 @@ FIELDS = (
             "shift comes out too large, and the rays stay right."
         ),
     ),
-    Field(
+    FormField(
         "num_detector_pixels",
         ("constants", "num_detector_pixels"),
         marked("Detector cells"),
@@ -49,7 +49,7 @@ FIELDS = (
         unit="",
         whole=True,
     ),
-    Field(
+    FormField(
         "detector_pitch_mm",
         ("constants", "detector_pitch_mm"),
         marked("Detector pitch"),
@@ -58,7 +58,7 @@ FIELDS = (
         ),
         marked("One per cent wrong: the detector's distance comes out one per cent wrong, and the rays stay right."),
     ),
-    Field(
+    FormField(
         "row_pitch_mm",
         ("constants", "row_pitch_mm"),
         marked("Row pitch"),
@@ -66,7 +66,7 @@ FIELDS = (
         marked("Wrong: logs look too long or too short. Empty: slices have no spacing."),
         needed=False,
     ),
-    Field(
+    FormField(
         "log_radius_mm",
         ("log_radius_mm",),
         marked("Radius of the largest log"),
@@ -74,14 +74,14 @@ FIELDS = (
         marked("Too small: a verdict looks better than the bark of the largest log will be."),
         needed=False,
     ),
-    Field(
+    FormField(
         "ray_error_mm",
         ("tolerances", "predicted_ray_error_mm"),
         marked("Tolerance of the rays"),
         marked("A calibration passes if its rays are right to this, in 95 of 100 cases."),
         marked("Too small: good calibrations ask for a look. Too large: blurred images pass."),
     ),
-    Field(
+    FormField(
         "scale_percent",
         ("tolerances", "scale_percent"),
         marked("Tolerance of the millimetres"),
@@ -89,14 +89,14 @@ FIELDS = (
         marked("Half a per cent is 1.5 mm on a log of 300 mm."),
         unit="%",
     ),
-    Field(
+    FormField(
         "ray_change_mm",
         ("tolerances", "ray_change_mm"),
         marked("Tolerance of movement"),
         marked("How far the rays may move from the active calibration before the scanner is shown red."),
         marked("Too small: red for nothing. Too large: a scanner that has moved stays green."),
     ),
-    Field(
+    FormField(
         "phantom_scan_every_days",
         ("alarms", "phantom_scan_every_days"),
         marked("Longest time between two phantom scans"),
@@ -105,7 +105,7 @@ FIELDS = (
         unit="d",
         needed=False,
     ),
-    Field(
+    FormField(
         "quiet_after_hours",
         ("alarms", "quiet_after_hours"),
         marked("Longest silence"),
@@ -188,7 +188,7 @@ class ScannerForms:
                 self._place(form, detail)
             return form, None
 
-    def _read_number(self, each: Field, form: ScannerForm) -> float | None:
+    def _read_number(self, each: FormField, form: ScannerForm) -> float | None:
         written = form.values[each.name]
         if not written:
             if each.needed:

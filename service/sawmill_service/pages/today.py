@@ -45,7 +45,7 @@ router = APIRouter(include_in_schema=False)
 
 
 @dataclass(frozen=True)
-class ScannerRow:
+class ScannerLine:
     """A scanner of the page."""
 
     condition: ScannerCondition
@@ -63,7 +63,7 @@ class ScannerRow:
 class Board:
     """Part of the page that changes: all scanners, the number of them that need somebody, and the time of the state."""
 
-    rows: Sequence[ScannerRow]
+    rows: Sequence[ScannerLine]
     needy: int
     headline: str
     now: datetime
@@ -99,9 +99,9 @@ def _board(page: PageFrame, store: Store) -> Board:
     return Board(sorted(scanners, key=lambda row: row.rank), needy, _headline(page.text, len(scanners), needy), now)
 
 
-def _row(condition: ScannerCondition, movements: Mapping[str, Sequence[Movement]], now: datetime) -> ScannerRow:
+def _row(condition: ScannerCondition, movements: Mapping[str, Sequence[Movement]], now: datetime) -> ScannerLine:
     scanner = condition.scanner
-    return ScannerRow(condition, sparkline(movements.get(scanner.id, ()), scanner.tolerances, now - SPAN, now))
+    return ScannerLine(condition, sparkline(movements.get(scanner.id, ()), scanner.tolerances, now - SPAN, now))
 
 
 def _headline(text: gettext.NullTranslations, scanners: int, needy: int) -> str:

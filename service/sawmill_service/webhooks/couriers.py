@@ -13,7 +13,7 @@ import structlog
 
 from sawmill_contracts.events import Event
 from sawmill_service.webhooks.messages import body_of_event, headers_of
-from sawmill_service.webhooks.sending import Answer, Sending
+from sawmill_service.webhooks.sending import DeliveryAnswer, WebhookSending
 from sawmill_store.errors import StorageError
 from sawmill_store.event_reader import EventReader
 from sawmill_store.outbox import Attempt, Outbox, Pending, message_id
@@ -40,7 +40,7 @@ class Couriers:
         Returns a number from 0 to 1 for each wait.
     """
 
-    def __init__(self, outbox: Outbox, sending: Sending, jitter: Callable[[], float]) -> None:
+    def __init__(self, outbox: Outbox, sending: WebhookSending, jitter: Callable[[], float]) -> None:
         self._outbox = outbox
         self._sending = sending
         self._jitter = jitter
@@ -135,7 +135,7 @@ class Couriers:
         body = body_of_event(event)
         return headers_of(message_id(pending.webhook_id, event), self._outbox.now(), body, pending.secrets), body
 
-    def _wait_s(self, answer: Answer, failures: int) -> float | None:
+    def _wait_s(self, answer: DeliveryAnswer, failures: int) -> float | None:
         """Return the wait before the next attempt, s; None: there is none."""
         if answer.reason is None or answer.status == HTTPStatus.GONE or failures >= len(WAITS_S):
             return None

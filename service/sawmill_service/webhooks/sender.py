@@ -54,10 +54,10 @@ class WebhookSender:
     def _run(self) -> None:
         # Imported here: the HTTP client is not needed where nothing may be sent.
         from sawmill_service.webhooks.couriers import Couriers  # noqa: PLC0415
-        from sawmill_service.webhooks.sending import Sending  # noqa: PLC0415
+        from sawmill_service.webhooks.sending import WebhookSending  # noqa: PLC0415
 
         # The jitter needs no random numbers that are hard to guess.
-        couriers = Couriers(self._outbox, Sending(self._allowed), random.random)
+        couriers = Couriers(self._outbox, WebhookSending(self._allowed), random.random)
         asyncio.run(self._send_until_stopped(couriers))
 
     async def _send_until_stopped(self, couriers: "Couriers") -> None:

@@ -25,7 +25,7 @@ Resolve = Callable[[str, int], Awaitable[list[str]]]
 """Function of a host and a port that finds the addresses, as texts."""
 
 
-class Answer(NamedTuple):
+class DeliveryAnswer(NamedTuple):
     """Outcome of an attempt.
 
     Attributes
@@ -86,7 +86,7 @@ def system_certificates() -> ssl.SSLContext:
     return ssl.create_default_context()
 
 
-class Sending:
+class WebhookSending:
     """Sender of messages to allowed destinations.
 
     Parameters
@@ -114,24 +114,24 @@ class Sending:
         self._certificates = certificates
         self._limit_s = limit_s
 
-    async def post(self, url: str, headers: Mapping[str, str], body: bytes) -> Answer:
+    async def post(self, url: str, headers: Mapping[str, str], body: bytes) -> DeliveryAnswer:
         """Send a message once; any failure is an answer with its reason."""
         destination = destination_of(url)
         try:
             async with asyncio.timeout(self._limit_s):
                 return await self._post(destination, {"Host": destination.authority, **headers}, body)
         except TimeoutError:
-            return Answer(None, f"there was no answer within {self._limit_s:g} s")
+            return DeliveryAnswer(None, f"there was no answer within {self._limit_s:g} s")
         except RefusedDestinationError as error:
-            return Answer(None, str(error))
+            return DeliveryAnswer(None, str(error))
         except socket.gaierror as error:
-            return Answer(None, f"the name {destination.host!r} cannot be resolved: {error.strerror}")
+            return DeliveryAnswer(None, f"the name {destination.host!r} cannot be resolved: {error.strerror}")
         except httpcore.RemoteProtocolError:
-            return Answer(None, "what it answered is not HTTP, or the connection was closed early")
+            return DeliveryAnswer(None, "what it answered is not HTTP, or the connection was closed early")
         except (httpcore.NetworkError, httpcore.TimeoutException, httpcore.ProtocolError, OSError) as error:
-            return Answer(None, f"the connection failed: {_cause_of(error)}"[:_LONGEST_REASON])
+            return DeliveryAnswer(None, f"the connection failed: {_cause_of(error)}"[:_LONGEST_REASON])
 
-    async def _post(self, destination: Destination, headers: Mapping[str, str], body: bytes) -> Answer:
+    async def _post(self, destination: Destination, headers: Mapping[str, str], body: bytes) -> DeliveryAnswer:
         self._allowed.check(destination)
         resolved = await self._resolve(destination.host, destination.port)
         addresses = self._allowed.check_addresses(resolved, destination)
@@ -151,7 +151,7 @@ class Sending:
         headers: Mapping[str, str],
         body: bytes,
         connect_s: float | None = None,
-    ) -> Answer:
+    ) -> DeliveryAnswer:
         """Send to the address itself: the name is not looked up again."""
         secure = destination.scheme == "https"
         context = await asyncio.to_thread(self._certificates) if secure else None
@@ -169,15 +169,15 @@ class Sending:
             return _read(answer.status, {name.lower(): value for name, value in answer.headers})
 
 
-def _read(status: int, headers: Mapping[bytes, bytes]) -> Answer:
+def _read(status: int, headers: Mapping[bytes, bytes]) -> DeliveryAnswer:
     if HTTPStatus.OK <= status < HTTPStatus.MULTIPLE_CHOICES:
-        return Answer(status)
+        return DeliveryAnswer(status)
     reason = f"it answered {status}"
     if HTTPStatus.MULTIPLE_CHOICES <= status < HTTPStatus.BAD_REQUEST:
         reason += ", and redirects are not followed: change the webhook's URL"
     if status == HTTPStatus.GONE:
         reason += ": it wants no more messages"
-    return Answer(status, reason, _wait_s(headers.get(b"retry-after", b"").decode("latin-1").strip()))
+    return DeliveryAnswer(status, reason, _wait_s(headers.get(b"retry-after", b"").decode("latin-1").strip()))
 
 
 def _wait_s(text: str) -> float:

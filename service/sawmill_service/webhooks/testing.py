@@ -18,14 +18,14 @@ def send_test(store: Store, allowed: AllowedDestinations, webhook_id: str) -> We
         There is no such webhook.
     """
     # Imported here: the HTTP client is not needed where nothing may be sent.
-    from sawmill_service.webhooks.sending import Sending  # noqa: PLC0415
+    from sawmill_service.webhooks.sending import WebhookSending  # noqa: PLC0415
 
     webhook, secrets = store.webhooks.signing(webhook_id)
     now, message_id = store.now(), f"msg_{uuid4().hex}"
     tested = TestedWebhook(webhook_id=webhook_id, description=webhook.description)
     body = WebhookTestMessage(timestamp=now, data=tested).model_dump_json().encode()
     headers = headers_of(message_id, now, body, secrets)
-    answer = asyncio.run(Sending(allowed).post(webhook.url, headers, body))
+    answer = asyncio.run(WebhookSending(allowed).post(webhook.url, headers, body))
     return WebhookTest(
         delivered=answer.reason is None,
         message_id=message_id,
