@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from sawmill_service.pages.languages import catalogue
+from sawmill_service.pages.frame.languages import catalogue
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").rglob("*.md"))]

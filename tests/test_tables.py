@@ -12,7 +12,7 @@ import jinja2
 from sawmill_contracts.events import JOB_ENDS, EventKind
 from sawmill_contracts.jobs import JobKind
 from sawmill_contracts.kinds import declaration_of
-from sawmill_service.pages.scanner_history import EVENT_WORDS
+from sawmill_service.pages.scanners.scanner_history import EVENT_WORDS
 from sawmill_store.entering import kind_of
 from sawmill_store.history import SUBJECTS
 
@@ -22,7 +22,7 @@ PARTIAL = {
     "service/sawmill_service/drawing.py: _LOGS": "the other pictures of a calibration show no log",
     "service/sawmill_service/pages/job_words.py: _MADE": "a kind without a page of results links to its numbers",
     "service/sawmill_service/pages/job_words.py: FATES": "the other events are not of an attempt at a job",
-    "service/sawmill_service/pages/scanner_history.py: EVENT_WORDS": "the other events are in no history",
+    "service/sawmill_service/pages/scanners/scanner_history.py: EVENT_WORDS": "the other events are in no history",
     "worker/sawmill_worker/pictures/calibration_report.py: BY_METHOD": "the other methods need no remark",
     "worker/sawmill_store/entering.py: _BY_EVENT": "the subject decides for the other events",
     "worker/sawmill_store/references.py: _WITHOUT_RESULT": "the other states have a result or will have one",
@@ -143,6 +143,6 @@ def test_every_event_of_a_scanner_s_history_has_its_word():
         if (event in JOB_ENDS or event.startswith((f"{noun}-", "alarm-"))) and kind_of(event, noun)
     }
     without = {event for event, _ in shown} - EVENT_WORDS.keys() - {EventKind.SUCCEEDED}  # which shows a verdict
-    assert not without, "add them to EVENT_WORDS in service/sawmill_service/pages/scanner_history.py"
+    assert not without, "add them to EVENT_WORDS in service/sawmill_service/pages/scanners/scanner_history.py"
     unknown = {noun for event, noun in shown if not event.startswith("alarm-")} - SUBJECTS.keys()
     assert not unknown, "add them to SUBJECTS in worker/sawmill_store/history.py"

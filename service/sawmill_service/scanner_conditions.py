@@ -10,7 +10,7 @@ from sawmill_contracts.calibrations import CalibrationSucceeded, CalibrationUnfi
 from sawmill_contracts.drifts import Drift, DriftResult
 from sawmill_contracts.jobs import Failure
 from sawmill_contracts.scanners import StoredScanner
-from sawmill_service.pages.languages import marked
+from sawmill_service.pages.frame.languages import marked
 from sawmill_store.errors import NotFound
 from sawmill_store.overviews import Overview
 from sawmill_store.store import Store

@@ -14,8 +14,8 @@ from sawmill_contracts.history import HistoryEntry, HistoryKind, HistoryMark
 from sawmill_contracts.keys import KeyAsk, Scope
 from sawmill_contracts.measurements import Measurement, MeasurementKind, Movement
 from sawmill_service.history_file import COLUMNS, history_csv
-from sawmill_service.pages.charts import HEIGHT_PX, MOST_MARKS, span_of
-from sawmill_service.pages.trend_chart import trend_chart
+from sawmill_service.pages.charts.charts import HEIGHT_PX, MOST_MARKS, span_of
+from sawmill_service.pages.charts.trend_chart import trend_chart
 from sawmill_store.tables import (
     ActivationRow,
     CalibrationRow,

@@ -9,7 +9,7 @@ from sawmill_contracts.audit import AuditAction
 from sawmill_contracts.keys import KeyAsk, Scope
 from sawmill_contracts.plans import PlanAsk
 from sawmill_service.app import create_app
-from sawmill_service.pages.system import ACTIONS
+from sawmill_service.pages.system.system import ACTIONS
 from sawmill_store.files import FileStore, Room
 from sawmill_vocabulary import Theta
 

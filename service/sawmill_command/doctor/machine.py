@@ -14,7 +14,7 @@ from packaging.requirements import Requirement
 from sawmill_command.doctor.findings import Finding, State
 from sawmill_service.http.listening import ListenError, listen
 from sawmill_service.http.open_files import files_needed, possible_connections
-from sawmill_service.pages.system_parts import Disk
+from sawmill_service.pages.system.system_parts import Disk
 from sawmill_service.settings import ServiceSettings
 from sawmill_store.errors import FolderUnavailable, StorageMisconfigured
 from sawmill_store.files import is_read_only, refuse_half_restored

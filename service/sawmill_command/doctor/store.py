@@ -7,7 +7,7 @@ from pathlib import Path
 
 from sawmill_command.doctor.findings import Finding, State
 from sawmill_command.doctor.webhooks import webhooks
-from sawmill_service.pages.system_parts import PLENTY_DAYS, SEEN
+from sawmill_service.pages.system.system_parts import PLENTY_DAYS, SEEN
 from sawmill_service.routes.health import Readiness, health_of
 from sawmill_service.settings import ServiceSettings
 from sawmill_store.backups.newest import newest_backup

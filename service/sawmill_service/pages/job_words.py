@@ -8,8 +8,8 @@ from babel.dates import format_timedelta
 from sawmill_contracts.events import EventKind
 from sawmill_contracts.jobs import Job, JobKind, JobState
 from sawmill_contracts.kinds import declaration_of
-from sawmill_service.pages.frame import PageFrame
-from sawmill_service.pages.languages import marked
+from sawmill_service.pages.frame.languages import marked
+from sawmill_service.pages.frame.page_frame import PageFrame
 
 STATES = {
     JobState.QUEUED: ("idle", marked("Waits")),

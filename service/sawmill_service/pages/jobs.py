@@ -11,7 +11,7 @@ from sawmill_contracts.kinds import declaration_of
 from sawmill_platform.contracts.base import Identifier, Page
 from sawmill_service.dependencies import TheStore
 from sawmill_service.http.answers import Paging
-from sawmill_service.pages.frame import PageFrame, ThePage
+from sawmill_service.pages.frame.page_frame import PageFrame, ThePage
 from sawmill_service.pages.job_words import FATES, STATES, JobView, job_view
 from sawmill_store.errors import Conflict
 from sawmill_store.store import Store

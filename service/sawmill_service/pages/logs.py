@@ -10,9 +10,9 @@ from sawmill_contracts.reconstructions import Reconstruction
 from sawmill_contracts.scans import Scan
 from sawmill_platform.contracts.base import Identifier
 from sawmill_service.dependencies import TheStore
-from sawmill_service.pages.frame import ThePage
+from sawmill_service.pages.frame.page_frame import ThePage
+from sawmill_service.pages.frame.words import COLOR_MAPS, LOG_STATES
 from sawmill_service.pages.lists import TheFilter
-from sawmill_service.pages.words import COLOR_MAPS, LOG_STATES
 from sawmill_store.errors import NotFound
 from sawmill_store.store import Store
 from sawmill_vocabulary import ReconstructionMethod

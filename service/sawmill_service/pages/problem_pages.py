@@ -9,8 +9,8 @@ from starlette.requests import Request
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from sawmill_service.http.problems import MEDIA_TYPE, is_navigation
-from sawmill_service.pages.frame import PageFrame
-from sawmill_service.pages.languages import marked
+from sawmill_service.pages.frame.languages import marked
+from sawmill_service.pages.frame.page_frame import PageFrame
 
 # Titles, advice, and whether to offer another attempt, by status.
 _KNOWN = {

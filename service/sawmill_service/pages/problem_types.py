@@ -7,7 +7,7 @@ from fastapi import APIRouter, Path, Request, Response
 from sawmill_service.http.problem_types import CODE_PATTERN, PATH, ProblemType, ProblemTypes, problem_types
 from sawmill_service.http.problems import Refused, is_navigation
 from sawmill_service.http.refusals import refuses
-from sawmill_service.pages.frame import ThePage
+from sawmill_service.pages.frame.page_frame import ThePage
 
 router = APIRouter(tags=["operation"])
 _VARY = {"Vary": "Accept, Cookie"}

@@ -12,9 +12,9 @@ from sawmill_platform.contracts.given import Given
 from sawmill_service.dependencies import TheStore, TheWake
 from sawmill_service.http.forms import TheForm
 from sawmill_service.http.problems import STATUS
-from sawmill_service.pages.frame import PageFrame, ThePage
+from sawmill_service.pages.frame.page_frame import PageFrame, ThePage
+from sawmill_service.pages.frame.words import SCAN_STATES
 from sawmill_service.pages.lists import TheFilter, phantom_names
-from sawmill_service.pages.words import SCAN_STATES
 from sawmill_store.errors import Conflict, Invalid, QueueFull
 from sawmill_store.store import Store
 from sawmill_vocabulary import CoordinateMm, ReconstructionMethod

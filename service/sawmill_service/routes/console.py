@@ -12,8 +12,8 @@ from sawmill_platform.contracts.base import Identifier
 from sawmill_service.dependencies import TheStore
 from sawmill_service.http.answers import file, picture
 from sawmill_service.http.forms import TheForm
-from sawmill_service.pages.addresses import local_path
-from sawmill_service.pages.frame import ThePage
+from sawmill_service.pages.frame.addresses import local_path
+from sawmill_service.pages.frame.page_frame import ThePage
 from sawmill_store.files import EXAMPLES
 
 STATIC = Path(__file__).parent.parent / "static"

@@ -11,8 +11,8 @@ from sawmill_service.access import CHALLENGES, LOGIN, LOGOUT
 from sawmill_service.dependencies import TheAccess, TheCaller, TheSessionCookie, TheStore
 from sawmill_service.http.forms import TheForm
 from sawmill_service.http.problems import Refused
-from sawmill_service.pages.addresses import local_path
-from sawmill_service.pages.frame import ThePage
+from sawmill_service.pages.frame.addresses import local_path
+from sawmill_service.pages.frame.page_frame import ThePage
 from sawmill_store.acting import acting_as
 from sawmill_store.keys import hash_of
 

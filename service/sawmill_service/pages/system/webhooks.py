@@ -6,8 +6,8 @@ from fastapi.responses import HTMLResponse, RedirectResponse
 from sawmill_contracts.webhooks import WebhookState, WebhookTest
 from sawmill_platform.contracts.base import Identifier
 from sawmill_service.dependencies import TheSettings, TheStore
-from sawmill_service.pages.frame import PageFrame, ThePage
-from sawmill_service.pages.languages import marked
+from sawmill_service.pages.frame.languages import marked
+from sawmill_service.pages.frame.page_frame import PageFrame, ThePage
 from sawmill_service.settings import ServiceSettings
 from sawmill_service.webhooks.destinations import AllowedDestinations
 from sawmill_service.webhooks.testing import send_test

@@ -10,7 +10,7 @@ from babel.messages.catalog import Catalog
 from babel.messages.mofile import write_mo
 from babel.messages.pofile import read_po
 
-_CATALOGUES = Path(__file__).parent.parent / "locale"
+_CATALOGUES = Path(__file__).parents[2] / "locale"
 ENGLISH = "en"
 # Names of the languages in the languages themselves, so that readers recognise their own.
 LANGUAGES = {ENGLISH: "English", "fi": "Suomi"}

@@ -1,6 +1,6 @@
 """Pages that the header leads to, in the order of the header."""
 
-from sawmill_service.pages.languages import marked
+from sawmill_service.pages.frame.languages import marked
 
 NAVIGATION = (
     ("/", marked("Today")),

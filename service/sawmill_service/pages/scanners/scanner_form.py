@@ -12,7 +12,7 @@ from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
 from sawmill_contracts.scanners import ScannerAsk, ScannerSpec, Tolerances
-from sawmill_service.pages.languages import marked
+from sawmill_service.pages.frame.languages import marked
 
 
 @dataclass(frozen=True)

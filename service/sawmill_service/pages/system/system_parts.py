@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from sawmill_contracts.events import Event
 from sawmill_contracts.jobs import JobState
-from sawmill_service.pages.frame import PageFrame
+from sawmill_service.pages.frame.page_frame import PageFrame
 from sawmill_service.pages.job_words import JobView, job_view
 from sawmill_service.settings import ServiceSettings
 from sawmill_store.places import Waiting

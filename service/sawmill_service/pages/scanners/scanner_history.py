@@ -12,14 +12,14 @@ from sawmill_contracts.events import EventKind
 from sawmill_contracts.history import HistoryEntry, HistoryKind
 from sawmill_platform.contracts.base import Identifier
 from sawmill_service.dependencies import TheStore
-from sawmill_service.pages.charts import is_calibration, span_of
-from sawmill_service.pages.frame import ThePage
-from sawmill_service.pages.languages import marked
+from sawmill_service.pages.charts.charts import is_calibration, span_of
+from sawmill_service.pages.charts.pooled_lines import DEVIATIONS
+from sawmill_service.pages.charts.trend_chart import MOST_LINES, trend_chart
+from sawmill_service.pages.frame.languages import marked
+from sawmill_service.pages.frame.page_frame import ThePage
+from sawmill_service.pages.frame.words import Word
 from sawmill_service.pages.lists import SHOWN, check_zone, day_of, parse_day
-from sawmill_service.pages.pooled_lines import DEVIATIONS
-from sawmill_service.pages.scanner import SPANS
-from sawmill_service.pages.trend_chart import MOST_LINES, trend_chart
-from sawmill_service.pages.words import Word
+from sawmill_service.pages.scanners.scanner import SPANS
 from sawmill_service.scanner_conditions import ALARMS
 
 PER_PAGE = 50

@@ -8,7 +8,7 @@ from typing import Any
 
 from sawmill_contracts.scanners import StoredScanner
 from sawmill_contracts.schedules import ScheduleAsk
-from sawmill_service.pages.languages import marked
+from sawmill_service.pages.frame.languages import marked
 from sawmill_store.errors import Invalid
 from sawmill_store.store import Store
 

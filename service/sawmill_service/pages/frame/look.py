@@ -5,9 +5,9 @@ from typing import Annotated
 from fastapi import APIRouter, Query, Request
 from fastapi.responses import RedirectResponse
 
-from sawmill_service.pages.addresses import local_path
-from sawmill_service.pages.frame import LANGUAGE_COOKIE, THEME_COOKIE, THEMES
-from sawmill_service.pages.languages import LANGUAGES
+from sawmill_service.pages.frame.addresses import local_path
+from sawmill_service.pages.frame.languages import LANGUAGES
+from sawmill_service.pages.frame.page_frame import LANGUAGE_COOKIE, THEME_COOKIE, THEMES
 
 LOOK = "/look"
 YEAR_S = 365 * 86400

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 from sawmill_contracts.jobs import JobState
 from sawmill_contracts.scans import ScanState
-from sawmill_service.pages.languages import marked
+from sawmill_service.pages.frame.languages import marked
 from sawmill_vocabulary import ColorMap
 
 

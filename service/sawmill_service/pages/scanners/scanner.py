@@ -16,14 +16,14 @@ from sawmill_platform.contracts.base import Identifier
 from sawmill_service.dependencies import TheStore
 from sawmill_service.drawing import ShownLog, shown_log
 from sawmill_service.http.forms import TheForm
-from sawmill_service.pages.charts import is_calibration, span_of
-from sawmill_service.pages.drift_chart import drift_chart
-from sawmill_service.pages.frame import PageFrame, ThePage
-from sawmill_service.pages.geometry_drawing import scanner_drawing
-from sawmill_service.pages.languages import locale_of, marked
-from sawmill_service.pages.pooled_lines import DEVIATIONS
-from sawmill_service.pages.scanner_form import FIELDS, ScannerForm, ScannerForms
-from sawmill_service.pages.schedule_form import DAYS, KINDS, OUTCOMES, ScheduleForm, added, plain
+from sawmill_service.pages.charts.charts import is_calibration, span_of
+from sawmill_service.pages.charts.drift_chart import drift_chart
+from sawmill_service.pages.charts.pooled_lines import DEVIATIONS
+from sawmill_service.pages.frame.languages import locale_of, marked
+from sawmill_service.pages.frame.page_frame import PageFrame, ThePage
+from sawmill_service.pages.scanners.geometry_drawing import scanner_drawing
+from sawmill_service.pages.scanners.scanner_form import FIELDS, ScannerForm, ScannerForms
+from sawmill_service.pages.scanners.schedule_form import DAYS, KINDS, OUTCOMES, ScheduleForm, added, plain
 from sawmill_service.scanner_conditions import ALARMS, condition_of
 from sawmill_store.errors import NotFound
 from sawmill_store.store import Store

@@ -25,9 +25,9 @@ from sawmill_service.drawing import shown_log
 from sawmill_service.finished import scan_if_kept
 from sawmill_service.http.forms import TheForm
 from sawmill_service.http.problems import STATUS, complaint
-from sawmill_service.pages.calibrate_questions import questions_of, usable_phantoms
-from sawmill_service.pages.calibrate_words import advice_for, changes_of, headline, parameters_of, stages
-from sawmill_service.pages.frame import PageFrame, ThePage
+from sawmill_service.pages.calibrate.calibrate_questions import questions_of, usable_phantoms
+from sawmill_service.pages.calibrate.calibrate_words import advice_for, changes_of, headline, parameters_of, stages
+from sawmill_service.pages.frame.page_frame import PageFrame, ThePage
 from sawmill_store.errors import Conflict, NotFound, QueueFull, StorageError
 from sawmill_store.store import Store
 

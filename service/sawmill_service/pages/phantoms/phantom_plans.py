@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from sawmill_contracts.plans import Plan
 from sawmill_contracts.scanners import StoredScanner
 from sawmill_contracts.two_questions import TwoQuestions
-from sawmill_service.pages.frame import PageFrame
-from sawmill_service.pages.verdicts import ShownQuestion, shown_pair
+from sawmill_service.pages.frame.page_frame import PageFrame
+from sawmill_service.pages.frame.verdicts import ShownQuestion, shown_pair
 from sawmill_store.errors import NotFound
 from sawmill_store.store import Store
 

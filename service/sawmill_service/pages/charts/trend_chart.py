@@ -9,7 +9,7 @@ from sawmill_contracts.events import EventKind
 from sawmill_contracts.history import HistoryKind, HistoryMark
 from sawmill_contracts.measurements import Movement
 from sawmill_contracts.scanner_drift import PooledDrift
-from sawmill_service.pages.charts import (
+from sawmill_service.pages.charts.charts import (
     Chart,
     Panel,
     Span,
@@ -21,7 +21,7 @@ from sawmill_service.pages.charts import (
     thinned,
     zeros_of,
 )
-from sawmill_service.pages.pooled_lines import COLUMN, DEVIATIONS, TILT, Together, Value
+from sawmill_service.pages.charts.pooled_lines import COLUMN, DEVIATIONS, TILT, Together, Value
 
 # Two extremes of five values in each part leave as many marks as the drift chart has.
 PARTS = 24

@@ -10,10 +10,10 @@ from jinja2 import Environment
 from sawmill_contracts.keys import Scope
 from sawmill_service.access import ANYBODY, Caller
 from sawmill_service.http.session_cookie import SessionCookie
-from sawmill_service.pages.formats import Formats
-from sawmill_service.pages.languages import ENGLISH, LANGUAGES, locale_of, preferred_language, texts
-from sawmill_service.pages.navigation import NAVIGATION
-from sawmill_service.pages.verdicts import shown_questions
+from sawmill_service.pages.frame.formats import Formats
+from sawmill_service.pages.frame.languages import ENGLISH, LANGUAGES, locale_of, preferred_language, texts
+from sawmill_service.pages.frame.navigation import NAVIGATION
+from sawmill_service.pages.frame.verdicts import shown_questions
 from sawmill_worker.templating import templates_of
 
 LANGUAGE_COOKIE, THEME_COOKIE = "sawmill_language", "sawmill_theme"

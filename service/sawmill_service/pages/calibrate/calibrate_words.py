@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from sawmill_contracts.calibrations import CalibrationSucceeded
 from sawmill_contracts.failure_codes import DEFECTS, LIMITS, LOSSES, OUTAGES
 from sawmill_contracts.jobs import Failure
-from sawmill_service.pages.frame import PageFrame
-from sawmill_service.pages.languages import marked
+from sawmill_service.pages.frame.languages import marked
+from sawmill_service.pages.frame.page_frame import PageFrame
 
 # Stages, by the names that jobs report.
 STAGES = {

@@ -5,7 +5,7 @@ from datetime import datetime
 
 from sawmill_contracts.measurements import Movement
 from sawmill_contracts.scanner_drift import PooledDrift
-from sawmill_service.pages.charts import (
+from sawmill_service.pages.charts.charts import (
     Chart,
     Panel,
     Span,
@@ -16,7 +16,7 @@ from sawmill_service.pages.charts import (
     thinned,
     zeros_of,
 )
-from sawmill_service.pages.pooled_lines import COLUMN, TILT, Value
+from sawmill_service.pages.charts.pooled_lines import COLUMN, TILT, Value
 
 # Values beyond this multiple of the tolerance are drawn at the upper edge: they must not flatten all others.
 MOST_TOLERANCES = 4.0

@@ -15,7 +15,7 @@ from sawmill_contracts.retention import (
     RetentionRules,
     StaysBecause,
 )
-from sawmill_service.pages.languages import marked
+from sawmill_service.pages.frame.languages import marked
 
 GB = 10**9
 KINDS = {

@@ -7,9 +7,9 @@ from pydantic import ValidationError
 from sawmill_contracts.retention import RetentionAsk, RetentionPreview, RetentionRules
 from sawmill_service.dependencies import TheStore
 from sawmill_service.http.forms import TheForm
-from sawmill_service.pages.frame import PageFrame, ThePage
-from sawmill_service.pages.languages import locale_of
-from sawmill_service.pages.retention_form import KINDS, REASONS, RetentionForm, form_of, read_form
+from sawmill_service.pages.frame.languages import locale_of
+from sawmill_service.pages.frame.page_frame import PageFrame, ThePage
+from sawmill_service.pages.system.retention_form import KINDS, REASONS, RetentionForm, form_of, read_form
 from sawmill_store.errors import Conflict
 from sawmill_store.store import Store
 

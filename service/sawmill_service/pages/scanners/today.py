@@ -11,8 +11,8 @@ from fastapi.responses import HTMLResponse
 from sawmill_contracts.events import EventKind
 from sawmill_contracts.measurements import Movement
 from sawmill_service.dependencies import TheStore
-from sawmill_service.pages.frame import PageFrame, ThePage
-from sawmill_service.pages.sparkline import Sparkline, sparkline
+from sawmill_service.pages.charts.sparkline import Sparkline, sparkline
+from sawmill_service.pages.frame.page_frame import PageFrame, ThePage
 from sawmill_service.scanner_conditions import ALARMS, ScannerCondition, conditions_of
 from sawmill_store.store import Store
 

@@ -8,9 +8,9 @@ from fastapi.responses import HTMLResponse
 from sawmill_contracts.audit import AuditAction
 from sawmill_contracts.keys import Scope
 from sawmill_service.dependencies import TheSettings, TheStore
-from sawmill_service.pages.frame import ThePage
-from sawmill_service.pages.languages import marked
-from sawmill_service.pages.system_parts import (
+from sawmill_service.pages.frame.languages import marked
+from sawmill_service.pages.frame.page_frame import ThePage
+from sawmill_service.pages.system.system_parts import (
     PLENTY_DAYS,
     clock_remarks,
     disk_of,

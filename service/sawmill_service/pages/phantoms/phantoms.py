@@ -19,9 +19,9 @@ from sawmill_platform.contracts.strict_json import read_strictly
 from sawmill_service.dependencies import TheSettings, TheStore
 from sawmill_service.http.answers import Paging, Svg, file, picture
 from sawmill_service.http.problems import complaint
-from sawmill_service.pages.frame import PageFrame, ThePage
-from sawmill_service.pages.phantom_plans import plan_views
-from sawmill_service.pages.phantom_words import SizeKnown, size_known, size_text
+from sawmill_service.pages.frame.page_frame import PageFrame, ThePage
+from sawmill_service.pages.phantoms.phantom_plans import plan_views
+from sawmill_service.pages.phantoms.phantom_words import SizeKnown, size_known, size_text
 from sawmill_store.errors import Conflict, NotFound
 from sawmill_store.store import Store
 from sawmill_vocabulary import Shape

@@ -10,7 +10,7 @@ from datetime import datetime, timedelta
 
 from sawmill_contracts.measurements import MeasurementKind, Movement
 from sawmill_contracts.scanner_drift import PooledDrift
-from sawmill_service.pages.pooled_lines import Together, Value, points, pooled_lines
+from sawmill_service.pages.charts.pooled_lines import Together, Value, points, pooled_lines
 from sawmill_worker.pictures.round_numbers import round_length, ticks
 
 HEIGHT_PX, PAD_PX = 150, 14
