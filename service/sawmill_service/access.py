@@ -245,10 +245,10 @@ class Access:
         address = client_address(scope) or "an unknown client"
         if self._failures.knows(address, secret_hash):
             return None
-        found = self._of_token(secret_hash) or await run_in_threadpool(self._of_key, secret_hash)
-        if found is None:
+        caller = self._of_token(secret_hash) or await run_in_threadpool(self._of_key, secret_hash)
+        if caller is None:
             self._failures.failed(address, secret_hash)
-        return found
+        return caller
 
     async def _opened_by(self, scope: RequestScope, secret: bytes) -> Caller:
         caller = await self.holder(scope, hash_of(secret.decode("latin-1")))
@@ -337,8 +337,8 @@ def came_in_over_loopback(scope: RequestScope) -> bool:
 
 def _trace_of_a_proxy(scope: RequestScope, headers: Headers) -> str:
     """Return the evidence that another program forwarded a request; empty where there is none."""
-    if found := [name for name in FORWARDED if name in headers]:
-        return found[0]
+    if forwarding := [name for name in FORWARDED if name in headers]:
+        return forwarding[0]
     # nginx before 1.29.7 uses HTTP/1.0 by default; current browsers and clients do not.
     if scope.get("http_version") == "1.0":
         return "HTTP/1.0"

@@ -35,8 +35,8 @@ def history_csv(batches: Iterable[list[HistoryEntry]]) -> Iterator[str]:
 def _values(entry: HistoryEntry) -> list[str]:
     of_entry = entry.model_dump(mode="json")
     measured = of_entry.pop("measured") or {}
-    known = measured | of_entry | {"gain_per_mm": measured.get("gain")}
-    return [_cell(known.get(name)) for name in COLUMNS]
+    values = measured | of_entry | {"gain_per_mm": measured.get("gain")}
+    return [_cell(values.get(name)) for name in COLUMNS]
 
 
 def _cell(value: object) -> str:

@@ -153,13 +153,13 @@ class ServiceSettings(BaseSettings):
 
     @model_validator(mode="before")
     @classmethod
-    def _read_token(cls, given: dict[str, Any]) -> dict[str, Any]:
-        if given.get("token_file") is None:
-            return given
-        if given.get("token") is not None:
+    def _read_token(cls, values: dict[str, Any]) -> dict[str, Any]:
+        if values.get("token_file") is None:
+            return values
+        if values.get("token") is not None:
             raise ValueError("give SAWMILL_TOKEN or SAWMILL_TOKEN_FILE, not both")
         try:
-            return {**given, "token": Path(given["token_file"]).read_text().strip()}
+            return {**values, "token": Path(values["token_file"]).read_text().strip()}
         except (OSError, UnicodeDecodeError) as error:
             msg = f"SAWMILL_TOKEN_FILE cannot be read: {error}"
             raise ValueError(msg) from error

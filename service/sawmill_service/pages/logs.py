@@ -26,12 +26,12 @@ router = APIRouter(include_in_schema=False)
 @router.get("/logs")
 def logs(page: ThePage, store: TheStore, chosen: TheFilter) -> Response:
     """Show the list, newest first."""
-    found = store.reconstructions.page(**chosen.arguments())
+    listed = store.reconstructions.page(**chosen.arguments())
     return page.answer(
         "logs.html",
         chosen=chosen,
-        found=found,
-        scans=store.scans.several({log.scan_id for log in found.items}),
+        found=listed,
+        scans=store.scans.several({log.scan_id for log in listed.items}),
         scanners=store.scanners.names(),
         states=LOG_STATES,
         method_of=method_of,
@@ -47,16 +47,16 @@ def log(
 ) -> Response:
     """Show a log: its progress, why it failed, or its slices, with a second log for comparison."""
     log = store.reconstructions.get(reconstruction_id)
-    others = _others(store, log) if log.result else {}
+    comparable = _others(store, log) if log.result else {}
     shown = [log, store.reconstructions.get(beside)] if beside and log.result else [log]
-    scans = store.scans.several({each.scan_id for each in (*shown, *others.values())})
+    scans = store.scans.several({each.scan_id for each in (*shown, *comparable.values())})
     return page.answer(
         "log.html",
         log=log,
         job=store.jobs.get(log.job_id),
         volumes=[_volume(store, each) for each in shown if each.result],
         shown=shown,
-        others=others,
+        others=comparable,
         scans=scans,
         scan=scans.get(log.scan_id),
         scanner=store.scanners.get(log.scanner_id).name,

@@ -66,9 +66,9 @@ def reconstruct(scan_id: Identifier, page: ThePage, store: TheStore, wake: TheWa
         ask = ReconstructionAsk(scan_id=scan_id, **options.model_dump(exclude_unset=True))
         log = store.reconstructions.accept(ask)
     except ValidationError as error:
-        return _scan_page(page, store, scan_id, status=422, problem=placed_complaint(error), given=fields)
+        return _scan_page(page, store, scan_id, status=422, problem=placed_complaint(error), typed=fields)
     except (Conflict, Invalid, QueueFull) as error:
-        return _scan_page(page, store, scan_id, status=STATUS[type(error)], problem=str(error), given=fields)
+        return _scan_page(page, store, scan_id, status=STATUS[type(error)], problem=str(error), typed=fields)
     wake(log.job_id)
     return RedirectResponse(f"/logs/{log.id}", status_code=303)
 
@@ -90,7 +90,7 @@ def _scan_page(
     *,
     status: int = 200,
     problem: str = "",
-    given: dict[str, str] | None = None,
+    typed: dict[str, str] | None = None,
 ) -> Response:
     scan = store.scans.get(scan_id)
     logs = store.reconstructions.page(scan_id=scan_id, limit=10).items
@@ -108,5 +108,5 @@ def _scan_page(
         sizes=SIZES_PX,
         defaults={name: field.default for name, field in ReconstructionOptions.model_fields.items()},
         problem=problem,
-        given=given or {},
+        given=typed or {},
     )

@@ -96,9 +96,9 @@ def start(page: ThePage, store: TheStore, wake: TheWake, form: TheForm) -> Respo
     inspection = store.inspections.get(where.inspection or "")
     if inspection.result is None:
         return _of_inspection(page, store, where, inspection)
-    given = {name: value for name, value in form.items() if name in _Answers.model_fields and value.strip()}
+    texts = {name: value for name, value in form.items() if name in _Answers.model_fields and value.strip()}
     try:
-        answers = _Answers.model_validate(given | {"name": inspection.options.name})
+        answers = _Answers.model_validate(texts | {"name": inspection.options.name})
         store.phantoms.usable(answers.phantom_id)
         calibration = _started(store, wake, ScanSpec(**answers.model_dump(exclude_unset=True)), inspection.id)
     except ValidationError as error:
@@ -244,8 +244,8 @@ def _of_calibration(
 def _earlier(store: Store, scan_id: str | None) -> dict[str, str]:
     """Return the answers that made a scan of the same file; none where the scan was deleted since."""
     scan = None if scan_id is None else scan_if_kept(store, scan_id)
-    given = {} if scan is None else {name: getattr(scan, name) for name in ASKED}
-    return {name: str(value) for name, value in given.items() if value is not None}
+    values = {} if scan is None else {name: getattr(scan, name) for name in ASKED}
+    return {name: str(value) for name, value in values.items() if value is not None}
 
 
 def _again(store: Store, where: Where, scan: Scan | None) -> str | None:

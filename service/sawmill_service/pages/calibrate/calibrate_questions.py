@@ -73,7 +73,7 @@ def questions_of(store: Store, inspection: Inspection, answers: Mapping[str, str
     result = inspection.result
     assert result is not None  # noqa: S101 - its state says so
     missing = {part.field for part in result.missing}
-    given = {name: value for name, value in answers.items() if value}
+    answered = {name: value for name, value in answers.items() if value}
     questions = Questions(
         inspection=inspection,
         datasets=_arrays(result) if "dataset" in missing else [],
@@ -82,10 +82,10 @@ def questions_of(store: Store, inspection: Inspection, answers: Mapping[str, str
         data=_only_possible(result),
         counts_possible=result.reading is not None and result.reading.flats is not None,
         angles="angles_deg" in missing,
-        answers=given,
+        answers=answered,
     )
     questions.scanners.sort(key=lambda scanner: not questions.fits(scanner))
-    return replace(questions, answers=_proposed(store, questions) | given)
+    return replace(questions, answers=_proposed(store, questions) | answered)
 
 
 def _proposed(store: Store, questions: Questions) -> dict[str, str]:

@@ -110,13 +110,13 @@ def parameters_of(page: PageFrame, calibration: CalibrationSucceeded) -> list[Ro
     """Return the geometry that was found, each number with its standard deviation."""
     _, formats, frame = page.text.gettext, page.formats, calibration.source_frame
     deviation = calibration.standard_deviation
-    known = None if deviation is None else deviation.source_frame
+    spreads = None if deviation is None else deviation.source_frame
 
     def rows() -> Iterator[Row]:
         for name, label in _PARAMETERS.items():
             angle = name.endswith("_rad")
             written = formats.degrees if angle else formats.mm
-            value, spread = getattr(frame, name), None if known is None else getattr(known, name)
+            value, spread = getattr(frame, name), None if spreads is None else getattr(spreads, name)
             factor = math.degrees(1.0) if angle else 1.0
             held = _("held, or not known") if spread is None else f"± {written(factor * spread)}"
             yield Row(_(label), written(factor * value), held)

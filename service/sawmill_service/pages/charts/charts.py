@@ -135,15 +135,15 @@ def thinned(
     kept = {id(movements[0]), id(movements[-1]), *(calibrations if len(calibrations) <= PARTS else ())}
     for part in by_part.values():
         for value in values:
-            known = [(number, one) for one in part if (number := value(one)) is not None]
-            if known:
-                kept |= {id(choose(known, key=lambda pair: pair[0])[1]) for choose in (min, max)}
+            numbers = [(number, one) for one in part if (number := value(one)) is not None]
+            if numbers:
+                kept |= {id(choose(numbers, key=lambda pair: pair[0])[1]) for choose in (min, max)}
     return [one for one in movements if id(one) in kept]
 
 
 def panel_of(
     name: str,
-    known: Sequence[tuple[float, float, Movement]],
+    samples: Sequence[tuple[float, float, Movement]],
     low: float,
     high: float,
     *,
@@ -159,7 +159,7 @@ def panel_of(
     ----------
     name
         Name of the value.
-    known
+    samples
         Positions along the time, values, and their measurements.
     low, high
         Values at the lower and the upper edge; values beyond are drawn at the edge.
@@ -183,7 +183,7 @@ def panel_of(
         ChartMark(
             x, y(number), one.kind.value, _tone(one), number > high, faint=together is not None and together.has(one)
         )
-        for x, number, one in known
+        for x, number, one in samples
     ]
     values = ticks(low, high, 4 if height >= HEIGHT_PX else 3)
     step = values[1] - values[0] if len(values) > 1 else high - low
@@ -195,7 +195,7 @@ def panel_of(
         digits=_digits(step),
         tolerance_y=None if tolerance is None else y(tolerance),
         bars="".join(f"M{x} {y(lowest)}V{y(highest)}" for x, lowest, highest in bars),
-        pooled=[] if together is None else list(pooled_lines(together, known, y)),
+        pooled=[] if together is None else list(pooled_lines(together, samples, y)),
         zeros=[(x, y(value)) for x, value in zeros],
         height=height,
     )
@@ -203,23 +203,23 @@ def panel_of(
 
 def zeros_of(charts: Iterable[PooledDrift], span: Span, together: Together | None) -> list[tuple[float, float]]:
     """Return the starts of baselines in a span, with the value of each; charts without a baseline have none."""
-    found = []
+    zeros = []
     for chart in charts:
         zero = None if together is None else together.zero(chart)
         if zero is not None and chart.baseline is not None and chart.baseline.first_at is not None:
-            found.append((span.x(max(chart.baseline.first_at, span.start)), zero))
-    return found
+            zeros.append((span.x(max(chart.baseline.first_at, span.start)), zero))
+    return zeros
 
 
 def changes_of(charts: Iterable[PooledDrift], span: Span) -> list[tuple[float, float, float]]:
     """Return the times at which logs together show that the scanner moved, as in `Chart.changed`."""
-    found = []
+    changes = []
     for each in (chart.alarm for chart in charts):
         if each is None or each.began_at is None or each.began_between is None or each.began_at < span.start:
             continue
         first, last = (span.x(max(at, span.start)) for at in each.began_between)
-        found.append((span.x(each.began_at), first, round(last - first, 2)))
-    return found
+        changes.append((span.x(each.began_at), first, round(last - first, 2)))
+    return changes
 
 
 def range_of(numbers: Sequence[float], *, least: float) -> tuple[float, float]:
@@ -249,11 +249,11 @@ def days_of(span: Span) -> list[tuple[float, datetime]]:
     step = next((step for step in STEPS if length / step <= MOST_STEPS), STEPS[-1])
     midnight = span.end.astimezone().replace(hour=0, minute=0, second=0, microsecond=0)
     at = midnight + (span.end - midnight) // step * step
-    found = []
+    days = []
     while at >= span.start:
-        found.append((span.x(at), at))
+        days.append((span.x(at), at))
         at -= step
-    return found[::-1]
+    return days[::-1]
 
 
 def span_of(days: float, now: datetime) -> Span:

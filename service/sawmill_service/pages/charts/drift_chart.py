@@ -76,11 +76,11 @@ def _panel(
     tolerance_mm: float,
     zeros: Sequence[tuple[float, float]],
 ) -> Panel:
-    known = [(x, number, one) for x, one in shown if (number := value(one)) is not None]
-    numbers = [number for _, number, _ in known] + [zero for _, zero in zeros]
+    samples = [(x, number, one) for x, one in shown if (number := value(one)) is not None]
+    numbers = [number for _, number, _ in samples] + [zero for _, zero in zeros]
     if name == "rays":
-        return panel_of(name, known, *_range_of_rays(numbers, tolerance_mm), tolerance=tolerance_mm)
-    return panel_of(name, known, *range_of(numbers, least=0.1), together=TOGETHER[name], zeros=zeros)
+        return panel_of(name, samples, *_range_of_rays(numbers, tolerance_mm), tolerance=tolerance_mm)
+    return panel_of(name, samples, *range_of(numbers, least=0.1), together=TOGETHER[name], zeros=zeros)
 
 
 def _range_of_rays(numbers: Sequence[float], tolerance_mm: float) -> tuple[float, float]:

@@ -38,7 +38,7 @@ TILT = Together(
 
 
 def pooled_lines(
-    together: Together, known: Sequence[tuple[float, float, Movement]], y: Callable[[float], float]
+    together: Together, samples: Sequence[tuple[float, float, Movement]], y: Callable[[float], float]
 ) -> Iterator[tuple[str, str]]:
     """Yield lines and the outlines of their bands, as `points` of SVG.
 
@@ -46,13 +46,13 @@ def pooled_lines(
     ----------
     together
         Pooled value.
-    known
+    samples
         Positions along the time, single values, and their measurements, the oldest first.
     y
         Function that returns the position of a value in the panel.
     """
     by_chart: dict[tuple[str | None, str | None], list[tuple[float, float, float]]] = {}
-    for x, _, one in known:
+    for x, _, one in samples:
         value, deviation = together.value(one), together.deviation(one)
         if value is not None and deviation is not None:
             by_chart.setdefault((one.against_id, one.method), []).append((x, value, DEVIATIONS * deviation))

@@ -114,28 +114,28 @@ def trend_chart(
 def _panel(
     name: str, quantity: Quantity, shown: Sequence[tuple[float, Movement]], zeros: Sequence[tuple[float, float]]
 ) -> Panel:
-    known = [(x, value, one) for x, one in shown if (value := quantity.value(one)) is not None]
+    samples = [(x, value, one) for x, one in shown if (value := quantity.value(one)) is not None]
     bars = [
         (x, value - DEVIATIONS * deviation, value + DEVIATIONS * deviation)
-        for x, value, one in known
+        for x, value, one in samples
         if (deviation := quantity.deviation(one)) is not None
         and (quantity.together is None or not quantity.together.has(one))
     ]
     # A typical bar fits; a long bar ends at the edge, because it must not flatten all others.
     half = median([(high - low) / 2.0 for _, low, high in bars]) if bars else 0.0
-    values = [value for _, value, _ in known] + [zero for _, zero in zeros]
+    values = [value for _, value, _ in samples] + [zero for _, zero in zeros]
     reached = [min(values) - half, max(values) + half] if values else []
     low, high = range_of(reached, least=quantity.least)
-    return panel_of(name, known, low, high, bars=bars, together=quantity.together, zeros=zeros, height=HEIGHT_PX)
+    return panel_of(name, samples, low, high, bars=bars, together=quantity.together, zeros=zeros, height=HEIGHT_PX)
 
 
 def _alarms(marks: Iterable[HistoryMark], opened: Iterable[Alarm], span: Span) -> list[tuple[float, float]]:
     """Return position and width of each period with an open alarm; a period that began before the span is cut off."""
-    since, found = {}, []
+    since, periods = {}, []
     for mark in marks:
         if mark.what is EventKind.ALARM_OPENED:
             since[mark.alarm] = mark.at
         elif mark.what is EventKind.ALARM_CLOSED:
-            found.append((since.pop(mark.alarm, span.start), mark.at))
-    found += [(since.get(alarm.what, span.start), span.end) for alarm in opened]
-    return [(span.x(start), round(span.x(end) - span.x(start), 2)) for start, end in found]
+            periods.append((since.pop(mark.alarm, span.start), mark.at))
+    periods += [(since.get(alarm.what, span.start), span.end) for alarm in opened]
+    return [(span.x(start), round(span.x(end) - span.x(start), 2)) for start, end in periods]

@@ -75,10 +75,10 @@ def change_settings(
     scanner_id: Identifier, page: ThePage, store: TheStore, typed: TheForm
 ) -> HTMLResponse | RedirectResponse:
     """Replace a scanner's description, or show the form again with what is wrong."""
-    known = store.scanners.get(scanner_id)
-    form, spec = _forms(page).read(typed, known)
+    stored = store.scanners.get(scanner_id)
+    form, spec = _forms(page).read(typed, stored)
     if spec is None:
-        return _answer(page, store, known, form=form)
+        return _answer(page, store, stored, form=form)
     store.scanners.update(scanner_id, spec)
     return RedirectResponse(f"/scanners/{scanner_id}#settings", status_code=303)
 
@@ -88,10 +88,10 @@ def add_schedule(
     scanner_id: Identifier, page: ThePage, store: TheStore, typed: TheForm
 ) -> HTMLResponse | RedirectResponse:
     """Add a schedule, or show the form again with what is wrong."""
-    known = store.scanners.get(scanner_id)
-    form = added(store, known, typed, page.text)
+    stored = store.scanners.get(scanner_id)
+    form = added(store, stored, typed, page.text)
     if form.errors:
-        return _answer(page, store, known, schedule=form)
+        return _answer(page, store, stored, schedule=form)
     return RedirectResponse(f"/scanners/{scanner_id}#schedules", status_code=303)
 
 
@@ -115,24 +115,24 @@ def _new(page: PageFrame, form: ScannerForm) -> HTMLResponse:
 def _answer(
     page: PageFrame,
     store: Store,
-    known: StoredScanner,
+    stored: StoredScanner,
     *,
     days: float = 90,
     form: ScannerForm | None = None,
     schedule: ScheduleForm | None = None,
 ) -> HTMLResponse:
-    condition, now = condition_of(store, known), datetime.now(UTC)
-    history = store.history.page(known.id, kind=HistoryKind.ACTIVATION, limit=SHOWN_ENTRIES).items
+    condition, now = condition_of(store, stored), datetime.now(UTC)
+    history = store.history.page(stored.id, kind=HistoryKind.ACTIVATION, limit=SHOWN_ENTRIES).items
     span = span_of(days, now)
-    movements, total = store.measurements.movements_of(known.id, span.start, span.end)
+    movements, total = store.measurements.movements_of(stored.id, span.start, span.end)
     activations = [(entry.subject_id, entry.at) for entry in history]
-    together = store.drift_charts.of_scanner(known.id).charts
+    together = store.drift_charts.of_scanner(stored.id).charts
     active = condition.active
-    radius_mm = known.log_radius_mm or (active.radius_mm if active else LARGEST_ASSUMED_LOG_RADIUS_MM)
+    radius_mm = stored.log_radius_mm or (active.radius_mm if active else LARGEST_ASSUMED_LOG_RADIUS_MM)
     return page.answer(
         "scanner.html",
         status=422 if (form and form.is_wrong) or (schedule and schedule.errors) else 200,
-        scanner=known,
+        scanner=stored,
         condition=condition,
         alarms=ALARMS,
         active=active,
@@ -141,7 +141,7 @@ def _answer(
             movements,
             activations,
             span=span,
-            tolerance_mm=known.tolerances.ray_change_mm,
+            tolerance_mm=stored.tolerances.ray_change_mm,
             total=total,
             together=together,
         ),
@@ -151,17 +151,17 @@ def _answer(
         days=days,
         spans=SPANS,
         history=history,
-        schedules=_schedules(store, known.id),
+        schedules=_schedules(store, stored.id),
         plain=plain,
         kinds=KINDS,
         outcomes=OUTCOMES,
         day_choices=DAYS,
         schedule_form=schedule or ScheduleForm(),
         drawing=scanner_drawing(
-            active.scanner if active else known.constants, active.theta if active else None, radius_mm
+            active.scanner if active else stored.constants, active.theta if active else None, radius_mm
         ),
-        made_with=_made_with(active, known.constants),
-        settings=form or _forms(page).of(known),
+        made_with=_made_with(active, stored.constants),
+        settings=form or _forms(page).of(stored),
         fields=FIELDS,
         editing=form is not None,
     )

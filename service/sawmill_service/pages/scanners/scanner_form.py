@@ -165,17 +165,17 @@ class ScannerForms:
         values = spec.model_dump(mode="json")
         return ScannerForm({"name": spec.name, **{each.name: self._number(_at(values, each.place)) for each in FIELDS}})
 
-    def read(self, typed: Mapping[str, str], known: ScannerSpec | None) -> tuple[ScannerForm, ScannerAsk | None]:
+    def read(self, typed: Mapping[str, str], stored: ScannerSpec | None) -> tuple[ScannerForm, ScannerAsk | None]:
         """Read what somebody typed: the form, and the scanner that it describes unless something is wrong.
 
         Parameters
         ----------
-        known
+        stored
             Scanner whose values are kept where the form has no field for them; None: the scanner is new.
         """
         form = ScannerForm({name: typed.get(name, "").strip() for name in ("name", *(each.name for each in FIELDS))})
         own = set(ScannerSpec.model_fields)
-        document: dict[str, Any] = {} if known is None else known.model_dump(mode="json", include=own)
+        document: dict[str, Any] = {} if stored is None else stored.model_dump(mode="json", include=own)
         document["name"] = form.values["name"]
         for each in FIELDS:
             _put(document, each.place, self._read_number(each, form))

@@ -123,12 +123,12 @@ def scanner_history(
     scanner_id: Identifier, page: ThePage, store: TheStore, shown: Annotated[ShownHistory, Depends(_shown)]
 ) -> HTMLResponse:
     """Show the whole page."""
-    known, span = store.scanners.get(scanner_id), span_of(shown.days, datetime.now(UTC))
+    stored, span = store.scanners.get(scanner_id), span_of(shown.days, datetime.now(UTC))
     movements, total = store.measurements.movements_of(scanner_id, span.start, span.end)
     marks, opened = store.history.marks(scanner_id, span.start), store.alarms.open(scanner_id=scanner_id)
     return page.answer(
         "scanner_history.html",
-        scanner=known,
+        scanner=stored,
         shown=shown,
         spans=SPANS,
         chart=trend_chart(movements, marks, opened, span, total, store.drift_charts.of_scanner(scanner_id).charts),
