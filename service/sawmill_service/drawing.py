@@ -44,7 +44,7 @@ _LOGS = {CalibrationPicture.LOG_BEFORE: "log_before", CalibrationPicture.LOG_AFT
 
 
 def calibration_picture(store: Store, calibration_id: str, picture: CalibrationPicture) -> Path:
-    """Return the path of a calibration's picture; draw it from result.h5 and keep it if it is not there yet.
+    """Return the path of a calibration's picture; draw it from result.h5 and keep it if it is missing.
 
     Takes seconds: call it in a thread that may wait.
 
@@ -123,7 +123,7 @@ def drawn_alpha_curve(columns: "Mapping[str, NDArray[Any]]") -> bytes:
 
 
 def scan_thumbnail(store: Store, scan: Scan, shape: ScanShape) -> Path:
-    """Return the path of a scan's thumbnail, the sinogram of the middle row; draw and keep it if it is not there yet.
+    """Return the path of a scan's thumbnail, the sinogram of the middle row; draw and keep it if it is missing.
 
     Raises
     ------

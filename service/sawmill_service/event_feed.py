@@ -53,8 +53,8 @@ class EventFeed:
         self._recent: deque[Event] = deque(maxlen=_KEPT)
         # `_recent` has the events after the first number up to the second; `_reader` is ahead while a thread reads.
         self._complete_from = self._complete_through = 0
-        self._looked_at_s = float("-inf")
-        self._looking_since_s: float | None = None
+        self._polled_at_s = float("-inf")
+        self._polling_since_s: float | None = None
         self._away = False
 
     async def start(self, after: int | None) -> int:
@@ -84,7 +84,7 @@ class EventFeed:
         StorageUnavailable
             The database does not answer, or has not answered since a read for another stream failed or began to hang.
         """
-        await self._look()
+        await self._poll()
         if self._away or self._hangs():
             raise StorageUnavailable("the database does not answer")
         if self._reader is None:  # the first read, for another stream, has not ended
@@ -100,27 +100,27 @@ class EventFeed:
             through = behind[-1].number if len(behind) == _BATCH else complete_from
         return through, [event for event in behind if scanner_id in {None, event.scanner_id}]
 
-    async def _look(self) -> None:
+    async def _poll(self) -> None:
         """Read new events, unless a read for another stream runs or has just ended."""
-        since_s = time.monotonic() - self._looked_at_s
-        if self._looking_since_s is not None or since_s < self._poll_s:
+        since_s = time.monotonic() - self._polled_at_s
+        if self._polling_since_s is not None or since_s < self._poll_s:
             return
-        self._looking_since_s = time.monotonic()
+        self._polling_since_s = time.monotonic()
         try:
             if self._reader is None or since_s > _FORGOTTEN_S:
                 self._reader = await run_in_threadpool(self._events.reader)
                 self._recent.clear()
                 self._complete_from = self._complete_through = self._reader.number
             self._keep(await run_in_threadpool(self._reader.read))
-            self._looked_at_s, self._away = time.monotonic(), False
+            self._polled_at_s, self._away = time.monotonic(), False
         except StorageUnavailable:
             self._away = True
             raise
         finally:
-            self._looking_since_s = None
+            self._polling_since_s = None
 
     def _hangs(self) -> bool:
-        return self._looking_since_s is not None and time.monotonic() - self._looking_since_s > _PATIENCE_S
+        return self._polling_since_s is not None and time.monotonic() - self._polling_since_s > _PATIENCE_S
 
     def _keep(self, events: Sequence[Event]) -> None:
         for event in events:

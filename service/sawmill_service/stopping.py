@@ -16,7 +16,7 @@ BODIES_S = 2.0
 SHUTDOWN_S = 3.0
 # Time for requests that wait for the database, which give up after five seconds (`sawmill_store/database.py`).
 _ANSWERS_S = 9
-_LOOK_S = 0.25
+_POLL_S = 0.25
 
 
 class Stopping:
@@ -46,8 +46,8 @@ class Stopping:
     async def sleep(self, time_s: float) -> None:
         """Sleep, but not much longer than until the shutdown begins."""
         while time_s > 0.0 and not self.begun:
-            await asyncio.sleep(min(time_s, _LOOK_S))
-            time_s -= _LOOK_S
+            await asyncio.sleep(min(time_s, _POLL_S))
+            time_s -= _POLL_S
 
     async def next_part(self, receive: Receive) -> Message:
         """Return the next part of a body.

@@ -32,7 +32,7 @@ def _two_numbers(text: object) -> object:
     return parts
 
 
-class AskedLog(Given, ReconstructionOptions):
+class LogForm(Given, ReconstructionOptions):
     """Values of the form for a log, as texts."""
 
     field_centre_mm: Annotated[tuple[CoordinateMm, CoordinateMm], BeforeValidator(_two_numbers)] = (0.0, 0.0)
@@ -60,9 +60,9 @@ def scan(scan_id: Identifier, page: ThePage, store: TheStore) -> Response:
 @router.post("/scans/{scan_id}/reconstruct")
 def reconstruct(scan_id: Identifier, page: ThePage, store: TheStore, wake: TheWake, fields: TheForm) -> Response:
     """Request a log, and go to its page."""
-    texts = {name: value for name, value in fields.items() if name in AskedLog.model_fields and value.strip()}
+    texts = {name: value for name, value in fields.items() if name in LogForm.model_fields and value.strip()}
     try:
-        options = AskedLog.model_validate(texts)
+        options = LogForm.model_validate(texts)
         ask = ReconstructionAsk(scan_id=scan_id, **options.model_dump(exclude_unset=True))
         log = store.reconstructions.accept(ask)
     except ValidationError as error:

@@ -45,7 +45,7 @@ class _Answers(Given, ScanSpec):
 
 
 @dataclass(frozen=True)
-class Where:
+class PageAddress:
     """Parameters in the page's address."""
 
     scanner: str | None = None
@@ -70,7 +70,7 @@ def calibrate(
     scan: Annotated[Identifier | None, Query()] = None,
 ) -> HTMLResponse:
     """Show the step between the file and the accepted calibration that the address names."""
-    where = Where(scanner, inspection, calibration, scan)
+    where = PageAddress(scanner, inspection, calibration, scan)
     if calibration is not None:
         return _of_calibration(page, store, where, store.calibrations.get(calibration))
     if inspection is not None:
@@ -92,7 +92,7 @@ def start(page: ThePage, store: TheStore, wake: TheWake, form: TheForm) -> Respo
     """Take the answers: make a scan of the inspected file and calibrate with it."""
     if "scan_id" in form:
         return _start_of_scan(page, store, wake, form)
-    where = Where(form.get("scanner_id"), form.get("inspection_id"))
+    where = PageAddress(form.get("scanner_id"), form.get("inspection_id"))
     inspection = store.inspections.get(where.inspection or "")
     if inspection.result is None:
         return _of_inspection(page, store, where, inspection)
@@ -111,7 +111,7 @@ def start(page: ThePage, store: TheStore, wake: TheWake, form: TheForm) -> Respo
 
 
 def _start_of_scan(page: PageFrame, store: Store, wake: TheWake, form: dict[str, str]) -> Response:
-    where = Where(scan=form["scan_id"])
+    where = PageAddress(scan=form["scan_id"])
     try:
         ask = CalibrationAsk(scan_id=form["scan_id"], phantom_id=form.get("phantom_id") or None)
         calibration = store.calibrations.accept(ask)
@@ -126,7 +126,7 @@ def _start_of_scan(page: PageFrame, store: Store, wake: TheWake, form: dict[str,
 @router.post(f"{CALIBRATE}/dataset")
 def choose_dataset(page: ThePage, store: TheStore, wake: TheWake, form: TheForm) -> Response:
     """Inspect the file again, with another array."""
-    where = Where(form.get("scanner_id"), form.get("inspection_id"))
+    where = PageAddress(form.get("scanner_id"), form.get("inspection_id"))
     earlier = store.inspections.get(where.inspection or "")
     if earlier.result is None:
         return _of_inspection(page, store, where, earlier)
@@ -163,7 +163,7 @@ def _sentence(page: PageFrame, error: ValidationError) -> str:
 def _asked_again(
     page: PageFrame,
     store: Store,
-    where: Where,
+    where: PageAddress,
     inspection: Inspection,
     form: dict[str, str],
     problem: str,
@@ -175,7 +175,7 @@ def _asked_again(
     return page.answer("calibrate_questions.html", status=status, where=where, questions=questions, problem=problem)
 
 
-def _of_inspection(page: PageFrame, store: Store, where: Where, inspection: Inspection) -> HTMLResponse:
+def _of_inspection(page: PageFrame, store: Store, where: PageAddress, inspection: Inspection) -> HTMLResponse:
     if inspection.state in {"queued", "running"}:
         return page.answer("calibrate_looking.html", where=where, inspection=inspection)
     result = inspection.result
@@ -186,7 +186,9 @@ def _of_inspection(page: PageFrame, store: Store, where: Where, inspection: Insp
     return page.answer("calibrate_questions.html", where=where, questions=questions, problem=None)
 
 
-def _of_scan(page: PageFrame, store: Store, where: Where, scan_id: str, problem: str | None = None) -> HTMLResponse:
+def _of_scan(
+    page: PageFrame, store: Store, where: PageAddress, scan_id: str, problem: str | None = None
+) -> HTMLResponse:
     """Show a scan that was sent before; the only question is which phantom it shows."""
     scan = store.scans.get(scan_id)
     return page.answer(
@@ -202,7 +204,7 @@ def _of_scan(page: PageFrame, store: Store, where: Where, scan_id: str, problem:
 
 
 def _of_calibration(
-    page: PageFrame, store: Store, where: Where, calibration: CalibrationSucceeded | CalibrationUnfinished
+    page: PageFrame, store: Store, where: PageAddress, calibration: CalibrationSucceeded | CalibrationUnfinished
 ) -> HTMLResponse:
     scanner, scan = store.scanners.get(calibration.scanner_id), scan_if_kept(store, calibration.scan_id)
     if isinstance(calibration, CalibrationSucceeded):
@@ -248,10 +250,10 @@ def _earlier(store: Store, scan_id: str | None) -> dict[str, str]:
     return {name: str(value) for name, value in values.items() if value is not None}
 
 
-def _again(store: Store, where: Where, scan: Scan | None) -> str | None:
+def _again(store: Store, where: PageAddress, scan: Scan | None) -> str | None:
     """Return the address that asks about the same file or its scan again; None where neither is possible."""
     if scan is None:
         return None
     if where.inspection is not None and store.files.upload(JobKind.INSPECT, where.inspection).exists():
         return where.path(calibration=None, scan=scan.id)
-    return None if scan.state is ScanState.REFUSED else Where(scan=scan.id).path()
+    return None if scan.state is ScanState.REFUSED else PageAddress(scan=scan.id).path()

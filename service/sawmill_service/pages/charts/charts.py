@@ -10,7 +10,7 @@ from datetime import datetime, timedelta
 
 from sawmill_contracts.measurements import MeasurementKind, Movement
 from sawmill_contracts.scanner_drift import PooledDrift
-from sawmill_service.pages.charts.pooled_lines import Together, Value, points, pooled_lines
+from sawmill_service.pages.charts.pooled_lines import PooledValue, Value, points, pooled_lines
 from sawmill_worker.pictures.round_numbers import round_length, ticks
 
 HEIGHT_PX, PAD_PX = 150, 14
@@ -149,7 +149,7 @@ def panel_of(
     *,
     tolerance: float | None = None,
     bars: Iterable[tuple[float, float, float]] = (),
-    together: Together | None = None,
+    together: PooledValue | None = None,
     zeros: Iterable[tuple[float, float]] = (),
     height: int = HEIGHT_PX,
 ) -> Panel:
@@ -201,7 +201,7 @@ def panel_of(
     )
 
 
-def zeros_of(charts: Iterable[PooledDrift], span: Span, together: Together | None) -> list[tuple[float, float]]:
+def zeros_of(charts: Iterable[PooledDrift], span: Span, together: PooledValue | None) -> list[tuple[float, float]]:
     """Return the starts of baselines in a span, with the value of each; charts without a baseline have none."""
     zeros = []
     for chart in charts:

@@ -25,7 +25,7 @@ DRIFT: dict[str, Value] = {
     "cor": lambda one: one.cor_column_mm,
     "tilt": lambda one: one.tilt_deg,
 }
-TOGETHER = {"cor": COLUMN, "tilt": TILT}
+POOLED_VALUES = {"cor": COLUMN, "tilt": TILT}
 
 
 def drift_chart(
@@ -58,7 +58,7 @@ def drift_chart(
     accepted = [(span.x(at), identifier, at) for identifier, at in activations if span.start <= at <= span.end]
     return Chart(
         panels=[
-            _panel(name, value, shown, tolerance_mm, zeros_of(together, span, TOGETHER.get(name)))
+            _panel(name, value, shown, tolerance_mm, zeros_of(together, span, POOLED_VALUES.get(name)))
             for name, value in DRIFT.items()
         ],
         shown=shown,
@@ -80,7 +80,7 @@ def _panel(
     numbers = [number for _, number, _ in samples] + [zero for _, zero in zeros]
     if name == "rays":
         return panel_of(name, samples, *_range_of_rays(numbers, tolerance_mm), tolerance=tolerance_mm)
-    return panel_of(name, samples, *range_of(numbers, least=0.1), together=TOGETHER[name], zeros=zeros)
+    return panel_of(name, samples, *range_of(numbers, least=0.1), together=POOLED_VALUES[name], zeros=zeros)
 
 
 def _range_of_rays(numbers: Sequence[float], tolerance_mm: float) -> tuple[float, float]:

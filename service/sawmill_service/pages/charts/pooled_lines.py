@@ -13,7 +13,7 @@ Value = Callable[[Movement], float | None]
 
 
 @dataclass(frozen=True)
-class Together:
+class PooledValue:
     """A value pooled from a drift check and those before it, its standard deviation, and the value of the baseline."""
 
     value: Value
@@ -25,12 +25,12 @@ class Together:
         return self.value(one) is not None
 
 
-COLUMN = Together(
+COLUMN = PooledValue(
     lambda one: one.pooled_cor_column_mm,
     lambda one: one.pooled_cor_column_standard_deviation_mm,
     lambda chart: chart.baseline_cor_column_mm,
 )
-TILT = Together(
+TILT = PooledValue(
     lambda one: one.pooled_tilt_deg,
     lambda one: one.pooled_tilt_standard_deviation_deg,
     lambda chart: chart.baseline_tilt_deg,
@@ -38,7 +38,7 @@ TILT = Together(
 
 
 def pooled_lines(
-    together: Together, samples: Sequence[tuple[float, float, Movement]], y: Callable[[float], float]
+    together: PooledValue, samples: Sequence[tuple[float, float, Movement]], y: Callable[[float], float]
 ) -> Iterator[tuple[str, str]]:
     """Yield lines and the outlines of their bands, as `points` of SVG.
 

@@ -21,7 +21,7 @@ from sawmill_service.pages.charts.charts import (
     thinned,
     zeros_of,
 )
-from sawmill_service.pages.charts.pooled_lines import COLUMN, DEVIATIONS, TILT, Together, Value
+from sawmill_service.pages.charts.pooled_lines import COLUMN, DEVIATIONS, TILT, PooledValue, Value
 
 # Two extremes of five values in each part leave as many marks as the drift chart has.
 PARTS = 24
@@ -47,7 +47,7 @@ class Quantity:
     value: Value
     least: float
     deviation: Value = lambda _: None
-    together: Together | None = None
+    together: PooledValue | None = None
 
 
 def _of_phantoms(value: Value) -> Value:

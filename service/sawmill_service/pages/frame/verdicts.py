@@ -20,7 +20,7 @@ _WORDS = {
 
 @dataclass(frozen=True)
 class ShownQuestion:
-    """Question of the two with its answer, in a language.
+    """Question of a verdict with its answer, in a language.
 
     Attributes
     ----------
@@ -31,7 +31,7 @@ class ShownQuestion:
     value, limit : str or None
         Number and its limit, with their units.
     share : float or None
-        Number over its limit.
+        Number divided by its limit.
     """
 
     question: str
