@@ -100,7 +100,8 @@ class ServiceSettings(BaseSettings):
     )
     max_waiting_uploads: Annotated[int, Field(gt=0)] = Field(
         100,
-        description="Number of one key's uploads in parts that are not used yet: each goes a day after its last part.",
+        description="Number of one key's uploads in parts that are not used yet; "
+        "an upload is deleted a day after its last part.",
     )
     max_json_bytes: Annotated[int, Field(gt=0)] = Field(
         MIB, description="Bytes of any other body: a phantom with 20 000 corners has less."

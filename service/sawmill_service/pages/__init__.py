@@ -1,1 +1,1 @@
-"""Pages for people: a module for each page, with its routes and the values of its template. A page decides nothing."""
+"""Pages for people: a module for each page, with its routes and the values for its template. A page decides nothing."""

@@ -12,7 +12,7 @@ from babel.dates import format_date, format_skeleton, format_time, format_timede
 from babel.numbers import format_decimal, format_scientific
 
 _BINARY = ("B", "KiB", "MiB", "GiB", "TiB")
-# Babel has no digits for the end of a larger number.
+# Babel cannot write the last digits of a larger number.
 _LARGEST_IN_FULL = 1e15
 
 

@@ -17,7 +17,7 @@ from sawmill_service.scanner_conditions import ALARMS, ScannerCondition, conditi
 from sawmill_store.store import Store
 
 SPAN = timedelta(days=30)
-# A lost connection is restored within a second; the stream sends a sign of life every five seconds.
+# A lost connection is restored within a second; a quiet stream sends a sign of life every five seconds.
 LOST_MS, SILENT_MS = 4_000, 12_000
 _WORST_FIRST = ("bad", "watch", "idle", "good")
 # Events that no row of a scanner shows.
