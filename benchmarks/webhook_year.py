@@ -27,7 +27,7 @@ from sawmill_platform.settings import StorageSettings
 from sawmill_platform.webhooks.outbox import LEASE, message_id
 from sawmill_service.webhooks.couriers import Couriers
 from sawmill_service.webhooks.destinations import AllowedDestinations
-from sawmill_service.webhooks.sending import Sending
+from sawmill_service.webhooks.sending import WebhookSending
 from sawmill_store.store import Store
 
 DAYS = 365
@@ -119,7 +119,7 @@ def main() -> None:
 
 async def year(store: Store, clock: GivenClock, receiver: Receiver, events: int) -> tuple[int, int, int]:
     """The most rows of deliveries, the most events that waited, and the attempts while the receiver was away."""
-    couriers = Couriers(store.outbox(), Sending(AllowedDestinations(["127.0.0.1"])), lambda: 0.5)
+    couriers = Couriers(store.outbox(), WebhookSending(AllowedDestinations(["127.0.0.1"])), lambda: 0.5)
     most_rows = most_waiting = 0
     for day in range(DAYS):
         receiver.away = day in AWAY

@@ -9,7 +9,9 @@ from pathlib import Path
 import pytest
 from package_drawing import drawing, layers
 
-from sawmill_service.pages.languages import catalogue
+from sawmill_service.pages.frame.languages import (
+    catalogue,
+)
 from sawmill_vocabulary.version import PACKAGES
 
 ROOT = Path(__file__).parents[1]

@@ -14,7 +14,7 @@ from sawmill_platform.contracts.event_kinds import JOB_ENDS, EventKind
 from sawmill_platform.contracts.jobs import JobKind
 from sawmill_platform.contracts.kinds import declaration_of
 from sawmill_platform.contracts.registered import RegisteredWord
-from sawmill_service.pages.scanner_history import EVENT_WORDS
+from sawmill_service.pages.scanners.scanner_history import EVENT_WORDS
 from sawmill_store.history import SUBJECTS, kind_of
 
 ROOT = Path(__file__).parents[1]
@@ -23,8 +23,8 @@ PARTIAL = {
     "service/sawmill_service/drawing.py: _LOGS": "the other pictures of a calibration show no log",
     "service/sawmill_service/pages/job_words.py: _MADE": "a kind without a page of results links to its numbers",
     "service/sawmill_service/pages/job_words.py: FATES": "the other events are not of an attempt at a job",
-    "service/sawmill_service/pages/system.py: ACTIONS": "the audit keeps decisions alone",
-    "service/sawmill_service/pages/scanner_history.py: EVENT_WORDS": "the other events are in no history",
+    "service/sawmill_service/pages/system/system.py: ACTIONS": "the audit keeps decisions alone",
+    "service/sawmill_service/pages/scanners/scanner_history.py: EVENT_WORDS": "the other events are in no history",
     "worker/sawmill_worker/pictures/calibration_report.py: BY_METHOD": "the other methods need no remark",
     "worker/sawmill_store/history.py: _BY_EVENT": "the subject decides for the other events",
     "worker/sawmill_store/references.py: _WITHOUT_RESULT": "the other states have a result or will have one",
@@ -150,6 +150,6 @@ def test_every_event_of_a_scanner_s_history_has_its_word():
         if (event in JOB_ENDS or event.startswith((f"{noun}-", "alarm-"))) and kind_of(event, noun)
     }
     without = {event for event, _ in shown} - EVENT_WORDS.keys() - {event_kinds.SUCCEEDED}  # which shows a verdict
-    assert not without, "add them to EVENT_WORDS in service/sawmill_service/pages/scanner_history.py"
+    assert not without, "add them to EVENT_WORDS in service/sawmill_service/pages/scanners/scanner_history.py"
     unknown = {noun for event, noun in shown if not event.startswith("alarm-")} - SUBJECTS.keys()
     assert not unknown, "add them to SUBJECTS in worker/sawmill_store/history.py"

@@ -1,4 +1,4 @@
-"""Who sends a request, and what that one may do: by the token, a key, a session, or by sitting at this machine."""
+"""Access control: who sends a request (by token, key, session or this machine), and what the caller may do."""
 
 import hmac
 import re
@@ -28,9 +28,9 @@ from sawmill_service.http.route_rules import rule_of
 from sawmill_service.http.session_cookie import SessionCookie, csrf_token
 
 LOGIN, LOGOUT = "/login", "/logout"
-# One header each: browsers do not look for a second challenge within one.
+# Separate headers: browsers do not search one header for a second challenge.
 CHALLENGES = ('Basic realm="sawmill-calibration", charset="UTF-8"', 'Bearer realm="sawmill-calibration"')
-# What proxies add to the requests that they pass on.
+# Headers that proxies add to the requests that they forward.
 FORWARDED = (
     "forwarded",
     "via",
@@ -48,20 +48,21 @@ LOOPBACK = frozenset({"127.0.0.1", "localhost", "[::1]"})
 
 @dataclass(frozen=True)
 class Caller:
-    """Whoever sent a request.
+    """Sender of a request.
 
     Attributes
     ----------
     name : str
-        The key's, or who else it is.
+        Name of the key, or another name of the sender.
     scope : Scope
-        What it may do.
+        Scope that the caller has.
     key_id : str or None
-        None: it came without a key.
+        Id of the key; None where the request came without a key.
     display : bool
-        Whether its key is that of a display on the wall.
+        True if the key belongs to a display on the wall.
     csrf_token : str or None
-        What it must bring to change something; None: it came without a session, so no browser added who it is.
+        Token that a change must bring; None where the request came without a session, so that no browser added the
+        credentials by itself.
     """
 
     name: str
@@ -71,7 +72,7 @@ class Caller:
     csrf_token: str | None = None
 
     def check(self, needed: Scope) -> None:
-        """Refuse what needs more than this caller has.
+        """Refuse a request that needs a larger scope than the caller has.
 
         Raises
         ------
@@ -83,31 +84,31 @@ class Caller:
             raise Refused(403, "scope-too-small", detail)
 
     def acting(self, scope: RequestScope) -> Actor:
-        """As the audit and the jobs name it."""
+        """Return the caller as audit entries and jobs name the caller."""
         return Actor(self.name, self.key_id, client_address(scope), scope.get("state", {}).get("request_id"))
 
 
 ADMINISTRATOR = Caller("the administrator", Scope.ADMIN)
-# At the paths that need no key.
+# The caller at paths that need no key.
 ANYBODY = Caller("anybody", Scope.READ)
 THIS_MACHINE = Caller("somebody at this machine", Scope.ADMIN)
 
 
 class Access:
-    """Finds out who sends a request.
+    """Identification of the sender of a request.
 
     Parameters
     ----------
     keys, sessions
-        Where they are looked up.
+        Stores of keys and of sessions.
     cookie
-        In which a browser brings its session.
+        Cookie in which a browser brings its session.
     token
-        The first administrator's key; None: there is none.
+        Key of the first administrator; None: there is none.
     required
-        Whether every request must bring a key. Otherwise those from this machine itself need none.
+        Whether every request must bring a key. Otherwise requests from this machine itself need none.
     failures
-        Counts the keys that were wrong.
+        Counter of wrong keys.
     """
 
     def __init__(
@@ -128,13 +129,13 @@ class Access:
         self._failures = failures
 
     async def caller(self, scope: RequestScope, headers: Headers) -> Caller:
-        """Who sends a request: whoever's key it brings, else whoever's session.
+        """Find the sender of a request by the key in it, else by its session.
 
         Raises
         ------
         Refused
-            401 `token-required`: it must bring a key and brings none that is good. 429 `too-many-requests`: its
-            address has brought too many that were wrong.
+            401 `token-required`: a key is required, and the request brings no valid one. 429 `too-many-requests`: too
+            many wrong keys came from the address.
         StorageUnavailable
             Keys cannot be looked up.
         """
@@ -150,20 +151,20 @@ class Access:
         return THIS_MACHINE
 
     async def holder(self, scope: RequestScope, secret_hash: str) -> Caller | None:
-        """Whose key or token has this hash, if it is good now; its use is noted.
+        """Find the caller whose key or token has this hash, and note the use; None where it is not valid now.
 
         Raises
         ------
         Refused
-            429 `too-many-requests`: the address that the request came from has brought too many that were wrong.
+            429 `too-many-requests`: too many wrong keys came from the address of the request.
         """
         address = client_address(scope) or "an unknown client"
         if self._failures.knows(address, secret_hash):
             return None
-        found = self._of_token(secret_hash) or await run_in_threadpool(self._of_key, secret_hash)
-        if found is None:
+        caller = self._of_token(secret_hash) or await run_in_threadpool(self._of_key, secret_hash)
+        if caller is None:
             self._failures.failed(address, secret_hash)
-        return found
+        return caller
 
     async def _opened_by(self, scope: RequestScope, secret: bytes) -> Caller:
         caller = await self.holder(scope, hash_of(secret.decode("latin-1")))
@@ -184,7 +185,7 @@ class Access:
         return Caller(key.name, key.scope, key.id, display=key.display)
 
     def _in_session(self, secret: str) -> Caller | None:
-        """Whoever a session belongs to: nobody, once what opened it opens nothing any more."""
+        """Find the caller to whom a session belongs; None once the key that opened it is no longer valid."""
         session = self._sessions.find(secret)
         if session is None:
             return None
@@ -197,18 +198,18 @@ class Access:
 
 
 async def check_scope(request: Request) -> None:
-    """Refuse whoever has not the scope that the route needs; a dependency of every route."""
+    """Refuse a caller without the scope that the route needs; a dependency of every route."""
     caller_of(request).check(rule_of(request).scope)
 
 
 def caller_of(request: Request) -> Caller:
-    """Who sent a request that has passed the gate."""
+    """Return the sender of a request that has passed the gate."""
     caller: Caller = request.state.caller
     return caller
 
 
 def presented_secret(authorization: str) -> bytes:
-    """What a header holds as a key: a bearer's, or the password of HTTP Basic, whoever the user is."""
+    """Return the key in an `Authorization` header: a bearer token, or the password of HTTP Basic for any user."""
     scheme, _, credentials = authorization.partition(" ")
     if scheme.lower() == "bearer":
         return credentials.strip().encode("latin-1")
@@ -222,7 +223,7 @@ def presented_secret(authorization: str) -> bytes:
 
 @contextmanager
 def _unless_it_cannot_be_written(what: str) -> Iterator[None]:
-    """Let whoever only looks look on a full disk and beside a locked database too; the log says what was not kept."""
+    """Log a storage error and continue: reading must work with a full disk and a locked database too."""
     try:
         yield
     except StorageError as error:
@@ -230,36 +231,36 @@ def _unless_it_cannot_be_written(what: str) -> Iterator[None]:
 
 
 def client_address(scope: RequestScope) -> str | None:
-    """From which a request came; None where nothing that is an address is known."""
+    """Return the address from which a request came; None where no valid address is known."""
     client = scope.get("client")
     try:
         return str(ip_address(client[0].partition("%")[0])) if client else None
-    except ValueError:  # what a proxy has put there
+    except ValueError:  # a text that a proxy has put there
         return None
 
 
 def host_name(host: str) -> str:
-    """Return a Host header without its port, in lower case; as it is where what follows the name is no port."""
+    """Return the name in a Host header, in lower case; the whole header where no port follows the name."""
     name, _, port = host.rpartition(":")
     return (name if name and re.fullmatch("[0-9]{0,5}", port) else host).lower()
 
 
 def came_in_over_loopback(scope: RequestScope) -> bool:
-    """Whether the address that the client called is one of loopback, which no other machine can call."""
+    """Return whether the client called a loopback address, which no other machine can call."""
     server: tuple[str, int | None] | None = scope.get("server")
     return server is not None and is_loopback(server[0])
 
 
 def _trace_of_a_proxy(scope: RequestScope, headers: Headers) -> str:
-    """What shows that another program passed a request on; empty where nothing does."""
-    if found := [name for name in FORWARDED if name in headers]:
-        return found[0]
-    # As nginx before 1.29.7 speaks by default, and no browser or client of this century.
+    """Return the evidence that another program forwarded a request; empty where there is none."""
+    if forwarding := [name for name in FORWARDED if name in headers]:
+        return forwarding[0]
+    # nginx before 1.29.7 uses HTTP/1.0 by default; current browsers and clients do not.
     if scope.get("http_version") == "1.0":
         return "HTTP/1.0"
     if not came_in_over_loopback(scope):
         return "it was not sent to loopback"
-    # A browser names the page that it shows, and a proxy its own backend.
+    # A browser names the page that it shows in Origin or Referer; a proxy names its own backend in Host.
     page = urlsplit(headers.get("origin") or headers.get("referer") or "").netloc
     host = headers.get("host", "")
     if page and page.lower() != host.lower():

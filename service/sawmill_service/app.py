@@ -1,4 +1,4 @@
-"""Puts the service together. Nothing happens at import."""
+"""Assembly of the service from its parts. Nothing happens at import."""
 
 from functools import cache
 from pathlib import Path
@@ -102,21 +102,20 @@ ROUTERS = (
 def create_app(
     settings: ServiceSettings, store: Store, wake: Wake, *, exposed: bool = False, broker_url: str | None = None
 ) -> Application:
-    """The service on one store.
+    """Create the service on one store.
 
     Parameters
     ----------
     settings
         Limits and names; the caller listens on its host and port.
     store
-        Where everything is kept; upgraded already.
+        Store of everything; already upgraded.
     wake
-        Called with the id of each job after the transaction that queued it; it must not raise.
+        Called with the id of each job after the transaction that queued the job; must not raise.
     exposed
         Whether the caller listens beyond loopback: then every request must bring a key, as behind a proxy.
-
     broker_url
-        Of the Redis that carries wake-ups, whose answer people may see; None: there is none.
+        URL of the Redis that carries wake-ups; people may see whether it answers. None: there is none.
 
     Returns
     -------
@@ -139,7 +138,7 @@ def create_app(
         openapi_url=None,
         docs_url=None,
         redoc_url=None,
-        # A redirect would name the address that the service sees, behind a proxy the wrong one.
+        # A redirect would name the address that the service sees, which is wrong behind a proxy.
         redirect_slashes=False,
     )
     app.state.settings, app.state.store, app.state.wake = settings, store, wake
@@ -165,7 +164,7 @@ def create_app(
     app.mount("/static", console.WholeFiles(directory=console.STATIC))
     app.mount("/console", console.WholeFiles(directory=Path(fastapi_offline.__file__).parent / "static"))
     app.state.rules = RouteRules(app.routes)
-    # The last one added is the outermost.
+    # The middleware added last is the outermost.
     app.add_middleware(Heads)
     app.add_middleware(
         SlowBodies,
@@ -193,7 +192,7 @@ def create_app(
 
 @cache
 def _all_routes() -> list[BaseRoute]:
-    """One for every application of this process: FastAPI spends half a second on making them."""
+    """Build the routes once for all applications of this process: FastAPI needs half a second to build them."""
     every = APIRouter(
         generate_unique_id_function=lambda route: route.name,
         dependencies=[Depends(check) for check in (check_method, check_scope, check_csrf, check_query, check_body)],

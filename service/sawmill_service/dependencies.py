@@ -1,6 +1,6 @@
-"""What routes are given: the store, the settings and the wake-up.
+"""Dependencies that FastAPI passes to routes: the store, the settings, the wake-up and other parts.
 
-Each is found by a coroutine: FastAPI runs every other function in a thread of its own, and the request waits for it.
+Each dependency is a coroutine: FastAPI runs every other function in a separate thread, and the request waits for it.
 """
 
 from collections.abc import Callable
@@ -35,7 +35,7 @@ async def _wake(request: Request) -> Wake:
     wake: Wake = request.app.state.wake
 
     def note_and_wake(job_id: str) -> None:
-        request.state.job_id = job_id  # the log's line about the request names it
+        request.state.job_id = job_id  # for the request's line in the log
         after_commit(partial(wake, job_id))
 
     return note_and_wake

@@ -1,6 +1,6 @@
-"""Pictures that are drawn when they are first asked for: reports, which need matplotlib, and thumbnails.
+"""Pictures that are drawn on their first request: reports, which need matplotlib, and thumbnails.
 
-What draws is imported by the first picture: no other request needs it.
+Drawing modules are imported by the first picture: no other request needs them.
 """
 # ruff: noqa: PLC0415 - for that reason
 
@@ -23,7 +23,7 @@ from sawmill_store.store import Store
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-# One picture at a time: what many ask for at once is drawn once, and matplotlib shares its caches of text and fonts.
+# One picture at a time: a picture that many request at once is drawn once, and threads share matplotlib's caches.
 _DRAWING = threading.Lock()
 # Thumbnails need no matplotlib, and do not wait for a report.
 _SMALL = threading.Lock()
@@ -31,7 +31,7 @@ THUMBNAIL = "thumbnail.png"
 
 
 class CalibrationPicture(StrEnum):
-    """By the names under which they are kept."""
+    """Pictures of a calibration, by the names of their files."""
 
     REPORT = "report.png"
     OVERLAY = "overlay.png"
@@ -39,21 +39,21 @@ class CalibrationPicture(StrEnum):
     LOG_AFTER = "log-after.png"
 
 
-# In result.h5; both pictures of a log are drawn in the grey window of the second, and so can be compared.
+# Names in result.h5; both pictures of a log have the grey window of the second, so that they can be compared.
 _LOGS = {CalibrationPicture.LOG_BEFORE: "log_before", CalibrationPicture.LOG_AFTER: "log_after"}
 
 
 def calibration_picture(store: Store, calibration_id: str, picture: CalibrationPicture) -> Path:
-    """Where a calibration's picture lies; it is drawn from result.h5 and kept beside it if it is not there yet.
+    """Return the path of a calibration's picture; draw it from result.h5 and keep it if it is missing.
 
-    Takes seconds: for a thread that may wait.
+    Takes seconds: call it in a thread that may wait.
 
     Raises
     ------
     NotFound
         The calibration has no result.h5.
     Refused
-        404 `no-log`: its scan shows no log beside the phantom.
+        404 `no-log`: the scan shows no log next to the phantom.
     StorageFull
         The disk is full.
     """
@@ -67,9 +67,10 @@ def calibration_picture(store: Store, calibration_id: str, picture: CalibrationP
 
 @dataclass(frozen=True)
 class ShownLog:
-    """A log beside the phantom, as a calibration's pictures show it.
+    """A log next to the phantom, as a calibration's pictures show the log.
 
-    `before` is the geometry of the picture before, None where there is none; `row` is its row of the scan.
+    `before` names the geometry of `log-before.png`, None where there is no such picture; `row` is the shown row of the
+    scan.
     """
 
     row: int
@@ -77,7 +78,7 @@ class ShownLog:
 
 
 def shown_log(store: Store, calibration_id: str) -> ShownLog | None:
-    """What a calibration's pictures of a log show; None where its scan shows no log, or its files are gone."""
+    """Describe the log that a calibration's pictures show; None where the scan shows no log, or its files are gone."""
     from sawmill_contracts.calibration_arrays import log_before_with
     from sawmill_formats.output.calibration_file import read_arrays
 
@@ -114,7 +115,7 @@ def _log_png(path: Path, calibration_id: str, name: str) -> bytes:
 
 
 def drawn_alpha_curve(columns: "Mapping[str, NDArray[Any]]") -> bytes:
-    """The picture of what Tikhonov's alpha was chosen from."""
+    """Draw the curve from which Tikhonov's alpha was chosen, as PNG."""
     from sawmill_worker.pictures.alpha_curve import alpha_curve_png
 
     with _DRAWING:
@@ -122,7 +123,7 @@ def drawn_alpha_curve(columns: "Mapping[str, NDArray[Any]]") -> bytes:
 
 
 def scan_thumbnail(store: Store, scan: Scan, shape: ScanShape) -> Path:
-    """Where the thumbnail of a scan lies, the sinogram of its middle row; drawn and kept as a calibration's picture.
+    """Return the path of a scan's thumbnail, the sinogram of the middle row; draw and keep it if it is missing.
 
     Raises
     ------
@@ -143,7 +144,7 @@ def scan_thumbnail(store: Store, scan: Scan, shape: ScanShape) -> Path:
 
 
 def volume_thumbnail(store: Store, reconstruction_id: str, result: ReconstructionResult) -> Path:
-    """Where the thumbnail of a volume lies, its middle slice; the rest as for a scan."""
+    """Return the path of a volume's thumbnail, the middle slice; draw and keep it as `scan_thumbnail` does."""
 
     def draw() -> bytes:
         from sawmill_formats.output import volume_reader

@@ -1,4 +1,4 @@
-"""What happens, read once for all streams of this process, however many tablets follow it."""
+"""Feed of events that is read once for all streams of this process, however many clients follow."""
 
 import time
 from collections import deque
@@ -13,7 +13,7 @@ from sawmill_platform.errors import StorageUnavailable
 from sawmill_platform.ledger.event_reader import EventReader
 from sawmill_platform.ledger.events import Events
 
-LARGEST_NUMBER = 2**53  # of an event; JavaScript counts no further
+LARGEST_NUMBER = 2**53  # of an event: larger integers are not exact in JavaScript
 
 LastEventId = Annotated[
     int | None,
@@ -26,45 +26,45 @@ LastEventId = Annotated[
         examples=[0],
     ),
 ]
-"""Of every stream of events."""
+"""Header `Last-Event-ID` of every stream of events."""
 
-_KEPT = 2000  # of the newest; whoever is further behind reads the table itself
+_KEPT = 2000  # newest events in memory; a stream that is further behind reads the table itself
 _BATCH = 500
-# A look that takes longer, or a failed one, is an outage for every stream until one succeeds.
+# A read that takes longer, or fails, is an outage for every stream until a read succeeds.
 _PATIENCE_S = 3.0
-# Nobody has followed for so long: starting anew is cheaper than reading on.
+# After this time without a follower, a new reader is cheaper than reading all events since then.
 _FORGOTTEN_S = 60.0
 
 
 class EventFeed:
-    """Looks at the table as often as any one stream would; used by one event loop.
+    """Reader of the table of events for all streams, no more often than for one; used by one event loop.
 
     Parameters
     ----------
     events
-        The table.
+        Table of events.
     poll_s
-        Time between two looks, while somebody follows.
+        Time between two reads while a stream follows, s.
     """
 
     def __init__(self, events: Events, poll_s: float) -> None:
         self._events, self._poll_s = events, poll_s
         self._reader: EventReader | None = None
         self._recent: deque[Event] = deque(maxlen=_KEPT)
-        # What is kept begins behind the one number, and ends with the other; `_reader` is ahead while a thread reads.
+        # `_recent` has the events after the first number up to the second; `_reader` is ahead while a thread reads.
         self._complete_from = self._complete_through = 0
-        self._looked_at_s = float("-inf")
-        self._looking_since_s: float | None = None
+        self._polled_at_s = float("-inf")
+        self._polling_since_s: float | None = None
         self._away = False
 
     async def start(self, after: int | None) -> int:
-        """From which number on a new stream follows.
+        """Return the number of the event after which a new stream follows.
 
         Parameters
         ----------
         after
-            The last one that its client has seen; null: it follows what happens from now on, as does one that has seen
-            what this database has not, for it was put back.
+            Number of the last event that the client has seen. None: the stream follows new events only, as it does for
+            a client that has seen a number which this database, restored from a backup, has not reached.
 
         Raises
         ------
@@ -77,19 +77,19 @@ class EventFeed:
         return (await run_in_threadpool(self._events.reader)).number
 
     async def after(self, number: int, scanner_id: str | None = None) -> tuple[int, Sequence[Event]]:
-        """What there is behind a number by now, and the number through which that is all.
+        """Return the events after a number, and the number up to which these events are complete.
 
         Raises
         ------
         StorageUnavailable
-            The database does not answer, or has not done so since somebody else's look failed or began to hang.
+            The database does not answer, or has not answered since a read for another stream failed or began to hang.
         """
-        await self._look()
+        await self._poll()
         if self._away or self._hangs():
             raise StorageUnavailable("the database does not answer")
-        if self._reader is None:  # somebody else's first look has not ended
+        if self._reader is None:  # the first read, for another stream, has not ended
             return number, ()
-        complete_from = self._complete_from  # another stream's look moves it meanwhile
+        complete_from = self._complete_from  # a read for another stream may change it during the await
         if number >= complete_from:
             behind = [event for event in self._recent if event.number > number]
             through = max(number, self._complete_through)
@@ -100,27 +100,27 @@ class EventFeed:
             through = behind[-1].number if len(behind) == _BATCH else complete_from
         return through, [event for event in behind if scanner_id in {None, event.scanner_id}]
 
-    async def _look(self) -> None:
-        """Read on, unless somebody does or has just done so."""
-        since_s = time.monotonic() - self._looked_at_s
-        if self._looking_since_s is not None or since_s < self._poll_s:
+    async def _poll(self) -> None:
+        """Read new events, unless a read for another stream runs or has just ended."""
+        since_s = time.monotonic() - self._polled_at_s
+        if self._polling_since_s is not None or since_s < self._poll_s:
             return
-        self._looking_since_s = time.monotonic()
+        self._polling_since_s = time.monotonic()
         try:
             if self._reader is None or since_s > _FORGOTTEN_S:
                 self._reader = await run_in_threadpool(self._events.reader)
                 self._recent.clear()
                 self._complete_from = self._complete_through = self._reader.number
             self._keep(await run_in_threadpool(self._reader.read))
-            self._looked_at_s, self._away = time.monotonic(), False
+            self._polled_at_s, self._away = time.monotonic(), False
         except StorageUnavailable:
             self._away = True
             raise
         finally:
-            self._looking_since_s = None
+            self._polling_since_s = None
 
     def _hangs(self) -> bool:
-        return self._looking_since_s is not None and time.monotonic() - self._looking_since_s > _PATIENCE_S
+        return self._polling_since_s is not None and time.monotonic() - self._polling_since_s > _PATIENCE_S
 
     def _keep(self, events: Sequence[Event]) -> None:
         for event in events:

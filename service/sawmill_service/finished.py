@@ -1,4 +1,4 @@
-"""What a job has left behind: a scan's shape, a reconstruction's result; where there is none yet, why."""
+"""Results of jobs: a scan's shape, a reconstruction's result; where there is none yet, the reason."""
 
 from sawmill_contracts.reconstructions import ReconstructionResult
 from sawmill_contracts.scans import Scan, ScanShape
@@ -8,7 +8,7 @@ from sawmill_store.store import Store
 
 
 def result_of(store: Store, reconstruction_id: str) -> ReconstructionResult:
-    """A reconstruction's result.
+    """Return the result of a reconstruction.
 
     Raises
     ------
@@ -23,7 +23,7 @@ def result_of(store: Store, reconstruction_id: str) -> ReconstructionResult:
 
 
 def check_slice(result: ReconstructionResult, index: int) -> None:
-    """Refuse a slice that a volume has not.
+    """Refuse the index of a slice that a volume does not have.
 
     Raises
     ------
@@ -36,7 +36,7 @@ def check_slice(result: ReconstructionResult, index: int) -> None:
 
 
 def scan_if_kept(store: Store, scan_id: str) -> Scan | None:
-    """A scan that something was made from, which outlives it; None: it was deleted since."""
+    """Return a scan from which something was made; None where the scan was deleted since."""
     try:
         return store.scans.get(scan_id)
     except NotFound:
@@ -44,7 +44,7 @@ def scan_if_kept(store: Store, scan_id: str) -> Scan | None:
 
 
 def ready_scan(store: Store, scan_id: str) -> tuple[Scan, ScanShape]:
-    """A scan that has been read.
+    """Return a scan that has been read, and its shape.
 
     Raises
     ------
@@ -59,6 +59,6 @@ def ready_scan(store: Store, scan_id: str) -> tuple[Scan, ScanShape]:
 
 
 def middle_row(scan: Scan, shape: ScanShape) -> int:
-    """Of the rows that enough views have."""
+    """Return the middle of the rows that enough views have."""
     first, last = scan.usable_rows or (0, shape.rows)
     return (first + last) // 2

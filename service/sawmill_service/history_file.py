@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 
 from sawmill_contracts.history import HistoryEntry
 
-# In this order; what a later version adds comes at the end. A header has its unit: `gain` of the contract is older.
+# A later version adds columns at the end. A name has its unit: `gain` of the contract, which is older, has none.
 COLUMNS = (
     *("number", "at", "kind", "what", "subject", "subject_id", "link", "who", "key_id", "why", "alarm"),
     *("verdict", "rays_verdict", "within_tolerance", "against_id"),
@@ -21,12 +21,12 @@ COLUMNS = (
     *("pooled_looks", "pooled_cor_column_mm", "pooled_cor_column_standard_deviation_mm"),
     *("pooled_tilt_deg", "pooled_tilt_standard_deviation_deg"),
 )
-# Programs for tables take a text that begins so as a formula (OWASP, CSV Injection).
+# Spreadsheets take a text that begins with one of these as a formula (OWASP, CSV Injection).
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
 
 
 def history_csv(batches: Iterable[list[HistoryEntry]]) -> Iterator[str]:
-    """The text in parts: the line of names, then a part for each batch, so that no more than one is held."""
+    """Yield the text in parts: the line of names, then a part for each batch; at most one batch is in memory."""
     yield _lines([COLUMNS])
     for batch in batches:
         yield _lines(map(_values, batch))
@@ -35,12 +35,12 @@ def history_csv(batches: Iterable[list[HistoryEntry]]) -> Iterator[str]:
 def _values(entry: HistoryEntry) -> list[str]:
     of_entry = entry.model_dump(mode="json")
     measured = of_entry.pop("measured") or {}
-    known = measured | of_entry | {"gain_per_mm": measured.get("gain")}
-    return [_cell(known.get(name)) for name in COLUMNS]
+    values = measured | of_entry | {"gain_per_mm": measured.get("gain")}
+    return [_cell(values.get(name)) for name in COLUMNS]
 
 
 def _cell(value: object) -> str:
-    """Numbers as they are, and texts so that none is taken as a formula: behind an apostrophe where one might be."""
+    """Write a cell: a number as it is, a text that could be taken as a formula after an apostrophe."""
     if isinstance(value, str):
         return f"'{value}" if value.startswith(_FORMULA) else value
     if isinstance(value, bool):

@@ -1,4 +1,4 @@
-"""What the store tells when the metrics are read (docs/operations.md#metrics); every label is of a closed set."""
+"""Metrics of the store, counted when they are read (docs/operations.md#metrics); every label is of a closed set."""
 
 import threading
 import time
@@ -39,9 +39,9 @@ OUTCOMES = (
 
 
 class Measures(Collector):
-    """Counts what is stored; where the database or the data folder does not answer, says that and leaves the rest out.
+    """Collector of metrics; without the database or the data folder it reports their absence and leaves the rest out.
 
-    Requests that come while somebody counts share one count that begins after they came.
+    Requests that come during a count share one count that starts after they came.
     """
 
     def __init__(self, store: Store) -> None:
@@ -51,7 +51,7 @@ class Measures(Collector):
         self._counted: list[Metric] = []
 
     def collect(self) -> Iterable[Metric]:
-        """Everything, as it stands."""
+        """Count everything in its present state."""
         came_at = time.monotonic()
         with self._lock:
             if self._begun_at < came_at:
@@ -64,11 +64,11 @@ def _folder(store: Store) -> Iterator[Metric]:
     try:
         room = store.files.room()
     except FolderUnavailable:
-        yield gauge("sawmill_data_folder_up", "Whether the data folder can be looked at.", 0)
+        yield gauge("sawmill_data_folder_up", "Whether the data folder can be read.", 0)
         return
-    yield gauge("sawmill_data_folder_up", "Whether the data folder can be looked at.", 1)
-    yield gauge("sawmill_data_folder_free_bytes", "Bytes of its disk that are free.", room.free_bytes)
-    yield gauge("sawmill_data_folder_size_bytes", "Bytes of its disk.", room.size_bytes)
+    yield gauge("sawmill_data_folder_up", "Whether the data folder can be read.", 1)
+    yield gauge("sawmill_data_folder_free_bytes", "Free bytes of the data folder's disk.", room.free_bytes)
+    yield gauge("sawmill_data_folder_size_bytes", "Bytes of the data folder's disk.", room.size_bytes)
     reserve = store.settings.disk_reserve_bytes
     yield gauge("sawmill_data_folder_reserve_bytes", "Free bytes below which the disk counts as full.", reserve)
 
@@ -97,14 +97,16 @@ def _database(store: Store) -> Iterator[Metric]:
 
 def _places(store: Store) -> Iterator[Metric]:
     most, of_a_key = store.settings.max_queued_jobs, store.settings.max_queued_jobs_per_key
-    yield gauge("sawmill_queued_jobs_limit", "Queued jobs beyond which whoever asks is refused.", most)
-    yield gauge("sawmill_queued_jobs_of_a_key_limit", "The same of one key.", of_a_key)
+    yield gauge("sawmill_queued_jobs_limit", "Queued jobs beyond which new ones are refused.", most)
+    yield gauge(
+        "sawmill_queued_jobs_of_a_key_limit", "Queued jobs of one key beyond which new ones are refused.", of_a_key
+    )
     fullest = store.places.waiting().most_of_a_key
     yield gauge("sawmill_queued_jobs_of_a_key", "Queued jobs of the key that has most; 0: no key has any.", fullest)
 
 
 def gauge(name: str, text: str, value: float) -> GaugeMetricFamily:
-    """One number."""
+    """Make a metric of one number."""
     return GaugeMetricFamily(name, text, value=value)
 
 
@@ -120,7 +122,7 @@ def _jobs(tally: Tally) -> Iterator[Metric]:
     yield by_kind
     yield _by_kind("sawmill_oldest_queued_job_seconds", "Age of the oldest queued job; 0: none.", tally.queued_s)
     yield _by_kind(
-        "sawmill_longest_running_job_seconds", "Since the first running one began; 0: none.", tally.running_s
+        "sawmill_longest_running_job_seconds", "Time since the first running job started; 0: none.", tally.running_s
     )
 
 
@@ -143,7 +145,7 @@ def _attempts(fates: Mapping[Fate, Amount]) -> Iterator[Metric]:
 
 
 def _failures(fates: Mapping[Fate, Amount]) -> Metric:
-    """Defects stand at 0 before the first: an increase from nothing is none to Prometheus."""
+    """Count failures; defects are 0 before the first one, because Prometheus sees no increase in a new series."""
     failed = {fate: amount for fate, amount in fates.items() if fate.what is event_kinds.FAILED}
     numbers = {(kind, FailureKind.INTERNAL.value, code): 0 for kind in JobKind.all() for code in sorted(DEFECTS)}
     for key, amount in _summed(failed, lambda fate: (fate.kind, _fault(fate), counted_as(fate.code))).items():
@@ -175,8 +177,8 @@ def _durations(fates: Mapping[Fate, Amount]) -> Metric:
 
 
 def _removed(removed: Iterable[Removed]) -> Iterator[Metric]:
-    numbers = CounterMetricFamily("sawmill_retention_removed", "What went by rules of retention.", labels=["kind"])
-    freed = CounterMetricFamily("sawmill_retention_freed_bytes", "Bytes that this freed.", labels=["kind"])
+    numbers = CounterMetricFamily("sawmill_retention_removed", "Items removed by retention rules.", labels=["kind"])
+    freed = CounterMetricFamily("sawmill_retention_freed_bytes", "Bytes freed by retention rules.", labels=["kind"])
     for each in removed:
         numbers.add_metric([each.kind], each.number)
         freed.add_metric([each.kind], each.freed_bytes)

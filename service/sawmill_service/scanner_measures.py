@@ -1,4 +1,4 @@
-"""What metrics tell of each scanner: ray errors, movement, tolerances, and how old what is known is."""
+"""Metrics of each scanner: ray errors, movement, tolerances, and the ages of calibration and drift check."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from datetime import datetime
@@ -11,14 +11,14 @@ from sawmill_service.scanner_conditions import ScannerCondition
 
 _TEXTS = {
     "ray_error_millimeters": "Predicted RMS ray error of the active and of the newest calibration.",
-    "ray_error_upper_95_millimeters": "What that stays below in 95 of 100 cases.",
-    "ray_error_tolerance_millimeters": "What upper_95 may be.",
-    "movement_millimeters": "RMS ray change against the active calibration, by the newest that could tell.",
-    "movement_tolerance_millimeters": "What the ray change may be.",
-    "in_tolerance": "0: the page shows the scanner red; without a calibration there is none.",
+    "ray_error_upper_95_millimeters": "RMS ray error of these calibrations that is not exceeded with 95 %.",
+    "ray_error_tolerance_millimeters": "Largest upper_95 that is allowed.",
+    "movement_millimeters": "RMS ray change against the active calibration, by the newest measurement.",
+    "movement_tolerance_millimeters": "Largest ray change that is allowed.",
+    "in_tolerance": "0: the page shows the scanner red; absent without a calibration.",
     "calibration_failed": "Whether the last calibration failed, or failed its check.",
-    "calibration_age_seconds": "Since the newest calibration that succeeded was asked for.",
-    "drift_check_age_seconds": "Since the newest drift check that ended was asked for.",
+    "calibration_age_seconds": "Time since the newest calibration that succeeded was requested.",
+    "drift_check_age_seconds": "Time since the newest drift check that ended was requested.",
     "alarm": "Whether an alarm is open.",
 }
 _FURTHER_LABELS = {
@@ -33,7 +33,7 @@ Value = tuple[str, str | None, float]
 def scanner_measures(
     conditions: Sequence[ScannerCondition], alarms: Iterable[Alarm], now: datetime
 ) -> Iterator[Metric]:
-    """A family for each measure, with a value for each scanner of which it is known; every alarm has one."""
+    """Yield a metric family for each measure, with a value for each scanner that has one and for every alarm."""
     families = {
         name: GaugeMetricFamily(
             f"sawmill_scanner_{name}", text, labels=["scanner", *filter(None, [_FURTHER_LABELS.get(name)])]

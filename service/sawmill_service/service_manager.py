@@ -1,6 +1,6 @@
-"""What the service reports to the program that started it and watches it, as systemd with `Type=notify`: sd_notify(3).
+"""Messages to the program that started the service and watches it, as systemd with `Type=notify`: sd_notify(3).
 
-Where the environment names no such program, nothing is sent.
+Nothing is sent where the environment names no such program.
 """
 
 import math
@@ -13,12 +13,12 @@ import structlog
 
 
 class ServiceManager:
-    """Reports states, and signs of life at half of the interval after which their absence counts as a hang.
+    """Sender of states, and of signs of life at half of the interval after which their absence counts as a hang.
 
     Parameters
     ----------
     environment
-        Where `NOTIFY_SOCKET`, `WATCHDOG_USEC` and `WATCHDOG_PID` are looked for.
+        Environment that may hold `NOTIFY_SOCKET`, `WATCHDOG_USEC` and `WATCHDOG_PID`.
     """
 
     def __init__(self, environment: Mapping[str, str] = os.environ) -> None:
@@ -28,10 +28,10 @@ class ServiceManager:
         self._due = time.monotonic() if self._period_s else math.inf
 
     def report(self, state: str) -> None:
-        """Send a state, as `READY=1`; one that cannot be sent is logged."""
+        """Send a state, as `READY=1`; log a state that cannot be sent."""
         if not self._address:
             return
-        # One in Linux's abstract namespace begins with a zero byte.
+        # An address in Linux's abstract namespace begins with a zero byte.
         address = f"\0{self._address[1:]}" if self._address.startswith("@") else self._address
         try:
             with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK) as line:
@@ -40,7 +40,7 @@ class ServiceManager:
             structlog.get_logger().warning("state-not-reported", state=state, reason=str(error))
 
     def show_life(self) -> None:
-        """For the service's loop, which calls it several times a second as long as it turns."""
+        """Send a sign of life if one is due; the service's loop calls this several times a second while it runs."""
         if time.monotonic() >= self._due:
             self._due = time.monotonic() + self._period_s
             self.report("WATCHDOG=1")

@@ -1,4 +1,4 @@
-"""Runs the API, its workers and the schedule on one machine until it is stopped."""
+"""The API, its workers and the schedule on one machine, which run until the process is stopped."""
 
 import signal
 import threading
@@ -34,9 +34,9 @@ from sawmill_store.store import Store
 # The process of a worker, which alone imports the science.
 WORKER_COMMAND = (*PROGRAM, "sawmill_worker.poller", "--watch-parent")
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
-# A connection ends when its next request does not come within this time. Nothing ends one that never had a request.
+# An idle connection ends after this time without another request. A connection that never had a request does not end.
 _IDLE_S = 5
-# The first line and the headers, or the head of a chunk, that have come in part. Whole heads: `admission.py`.
+# Limit of an incomplete head of a request or of a chunk. Complete heads: `admission.py`.
 _HEAD_BYTES = 2**14
 # More would keep the requests of open connections waiting while a flood of new ones is accepted.
 _ACCEPTED_AT_ONCE = 64
@@ -53,7 +53,7 @@ WITHOUT_A_PROXY = (
 
 
 def no_wake(_: str) -> None:
-    """Embedded workers look into the database by themselves."""
+    """Do nothing: embedded workers poll the database by themselves."""
 
 
 def serve_until_stopped(
@@ -64,12 +64,12 @@ def serve_until_stopped(
     workers: bool,
     seed: Callable[[Store], None] | None,
 ) -> None:
-    """Listen; do the work too, unless a broker carries it to others or `workers` is false.
+    """Listen for requests; run workers too, unless a broker carries jobs to other processes or `workers` is false.
 
     Parameters
     ----------
     seed
-        Fills a fresh data folder with examples while the service answers already.
+        Fills a fresh data folder with examples while the service already answers.
 
     Raises
     ------
@@ -95,7 +95,7 @@ def serve_until_stopped(
         stack.enter_context(WebhookSender(store.outbox(), AllowedDestinations(settings.webhook_destinations)))
         wake: Wake = no_wake
         if execution.broker_url is not None:
-            # Imported here: without a broker nobody needs Celery's 11 MiB.
+            # Imported here: Celery's 11 MiB are not needed without a broker.
             from sawmill_platform.workers.celery_app import Waker, make_celery  # noqa: PLC0415
 
             waker = stack.enter_context(closing(Waker(make_celery(execution), store.jobs.is_short)))
@@ -131,7 +131,7 @@ def serve_until_stopped(
 
 
 def _has_key(storage: StorageSettings) -> bool:
-    """Whether a key is good for something; of a store that is still to be made, none is."""
+    """Return whether any key is valid; a store that does not exist yet has none."""
     if storage.database_url is None and not (storage.data_folder / "sawmill.db").exists():
         return False
     with closing(_opened(storage)) as store:
@@ -139,19 +139,19 @@ def _has_key(storage: StorageSettings) -> bool:
 
 
 def _end_start(_number: int, _frame: FrameType | None) -> None:
-    """End what has begun in order; while it runs, uvicorn listens instead."""
+    """End in order what has started; while uvicorn runs, it handles the signals."""
     _ignore_signals()
     raise SystemExit(0)
 
 
 def _ignore_signals() -> None:
-    """Everything ends already; more signals would only cut that short."""
+    """Ignore further signals: the service already ends, and they would only cut that short."""
     for number in _SIGNALS:
         signal.signal(number, signal.SIG_IGN)
 
 
 def _opened(storage: StorageSettings) -> Store:
-    """The store, however long that takes: until then those who have connected wait, and a signal ends the process."""
+    """Open the store, however long that takes: connected clients wait, and a signal ends the process."""
     store = open_store(partial(Store.open, storage), threading.Event())
     assert store is not None  # noqa: S101 - nobody sets the event
     return store

@@ -1,4 +1,4 @@
-"""What of the service can be set, by environment variable or by the command that starts it."""
+"""Settings of the service, given by environment variable or by the command that starts the service."""
 
 import re
 from ipaddress import ip_address, ip_network
@@ -47,7 +47,7 @@ def _check_network(text: str) -> str:
 
 
 class ServiceSettings(BaseSettings):
-    """Where the service listens and what it accepts; `SAWMILL_PORT=8080` sets `port`."""
+    """Addresses on which the service listens, and limits of what it accepts; `SAWMILL_PORT=8080` sets `port`."""
 
     model_config = SettingsConfigDict(env_prefix="SAWMILL_", frozen=True, hide_input_in_errors=True)
 
@@ -57,8 +57,8 @@ class ServiceSettings(BaseSettings):
     port: Annotated[int, Field(ge=0, le=65535)] = Field(8000, description="TCP port; 0 takes a free one.")
     allowed_hosts: list[str] = Field(
         [],
-        description="Host names (JSON list) by which clients may call it, beside `host` and, from this machine, "
-        "loopback: a page elsewhere must not reach it through a name of its own (DNS rebinding).",
+        description="Host names (JSON list) by which clients may call the service, in addition to `host` and, from "
+        "this machine, loopback: a page elsewhere must not reach it through a name of its own (DNS rebinding).",
     )
     token: Annotated[SecretStr, AfterValidator(_check_token)] | None = Field(
         None,
@@ -68,8 +68,9 @@ class ServiceSettings(BaseSettings):
     token_file: Path | None = Field(None, description="File that holds the token, instead of `SAWMILL_TOKEN`.")
     public_url: Annotated[str, AfterValidator(_check_url)] | None = Field(
         None,
-        description="By which browsers reach it through a reverse proxy, as `https://calibration.mill.example`; its "
-        "host is an allowed one, and every request must bring a key. Null: there is no proxy.",
+        description="Address by which browsers reach the service through a reverse proxy, as "
+        "`https://calibration.mill.example`; its host is allowed, and every request must bring a key. Null: there is "
+        "no proxy.",
     )
     trusted_proxies: list[Annotated[str, AfterValidator(_check_network)]] = Field(
         [],
@@ -78,8 +79,8 @@ class ServiceSettings(BaseSettings):
     )
     webhook_destinations: list[Annotated[str, AfterValidator(check_entry)]] = Field(
         [],
-        description="Where webhooks may lead (JSON list): names, with a port unless it is 443 or 80, and networks, for "
-        "addresses that are not public and for http. Empty: nothing is sent anywhere.",
+        description="Destinations of webhooks (JSON list): names, with a port unless it is 443 or 80, and networks, "
+        "for addresses that are not public and for http. Empty: nothing is sent anywhere.",
     )
     max_upload_bytes: Annotated[int, Field(gt=0)] = Field(
         8 * GIB, description="Bytes of one scan: 360 views x 1000 rows x 2000 cells in float32 are 2.9 GB."
@@ -92,21 +93,23 @@ class ServiceSettings(BaseSettings):
         32 * MIB, description="Bytes of one phantom picture: a photograph-sized PNG has less."
     )
     max_waiting_upload_bytes: Annotated[int, Field(gt=0)] = Field(
-        16 * GIB, description="Bytes of uploads of one key that were begun in parts and are not used yet, as declared."
+        16 * GIB, description="Declared bytes of one key's uploads in parts that are not used yet."
     )
     max_all_waiting_upload_bytes: Annotated[int, Field(gt=0)] = Field(
-        64 * GIB, description="The same of all keys together."
+        64 * GIB, description="Declared bytes of all keys' uploads in parts that are not used yet."
     )
     max_waiting_uploads: Annotated[int, Field(gt=0)] = Field(
-        100, description="The number of such uploads of one key: they go a day after their last part."
+        100,
+        description="Number of one key's uploads in parts that are not used yet; "
+        "an upload is deleted a day after its last part.",
     )
     max_json_bytes: Annotated[int, Field(gt=0)] = Field(
         MIB, description="Bytes of any other body: a phantom with 20 000 corners has less."
     )
     event_poll_s: Annotated[float, Field(gt=0)] = Field(
         0.25,
-        description="Longest time between two looks at a job whose events are streamed; "
-        "the first looks come after a tenth of the time waited.",
+        description="Longest time between two reads of a job whose events are streamed; "
+        "the first reads come after a tenth of the time waited.",
     )
     retry_after_s: Annotated[int, Field(ge=1)] = Field(
         1, description="Seconds that a client is asked to wait before it polls: most jobs take a few."
@@ -118,45 +121,46 @@ class ServiceSettings(BaseSettings):
         "503. One caller at its bounds has 488 (`max_requests_at_once`, `max_bodies_at_once`, `max_waits_at_once`): "
         "two such callers have room.",
     )
-    client_silence_s: Annotated[float, Field(gt=0)] = Field(60.0, description="How long a body may stand still.")
+    client_silence_s: Annotated[float, Field(gt=0)] = Field(60.0, description="Longest pause within a body.")
     min_client_bytes_per_s: Annotated[float, Field(ge=0)] = Field(
-        1000.0, description="Least mean rate of a body, once it was awaited for `body_grace_s`."
+        1000.0, description="Smallest mean rate of a body after `body_grace_s`."
     )
     body_grace_s: Annotated[float, Field(ge=0)] = Field(
-        30.0, description="A body is awaited for that long before its rate counts."
+        30.0, description="Time from the start of a body until its rate counts."
     )
     rate_limit: Annotated[str, AfterValidator(check_rate)] = Field(
         "6000/minute",
         description="Requests of one key, or of one address without a key, as in `1200/minute; 100/second`.",
     )
     change_rate_limit: Annotated[str, AfterValidator(check_rate)] = Field(
-        "600/minute", description="Of these, requests that make, change or delete something."
+        "600/minute", description="Those requests of `rate_limit` that make, change or delete something."
     )
     failed_login_rate_limit: Annotated[str, AfterValidator(check_rate)] = Field(
         "20/minute", description="Different wrong keys of one address; further ones get 429."
     )
     max_requests_at_once: Annotated[int, Field(ge=1)] = Field(
-        32, description="Of one key or address, until their answers begin: the API has 40 threads."
+        32, description="Requests of one key or address at once, until their answers begin: the API has 40 threads."
     )
     max_bodies_at_once: Annotated[int, Field(ge=1)] = Field(
-        200, description="The same for requests with a body, which hold no thread until it has come."
+        200,
+        description="Requests with a body of one key or address at once; each holds no thread until its body has come.",
     )
     max_waits_at_once: Annotated[int, Field(ge=1)] = Field(
-        256, description="The same for requests with `wait`, which hold no thread while their job goes on."
+        256, description="Requests with `wait` of one key or address at once; each holds no thread while its job runs."
     )
     max_streams: Annotated[int, Field(ge=1)] = Field(
-        64, description="Streams of events in all; each of a job looks at it several times a second."
+        64, description="Streams of events in all; a stream of a job reads the job several times a second."
     )
 
     @model_validator(mode="before")
     @classmethod
-    def _read_token(cls, given: dict[str, Any]) -> dict[str, Any]:
-        if given.get("token_file") is None:
-            return given
-        if given.get("token") is not None:
+    def _read_token(cls, values: dict[str, Any]) -> dict[str, Any]:
+        if values.get("token_file") is None:
+            return values
+        if values.get("token") is not None:
             raise ValueError("give SAWMILL_TOKEN or SAWMILL_TOKEN_FILE, not both")
         try:
-            return {**given, "token": Path(given["token_file"]).read_text().strip()}
+            return {**values, "token": Path(values["token_file"]).read_text().strip()}
         except (OSError, UnicodeDecodeError) as error:
             msg = f"SAWMILL_TOKEN_FILE cannot be read: {error}"
             raise ValueError(msg) from error
@@ -170,22 +174,22 @@ class ServiceSettings(BaseSettings):
 
     @property
     def max_form_file_bytes(self) -> int:
-        """Of the file in a form: no more than of any other."""
+        """Largest file in a form, bytes: no larger than any other file."""
         return min(self.max_form_bytes, self.max_upload_bytes)
 
     @property
     def names(self) -> list[str]:
-        """By which clients may call it from anywhere: `host`, unless it stands for every address, and those allowed."""
+        """Names by which clients may call from anywhere: `host`, unless it means every address, and allowed names."""
         return [*self._own_name(), *self._public_name(), *self.allowed_hosts]
 
     @property
     def behind_proxy(self) -> bool:
-        """Whether requests come through a proxy, so that all of them come from its address."""
+        """True if requests come through a proxy, so that all of them come from the proxy's address."""
         return self.public_url is not None or bool(self.trusted_proxies)
 
     @property
     def may_be_reached(self) -> bool:
-        """Whether other machines can send requests, as far as the settings show."""
+        """True if other machines can send requests, as far as the settings show."""
         try:
             return self.behind_proxy or not is_loopback(self.host)
         except ValueError:  # a name

@@ -1,4 +1,4 @@
-"""The end of the service, as requests that are still open meet it."""
+"""Shutdown of the service, and its effect on requests that are still open."""
 
 import asyncio
 import signal
@@ -11,21 +11,21 @@ from starlette.types import Message, Receive
 from sawmill_service.http.problems import Refused
 from sawmill_service.service_manager import ServiceManager
 
-# From the first signal on. What has not come or gone by then would hold the end for as long as its client likes.
+# Times after the first signal. A body or an answer that takes longer would delay the end as long as its client likes.
 BODIES_S = 2.0
 SHUTDOWN_S = 3.0
-# For what waits for the database then, which is given up after five seconds (`sawmill_platform/database/database.py`).
+# Time for requests that wait for the database, which give up after five seconds (`database/database.py`).
 _ANSWERS_S = 9
-_LOOK_S = 0.25
+_POLL_S = 0.25
 
 
 class Stopping:
-    """What the service tells its open requests: streams end with an event, and bodies that do not come are refused.
+    """State of the shutdown for open requests: streams end with an event, and incomplete bodies are refused.
 
     Attributes
     ----------
     begun : bool
-        Whether the service ends.
+        True if the service ends.
     """
 
     def __init__(self) -> None:
@@ -34,23 +34,23 @@ class Stopping:
         self._waiting: set[asyncio.Timeout] = set()
 
     def begin(self) -> None:
-        """Streams end at their next look, within a quarter of a second."""
+        """Let streams end at their next poll, within a quarter of a second."""
         self.begun = True
 
     def refuse_bodies(self) -> None:
-        """Whoever still waits for a part of a body waits no longer."""
+        """Refuse the requests that still wait for a part of a body."""
         waiting, self._refusing = () if self._refusing else self._waiting, True
         for limit in waiting:
             limit.reschedule(asyncio.get_running_loop().time())
 
     async def sleep(self, time_s: float) -> None:
-        """Sleep, but not much longer than until the end begins."""
+        """Sleep, but not much longer than until the shutdown begins."""
         while time_s > 0.0 and not self.begun:
-            await asyncio.sleep(min(time_s, _LOOK_S))
-            time_s -= _LOOK_S
+            await asyncio.sleep(min(time_s, _POLL_S))
+            time_s -= _POLL_S
 
     async def next_part(self, receive: Receive) -> Message:
-        """The next part of a body.
+        """Return the next part of a body.
 
         Raises
         ------
@@ -70,16 +70,16 @@ class Stopping:
 
 
 class Server(uvicorn.Server):
-    """Ends in order: nothing open is cut off without a word, and nobody holds the end for long.
+    """Uvicorn server that ends in order: open requests get an answer, and no client delays the end for long.
 
     Parameters
     ----------
     config
-        Its time limit of a graceful shutdown is set here.
+        Configuration; the time limit of a graceful shutdown is set here.
     stopping
-        The application's.
+        Shutdown state of the application.
     manager
-        Hears when the service answers, that it lives, and when it begins to end.
+        Receiver of reports that the service answers, that it lives, and that its end begins.
     """
 
     def __init__(self, config: uvicorn.Config, stopping: Stopping, manager: ServiceManager) -> None:
@@ -98,13 +98,13 @@ class Server(uvicorn.Server):
         return await super().on_tick(counter)
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:  # noqa: ARG002 - uvicorn's names
-        """Begin to end at the first signal; cut off what is still open at the second Ctrl-C."""
+        """Begin to end at the first signal; cut off open connections at the second Ctrl-C."""
         if self.should_exit and sig == signal.SIGINT:
             asyncio.get_running_loop().call_soon_threadsafe(self._cut_off)
         self.should_exit = True
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        """Let streams say that they end, bodies come and answers go, each for its time."""
+        """Let streams report the end, bodies come and answers go, each within its time."""
         loop = asyncio.get_running_loop()
         self._manager.report("STOPPING=1")
         self._stopping.begin()

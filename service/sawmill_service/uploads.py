@@ -1,4 +1,4 @@
-"""Bodies that are streamed, never held in memory as a whole, and files that are used again."""
+"""Request bodies that are streamed, never held in memory as a whole, and files that are used again."""
 
 import hashlib
 from collections.abc import AsyncIterator, Iterable
@@ -17,7 +17,7 @@ from sawmill_service.http.bodies.sent_content import FirstBytes, SentContent, em
 from sawmill_service.http.problems import Refused
 from sawmill_store.store import Store
 
-# Forms are parsed in Python, and whoever repeats a file need not be served soon: neither takes the threads of others.
+# Forms are parsed in Python, and repeated files are not urgent: neither takes the threads of other requests.
 _APART = ThreadPoolExecutor(2, "forms-and-repeats")
 
 InspectionId = Annotated[
@@ -34,12 +34,12 @@ UploadId = Annotated[
 async def received_file(
     request: Request, store: Store, *, max_bytes: int, inspection_id: str | None = None, upload_id: str | None = None
 ) -> Received:
-    """The file in the body, or one that came before; whoever accepts it owns or discards it.
+    """Receive the file in the body, or take one that came before; the code that accepts the file owns or discards it.
 
     Raises
     ------
     Refused
-        More than one is given; or as `received_body`.
+        Both ids are given; or a refusal of `received_body`.
     NotFound, Conflict, UploadTooLarge
         There is no such inspection or upload, its file has been removed, is not complete or used, or it is too large.
     """
@@ -60,7 +60,7 @@ async def received_file(
 
 
 async def check_no_file(request: Request) -> None:
-    """Refuse a body beside the name of an earlier file, and a digest that is not that of no bytes.
+    """Refuse a body next to the name of an earlier file, and a digest that is not the digest of no bytes.
 
     Raises
     ------
@@ -86,19 +86,19 @@ def _check(received: Received, max_bytes: int) -> None:
 
 
 async def received_body(request: Request, store: Store, *, max_bytes: int, form: Content | None = None) -> Received:
-    """The file in the body; what can be refused by its head alone is, before a byte is read.
+    """Receive the file in the body; what the head alone shows to be wrong is refused before a byte is read.
 
     Parameters
     ----------
     form
-        What the body stands for; null: it is the file.
+        Content that the body represents; None: the body is the file.
 
     Raises
     ------
     Refused
-        Its media type, encoding or digest is refused, it is empty, or has another length than declared.
+        The media type, encoding or digest is refused, the body is empty, or its length is not the declared one.
     UploadTooLarge, StorageFull
-        It has more bytes than allowed, or there is no room for it.
+        The file has more bytes than allowed, or there is no room for it.
     """
     content = form or SentContent(request.headers)
     reserve_bytes = await run_in_threadpool(store.check_room_for, declared_bytes(request))
@@ -112,7 +112,7 @@ async def received_body(request: Request, store: Store, *, max_bytes: int, form:
 
 
 async def body_sha256(request: Request, content: SentContent, *, max_bytes: int) -> str:
-    """Of what is sent, which is kept nowhere; refused as by `received_body` where it cannot be read."""
+    """Compute the SHA-256 of the sent content, which is not kept; refuse unreadable content as `received_body` does."""
     size, digest = 0, hashlib.sha256()
     async for part in in_parts(chunks(request)):
         size += await in_thread(_APART, _add, digest, content.take(part))
@@ -135,12 +135,12 @@ def _add(digest: "hashlib._Hash", pieces: Iterable[bytes]) -> int:
 
 
 def declared_bytes(request: Request) -> int:
-    """The length that the head declares; 0: none."""
-    return int(request.headers.get("content-length", "0"))  # digits: the gate has looked
+    """Return the length that the head declares, bytes; 0: none."""
+    return int(request.headers.get("content-length", "0"))  # digits: the gate has checked
 
 
 async def chunks(request: Request) -> AsyncIterator[bytes]:
-    """The body's bytes as they come, refusing an empty body and one that has another length than declared.
+    """Yield the bytes of the body as they come; refuse an empty body and one that has another length than declared.
 
     The gate bounds the total; a client that goes away raises `ClientDisconnect`.
     """
@@ -159,5 +159,5 @@ async def chunks(request: Request) -> AsyncIterator[bytes]:
 
 
 def body_begun(request: Request) -> bool:
-    """Whether a part of a body has been read, by `chunks` or `check_no_file`, that was not found empty."""
+    """Return whether `chunks` or `check_no_file` has read a part of a body that was not found empty."""
     return getattr(request.state, "body_begun", False)

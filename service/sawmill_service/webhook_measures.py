@@ -1,4 +1,4 @@
-"""What metrics tell of the webhooks: outcomes of attempts, and what waits for each."""
+"""Metrics of the webhooks: outcomes of attempts, and waiting events."""
 
 from collections.abc import Iterable, Iterator
 from datetime import datetime
@@ -15,7 +15,7 @@ _GAUGES = {
 
 
 def webhook_measures(webhooks: Iterable[Webhook], now: datetime) -> Iterator[Metric]:
-    """A family for each measure, with a value for each webhook."""
+    """Yield a metric family for each measure, with a value for each webhook."""
     sent = CounterMetricFamily(
         "sawmill_webhook_deliveries", "Attempts to deliver an event.", labels=["webhook", "outcome"]
     )

@@ -7,7 +7,7 @@ from babel.messages.checkers import checkers
 from babel.messages.frontend import CommandLineInterface
 from babel.messages.pofile import read_po
 
-from sawmill_service.pages.languages import ENGLISH, LANGUAGES, catalogue
+from sawmill_service.pages.frame.languages import ENGLISH, LANGUAGES, catalogue
 
 ROOT = Path(__file__).parents[2]
 OTHERS = LANGUAGES.keys() - {ENGLISH}

@@ -37,7 +37,7 @@ def follow(seeded, store) -> Callable[..., list[dict[str, Any]]]:
 
     def act(do: Callable[[], None], ended: threading.Event) -> None:
         begun_at_s = time.monotonic()
-        wait_until(lambda: feed._looked_at_s > begun_at_s)
+        wait_until(lambda: feed._polled_at_s > begun_at_s)
         do()
         newest = store.events.newest_number()
         # A stream that ends with its key may do so before anybody has read of the key's end.
@@ -294,7 +294,7 @@ def test_a_client_that_leaves_while_events_wait_for_it_is_no_failure(seeded, log
         async def receive() -> dict[str, Any]:
             if not sending.is_set():
                 await sending.wait()
-                await asyncio.to_thread(wait_until, lambda: feed._looked_at_s > 0.0)
+                await asyncio.to_thread(wait_until, lambda: feed._polled_at_s > 0.0)
                 await asyncio.sleep(0.2)  # several events have come up, and wait
             return {"type": "http.disconnect"}
 

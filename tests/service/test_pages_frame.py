@@ -9,9 +9,9 @@ from results import calibration_result
 
 from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_service.access import ANYBODY
-from sawmill_service.pages.formats import Formats
-from sawmill_service.pages.frame import templates
-from sawmill_service.pages.languages import locale_of, preferred_language
+from sawmill_service.pages.frame.formats import Formats
+from sawmill_service.pages.frame.languages import locale_of, preferred_language
+from sawmill_service.pages.frame.page_frame import templates
 
 BROWSER = {"Accept": "text/html,application/xhtml+xml"}
 

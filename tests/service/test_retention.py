@@ -9,7 +9,7 @@ from page_text import text_of
 
 from sawmill_contracts.retention import RetentionKind, StaysBecause
 from sawmill_platform.contracts.keys import KeyAsk, Scope
-from sawmill_service.pages.retention_form import KINDS, REASONS
+from sawmill_service.pages.system.retention_form import KINDS, REASONS
 
 
 @pytest.fixture

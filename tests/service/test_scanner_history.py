@@ -16,8 +16,8 @@ from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.keys import KeyAsk, Scope
 from sawmill_platform.database.tables import EventRow
 from sawmill_service.history_file import COLUMNS, history_csv
-from sawmill_service.pages.charts import HEIGHT_PX, MOST_MARKS, span_of
-from sawmill_service.pages.trend_chart import trend_chart
+from sawmill_service.pages.charts.charts import HEIGHT_PX, MOST_MARKS, span_of
+from sawmill_service.pages.charts.trend_chart import trend_chart
 from sawmill_store.tables import ActivationRow, CalibrationRow, DriftRow, MeasurementRow, ReconstructionRow
 
 HISTORY, PAGE = "/v1/scanners/example/history", "/scanners/example/history"

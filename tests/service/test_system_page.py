@@ -10,7 +10,7 @@ from sawmill_platform.contracts.event_kinds import EventKind
 from sawmill_platform.contracts.keys import KeyAsk, Scope
 from sawmill_platform.files.file_store import FileStore, Room
 from sawmill_service.app import create_app
-from sawmill_service.pages.system import ACTIONS
+from sawmill_service.pages.system.system import ACTIONS
 from sawmill_vocabulary import Theta
 
 NOMINAL = Theta(

@@ -31,7 +31,7 @@ from sawmill_platform.webhooks.outbox import LEASE
 from sawmill_service.webhooks.couriers import JITTER, WAITS_S, Couriers
 from sawmill_service.webhooks.destinations import AllowedDestinations
 from sawmill_service.webhooks.sender import WebhookSender
-from sawmill_service.webhooks.sending import Sending
+from sawmill_service.webhooks.sending import WebhookSending
 from sawmill_store.store import Store
 
 LOOPBACK = AllowedDestinations(["127.0.0.0/8"])
@@ -81,11 +81,11 @@ def happen(store, number: int = 1) -> None:
             announce(session, store._database.now(), mill_events.ALARM_OPENED, "scanner", f"line-{k}")
 
 
-def send(store, sending: Sending | None = None) -> None:
+def send(store, sending: WebhookSending | None = None) -> None:
     """Look for what is due, and wait until that is done."""
 
     async def look() -> None:
-        couriers = Couriers(store.outbox(), sending or Sending(LOOPBACK, limit_s=60.0), lambda: 1.0)
+        couriers = Couriers(store.outbox(), sending or WebhookSending(LOOPBACK, limit_s=60.0), lambda: 1.0)
         await couriers.send_due()
         await couriers.finish()
         await couriers.stop()
@@ -206,7 +206,7 @@ def test_every_other_answer_is_a_failure_with_its_reason(store, receiver, hook, 
     receiver.usual = answer
     happen(store)
     in_vain = answer in {receivers.hanging, receivers.dripping}
-    send(store, Sending(LOOPBACK, limit_s=LIMIT_S if in_vain else 60.0))
+    send(store, WebhookSending(LOOPBACK, limit_s=LIMIT_S if in_vain else 60.0))
     stands = store.webhooks.get(hook.id)
     assert (stands.state, stands.last_failure[: len(reason)]) == ("retrying", reason)
     assert len(receiver.messages) == 1
@@ -215,7 +215,7 @@ def test_every_other_answer_is_a_failure_with_its_reason(store, receiver, hook, 
 def test_an_endless_body_is_not_read(store, receiver, hook):
     receiver.usual = receivers.endless
     happen(store)
-    send(store, Sending(LOOPBACK))
+    send(store, WebhookSending(LOOPBACK))
     assert store.webhooks.get(hook.id).state == "active"
     assert receiver.ended.wait(60)  # its connection was closed
 
@@ -234,7 +234,7 @@ def test_one_that_hangs_holds_up_no_other(store, receiver, hook):
         happen(store, 3)
 
         async def look() -> None:
-            couriers = Couriers(store.outbox(), Sending(LOOPBACK, limit_s=60), lambda: 0.0)
+            couriers = Couriers(store.outbox(), WebhookSending(LOOPBACK, limit_s=60), lambda: 0.0)
             await couriers.send_due()
             assert await asyncio.to_thread(other.has, 3)
             happen(store)
@@ -257,14 +257,14 @@ def test_an_address_is_looked_up_once_an_attempt_and_checked_each_time(store, re
         return answers.pop(0)
 
     happen(store, 2)
-    send(store, Sending(allowed, resolve=rebinding))
+    send(store, WebhookSending(allowed, resolve=rebinding))
     assert asked == ["mes.mill.example"] * 2
     [message] = receiver.messages
     assert message.headers["host"] == f"mes.mill.example:{receiver.port}"
     refused = store.webhooks.get(hook.id).last_failure
     assert refused.startswith("'mes.mill.example' leads to 169.254.169.254, which is no public address: add ")
     store.webhooks.enable(hook.id, enabled=True)
-    send(store, Sending(allowed, resolve=rebinding))
+    send(store, WebhookSending(allowed, resolve=rebinding))
     assert "leads to 10.0.0.1" in store.webhooks.get(hook.id).last_failure
     assert len(receiver.messages) == 1
 
@@ -282,7 +282,7 @@ def test_an_address_that_swallows_everything_leaves_time_for_the_next(store, rec
         socket.create_server(("127.0.0.2", receiver.port), backlog=0) as full,
         socket.create_connection(full.getsockname()),
     ):
-        send(store, Sending(allowed, resolve=both, limit_s=1.0))
+        send(store, WebhookSending(allowed, resolve=both, limit_s=1.0))
     assert len(receiver.messages) == 1
 
 
@@ -290,13 +290,13 @@ def test_a_name_that_no_name_server_could_have_is_a_failure_with_its_reason(stor
     host = f"{'a' * 64}.mill.example"
     hook = store.webhooks.create(WebhookAsk(url=f"https://{host}/"))
     happen(store)
-    send(store, Sending(AllowedDestinations([host])))
+    send(store, WebhookSending(AllowedDestinations([host])))
     assert store.webhooks.get(hook.id).last_failure == f"the name {host!r} cannot be resolved: it is too long"
 
 
 def test_a_destination_that_is_no_longer_allowed_gets_nothing(store, receiver, hook):
     happen(store)
-    send(store, Sending(AllowedDestinations(["127.0.0.2"])))
+    send(store, WebhookSending(AllowedDestinations(["127.0.0.2"])))
     assert receiver.messages == []
     assert "lies in no network that is allowed" in store.webhooks.get(hook.id).last_failure
 
@@ -307,7 +307,7 @@ def test_without_destinations_nothing_is_looked_up_and_no_thread_runs(store, hoo
     happen(store)
     with WebhookSender(store.outbox(), AllowedDestinations([])) as sender:
         assert not sender._thread.is_alive()
-    send(store, Sending(AllowedDestinations([])))
+    send(store, WebhookSending(AllowedDestinations([])))
     assert "set SAWMILL_WEBHOOK_DESTINATIONS" in store.webhooks.get(hook.id).last_failure
 
 
@@ -361,13 +361,13 @@ def test_tls_is_verified_by_the_name_and_not_by_the_address(store, certificate):
         allowed = AllowedDestinations([*hosts, "127.0.0.1"])
         hooks, other = (store.webhooks.create(WebhookAsk(url=f"https://{host}/")) for host in hosts)
         happen(store)
-        send(store, Sending(allowed, resolve=at_home, certificates=trusted))
+        send(store, WebhookSending(allowed, resolve=at_home, certificates=trusted))
         [message] = receiver.messages
         assert message.is_signed_with(hooks.secret)
         assert sorted(named) == ["hooks.mill.example", "other.mill.example"]
         assert "certificate verify failed: Hostname mismatch" in store.webhooks.get(other.id).last_failure
         happen(store)
-        send(store, Sending(allowed, resolve=at_home))  # the system's store does not know it
+        send(store, WebhookSending(allowed, resolve=at_home))  # the system's store does not know it
         assert "certificate verify failed: self-signed" in store.webhooks.get(hooks.id).last_failure
         assert len(receiver.messages) == 1
 

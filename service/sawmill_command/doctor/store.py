@@ -13,7 +13,7 @@ from sawmill_platform.files.folder_identity import refuse_used
 from sawmill_platform.settings import StorageSettings
 from sawmill_platform.workers.broker_report import report_of
 from sawmill_platform.workers.housekeeping import TOLERABLE_S
-from sawmill_service.pages.system_parts import PLENTY_DAYS, SEEN
+from sawmill_service.pages.system.system_parts import PLENTY_DAYS, SEEN
 from sawmill_service.routes.health import Readiness, health_of
 from sawmill_service.settings import ServiceSettings
 from sawmill_store.backups.newest import newest_backup

@@ -1,1 +1,1 @@
-"""The pages for people: one module a page, with its routes and what its template shows. They decide nothing."""
+"""Pages for people: a module for each page, with its routes and the values for its template. A page decides nothing."""

@@ -1,21 +1,11 @@
-"""The routes of every page; each that has a place in the header also stands in `navigation`."""
+"""Routes of all pages; a page with a place in the header is in `navigation` too."""
 
-from sawmill_service.pages import (
-    calibrate,
-    jobs,
-    logs,
-    look,
-    phantoms,
-    problem_types,
-    report,
-    retention,
-    scanner,
-    scanner_history,
-    scans,
-    system,
-    today,
-    webhooks,
-)
+from sawmill_service.pages import jobs, logs, problem_types, scans
+from sawmill_service.pages.calibrate import calibrate, report
+from sawmill_service.pages.frame import look
+from sawmill_service.pages.phantoms import phantoms
+from sawmill_service.pages.scanners import scanner, scanner_history, today
+from sawmill_service.pages.system import retention, system, webhooks
 
 PAGES = (
     calibrate.router,

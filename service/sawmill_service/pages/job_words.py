@@ -1,4 +1,4 @@
-"""What pages say of a job: what it does, how it stands, how long it may take, where its result is."""
+"""Words of the pages for a job: its task, its state, the remaining time, the address of the result."""
 
 from dataclasses import dataclass
 from datetime import timedelta
@@ -9,8 +9,12 @@ from sawmill_contracts import job_kinds
 from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.jobs import Job, JobState
 from sawmill_platform.contracts.kinds import declaration_of
-from sawmill_service.pages.frame import PageFrame
-from sawmill_service.pages.languages import marked
+from sawmill_service.pages.frame.languages import (
+    marked,
+)
+from sawmill_service.pages.frame.page_frame import (
+    PageFrame,
+)
 
 STATES = {
     JobState.QUEUED: ("idle", marked("Waits")),
@@ -28,7 +32,7 @@ FATES = {
     event_kinds.GIVEN_BACK: marked("given back: its worker stopped, or another job went first"),
     event_kinds.CANCELLED: marked("cancelled"),
 }
-# Of what a job made: a page where there is one, else the numbers.
+# Link to the result of a job: its page where there is one, else the numbers.
 _MADE = {
     job_kinds.INGEST: ("/scans/{}", marked("Open the scan")),
     job_kinds.CALIBRATE: ("/calibrations/{}/report", marked("Report")),
@@ -45,13 +49,13 @@ class JobView:
     Attributes
     ----------
     what, word, tone : str
-        What it does, and how it stands in a word with its colour.
+        Task of the job, and its state in a word with the name of a colour.
     left : str
-        How long it may still take; empty while nothing is known.
+        Remaining time; empty while nothing is known.
     place : str
-        Where it stands in the queue; empty for one that runs or has ended.
+        Position in the queue; empty for a job that runs or has ended.
     made, made_label : str
-        Where its result is; empty without one.
+        Address of the result, and the text of the link; empty without a result.
     """
 
     job: Job
@@ -65,7 +69,7 @@ class JobView:
 
 
 def job_view(job: Job, page: PageFrame) -> JobView:
-    """In the page's language."""
+    """Describe a job in the page's language."""
     tone, word = STATES[job.state]
     made, label = _made(job)
     return JobView(

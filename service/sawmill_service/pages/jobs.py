@@ -1,4 +1,4 @@
-"""Jobs: what runs now, what waits, how the last ones ended."""
+"""Page of jobs: those that run now, those that wait, and how the last ones ended."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Annotated, Literal, NamedTuple
@@ -14,37 +14,40 @@ from sawmill_platform.errors import Conflict
 from sawmill_service.dependencies import TheStore
 from sawmill_service.http.responses.answers import Paging
 from sawmill_service.http.route_rules import Router
-from sawmill_service.pages.frame import PageFrame, ThePage
+from sawmill_service.pages.frame.page_frame import (
+    PageFrame,
+    ThePage,
+)
 from sawmill_service.pages.job_words import FATES, STATES, JobView, job_view
 from sawmill_store.store import Store
 
 JOBS = "/jobs"
-# Of a list: what fits on a page that is looked at, and is read again every few seconds.
+# Longest list: it fits on a screen, and is read again every few seconds.
 LISTED = 20
 
 router = Router(include_in_schema=False, reading=Scope.READ)
 
 
-class JobFilter(Paging):
-    """Which jobs a page shows; the empty text of a form's first choice shows all."""
+class JobsPageFilter(Paging):
+    """Filter of the jobs on the page; the empty text of a form's first choice selects all."""
 
     kind: JobKind | Literal[""] = ""
     state: JobState | Literal[""] = ""
 
 
 class JobsShown(NamedTuple):
-    """What the page shows of them; None: not asked for.
+    """Jobs on the page; None for a list that was not requested.
 
     Attributes
     ----------
     running, queued, ended : list of JobView or None
-        The first few of each: of the queue those whose turn is next, of those that ended the ones asked for last.
+        The first few of each: in the queue those whose turn is next, of ended jobs those requested last.
     following : str or None
-        From where on older ones are listed.
+        Cursor from which older ones are listed.
     counts : mapping
-        How many are in each state, of every kind.
+        Number of jobs in each state, of every kind.
     older : bool
-        Whether it is such a list of older ones, which does not change by itself.
+        True if this is a list of older jobs, which does not change by itself.
     """
 
     running: list[JobView] | None
@@ -55,30 +58,30 @@ class JobsShown(NamedTuple):
     older: bool
 
 
-Wanted = Annotated[JobFilter, Query()]
+TheJobsFilter = Annotated[JobsPageFilter, Query()]
 
 
 @router.get(JOBS)
-def jobs(page: ThePage, store: TheStore, wanted: Wanted) -> HTMLResponse:
-    """The page."""
-    return _answer("jobs.html", page, store, wanted)
+def jobs(page: ThePage, store: TheStore, chosen: TheJobsFilter) -> HTMLResponse:
+    """Show the page."""
+    return _answer("jobs.html", page, store, chosen)
 
 
 @router.get(f"{JOBS}/now")
-def now(page: ThePage, store: TheStore, wanted: Wanted) -> HTMLResponse:
-    """The part of the page that changes, for its script."""
-    return _answer("jobs_now.html", page, store, wanted)
+def now(page: ThePage, store: TheStore, chosen: TheJobsFilter) -> HTMLResponse:
+    """Return the part of the page that changes, for its script."""
+    return _answer("jobs_now.html", page, store, chosen)
 
 
 @router.get(JOBS + "/{job_id}/history")
 def history(job_id: Identifier, page: ThePage, store: TheStore) -> HTMLResponse:
-    """Each attempt at a job and its fate, as a part of the page."""
+    """Show the attempts at a job and the outcome of each, as a part of the page."""
     return page.answer("job_history.html", events=store.events.of_job(job_id), fates=FATES)
 
 
 @router.post(JOBS + "/{job_id}/cancel", needs=Scope.SUBMIT)
 def cancel(job_id: Identifier, store: TheStore) -> RedirectResponse:
-    """Cancel a job; one that has ended meanwhile is left as it is, and the page shows how it ended."""
+    """Cancel a job; a job that has already ended is left as it is, and the page shows how it ended."""
     try:
         store.jobs.request_cancel(job_id)
     except Conflict:
@@ -86,19 +89,19 @@ def cancel(job_id: Identifier, store: TheStore) -> RedirectResponse:
     return RedirectResponse(JOBS, status_code=303)
 
 
-def _answer(template: str, page: PageFrame, store: Store, wanted: JobFilter) -> HTMLResponse:
-    shown = _shown(page, store, wanted)
+def _answer(template: str, page: PageFrame, store: Store, chosen: JobsPageFilter) -> HTMLResponse:
+    shown = _shown(page, store, chosen)
     kinds = {kind: declaration_of(kind).label for kind in JobKind.all()}
-    return page.answer(template, shown=shown, kinds=kinds, states=STATES, kind=wanted.kind, state=wanted.state)
+    return page.answer(template, shown=shown, kinds=kinds, states=STATES, kind=chosen.kind, state=chosen.state)
 
 
-def _shown(page: PageFrame, store: Store, wanted: JobFilter) -> JobsShown:
-    kind, older = wanted.kind or None, wanted.after is not None
+def _shown(page: PageFrame, store: Store, chosen: JobsPageFilter) -> JobsShown:
+    kind, older = chosen.kind or None, chosen.after is not None
 
     def views(state: JobState, first: Callable[[], Sequence[Job]]) -> list[JobView] | None:
-        return [job_view(job, page) for job in first()] if wanted.state in {"", state} and not older else None
+        return [job_view(job, page) for job in first()] if chosen.state in {"", state} and not older else None
 
-    ended = _ended(store, wanted)
+    ended = _ended(store, chosen)
     return JobsShown(
         running=views(JobState.RUNNING, lambda: store.jobs.page(state=JobState.RUNNING, kind=kind, limit=LISTED).items),
         queued=views(JobState.QUEUED, lambda: store.jobs.waiting_in_line(kind=kind, limit=LISTED)),
@@ -109,10 +112,10 @@ def _shown(page: PageFrame, store: Store, wanted: JobFilter) -> JobsShown:
     )
 
 
-def _ended(store: Store, wanted: JobFilter) -> Page[Job] | None:
-    kind, state = wanted.kind or None, wanted.state
+def _ended(store: Store, chosen: JobsPageFilter) -> Page[Job] | None:
+    kind, state = chosen.kind or None, chosen.state
     if not state:
-        return store.jobs.ended_page(kind=kind, after=wanted.after, limit=LISTED)
+        return store.jobs.ended_page(kind=kind, after=chosen.after, limit=LISTED)
     if state.ended:
-        return store.jobs.page(state=state, kind=kind, after=wanted.after, limit=LISTED)
+        return store.jobs.page(state=state, kind=kind, after=chosen.after, limit=LISTED)
     return None

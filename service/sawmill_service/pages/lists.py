@@ -1,4 +1,4 @@
-"""What the lists of scans and logs share: the filter by scanner and day, kept in the address, and the way on."""
+"""Common part of the lists of scans and logs: a filter by scanner and day, kept in the address, and the next page."""
 
 from dataclasses import dataclass
 from datetime import date, datetime, time, timedelta
@@ -12,25 +12,25 @@ from sawmill_service.http.problems import Refused
 from sawmill_store.store import Store
 
 PER_PAGE = 24
-# Days far from ours have no moment in every time zone.
+# Days far from today have no moment in some time zones.
 _YEARS = range(1970, 2200)
 _MOST_NAMES = 200
 
 
 @dataclass(frozen=True)
 class ListFilter:
-    """Which items a list shows.
+    """Filter of the items in a list.
 
     Attributes
     ----------
     scanner_id : str
-        Empty: of all scanners.
+        Id of a scanner; empty: all scanners.
     day : date or None
-        On which they were made.
+        Day on which the items were made.
     zone : str
-        The time zone of that day, as Europe/Helsinki; empty: that of this machine.
+        Time zone of the day, as Europe/Helsinki; empty: the zone of this machine.
     after : str or None
-        The cursor of the page before.
+        Cursor of the previous page.
     """
 
     scanner_id: str
@@ -39,21 +39,21 @@ class ListFilter:
     after: str | None
 
     def arguments(self) -> dict[str, Any]:
-        """As the store's pages take them."""
-        known: dict[str, Any] = {"scanner_id": self.scanner_id or None, "after": self.after, "limit": PER_PAGE}
+        """Return the filter as arguments for the store's pages."""
+        arguments: dict[str, Any] = {"scanner_id": self.scanner_id or None, "after": self.after, "limit": PER_PAGE}
         if self.day is not None:
             start, end = day_of(self.day, self.zone)
-            known |= {"created_from": start, "created_before": end}
-        return known
+            arguments |= {"created_from": start, "created_before": end}
+        return arguments
 
     def address(self, after: str | None = None) -> str:
-        """The query of this filter, from its first page on or from a cursor on."""
-        known = {"scanner_id": self.scanner_id, "day": self.day or "", "zone": self.zone, "after": after or ""}
-        return "?" + urlencode({name: value for name, value in known.items() if value})
+        """Return the query of this filter, from its first page on or from a cursor on."""
+        query = {"scanner_id": self.scanner_id, "day": self.day or "", "zone": self.zone, "after": after or ""}
+        return "?" + urlencode({name: value for name, value in query.items() if value})
 
 
 _ONE_DAY = timedelta(days=1)
-SHOWN = "^[!-~]*$"  # of an id, or of a cursor
+SHOWN = "^[!-~]*$"  # characters of an id, or of a cursor
 
 
 def _list_filter(
@@ -62,7 +62,7 @@ def _list_filter(
     zone: Annotated[str, Query(max_length=64)] = "",
     after: Annotated[str, Query(max_length=200, pattern=SHOWN)] = "",
 ) -> ListFilter:
-    """As a form sends it: a field that is left empty is an empty text."""
+    """Read the filter from a form, which sends an empty text for an empty field."""
     return ListFilter(scanner_id, parse_day("day", day), check_zone(zone), after or None)
 
 
@@ -70,7 +70,7 @@ TheFilter = Annotated[ListFilter, Depends(_list_filter)]
 
 
 def parse_day(name: str, text: str) -> date | None:
-    """The day of a field of this name, or None where it is empty.
+    """Parse the day in a field of this name; None where the field is empty.
 
     Raises
     ------
@@ -89,7 +89,7 @@ def parse_day(name: str, text: str) -> date | None:
 
 
 def day_of(day: date, zone: str) -> tuple[datetime, datetime]:
-    """Its first moment and that of the next day, in a time zone or, where that is empty, in this machine's."""
+    """Return the first moments of a day and of the next, in a time zone or, where that is empty, in this machine's."""
 
     def midnight(date: date) -> datetime:
         start = datetime.combine(date, time.min)
@@ -99,7 +99,7 @@ def day_of(day: date, zone: str) -> tuple[datetime, datetime]:
 
 
 def check_zone(text: str) -> str:
-    """The name of a time zone, or nothing.
+    """Check the name of a time zone, which may be empty.
 
     Raises
     ------
@@ -113,5 +113,5 @@ def check_zone(text: str) -> str:
 
 
 def phantom_names(store: Store) -> dict[str, str]:
-    """Names by ids."""
+    """Return the names of phantoms by their ids."""
     return {phantom.id: phantom.name for phantom in store.phantoms.page(limit=_MOST_NAMES).items}

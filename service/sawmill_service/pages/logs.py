@@ -1,4 +1,4 @@
-"""Logs: what was reconstructed, and the viewer of its slices."""
+"""Pages of logs: the reconstructions, and the viewer of their slices."""
 
 from collections.abc import Mapping
 from typing import Annotated, Any
@@ -13,13 +13,18 @@ from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.errors import NotFound
 from sawmill_service.dependencies import TheStore
 from sawmill_service.http.route_rules import Router
-from sawmill_service.pages.frame import ThePage
+from sawmill_service.pages.frame.page_frame import (
+    ThePage,
+)
+from sawmill_service.pages.frame.words import (
+    COLOR_MAPS,
+    LOG_STATES,
+)
 from sawmill_service.pages.lists import TheFilter
-from sawmill_service.pages.words import COLOR_MAPS, LOG_STATES
 from sawmill_store.store import Store
 from sawmill_vocabulary import ReconstructionMethod
 
-# Of the same scan, and of the same scanner: to look at beside a log.
+# Number of logs for comparison from the same scan, and from the same scanner.
 _OTHERS = 25
 
 router = Router(include_in_schema=False, reading=Scope.READ)
@@ -27,13 +32,13 @@ router = Router(include_in_schema=False, reading=Scope.READ)
 
 @router.get("/logs")
 def logs(page: ThePage, store: TheStore, chosen: TheFilter) -> Response:
-    """The list, newest first."""
-    found = store.reconstructions.page(**chosen.arguments())
+    """Show the list, newest first."""
+    listed = store.reconstructions.page(**chosen.arguments())
     return page.answer(
         "logs.html",
         chosen=chosen,
-        found=found,
-        scans=store.scans.several({log.scan_id for log in found.items}),
+        found=listed,
+        scans=store.scans.several({log.scan_id for log in listed.items}),
         scanners=store.scanners.names(),
         states=LOG_STATES,
         method_of=method_of,
@@ -47,18 +52,18 @@ def log(
     store: TheStore,
     beside: Annotated[str, Query(max_length=64)] = "",
 ) -> Response:
-    """One log: its progress, why it failed, or its slices; `beside` names another log to look at with it."""
+    """Show a log: its progress, why it failed, or its slices, with a second log for comparison."""
     log = store.reconstructions.get(reconstruction_id)
-    others = _others(store, log) if log.result else {}
+    comparable = _others(store, log) if log.result else {}
     shown = [log, store.reconstructions.get(beside)] if beside and log.result else [log]
-    scans = store.scans.several({each.scan_id for each in (*shown, *others.values())})
+    scans = store.scans.several({each.scan_id for each in (*shown, *comparable.values())})
     return page.answer(
         "log.html",
         log=log,
         job=store.jobs.get(log.job_id),
         volumes=[_volume(store, each) for each in shown if each.result],
         shown=shown,
-        others=others,
+        others=comparable,
         scans=scans,
         scan=scans.get(log.scan_id),
         scanner=store.scanners.get(log.scanner_id).name,
@@ -71,29 +76,29 @@ def log(
 
 
 def method_of(log: Reconstruction) -> ReconstructionMethod:
-    """The method that made a log, or that was asked for while there is no result."""
+    """Return the method that made a log, or the requested one while there is no result."""
     used = log.result.method if log.result else None
     return used.name if used else log.options.method
 
 
 def _name_of(log: Reconstruction, scans: Mapping[str, Scan]) -> str:
-    """Its scan's name; of one that was deleted, its id."""
+    """Return the name of a log's scan; the id of a scan that was deleted."""
     scan = scans.get(log.scan_id)
     return scan.name if scan else log.scan_id
 
 
 def _others(store: Store, log: Reconstruction) -> dict[str, Reconstruction]:
-    """Ready logs to look at beside this one, by their ids: first those of the same scan."""
+    """Find ready logs to compare with a log, by their ids; logs of the same scan come first."""
     same_scan = store.reconstructions.page(scan_id=log.scan_id, limit=_OTHERS).items
     same_scanner = store.reconstructions.page(scanner_id=log.scanner_id, limit=_OTHERS).items
     return {each.id: each for each in (*same_scan, *same_scanner) if each.result and each.id != log.id}
 
 
 def _volume(store: Store, log: Reconstruction) -> dict[str, Any] | None:
-    """Where a volume's slices and pixels lie, as the viewer's script reads it; None where its file is gone."""
+    """Describe where a volume's slices and pixels lie, for the viewer's script; None where the file is gone."""
     from sawmill_formats.output.volume_reader import volume_grid  # noqa: PLC0415 - a service that shows none has no h5py
 
-    assert log.result is not None  # noqa: S101 - the caller has looked
+    assert log.result is not None  # noqa: S101 - the caller has checked
     try:
         grid = volume_grid(store.files.volume(log.id), log.result.shape)
     except NotFound:

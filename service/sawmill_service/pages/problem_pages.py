@@ -1,4 +1,4 @@
-"""Errors as pages for people: whoever waits for a page in a browser gets the same problem in words, not as JSON."""
+"""Errors as pages for people: a browser that waits for a page gets the same problem in words, not as JSON."""
 
 import json
 from http import HTTPStatus
@@ -9,10 +9,10 @@ from starlette.requests import Request
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from sawmill_service.http.problems import MEDIA_TYPE, is_navigation
-from sawmill_service.pages.frame import PageFrame
-from sawmill_service.pages.languages import marked
+from sawmill_service.pages.frame.languages import marked
+from sawmill_service.pages.frame.page_frame import PageFrame
 
-# What happened, what to do, and whether the same again may help.
+# Titles, advice, and whether to offer another attempt, by status.
 _KNOWN = {
     401: (marked("Please log in"), marked("Log in with a key that this service knows."), False),
     403: (
@@ -57,7 +57,7 @@ _OTHER = (marked("This did not work"), marked("Go back, and try it in another wa
 
 
 class ProblemPages:
-    """Turn a problem into a page where a browser waits for one."""
+    """Middleware that turns a problem into a page where a browser waits for one."""
 
     def __init__(self, app: ASGIApp) -> None:
         self.app = app
@@ -71,7 +71,7 @@ class ProblemPages:
 
 
 class _Rewriter:
-    """Sends what it is given on, but a problem as a page."""
+    """Sender that forwards messages, but sends a problem as a page."""
 
     def __init__(self, scope: Scope, send: Send) -> None:
         self._scope, self._send = scope, send
@@ -103,7 +103,7 @@ def _is_problem(message: Message) -> bool:
 
 
 def problem_page(scope: Scope, problem: dict[str, Any]) -> str:
-    """One problem (RFC 9457) as a page: what happened, the sentence, what to do."""
+    """Render a problem (RFC 9457) as a page: what happened, the sentence, what to do."""
     page, status = PageFrame(Request(scope)), int(problem["status"])
     ours = status >= HTTPStatus.INTERNAL_SERVER_ERROR
     title, advice, again = _KNOWN.get(status, _OURS if ours else _OTHER)

@@ -1,4 +1,4 @@
-"""Kinds of problems: their list and a page of each for people, JSON for programs; no database has a part in it."""
+"""Kinds of problems: their list and a page of each for people, JSON for programs; no database is needed."""
 
 from typing import Annotated
 
@@ -8,7 +8,9 @@ from sawmill_service.http.document.refusals import refuses
 from sawmill_service.http.problem_types import CODE_PATTERN, PATH, ProblemType, ProblemTypes, problem_types
 from sawmill_service.http.problems import Refused, is_navigation
 from sawmill_service.http.route_rules import NoKey, Router
-from sawmill_service.pages.frame import ThePage
+from sawmill_service.pages.frame.page_frame import (
+    ThePage,
+)
 
 router = Router(tags=["operation"])
 _VARY = {"Vary": "Accept, Cookie"}

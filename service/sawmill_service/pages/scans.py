@@ -1,4 +1,4 @@
-"""Scans: what was uploaded, what became of it, and what to do with it."""
+"""Pages of scans: what was uploaded, what became of it, and what to do with it."""
 
 from typing import Annotated
 
@@ -15,9 +15,14 @@ from sawmill_service.dependencies import TheStore, TheWake
 from sawmill_service.http.bodies.forms import TheForm
 from sawmill_service.http.problems import STATUS
 from sawmill_service.http.route_rules import Router
-from sawmill_service.pages.frame import PageFrame, ThePage
+from sawmill_service.pages.frame.page_frame import (
+    PageFrame,
+    ThePage,
+)
+from sawmill_service.pages.frame.words import (
+    SCAN_STATES,
+)
 from sawmill_service.pages.lists import TheFilter, phantom_names
-from sawmill_service.pages.words import SCAN_STATES
 from sawmill_store.store import Store
 from sawmill_vocabulary import CoordinateMm, ReconstructionMethod
 
@@ -34,15 +39,15 @@ def _two_numbers(text: object) -> object:
     return parts
 
 
-class AskedLog(Given, ReconstructionOptions):
-    """What the form for a log sends: texts."""
+class LogForm(Given, ReconstructionOptions):
+    """Values of the form for a log, as texts."""
 
     field_centre_mm: Annotated[tuple[CoordinateMm, CoordinateMm], BeforeValidator(_two_numbers)] = (0.0, 0.0)
 
 
 @router.get("/scans")
 def scans(page: ThePage, store: TheStore, chosen: TheFilter) -> Response:
-    """The list, newest first."""
+    """Show the list, newest first."""
     return page.answer(
         "scans.html",
         chosen=chosen,
@@ -55,29 +60,29 @@ def scans(page: ThePage, store: TheStore, chosen: TheFilter) -> Response:
 
 @router.get("/scans/{scan_id}")
 def scan(scan_id: Identifier, page: ThePage, store: TheStore) -> Response:
-    """One scan with what can be done with it."""
+    """Show a scan with what can be done with it."""
     return _scan_page(page, store, scan_id)
 
 
 @router.post("/scans/{scan_id}/reconstruct", needs=Scope.SUBMIT)
 def reconstruct(scan_id: Identifier, page: ThePage, store: TheStore, wake: TheWake, fields: TheForm) -> Response:
-    """Ask for a log, and go on to it."""
-    wanted = {name: value for name, value in fields.items() if name in AskedLog.model_fields and value.strip()}
+    """Request a log, and go to its page."""
+    texts = {name: value for name, value in fields.items() if name in LogForm.model_fields and value.strip()}
     try:
-        options = AskedLog.model_validate(wanted)
-        asked = ReconstructionAsk(scan_id=scan_id, **options.model_dump(exclude_unset=True))
-        log = store.reconstructions.accept(asked)
+        options = LogForm.model_validate(texts)
+        ask = ReconstructionAsk(scan_id=scan_id, **options.model_dump(exclude_unset=True))
+        log = store.reconstructions.accept(ask)
     except ValidationError as error:
-        return _scan_page(page, store, scan_id, status=422, problem=placed_complaint(error), given=fields)
+        return _scan_page(page, store, scan_id, status=422, problem=placed_complaint(error), typed=fields)
     except (Conflict, Invalid, QueueFull) as error:
-        return _scan_page(page, store, scan_id, status=STATUS[type(error)], problem=str(error), given=fields)
+        return _scan_page(page, store, scan_id, status=STATUS[type(error)], problem=str(error), typed=fields)
     wake(log.job_id)
     return RedirectResponse(f"/logs/{log.id}", status_code=303)
 
 
 @router.post("/scans/{scan_id}/delete", needs=Scope.ADMIN)
 def delete(scan_id: Identifier, page: ThePage, store: TheStore) -> Response:
-    """Delete a scan and go back to the list; where a job needs it, the page says which."""
+    """Delete a scan and return to the list; where a job needs the scan, the page names that job."""
     try:
         store.scans.delete(scan_id)
     except Conflict as error:
@@ -92,7 +97,7 @@ def _scan_page(
     *,
     status: int = 200,
     problem: str = "",
-    given: dict[str, str] | None = None,
+    typed: dict[str, str] | None = None,
 ) -> Response:
     scan = store.scans.get(scan_id)
     logs = store.reconstructions.page(scan_id=scan_id, limit=10).items
@@ -110,5 +115,5 @@ def _scan_page(
         sizes=SIZES_PX,
         defaults={name: field.default for name, field in ReconstructionOptions.model_fields.items()},
         problem=problem,
-        given=given or {},
+        given=typed or {},
     )

@@ -16,8 +16,12 @@ from sawmill_service.dependencies import TheStore
 from sawmill_service.http.bodies.forms import TheForm
 from sawmill_service.http.responses.answers import file, picture
 from sawmill_service.http.route_rules import Router
-from sawmill_service.pages.addresses import local_path
-from sawmill_service.pages.frame import ThePage
+from sawmill_service.pages.frame.addresses import (
+    local_path,
+)
+from sawmill_service.pages.frame.page_frame import (
+    ThePage,
+)
 
 STATIC = Path(__file__).parent.parent / "static"
 

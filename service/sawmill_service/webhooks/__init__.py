@@ -1,1 +1,1 @@
-"""Webhooks: what happens is sent to the destinations that the settings allow, and to no others."""
+"""Webhooks: events are sent to the destinations that the settings allow, and to no others."""

@@ -1,7 +1,8 @@
-"""Sends what is due to the webhooks, one event after the other to each and all webhooks at once.
+"""Delivery of due events to webhooks: one event after the other to each webhook, and to all webhooks at once.
 
 At least once: an event counts as delivered when that is noted, so a process that is killed between sending and noting
-sends again, with the same `webhook-id`. A receiver that fails is left alone for longer and longer; no other waits.
+sends again, with the same `webhook-id`. A receiver that fails gets longer and longer pauses; other receivers do not
+wait.
 """
 
 import asyncio
@@ -16,30 +17,30 @@ from sawmill_platform.ledger.event_reader import EventReader
 from sawmill_platform.webhooks.outbox import Attempt, Outbox, Pending, message_id
 from sawmill_platform.workers.logs import going_on
 from sawmill_service.webhooks.messages import body_of_event, headers_of
-from sawmill_service.webhooks.sending import Answer, Sending
+from sawmill_service.webhooks.sending import DeliveryAnswer, WebhookSending
 
-# Before the second attempt and the next ones, as the specification proposes: three days in all.
+# Waits before the second and later attempts, as the specification proposes: three days in all.
 WAITS_S = (5.0, 300.0, 1800.0, 7200.0, 18000.0, 36000.0, 50400.0, 72000.0, 86400.0)
-# Longer by up to this share, so that receivers that failed together are not tried together.
+# Waits are longer by up to this share, so that receivers that failed together are not tried together.
 JITTER = 0.1
 LONGEST_RETRY_AFTER_S = 86400.0
-_MOST_READS = 20  # of a few hundred events each, before anything is sent
+_MOST_READS = 20  # reads of a few hundred events each, before anything is sent
 
 
 class Couriers:
-    """One for each webhook that has something to be sent; used by one event loop.
+    """Tasks that send, one for each webhook with due events; used by one event loop.
 
     Parameters
     ----------
     outbox
-        What is to be sent.
+        Events to send.
     sending
-        How.
+        Sender of messages.
     jitter
-        A number from 0 to 1 for each wait.
+        Returns a number from 0 to 1 for each wait.
     """
 
-    def __init__(self, outbox: Outbox, sending: Sending, jitter: Callable[[], float]) -> None:
+    def __init__(self, outbox: Outbox, sending: WebhookSending, jitter: Callable[[], float]) -> None:
         self._outbox = outbox
         self._sending = sending
         self._jitter = jitter
@@ -47,7 +48,7 @@ class Couriers:
         self._under_way: dict[str, asyncio.Task[None]] = {}
 
     async def send_due(self) -> None:
-        """Begin to send what can be sent now, unless another process does.
+        """Begin to send what can be sent now, unless another process sends.
 
         Raises
         ------
@@ -65,11 +66,11 @@ class Couriers:
                 self._under_way[webhook_id] = asyncio.create_task(self._send_to(webhook_id))
 
     async def finish(self) -> None:
-        """Wait until everything is sent that was begun."""
+        """Wait until all started deliveries have ended."""
         await asyncio.gather(*self._under_way.values())
 
     async def stop(self) -> None:
-        """Give up what is under way, and let another process send at once."""
+        """Cancel the running deliveries, and let another process send at once."""
         await self._end()
         with going_on("webhooks-not-released"):
             await asyncio.to_thread(self._outbox.release)
@@ -79,10 +80,10 @@ class Couriers:
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
-        self._under_way.clear()  # one that had not begun has not ended either
+        self._under_way.clear()  # a task that never started has not removed itself
 
     def _read(self) -> int:
-        """The number through which all events are written."""
+        """Read new events, and return the number up to which all events are written."""
         if self._reader is None:
             self._reader = self._outbox.reader()
         for _ in range(_MOST_READS):
@@ -110,7 +111,7 @@ class Couriers:
         return self._outbox.pending(webhook_id, self._reader.number)
 
     async def _send(self, pending: Pending) -> bool:
-        """Whether all of it was delivered, and there may be more."""
+        """Send the pending events; return whether all were delivered, so that there may be more."""
         failures = pending.failures
         for event in pending.events:
             headers, body = await asyncio.to_thread(self._message, pending, event)
@@ -134,8 +135,8 @@ class Couriers:
         body = body_of_event(event)
         return headers_of(message_id(pending.webhook_id, event), self._outbox.now(), body, pending.secrets), body
 
-    def _wait_s(self, answer: Answer, failures: int) -> float | None:
-        """Until the next attempt; None: there is none."""
+    def _wait_s(self, answer: DeliveryAnswer, failures: int) -> float | None:
+        """Return the wait before the next attempt, s; None: there is none."""
         if answer.reason is None or answer.status == HTTPStatus.GONE or failures >= len(WAITS_S):
             return None
         wait_s = WAITS_S[failures] * (1.0 + JITTER * self._jitter())

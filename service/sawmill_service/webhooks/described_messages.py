@@ -1,4 +1,4 @@
-"""The messages to webhooks as the OpenAPI document describes them: nobody calls these routes of this service."""
+"""Messages to webhooks for the OpenAPI document: nobody calls these routes of this service."""
 
 from typing import Annotated
 
@@ -38,9 +38,9 @@ RECEIVED = "Any status from 200 to 299: the message was received. The message is
 
 @router.post("event", status_code=204, summary="An event", response_description=RECEIVED)
 def post_event(message: EventMessage, message_id: MessageId, sent_at: SentAt, signatures: Signatures) -> None:
-    """Posted to each webhook whose `events` name what happened, in the order of the events."""
+    """Receive an event: posted to each webhook whose `events` name what happened, in the order of the events."""
 
 
 @router.post("webhook-test", status_code=204, summary="A test", response_description=RECEIVED)
 def post_test(message: WebhookTestMessage, message_id: MessageId, sent_at: SentAt, signatures: Signatures) -> None:
-    """Posted by `POST /v1/webhooks/{webhook_id}/test`."""
+    """Receive a test message: posted by `POST /v1/webhooks/{webhook_id}/test`."""

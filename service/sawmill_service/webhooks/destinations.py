@@ -1,8 +1,8 @@
-"""Where webhooks may lead: the names and networks of SAWMILL_WEBHOOK_DESTINATIONS, and nowhere else.
+"""Allowed destinations of webhooks: the names and networks of SAWMILL_WEBHOOK_DESTINATIONS, and no others.
 
-A name is allowed by being listed. What it resolves to is looked at in each attempt: addresses that are not public
-(loopback, the mill's own networks, link-local ones with the metadata of clouds) must lie in a listed network too, so
-that whoever answers for a name cannot lead the service to where only this machine gets.
+A listed name is allowed. The addresses to which the name resolves are checked in each attempt: addresses that are not
+public (loopback, the mill's own networks, link-local ones with the metadata of clouds) must lie in a listed network
+too, so that the owner of a name cannot lead the service to addresses that only this machine reaches.
 """
 
 import re
@@ -14,9 +14,9 @@ from sawmill_platform.contracts.webhooks import LARGEST_PORT, Destination
 SETTING = "SAWMILL_WEBHOOK_DESTINATIONS"
 _NAME = re.compile(r"([A-Za-z0-9_-]+(?:\.[A-Za-z0-9_-]+)*)\.?(?::([0-9]{1,5}))?")
 STANDARD_PORTS = (443, 80)
-# All public addresses of IPv6 lie in it (RFC 4291, 2.4): site-local ones, NAT64 and IPv4 in other clothes do not.
+# All public addresses of IPv6 (RFC 4291, 2.4); site-local ones, NAT64 and other notations of IPv4 lie outside.
 _GLOBAL_UNICAST = IPv6Network("2000::/3")
-# In it, but an IPv4 address stands in them, behind a gateway that nobody sees here: 6to4, Teredo (RFC 3056, 4380).
+# Networks within it that embed an IPv4 address behind an unknown gateway: 6to4, Teredo (RFC 3056, 4380).
 _TRANSLATED = (IPv6Network("2002::/16"), IPv6Network("2001::/32"))
 
 Address = IPv4Address | IPv6Address
@@ -24,22 +24,22 @@ Network = IPv4Network | IPv6Network
 
 
 class RefusedDestinationError(Exception):
-    """Nothing is sent there; the sentence says what to set."""
+    """A destination to which nothing is sent; the message says what to set."""
 
 
 def check_entry(text: str) -> str:
-    """An entry of the setting as it is.
+    """Check an entry of the setting, and return it unchanged.
 
     Raises
     ------
     ValueError
-        It is neither a name, with a port or without, nor an address or a network.
+        The entry is neither a name, with a port or without, nor an address or a network.
     """
     if _network(text) is not None:
         return text
-    found = _NAME.fullmatch(text)
-    # What looks like an IPv4 address and is none would be taken for a name.
-    if found is None or not 0 < int(found[2] or 443) <= LARGEST_PORT or re.fullmatch(r"[0-9.]+", found[1]):
+    match = _NAME.fullmatch(text)
+    # A malformed IPv4 address would be taken for a name.
+    if match is None or not 0 < int(match[2] or 443) <= LARGEST_PORT or re.fullmatch(r"[0-9.]+", match[1]):
         msg = (
             f"must be names or networks, as in alarms.mill.example, mes.mill.example:8443 or 10.20.0.0/16, not {text!r}"
         )
@@ -48,7 +48,7 @@ def check_entry(text: str) -> str:
 
 
 def _network(text: str) -> Network | None:
-    """A network, or an address as one. None: it is neither."""
+    """Parse a network, or an address as a network of one; None: the text is neither."""
     try:
         return ip_network(text)
     except ValueError:
@@ -56,12 +56,12 @@ def _network(text: str) -> Network | None:
 
 
 class AllowedDestinations:
-    """The setting's entries.
+    """Entries of the setting.
 
     Parameters
     ----------
     entries
-        Each as `check_entry` takes it.
+        Texts that `check_entry` accepts.
     """
 
     def __init__(self, entries: Iterable[str]) -> None:
@@ -71,20 +71,20 @@ class AllowedDestinations:
             network = _network(text)
             if network is not None:
                 self._networks.append(network)
-            elif found := _NAME.fullmatch(text):
-                ports = [int(found[2])] if found[2] else STANDARD_PORTS
-                self._names.update((found[1].lower(), port) for port in ports)
+            elif match := _NAME.fullmatch(text):
+                ports = [int(match[2])] if match[2] else STANDARD_PORTS
+                self._names.update((match[1].lower(), port) for port in ports)
 
     def __bool__(self) -> bool:
         return bool(self._names or self._networks)
 
     def check(self, destination: Destination) -> None:
-        """Refuse what no entry allows; nothing is looked up.
+        """Refuse a destination that no entry allows; nothing is looked up.
 
         Raises
         ------
         RefusedDestinationError
-            Nothing is allowed, or another host, or `https` alone.
+            No destination is allowed, or not this host, or only `https`.
         """
         if not self:
             msg = f'nothing is sent anywhere: set {SETTING} to ["{_example(destination)}"] and start the service again'
@@ -100,12 +100,12 @@ class AllowedDestinations:
             raise RefusedDestinationError(msg)
 
     def check_addresses(self, texts: Iterable[str], destination: Destination) -> list[str]:
-        """The addresses to which a destination's name leads, all of which must be allowed.
+        """Return the addresses to which a destination's name leads, all of which must be allowed.
 
         Raises
         ------
         RefusedDestinationError
-            One of them is not.
+            An address is not allowed.
         """
         checked = []
         for text in texts:
@@ -131,7 +131,7 @@ class AllowedDestinations:
 
 
 def _address(text: str) -> Address | None:
-    """An address; one of IPv4 in the clothes of IPv6 as the former. None: a name, or with a zone."""
+    """Parse an address, an IPv4-mapped IPv6 address as IPv4; None: the text is a name, or has a zone."""
     try:
         address = ip_address(text)
     except ValueError:
@@ -149,7 +149,7 @@ def _is_public(address: Address) -> bool:
 
 
 def _example(destination: Destination) -> str:
-    """The entry that would allow it."""
+    """Return the entry that would allow the destination."""
     if _address(destination.host) is not None or destination.port in STANDARD_PORTS:
         return destination.host
     return f"{destination.host}:{destination.port}"

@@ -18,7 +18,7 @@ def body_of_event(event: Event) -> bytes:
 
 
 def headers_of(message_id: str, now: datetime, body: bytes, secrets: Sequence[str]) -> dict[str, str]:
-    """The headers of an attempt: the id, its own time, and a signature with each secret."""
+    """Return the headers of an attempt: the id, the time of the attempt, and a signature with each secret."""
     seconds = str(int(now.timestamp()))
     return {
         "Content-Type": "application/json",

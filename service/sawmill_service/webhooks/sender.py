@@ -1,4 +1,4 @@
-"""The thread that sends to webhooks, in every service; of several, one holds the right to at a time."""
+"""Thread that sends to webhooks, in every service process; one process at a time holds the right to send."""
 
 import asyncio
 import random
@@ -20,16 +20,16 @@ POLL_S = 1.0
 
 
 class WebhookSender:
-    """Sends from a thread, as a context manager; where no destination is allowed there is no thread.
+    """Thread that sends, as a context manager; where no destination is allowed, no thread is started.
 
     Parameters
     ----------
     outbox
-        What is to be sent.
+        Events to send.
     allowed
-        Where to.
+        Allowed destinations.
     poll_s
-        How often it looks.
+        Time between two polls, s.
     """
 
     def __init__(self, outbox: Outbox, allowed: AllowedDestinations, *, poll_s: float = POLL_S) -> None:
@@ -52,12 +52,12 @@ class WebhookSender:
             self._thread.join()
 
     def _run(self) -> None:
-        # Imported here: where nothing may be sent, nobody needs the client.
+        # Imported here: the HTTP client is not needed where nothing may be sent.
         from sawmill_service.webhooks.couriers import Couriers  # noqa: PLC0415
-        from sawmill_service.webhooks.sending import Sending  # noqa: PLC0415
+        from sawmill_service.webhooks.sending import WebhookSending  # noqa: PLC0415
 
-        # No generator of numbers that anybody must not guess.
-        couriers = Couriers(self._outbox, Sending(self._allowed), random.random)
+        # The jitter needs no random numbers that are hard to guess.
+        couriers = Couriers(self._outbox, WebhookSending(self._allowed), random.random)
         asyncio.run(self._send_until_stopped(couriers))
 
     async def _send_until_stopped(self, couriers: "Couriers") -> None:

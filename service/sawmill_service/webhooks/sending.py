@@ -1,4 +1,4 @@
-"""One attempt to deliver a message: to a checked address, without redirects and proxies, with a time limit in all."""
+"""An attempt to deliver a message: to a checked address, without redirects and proxies, within a time limit."""
 
 import asyncio
 import socket
@@ -17,25 +17,25 @@ from sawmill_platform.contracts.webhooks import Destination, destination_of
 from sawmill_service.http.responses.conditional import http_date
 from sawmill_service.webhooks.destinations import AllowedDestinations, RefusedDestinationError
 
-# Of one attempt in all: the specification recommends 15 to 30.
+# Time limit of an attempt; the specification recommends 15 to 30 s.
 LIMIT_S = 15.0
 _LONGEST_REASON = 300
 
 Resolve = Callable[[str, int], Awaitable[list[str]]]
-"""The addresses of a name, as texts."""
+"""Function of a host and a port that finds the addresses, as texts."""
 
 
-class Answer(NamedTuple):
-    """The outcome of an attempt.
+class DeliveryAnswer(NamedTuple):
+    """Outcome of an attempt.
 
     Attributes
     ----------
     status : int or None
-        Of the answer; None: there was none.
+        HTTP status of the answer; None: there was no answer.
     reason : str or None
-        Why the message was not delivered; None: it was.
+        Reason why the message was not delivered; None: it was delivered.
     retry_after_s : float
-        How long the receiver asks to be left alone.
+        Wait that the receiver asks for, s.
     """
 
     status: int | None
@@ -44,59 +44,61 @@ class Answer(NamedTuple):
 
 
 async def resolve(host: str, port: int) -> list[str]:
-    """As the system's resolver has it, which may hang: then the thread is left behind, and ends with the process.
+    """Find the addresses of a name with the system's resolver.
+
+    The resolver may hang: then its thread is left behind, and ends with the process.
 
     Raises
     ------
     OSError
-        It has none.
+        The name has no address.
     """
     loop = asyncio.get_running_loop()
-    found: asyncio.Future[list[str]] = loop.create_future()
+    resolved: asyncio.Future[list[str]] = loop.create_future()
 
-    def look() -> None:
+    def look_up() -> None:
         try:
             addresses = [str(place[0]) for *_, place in socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)]
-            tell = partial(_settle, found, addresses)
+            tell = partial(_settle, resolved, addresses)
         except OSError as error:
-            tell = partial(_settle, found, error)
+            tell = partial(_settle, resolved, error)
         except UnicodeError:  # a part of more than 63 letters, which no name of the DNS has
-            tell = partial(_settle, found, socket.gaierror(socket.EAI_NONAME, "it is too long"))
-        with suppress(RuntimeError):  # the loop has ended meanwhile
+            tell = partial(_settle, resolved, socket.gaierror(socket.EAI_NONAME, "it is too long"))
+        with suppress(RuntimeError):  # the loop has ended
             loop.call_soon_threadsafe(tell)
 
-    threading.Thread(target=look, name="resolver", daemon=True).start()
-    return await found
+    threading.Thread(target=look_up, name="resolver", daemon=True).start()
+    return await resolved
 
 
-def _settle(found: "asyncio.Future[list[str]]", result: list[str] | OSError) -> None:
-    if found.done():  # nobody waits any more
+def _settle(resolved: "asyncio.Future[list[str]]", result: list[str] | OSError) -> None:
+    if resolved.done():  # nobody waits any more
         return
     if isinstance(result, OSError):
-        found.set_exception(result)
+        resolved.set_exception(result)
     else:
-        found.set_result(list(dict.fromkeys(result)))
+        resolved.set_result(list(dict.fromkeys(result)))
 
 
 @cache
 def system_certificates() -> ssl.SSLContext:
-    """Certificates are verified against the system's own store, to which a mill adds its authority."""
+    """Return a context that verifies certificates by the system's own store, to which a mill adds its authority."""
     return ssl.create_default_context()
 
 
-class Sending:
-    """How messages are sent.
+class WebhookSending:
+    """Sender of messages to allowed destinations.
 
     Parameters
     ----------
     allowed
-        Where to.
+        Allowed destinations.
     resolve
-        Finds addresses; each attempt asks once.
+        Finds the addresses of a name; called once in each attempt.
     certificates
-        Makes what checks a receiver's certificate.
+        Makes the context that verifies a receiver's certificate.
     limit_s
-        For one attempt in all.
+        Time limit of an attempt, s.
     """
 
     def __init__(
@@ -112,28 +114,28 @@ class Sending:
         self._certificates = certificates
         self._limit_s = limit_s
 
-    async def post(self, url: str, headers: Mapping[str, str], body: bytes) -> Answer:
-        """Send a message once; whatever goes wrong is an answer with its reason."""
+    async def post(self, url: str, headers: Mapping[str, str], body: bytes) -> DeliveryAnswer:
+        """Send a message once; any failure is an answer with its reason."""
         destination = destination_of(url)
         try:
             async with asyncio.timeout(self._limit_s):
                 return await self._post(destination, {"Host": destination.authority, **headers}, body)
         except TimeoutError:
-            return Answer(None, f"there was no answer within {self._limit_s:g} s")
+            return DeliveryAnswer(None, f"there was no answer within {self._limit_s:g} s")
         except RefusedDestinationError as error:
-            return Answer(None, str(error))
+            return DeliveryAnswer(None, str(error))
         except socket.gaierror as error:
-            return Answer(None, f"the name {destination.host!r} cannot be resolved: {error.strerror}")
+            return DeliveryAnswer(None, f"the name {destination.host!r} cannot be resolved: {error.strerror}")
         except httpcore.RemoteProtocolError:
-            return Answer(None, "what it answered is not HTTP, or the connection was closed early")
+            return DeliveryAnswer(None, "what it answered is not HTTP, or the connection was closed early")
         except (httpcore.NetworkError, httpcore.TimeoutException, httpcore.ProtocolError, OSError) as error:
-            return Answer(None, f"the connection failed: {_cause_of(error)}"[:_LONGEST_REASON])
+            return DeliveryAnswer(None, f"the connection failed: {_cause_of(error)}"[:_LONGEST_REASON])
 
-    async def _post(self, destination: Destination, headers: Mapping[str, str], body: bytes) -> Answer:
+    async def _post(self, destination: Destination, headers: Mapping[str, str], body: bytes) -> DeliveryAnswer:
         self._allowed.check(destination)
-        found = await self._resolve(destination.host, destination.port)
-        addresses = self._allowed.check_addresses(found, destination)
-        # One that swallows what is sent there, as IPv6 does in many a network, leaves time for the others.
+        resolved = await self._resolve(destination.host, destination.port)
+        addresses = self._allowed.check_addresses(resolved, destination)
+        # An address that never answers, as with IPv6 in many networks, leaves time for the other addresses.
         connect_s = self._limit_s / (len(addresses) + 1)
         for address in addresses[:-1]:
             try:
@@ -149,8 +151,8 @@ class Sending:
         headers: Mapping[str, str],
         body: bytes,
         connect_s: float | None = None,
-    ) -> Answer:
-        """Connect to the address itself: the name is not looked up again."""
+    ) -> DeliveryAnswer:
+        """Send to the address itself: the name is not looked up again."""
         secure = destination.scheme == "https"
         context = await asyncio.to_thread(self._certificates) if secure else None
         where = httpcore.URL(
@@ -163,23 +165,23 @@ class Sending:
             httpcore.AsyncConnectionPool(ssl_context=context, max_keepalive_connections=0) as pool,
             pool.stream("POST", where, headers=list(headers.items()), content=body, extensions=extensions) as answer,
         ):
-            # The status tells everything; nothing of the body is read.
+            # The status is enough; the body is not read.
             return _read(answer.status, {name.lower(): value for name, value in answer.headers})
 
 
-def _read(status: int, headers: Mapping[bytes, bytes]) -> Answer:
+def _read(status: int, headers: Mapping[bytes, bytes]) -> DeliveryAnswer:
     if HTTPStatus.OK <= status < HTTPStatus.MULTIPLE_CHOICES:
-        return Answer(status)
+        return DeliveryAnswer(status)
     reason = f"it answered {status}"
     if HTTPStatus.MULTIPLE_CHOICES <= status < HTTPStatus.BAD_REQUEST:
         reason += ", and redirects are not followed: change the webhook's URL"
     if status == HTTPStatus.GONE:
         reason += ": it wants no more messages"
-    return Answer(status, reason, _wait_s(headers.get(b"retry-after", b"").decode("latin-1").strip()))
+    return DeliveryAnswer(status, reason, _wait_s(headers.get(b"retry-after", b"").decode("latin-1").strip()))
 
 
 def _wait_s(text: str) -> float:
-    """`Retry-After` (RFC 9110, section 10.2.3); 0 where it is neither seconds nor a date."""
+    """Parse `Retry-After` (RFC 9110, section 10.2.3), s; 0 where it is neither seconds nor a date."""
     if text.isascii() and text.isdecimal():
         return float(text[:9])
     date = http_date(text)
@@ -187,8 +189,8 @@ def _wait_s(text: str) -> float:
 
 
 def _cause_of(error: BaseException) -> str:
-    """What the system or TLS says of it; the libraries in between say only that it failed."""
-    # httpcore keeps what it translates as the argument of its own error.
+    """Return the message of the system or of TLS; the libraries in between report only a failure."""
+    # httpcore keeps the original error as an argument of the error that it raises.
     while inner := error.__cause__ or next((each for each in error.args if isinstance(each, BaseException)), None):
         error = inner
     return str(error) or type(error).__name__

@@ -6,7 +6,7 @@ from playwright.sync_api import Page, expect
 
 from sawmill_contracts.drifts import DriftAsk
 from sawmill_platform.contracts.keys import KeyAsk, Scope
-from sawmill_service.pages import today
+from sawmill_service.pages.scanners import today
 from sawmill_service.routes import events
 from sawmill_service.settings import ServiceSettings
 

@@ -1,0 +1,1 @@
+"""Pages of a calibration: from a file to the accepted calibration, and the report."""

@@ -1,0 +1,117 @@
+"""Questions about what a file does not say: the scanner, the phantom, the numbers, the angles, the array."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+from sawmill_contracts.inspections import FilePart, InspectedReading, Inspection, InspectionResult
+from sawmill_contracts.phantoms import PhantomState, StoredPhantom
+from sawmill_contracts.scanners import StoredScanner
+from sawmill_store.store import Store
+from sawmill_vocabulary import DataKind
+
+# Longest list; a mill has a few scanners and phantoms.
+OFFERED = 200
+# Number of scans in which the last one with a phantom is searched.
+LAST_SCANS = 20
+# A stack or one row of it: views and cells at least.
+LEAST_AXES = 2
+
+
+@dataclass(frozen=True)
+class Questions:
+    """Questions about an inspected file, and what the file says itself.
+
+    Attributes
+    ----------
+    inspection : Inspection
+        Inspection of the file; its reading is None while it is not known which array is meant.
+    datasets : sequence of FilePart
+        Arrays of which one must be named; empty where that is no question.
+    scanners, phantoms
+        Choices; the scanners whose detector fits the file come first.
+    data : DataKind or None
+        The only possible kind of the numbers; None: the kind is a question.
+    counts_possible : bool
+        True if the file has the flat fields that counts need.
+    angles : bool
+        True if the angles of the views are a question.
+    answers : mapping
+        Given or proposed answers, by the names of the fields.
+    """
+
+    inspection: Inspection
+    datasets: list[FilePart]
+    scanners: list[StoredScanner]
+    phantoms: list[StoredPhantom]
+    data: DataKind | None
+    counts_possible: bool
+    angles: bool
+    answers: Mapping[str, str]
+
+    @property
+    def reading(self) -> InspectedReading | None:
+        """Reading of the file that a scan would have; None where there is none yet."""
+        return None if self.inspection.result is None else self.inspection.result.reading
+
+    @property
+    def full_turn(self) -> str:
+        """START:STEP of a full turn in equal steps."""
+        views = self.reading.shape.views if self.reading else 0
+        return f"0:{360 / views:.10g}" if views else ""
+
+    def answer(self, field: str) -> str:
+        """Return the given or proposed answer; empty where there is neither."""
+        return self.answers.get(field, "")
+
+    def fits(self, scanner: StoredScanner) -> bool:
+        """Return whether the file has as many cells as the scanner's detector."""
+        return self.reading is None or scanner.constants.num_detector_pixels == self.reading.shape.detector
+
+
+def questions_of(store: Store, inspection: Inspection, answers: Mapping[str, str]) -> Questions:
+    """Collect the questions about an inspected file; proposals fill in for answers that are missing."""
+    result = inspection.result
+    assert result is not None  # noqa: S101 - its state says so
+    missing = {part.field for part in result.missing}
+    answered = {name: value for name, value in answers.items() if value}
+    questions = Questions(
+        inspection=inspection,
+        datasets=_arrays(result) if "dataset" in missing else [],
+        scanners=store.scanners.page(limit=OFFERED).items,
+        phantoms=usable_phantoms(store),
+        data=_only_possible(result),
+        counts_possible=result.reading is not None and result.reading.flats is not None,
+        angles="angles_deg" in missing,
+        answers=answered,
+    )
+    questions.scanners.sort(key=lambda scanner: not questions.fits(scanner))
+    return replace(questions, answers=_proposed(store, questions) | answered)
+
+
+def _proposed(store: Store, questions: Questions) -> dict[str, str]:
+    """Propose the only scanner whose detector fits, and the phantom that its last scan with a phantom showed."""
+    fitting = [each.id for each in questions.scanners if questions.fits(each)]
+    scanner_id = questions.answers.get("scanner_id") or (fitting[0] if len(fitting) == 1 else "")
+    if not scanner_id:
+        return {}
+    last = store.scans.page(scanner_id=scanner_id, limit=LAST_SCANS).items
+    shown = (scan.phantom_id for scan in last if scan.phantom_id in {each.id for each in questions.phantoms})
+    return {"scanner_id": scanner_id, "phantom_id": next(shown, None) or ""}
+
+
+def usable_phantoms(store: Store) -> list[StoredPhantom]:
+    """Select the phantoms that can be used and that no newer measurement has replaced."""
+    replaced = store.phantoms.replaced()
+    listed = store.phantoms.page(limit=OFFERED).items
+    return [each for each in listed if each.state is PhantomState.READY and each.id not in replaced]
+
+
+def _arrays(result: InspectionResult) -> list[FilePart]:
+    return [part for part in result.parts if part.count == 1 and len(part.shape or ()) >= LEAST_AXES]
+
+
+def _only_possible(result: InspectionResult) -> DataKind | None:
+    """Return counts for a file with flat fields (line integrals have none), or the kind that this product wrote."""
+    if result.reading is not None and result.reading.flats is not None:
+        return DataKind.COUNTS
+    return DataKind.LINE_INTEGRALS if result.own_kind == "scan" else None

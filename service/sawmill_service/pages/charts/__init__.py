@@ -1,0 +1,1 @@
+"""Charts of measurements over time, drawn as SVG."""

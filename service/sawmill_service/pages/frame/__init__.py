@@ -1,0 +1,1 @@
+"""Common parts of all pages: language, formats, navigation, look, and shared words."""

@@ -1,0 +1,98 @@
+"""The two questions of a verdict on pages: a word, a number against its limit, a sentence."""
+
+import gettext
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from sawmill_contracts.calibrations import CalibrationResult
+from sawmill_contracts.scanners import Tolerances
+from sawmill_mill.two_questions import Answer, TwoQuestions
+from sawmill_service.pages.frame.formats import (
+    Formats,
+)
+from sawmill_service.pages.frame.languages import (
+    marked,
+)
+
+_WORDS = {
+    Answer.YES: ("good", marked("Yes")),
+    Answer.LOOK: ("watch", marked("Look at it")),
+    Answer.NO: ("bad", marked("No")),
+    Answer.UNKNOWN: ("idle", marked("Not known")),
+}
+
+
+@dataclass(frozen=True)
+class ShownQuestion:
+    """Question of a verdict with its answer, in a language.
+
+    Attributes
+    ----------
+    question, word, sentence : str
+        Question, and the answer in a word and in a sentence.
+    tone : str
+        Colour: good, watch, bad or idle.
+    value, limit : str or None
+        Number and its limit, with their units.
+    share : float or None
+        Number divided by its limit.
+    """
+
+    question: str
+    word: str
+    tone: str
+    sentence: str
+    value: str | None
+    limit: str | None
+    share: float | None
+
+
+def shown_questions(
+    text: gettext.NullTranslations, formats: Formats
+) -> Callable[[CalibrationResult, Tolerances | None], list[ShownQuestion]]:
+    """Return the function that templates call with a calibration and its scanner's tolerances (`two_questions`)."""
+
+    def shown(calibration: CalibrationResult, tolerances: Tolerances | None = None) -> list[ShownQuestion]:
+        return shown_pair(TwoQuestions.of(calibration, tolerances), text, formats)
+
+    return shown
+
+
+def shown_pair(two: TwoQuestions, text: gettext.NullTranslations, formats: Formats) -> list[ShownQuestion]:
+    """Return both questions with their answers, for a calibration or a plan."""
+    rays, millimetres = two.rays, two.millimetres
+    rays_sentence = rays.sentence(text.gettext, formats.mm)
+    lengths = millimetres.sentence(text.gettext, formats.log_mm, formats.share)
+    return [
+        _shown(text, rays.question, rays.answer, rays_sentence, rays.upper_95_mm, rays.limit_mm, formats.mm),
+        _shown(
+            text,
+            millimetres.question,
+            millimetres.answer,
+            lengths,
+            millimetres.percent_95,
+            millimetres.limit_percent,
+            formats.share,
+        ),
+    ]
+
+
+def _shown(
+    text: gettext.NullTranslations,
+    question: str,
+    answer: Answer,
+    sentence: str,
+    value: float | None,
+    limit: float | None,
+    written: Callable[[float], str],
+) -> ShownQuestion:
+    tone, word = _WORDS[answer]
+    return ShownQuestion(
+        question=text.gettext(question),
+        word=text.gettext(word),
+        tone=tone,
+        sentence=sentence,
+        value=None if value is None else written(value),
+        limit=None if limit is None else written(limit),
+        share=None if value is None or not limit else value / limit,
+    )

@@ -1,0 +1,1 @@
+"""Pages of phantoms and of the plans with them."""

@@ -1,0 +1,211 @@
+"""Pages of phantoms: the list, how well sizes are known, a form for a new phantom, and the plan of a calibration."""
+
+import struct
+from datetime import date, datetime
+from typing import Annotated, NamedTuple
+
+from fastapi import Body, Query, Request, Response
+from fastapi.responses import HTMLResponse, RedirectResponse
+from markupsafe import Markup
+from pydantic import Field, JsonValue, TypeAdapter, ValidationError
+from pydantic_core import to_json
+
+from sawmill_contracts import job_kinds
+from sawmill_contracts.phantoms import DrawnShape, PhantomPicture, StoredPhantom, faults_of
+from sawmill_contracts.scanners import StoredScanner
+from sawmill_platform.contracts.base import Contract, Identifier
+from sawmill_platform.contracts.given import Given
+from sawmill_platform.contracts.keys import Scope
+from sawmill_platform.contracts.strict_json import read_strictly
+from sawmill_platform.errors import Conflict, NotFound
+from sawmill_service.dependencies import TheSettings, TheStore
+from sawmill_service.http.problems import complaint
+from sawmill_service.http.responses.answers import Paging, Svg, file, picture
+from sawmill_service.http.route_rules import Router
+from sawmill_service.pages.frame.page_frame import (
+    PageFrame,
+    ThePage,
+)
+from sawmill_service.pages.phantoms.phantom_plans import plan_views
+from sawmill_service.pages.phantoms.phantom_words import SizeKnown, size_known, size_text
+from sawmill_store.store import Store
+from sawmill_vocabulary import Shape
+from sawmill_worker.pictures.phantom_drawing import outline_svg, shown_svg
+
+PHANTOMS = "/phantoms"
+# Phantoms on a page of the list; a mill has one or two.
+LISTED = 50
+# Number of scanners for which a plan can be requested.
+OFFERED = 200
+# Signature, length and name of the first chunk, width, height (PNG, section 11.2.2).
+_PNG_HEAD = struct.Struct(">16xII")
+
+router = Router(include_in_schema=False, reading=Scope.READ)
+
+
+class ListedPhantom(NamedTuple):
+    """Row of the list."""
+
+    phantom: StoredPhantom
+    size: str
+    known: SizeKnown
+
+
+class PictureShown(NamedTuple):
+    """Size of a phantom's picture, mm; the rotation centre is the middle of the picture."""
+
+    width_mm: float
+    height_mm: float
+
+
+class _Outline(Given):
+    """A shape of a drawing that is being made."""
+
+    shape: DrawnShape
+
+
+_OUTLINE = TypeAdapter(_Outline)
+
+
+class ShapeFault(Contract):
+    """Reason why a drawing is not yet valid."""
+
+    shape: int | None = Field(description="The shape's number, counted from 0; null: all of them together.")
+    sentence: str
+
+
+class Preview(Contract):
+    """A drawing that is being made, as far as it can be drawn."""
+
+    svg: str | None
+    faults: list[ShapeFault]
+
+
+@router.get(PHANTOMS)
+def phantoms(page: ThePage, store: TheStore, paging: Annotated[Paging, Query()]) -> HTMLResponse:
+    """List the phantoms that no newer measurement has replaced, the newest first."""
+    listed, replaced, today = (
+        store.phantoms.page(after=paging.after, limit=LISTED),
+        store.phantoms.replaced(),
+        _today(),
+    )
+    rows = [_listed(each, page, today) for each in listed.items if each.id not in replaced]
+    return page.answer("phantoms.html", rows=rows, following=listed.next)
+
+
+@router.get(f"{PHANTOMS}/new")
+def new_phantom(page: ThePage, settings: TheSettings) -> HTMLResponse:
+    """Show the forms to draw a phantom or to upload a picture of one."""
+    return page.answer("new_phantom.html", max_picture_bytes=settings.max_picture_bytes)
+
+
+@router.post(f"{PHANTOMS}/preview", needs=Scope.SUBMIT)
+def preview(page: ThePage, shapes: Annotated[list[JsonValue], Body(embed=True, max_length=200)]) -> Preview:
+    """Draw what can be drawn of shapes that need not be right yet, and report the faults of each shape."""
+    read: dict[int, Shape] = {}
+    faults: list[ShapeFault] = []
+    for number, shape in enumerate(shapes):
+        try:
+            read[number] = read_strictly(_OUTLINE, to_json({"shape": shape})).shape
+        except ValidationError as error:
+            faults.append(ShapeFault(shape=number, sentence=_complaint(error)))
+    faults += [ShapeFault(shape=number, sentence=sentence) for number, sentence in faults_of(read)]
+    if not read:
+        return Preview(svg=None, faults=faults)
+    wrong = {fault.shape for fault in faults if fault.shape is not None}
+    svg = shown_svg(page.text.gettext("The drawing so far"), read, wrong=wrong, numbered=True)
+    return Preview(svg=svg, faults=faults)
+
+
+@router.get(PHANTOMS + "/{phantom_id}")
+def phantom(phantom_id: Identifier, page: ThePage, store: TheStore) -> HTMLResponse:
+    """Show a phantom: its drawing, its measurements, its plans."""
+    return _phantom_page(phantom_id, page, store)
+
+
+@router.get(PHANTOMS + "/{phantom_id}/plans")
+def plans(phantom_id: Identifier, page: ThePage, store: TheStore) -> HTMLResponse:
+    """Return the part of the phantom's page with the newest plans, for when a plan has ended."""
+    return page.answer("phantom_plans.html", plans=list(plan_views(store, phantom_id, page)))
+
+
+@router.get(PHANTOMS + "/{phantom_id}/outline.svg")
+def outline(phantom_id: Identifier, request: Request, store: TheStore) -> Response:
+    """Return a small picture of the phantom's shapes, for lists."""
+    drawing = store.phantoms.get(phantom_id).drawing
+    if drawing is None:
+        raise NotFound("drawing", phantom_id)
+    return picture(request, ("outline", drawing), lambda: outline_svg(drawing), answer=Svg)
+
+
+@router.get(PHANTOMS + "/{phantom_id}/picture.png")
+def uploaded_picture(phantom_id: Identifier, request: Request, store: TheStore) -> Response:
+    """Return the picture from which the outline was traced."""
+    store.phantoms.picture(phantom_id)
+    return file(request, store.files.upload(job_kinds.TRACE_PHANTOM, phantom_id), "image/png")
+
+
+@router.post(PHANTOMS + "/{phantom_id}/delete", needs=Scope.ADMIN)
+def delete(phantom_id: Identifier, page: ThePage, store: TheStore) -> Response:
+    """Delete a phantom, or show what still needs it."""
+    try:
+        store.phantoms.delete(phantom_id)
+    except Conflict as refused:
+        return _phantom_page(phantom_id, page, store, refused=str(refused), status=409)
+    return RedirectResponse(PHANTOMS, status_code=303)
+
+
+def _phantom_page(
+    phantom_id: str, page: PageFrame, store: Store, *, refused: str | None = None, status: int = 200
+) -> HTMLResponse:
+    stored, today = store.phantoms.get(phantom_id), _today()
+    drawing = stored.drawing
+    return page.answer(
+        "phantom.html",
+        status=status,
+        phantom=stored,
+        size=size_text(drawing, page.formats) if drawing else None,
+        known=size_known(stored, page, today),
+        svg=Markup(shown_svg(drawing.name, dict(enumerate(drawing.shapes)))) if drawing else None,  # noqa: S704 - ours
+        shown=_picture_of(stored, store),
+        newer=store.phantoms.followers().get(phantom_id),
+        plans=list(plan_views(store, phantom_id, page)),
+        scanners=_scanners(store),
+        today=today,
+        refused=refused,
+    )
+
+
+def _scanners(store: Store) -> list[StoredScanner]:
+    """Return the scanners, first those whose calibration has a geometry to plan with."""
+    return sorted(store.scanners.page(limit=OFFERED).items, key=lambda each: each.active_calibration_id is None)
+
+
+def _listed(phantom: StoredPhantom, page: PageFrame, today: date) -> ListedPhantom:
+    size = size_text(phantom.drawing, page.formats) if phantom.drawing else ""
+    return ListedPhantom(phantom, size, size_known(phantom, page, today))
+
+
+def _picture_of(phantom: StoredPhantom, store: Store) -> PictureShown | None:
+    """Return the size of the uploaded picture; None where the phantom was drawn, or the upload is no PNG."""
+    if phantom.job_id is None:
+        return None
+    uploaded: PhantomPicture = store.phantoms.picture(phantom.id)
+    path = store.files.upload(job_kinds.TRACE_PHANTOM, phantom.id)
+    with path.open("rb") as stream:
+        head = stream.read(_PNG_HEAD.size)
+    if len(head) < _PNG_HEAD.size or not head.startswith(b"\x89PNG"):
+        return None
+    width, height = _PNG_HEAD.unpack(head)
+    return PictureShown(uploaded.width_mm, uploaded.width_mm * height / width) if width else None
+
+
+def _complaint(error: ValidationError) -> str:
+    """Return the first complaint, with its place within the shape."""
+    location, message = complaint(error.errors()[0])
+    place = ".".join(part for part in location.split(".") if part not in {"shape", "polygon", "disc"})
+    return f"{place} {message}".strip()
+
+
+def _today() -> date:
+    return datetime.now().astimezone().date()

@@ -1,0 +1,1 @@
+"""Pages of scanners: all of them, one of them, its history, settings and schedules."""

@@ -1,0 +1,238 @@
+"""A scanner's settings as a form: what each field means, what was typed, and what is wrong with the text."""
+
+import gettext
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from babel import Locale
+from babel.numbers import get_decimal_symbol
+from pydantic import ValidationError
+from pydantic_core import ErrorDetails
+
+from sawmill_contracts.scanners import ScannerAsk, ScannerSpec, Tolerances
+from sawmill_service.pages.frame.languages import marked
+
+
+@dataclass(frozen=True)
+class FormField:
+    """A field: its place in the contract, its texts, and whether it may be left empty."""
+
+    name: str
+    place: tuple[str, ...]
+    label: str
+    hint: str
+    wrong: str
+    unit: str = "mm"
+    whole: bool = False
+    needed: bool = True
+
+
+FIELDS = (
+    FormField(
+        "source_to_cor_mm",
+        ("constants", "source_to_cor_mm"),
+        marked("Source to turning axis"),
+        marked("From the focal spot of the X-ray tube to the axis that the log turns around. A tape measure will do."),
+        marked(
+            "Too large: calibrations fail and say that it contradicts the phantom. Too small: the source's sideways "
+            "shift comes out too large, and the rays stay right."
+        ),
+    ),
+    FormField(
+        "num_detector_pixels",
+        ("constants", "num_detector_pixels"),
+        marked("Detector cells"),
+        marked("How many cells one row of the detector has: it stands on its data sheet."),
+        marked("Wrong: the scan does not fit, and is refused."),
+        unit="",
+        whole=True,
+    ),
+    FormField(
+        "detector_pitch_mm",
+        ("constants", "detector_pitch_mm"),
+        marked("Detector pitch"),
+        marked(
+            "From the middle of one cell to the middle of the next: on the data sheet, or the width over the cells."
+        ),
+        marked("One per cent wrong: the detector's distance comes out one per cent wrong, and the rays stay right."),
+    ),
+    FormField(
+        "row_pitch_mm",
+        ("constants", "row_pitch_mm"),
+        marked("Row pitch"),
+        marked("From one row of the detector to the next. Leave it empty if nobody knows it."),
+        marked("Wrong: logs look too long or too short. Empty: slices have no spacing."),
+        needed=False,
+    ),
+    FormField(
+        "log_radius_mm",
+        ("log_radius_mm",),
+        marked("Radius of the largest log"),
+        marked("Half of the thickest log's diameter: errors of rays are counted in this disc. Empty: by the phantom."),
+        marked("Too small: a verdict looks better than the bark of the largest log will be."),
+        needed=False,
+    ),
+    FormField(
+        "ray_error_mm",
+        ("tolerances", "predicted_ray_error_mm"),
+        marked("Tolerance of the rays"),
+        marked("A calibration passes if its rays are right to this, in 95 of 100 cases."),
+        marked("Too small: good calibrations ask for a look. Too large: blurred images pass."),
+    ),
+    FormField(
+        "scale_percent",
+        ("tolerances", "scale_percent"),
+        marked("Tolerance of the millimetres"),
+        marked("What sizes in the image may be off by."),
+        marked("Half a per cent is 1.5 mm on a log of 300 mm."),
+        unit="%",
+    ),
+    FormField(
+        "ray_change_mm",
+        ("tolerances", "ray_change_mm"),
+        marked("Tolerance of movement"),
+        marked("How far the rays may move from the active calibration before the scanner is shown red."),
+        marked("Too small: red for nothing. Too large: a scanner that has moved stays green."),
+    ),
+    FormField(
+        "phantom_scan_every_days",
+        ("alarms", "phantom_scan_every_days"),
+        marked("Longest time between two phantom scans"),
+        marked("In days: an alarm comes when no phantom was scanned for longer. Empty: none comes."),
+        marked("Too short: alarms for nothing. Empty: nobody hears that the phantom was forgotten."),
+        unit="d",
+        needed=False,
+    ),
+    FormField(
+        "quiet_after_hours",
+        ("alarms", "quiet_after_hours"),
+        marked("Longest silence"),
+        marked("In hours: an alarm comes when the scanner sent no scan for longer. Empty: none comes."),
+        marked("Shorter than a weekend: an alarm each weekend. Empty: nobody hears that scans no longer arrive."),
+        unit="h",
+        needed=False,
+    ),
+)
+_BY_PLACE = {each.place: each.name for each in FIELDS} | {("name",): "name"}
+# Errors of pydantic: the name of the limit in the details, and the sentence.
+_LIMITS = {
+    "greater_than": ("gt", marked("must be more than %(limit)s, not %(value)s")),
+    "greater_than_equal": ("ge", marked("must be %(limit)s or more, not %(value)s")),
+    "less_than": ("lt", marked("must be less than %(limit)s, not %(value)s")),
+    "less_than_equal": ("le", marked("must be %(limit)s or less, not %(value)s")),
+}
+
+
+@dataclass
+class ScannerForm:
+    """Texts of the fields, and what is wrong with them; `further` belongs to no field."""
+
+    values: dict[str, str]
+    errors: dict[str, str] = field(default_factory=dict)
+    further: list[str] = field(default_factory=list)
+
+    @property
+    def is_wrong(self) -> bool:
+        """True if anything has to be changed."""
+        return bool(self.errors or self.further)
+
+
+class ScannerForms:
+    """Reader and writer of forms in one language.
+
+    Parameters
+    ----------
+    locale
+        Locale whose decimals are typed.
+    text
+        Catalogue of the language.
+    """
+
+    def __init__(self, locale: Locale, text: gettext.NullTranslations) -> None:
+        self._decimal = get_decimal_symbol(locale)
+        self._text = text
+
+    def empty(self) -> ScannerForm:
+        """Return the form of a new scanner, in which the tolerances are filled in already."""
+        defaults = {"tolerances": Tolerances().model_dump()}
+        numbers = {each.name: _at(defaults, each.place) if each.place[0] in defaults else None for each in FIELDS}
+        return ScannerForm({"name": "", **{name: self._number(value) for name, value in numbers.items()}})
+
+    def of(self, spec: ScannerSpec) -> ScannerForm:
+        """Write a scanner's description into a form."""
+        values = spec.model_dump(mode="json")
+        return ScannerForm({"name": spec.name, **{each.name: self._number(_at(values, each.place)) for each in FIELDS}})
+
+    def read(self, typed: Mapping[str, str], stored: ScannerSpec | None) -> tuple[ScannerForm, ScannerAsk | None]:
+        """Read what somebody typed: the form, and the scanner that it describes unless something is wrong.
+
+        Parameters
+        ----------
+        stored
+            Scanner whose values are kept where the form has no field for them; None: the scanner is new.
+        """
+        form = ScannerForm({name: typed.get(name, "").strip() for name in ("name", *(each.name for each in FIELDS))})
+        own = set(ScannerSpec.model_fields)
+        document: dict[str, Any] = {} if stored is None else stored.model_dump(mode="json", include=own)
+        document["name"] = form.values["name"]
+        for each in FIELDS:
+            _put(document, each.place, self._read_number(each, form))
+        if form.errors:
+            return form, None
+        try:
+            return form, ScannerAsk.model_validate(document)
+        except ValidationError as error:
+            for detail in error.errors():
+                self._place(form, detail)
+            return form, None
+
+    def _read_number(self, each: FormField, form: ScannerForm) -> float | None:
+        written = form.values[each.name]
+        if not written:
+            if each.needed:
+                form.errors[each.name] = self._text.gettext("This is needed.")
+            return None
+        number = written.replace(" ", "").replace("\N{NO-BREAK SPACE}", "")
+        number = number.replace(",", ".") if self._decimal == "," else number
+        if re.fullmatch(r"-?[0-9]{1,15}" if each.whole else r"-?[0-9]{1,15}(\.[0-9]{1,15})?", number) is None:
+            example = "768" if each.whole else "859.46".replace(".", self._decimal)
+            sentence = self._text.gettext("must be a number, as in %(example)s, not “%(value)s”")
+            form.errors[each.name] = sentence % {"example": example, "value": written}
+            return None
+        return int(number) if each.whole else float(number)
+
+    def _place(self, form: ScannerForm, detail: ErrorDetails) -> None:
+        """Assign a complaint to its field."""
+        place = tuple(str(part) for part in detail["loc"])
+        message = detail["msg"].removeprefix("Value error, ")
+        # A complaint about two fields names the first one.
+        named = next((each.name for each in FIELDS if message.startswith(".".join(each.place) + " ")), None)
+        name = _BY_PLACE.get(place[:2]) or named
+        if name is None:
+            form.further.append(f"{'.'.join(place)}: {message}" if place else message)
+        elif detail["type"] in _LIMITS:
+            limit, sentence = _LIMITS[detail["type"]]
+            values = {"limit": self._number(detail["ctx"][limit]), "value": form.values[name]}
+            form.errors[name] = self._text.gettext(sentence) % values
+        elif name == "name" and not form.values["name"]:
+            form.errors[name] = self._text.gettext("This is needed.")
+        else:
+            form.errors[name] = message
+
+    def _number(self, value: float | None) -> str:
+        return "" if value is None else f"{value:.10g}".replace(".", self._decimal)
+
+
+def _at(document: Mapping[str, Any], place: tuple[str, ...]) -> Any:  # noqa: ANN401 - a number or nothing
+    value: Any = document
+    for part in place:
+        value = value[part]
+    return value
+
+
+def _put(document: dict[str, Any], place: tuple[str, ...], value: float | None) -> None:
+    for part in place[:-1]:
+        document = document.setdefault(part, {})
+    document[place[-1]] = value

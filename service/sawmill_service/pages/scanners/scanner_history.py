@@ -1,0 +1,160 @@
+"""`/scanners/{scanner_id}/history`: measurements over months, and everything that happened, by whom and why."""
+
+from dataclasses import dataclass
+from datetime import UTC, date, datetime
+from typing import Annotated, Any, Literal
+from urllib.parse import urlencode
+
+from fastapi import Depends, Query
+from fastapi.responses import HTMLResponse
+
+from sawmill_contracts import mill_events
+from sawmill_contracts.history import HistoryEntry, HistoryKind
+from sawmill_mill.alarms import ALARMS
+from sawmill_platform.contracts import event_kinds
+from sawmill_platform.contracts.base import Identifier
+from sawmill_platform.contracts.keys import Scope
+from sawmill_service.dependencies import TheStore
+from sawmill_service.http.route_rules import Router
+from sawmill_service.pages.charts.charts import is_calibration, span_of
+from sawmill_service.pages.charts.pooled_lines import DEVIATIONS
+from sawmill_service.pages.charts.trend_chart import MOST_LINES, trend_chart
+from sawmill_service.pages.frame.languages import (
+    marked,
+)
+from sawmill_service.pages.frame.page_frame import (
+    ThePage,
+)
+from sawmill_service.pages.frame.words import (
+    Word,
+)
+from sawmill_service.pages.lists import SHOWN, check_zone, day_of, parse_day
+from sawmill_service.pages.scanners.scanner import SPANS
+
+PER_PAGE = 50
+KINDS = {
+    HistoryKind.CALIBRATION: marked("Calibration"),
+    HistoryKind.DRIFT_CHECK: marked("Drift check"),
+    HistoryKind.ACTIVATION: marked("Calibration in use"),
+    HistoryKind.ALARM: marked("Alarm"),
+    HistoryKind.SETTINGS: marked("Settings"),
+    HistoryKind.SCHEDULE: marked("Schedule"),
+    HistoryKind.SCAN: marked("Scan"),
+}
+EVENT_WORDS = {
+    event_kinds.FAILED: Word("bad", marked("Failed")),
+    event_kinds.CANCELLED: Word("idle", marked("Cancelled")),
+    mill_events.CALIBRATION_ACTIVATED: Word("good", marked("Accepted")),
+    mill_events.CALIBRATION_ROLLED_BACK: Word("watch", marked("Rolled back")),
+    mill_events.ALARM_OPENED: Word("bad", marked("Begun")),
+    mill_events.ALARM_CLOSED: Word("good", marked("Ended")),
+    mill_events.SCANNER_CREATED: Word("idle", marked("Added")),
+    mill_events.SCANNER_CHANGED: Word("idle", marked("Changed")),
+    mill_events.SCHEDULE_CREATED: Word("idle", marked("Added")),
+    mill_events.SCHEDULE_CHANGED: Word("idle", marked("Changed")),
+    mill_events.SCHEDULE_DELETED: Word("idle", marked("Deleted")),
+    mill_events.SCHEDULE_MISSED: Word("watch", marked("Missed")),
+    mill_events.SCAN_REFUSED: Word("bad", marked("Refused")),
+}
+_VERDICTS = {
+    "pass": Word("good", marked("Passed")),
+    "watch": Word("watch", marked("Watch")),
+    "fail": Word("bad", marked("Not usable")),
+}
+_DRIFTS = {
+    True: Word("good", marked("Within tolerance")),
+    False: Word("bad", marked("Out of tolerance")),
+    None: Word("idle", marked("Not certain")),
+}
+
+router = Router(include_in_schema=False, reading=Scope.READ)
+
+
+@dataclass(frozen=True)
+class ShownHistory:
+    """Selection of the entries that the page lists, and the span of the chart.
+
+    Attributes
+    ----------
+    kind : HistoryKind or None
+        Kind of the entries; None: all kinds.
+    first, last : date or None
+        First and last day.
+    zone : str
+        Time zone of these days; empty: this machine's.
+    days : float
+        Span of the chart, days.
+    after : str or None
+        Cursor of the previous page.
+    """
+
+    kind: HistoryKind | None
+    first: date | None
+    last: date | None
+    zone: str
+    days: float
+    after: str | None
+
+    def arguments(self) -> dict[str, Any]:
+        """Return the selection as arguments for the store."""
+        since = None if self.first is None else day_of(self.first, self.zone)[0]
+        until = None if self.last is None else day_of(self.last, self.zone)[1]
+        return {"kind": self.kind, "since": since, "until": until}
+
+    def address(self, **changes: str | float | None) -> str:
+        """Return the query of this page with some values changed; from the first entries on unless `after` is given."""
+        query = {"kind": self.kind, "first": self.first, "last": self.last, "zone": self.zone, "days": f"{self.days:g}"}
+        return "?" + urlencode({name: value for name, value in (query | changes).items() if value})
+
+    def file_query(self) -> str:
+        """Return the query for the same entries in the API's file."""
+        times = {
+            name: value.isoformat() if name != "kind" else value for name, value in self.arguments().items() if value
+        }
+        return "?" + urlencode(times) if times else ""
+
+
+def _shown(
+    kind: HistoryKind | Literal[""] = "",
+    first: Annotated[str, Query(max_length=20)] = "",
+    last: Annotated[str, Query(max_length=20)] = "",
+    zone: Annotated[str, Query(max_length=64)] = "",
+    days: Annotated[float, Query(ge=0.1, le=3660)] = 365,
+    after: Annotated[str, Query(max_length=200, pattern=SHOWN)] = "",
+) -> ShownHistory:
+    """Read the selection from a form, which sends an empty text for an empty field."""
+    span = parse_day("first", first), parse_day("last", last)
+    return ShownHistory(kind or None, *span, check_zone(zone), days, after or None)
+
+
+@router.get("/scanners/{scanner_id}/history")
+def scanner_history(
+    scanner_id: Identifier, page: ThePage, store: TheStore, shown: Annotated[ShownHistory, Depends(_shown)]
+) -> HTMLResponse:
+    """Show the whole page."""
+    stored, span = store.scanners.get(scanner_id), span_of(shown.days, datetime.now(UTC))
+    movements, total = store.measurements.movements_of(scanner_id, span.start, span.end)
+    marks, opened = store.history.marks(scanner_id, span.start), store.alarms.open(scanner_id=scanner_id)
+    return page.answer(
+        "scanner_history.html",
+        scanner=stored,
+        shown=shown,
+        spans=SPANS,
+        chart=trend_chart(movements, marks, opened, span, total, store.drift_charts.of_scanner(scanner_id).charts),
+        most_lines=MOST_LINES,
+        is_calibration=is_calibration,
+        deviations=DEVIATIONS,
+        days=shown.days,
+        found=store.history.page(scanner_id, **shown.arguments(), after=shown.after, limit=PER_PAGE),
+        kinds=KINDS,
+        word_of=word_of,
+        alarms=ALARMS,
+    )
+
+
+def word_of(entry: HistoryEntry) -> Word:
+    """Return the outcome of an entry, in a word with its colour."""
+    measured = entry.measured
+    if measured is None:
+        return EVENT_WORDS.get(entry.what) or Word("idle", entry.what)
+    return _DRIFTS[measured.within_tolerance] if measured.verdict is None else _VERDICTS[measured.verdict]

@@ -1,0 +1,1 @@
+"""Pages of the system: its state, retention and webhooks."""

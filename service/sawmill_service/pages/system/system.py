@@ -1,0 +1,98 @@
+"""Page of the system: disk, workers, database, clock, limits; for administrators keys and the audit."""
+
+from datetime import UTC, datetime
+
+from fastapi import Request
+from fastapi.responses import HTMLResponse
+
+from sawmill_contracts import mill_events
+from sawmill_platform.contracts import event_kinds
+from sawmill_platform.contracts.keys import Scope
+from sawmill_service.dependencies import TheSettings, TheStore
+from sawmill_service.http.route_rules import Router
+from sawmill_service.pages.frame.languages import marked
+from sawmill_service.pages.frame.page_frame import ThePage
+from sawmill_service.pages.system.system_parts import (
+    PLENTY_DAYS,
+    clock_remarks,
+    disk_of,
+    limits_of,
+    queue_of,
+    versions,
+    workers_of,
+)
+from sawmill_service.routes.health import Readiness, broker_of, health_of
+
+SYSTEM = "/system"
+AUDITED = 20
+SCOPES = {
+    Scope.READ: marked("may look"),
+    Scope.SUBMIT: marked("may also upload and ask for work"),
+    Scope.ACTIVATE: marked("may also decide what a scanner uses"),
+    Scope.ADMIN: marked("may do everything"),
+}
+STATES = {
+    Readiness.READY: ("good", marked("Ready")),
+    Readiness.WITHOUT_WORKER: ("watch", marked("No worker")),
+    Readiness.DISK_FULL: ("bad", marked("Disk full")),
+}
+ACTIONS = {
+    mill_events.CALIBRATION_ACTIVATED: marked("accepted the calibration"),
+    mill_events.CALIBRATION_ROLLED_BACK: marked("rolled back to the calibration"),
+    mill_events.SCANNER_CREATED: marked("added the scanner"),
+    mill_events.SCANNER_CHANGED: marked("changed the scanner"),
+    mill_events.SCANNER_DELETED: marked("deleted the scanner"),
+    mill_events.PHANTOM_DELETED: marked("deleted the phantom"),
+    mill_events.SCAN_DELETED: marked("deleted the scan"),
+    mill_events.INSPECTION_DELETED: marked("deleted the file that was looked into"),
+    mill_events.SCHEDULE_CREATED: marked("added the schedule"),
+    mill_events.SCHEDULE_CHANGED: marked("changed the schedule"),
+    mill_events.SCHEDULE_DELETED: marked("deleted the schedule"),
+    event_kinds.JOB_CANCELLED: marked("cancelled the job"),
+    event_kinds.KEY_CREATED: marked("made the key"),
+    event_kinds.KEY_ROTATED: marked("gave a new secret to the key"),
+    event_kinds.KEY_REVOKED: marked("revoked the key"),
+    event_kinds.WEBHOOK_CREATED: marked("added the webhook"),
+    event_kinds.WEBHOOK_CHANGED: marked("changed the webhook"),
+    event_kinds.WEBHOOK_ROTATED: marked("gave a new secret to the webhook"),
+    event_kinds.WEBHOOK_TESTED: marked("sent a test to the webhook"),
+    event_kinds.WEBHOOK_DELETED: marked("deleted the webhook"),
+    event_kinds.RETENTION_CHANGED: marked("changed how long things are kept"),
+    event_kinds.LOGGED_IN: marked("logged in with"),
+    event_kinds.LOGGED_OUT: marked("logged out of"),
+}
+
+router = Router(include_in_schema=False, reading=Scope.READ)
+
+
+@router.get(SYSTEM)
+def system(request: Request, page: ThePage, store: TheStore, settings: TheSettings) -> HTMLResponse:
+    """Show the page, with keys and the audit for administrators alone."""
+    admin, now = page.may(Scope.ADMIN), datetime.now(UTC)
+    return page.answer(
+        "system.html",
+        health=health_of(store, request.app.state.broker_url),
+        states=STATES,
+        queue=queue_of(store),
+        disk=(disk := disk_of(store)),
+        growth=store.retention.growth(disk.free_bytes - disk.reserve_bytes),
+        plenty_days=PLENTY_DAYS,
+        workers=workers_of(store, page, now),
+        database=store.database_report(),
+        broker=broker_of(request.app.state.broker_url),
+        clock_off_s=store.clock_off_s(),
+        clock=clock_remarks(store),
+        versions=versions(),
+        limits=limits_of(settings, store.settings),
+        keys=store.keys.all().keys if admin else None,
+        audit=store.audit.page(limit=AUDITED).items if admin else None,
+        actions=ACTIONS,
+        scopes=SCOPES,
+        now=now,
+    )
+
+
+@router.get(f"{SYSTEM}/keys", needs=Scope.ADMIN)
+def keys(page: ThePage, store: TheStore) -> HTMLResponse:
+    """Return the part of the page with the keys, for when a key was made or has ended."""
+    return page.answer("system_keys.html", keys=store.keys.all().keys, scopes=SCOPES, now=datetime.now(UTC))
