@@ -1,5 +1,6 @@
 """The rule by which a drift check counts for its scanner's drift chart."""
 
+from collections.abc import Sequence
 from datetime import datetime
 from typing import NamedTuple
 
@@ -23,7 +24,7 @@ class DriftCheck(NamedTuple):
     rotation: Rotation
     active_rotation: Rotation | None
     method: str | None
-    covariance: tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]
+    covariance: Sequence[Sequence[float]]
     is_counted: bool
 
 
