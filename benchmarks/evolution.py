@@ -11,8 +11,8 @@ from scipy.optimize import Bounds, differential_evolution
 from sawmill_tomography.calibration.calibrate import conclude
 from sawmill_tomography.calibration.calibration import CalibrationOutcome
 from sawmill_tomography.calibration.fit import Fit, refine
-from sawmill_tomography.calibration.misfit import Candidate, CoarseMisfit, coarse_data, search_box
-from sawmill_tomography.calibration.search import SearchReport, SearchResult
+from sawmill_tomography.calibration.search.misfit import Candidate, CoarseMisfit, coarse_data, search_box
+from sawmill_tomography.calibration.search.search import SearchReport, SearchResult
 from sawmill_tomography.calibration.sinogram_data import SinogramData
 from sawmill_tomography.calibration.task import CalibrationTask, PoseHypothesis
 from sawmill_tomography.geometry.geometry import FloatArray

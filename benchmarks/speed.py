@@ -40,7 +40,7 @@ from slice_price import BLOCK, logs
 
 from sawmill_command.demo_client import running_service
 from sawmill_tomography.calibration.calibrate import calibrate
-from sawmill_tomography.calibration.scan_model import Term
+from sawmill_tomography.calibration.joint_fit.scan_model import Term
 from sawmill_tomography.calibration.task import CalibrationTask
 from sawmill_tomography.drift.detector_fit import detector_fit
 from sawmill_tomography.geometry.geometry import TAU, FanBeamGeometry, FloatArray, Theta, to_vector

@@ -79,8 +79,8 @@ class ShownLog:
 
 def shown_log(store: Store, calibration_id: str) -> ShownLog | None:
     """Describe the log that a calibration's pictures show; None where the scan shows no log, or its files are gone."""
-    from sawmill_contracts.calibration_arrays import log_before_with
     from sawmill_formats.output.calibration_file import read_arrays
+    from sawmill_vocabulary.calibration_arrays import log_before_with
 
     path = store.files.results(job_kinds.CALIBRATE, calibration_id) / "result.h5"
     arrays = read_arrays(path, "log_row", "log_before", "log_before_with") if path.is_file() else {}
@@ -91,8 +91,8 @@ def shown_log(store: Store, calibration_id: str) -> ShownLog | None:
 
 
 def _page_png(path: Path, picture: CalibrationPicture) -> bytes:
-    from sawmill_contracts.calibration_arrays import CalibrationArrays
     from sawmill_formats.output import calibration_file
+    from sawmill_vocabulary.calibration_arrays import CalibrationArrays
     from sawmill_worker.pictures.calibration_report import overlay_png, report_png
 
     record = calibration_file.read_calibration(path)

@@ -10,7 +10,6 @@ import pytest
 from PIL import Image
 
 from sawmill_contracts import job_kinds
-from sawmill_contracts.calibration_arrays import CalibrationArrays
 from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_contracts.phantoms import PhantomDrawing, PhantomPicture
 from sawmill_contracts.reconstructions import ReconstructionAsk
@@ -22,6 +21,7 @@ from sawmill_tomography.phantoms.built_in import RECTANGLE_WITH_HOLE
 from sawmill_tomography.phantoms.phantom import Disc, Phantom
 from sawmill_tomography.projection.analytic import DetectorCells, project
 from sawmill_vocabulary import ReconstructionMethod
+from sawmill_vocabulary.calibration_arrays import CalibrationArrays
 from sawmill_worker.jobs.running import run
 from sawmill_worker.pictures.calibration_report import overlay_png
 from sawmill_worker.use_cases.conversion import to_phantom

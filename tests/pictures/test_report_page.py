@@ -11,10 +11,10 @@ import pytest
 from PIL import Image
 from results import THETA, calibration_result
 
-from sawmill_contracts.calibration_arrays import CalibrationArrays
 from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_contracts.phantoms import PhantomDrawing
 from sawmill_contracts.scanners import Tolerances
+from sawmill_vocabulary.calibration_arrays import CalibrationArrays
 from sawmill_worker.pictures.report_page import About, css_text, report_html
 
 VIEWS, CELLS = 20, 48

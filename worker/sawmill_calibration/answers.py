@@ -15,7 +15,6 @@ from sawmill_calibration.html import html_of
 from sawmill_calibration.input_errors import InputError, input_errors, options_of
 from sawmill_calibration.phantoms import drawing_of
 from sawmill_calibration.scans import Scan, bare_scanner, unreported
-from sawmill_contracts.calibration_arrays import CalibrationArrays
 from sawmill_contracts.calibrations import (
     CalibrationFile,
     CalibrationLimits,
@@ -38,6 +37,7 @@ from sawmill_vocabulary import (
     Theta,
     Verdict,
 )
+from sawmill_vocabulary.calibration_arrays import CalibrationArrays
 from sawmill_vocabulary.scattered_radiation import NOTHING_FOUND
 from sawmill_worker.use_cases.calibration.calibrate import CalibrationInput, calibration_result, run_calibration
 from sawmill_worker.use_cases.calibration.result_file import read_calibration as read_result

@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from sawmill_tomography.calibration.initial_guesses import random_guesses, shadow_extent, shadow_guesses
+from sawmill_tomography.calibration.search.initial_guesses import random_guesses, shadow_extent, shadow_guesses
 from sawmill_tomography.geometry.geometry import to_vector
 from sawmill_tomography.phantoms.phantom import Disc, Phantom
 from sawmill_tomography.projection import analytic

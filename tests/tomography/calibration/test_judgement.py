@@ -6,8 +6,8 @@ from sawmill_tomography.calibration.covariance import Covariance
 from sawmill_tomography.calibration.error_bars import ErrorBars
 from sawmill_tomography.calibration.faults.structure import ResidualPlace, Structure
 from sawmill_tomography.calibration.fit import Fit
+from sawmill_tomography.calibration.joint_fit.residual_analysis import FoundEffect, ResidualAnalysis
 from sawmill_tomography.calibration.judgement import Evidence, JudgementLimits, judge
-from sawmill_tomography.calibration.residual_analysis import FoundEffect, ResidualAnalysis
 from sawmill_tomography.calibration.scale import ScaleUncertainty
 from sawmill_tomography.calibration.source_distance import SourceDistance
 from sawmill_tomography.geometry.geometry import SourceFrame

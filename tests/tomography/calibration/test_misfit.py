@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from sawmill_tomography.calibration.misfit import CoarseMisfit, coarse_data, search_box
+from sawmill_tomography.calibration.search.misfit import CoarseMisfit, coarse_data, search_box
 from sawmill_tomography.geometry.geometry import GeometryError, Scanner, ThetaBounds, angle_difference
 from sawmill_tomography.phantoms.built_in import L_SHAPE
 from sawmill_tomography.projection import analytic

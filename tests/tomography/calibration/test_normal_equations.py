@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from scipy.ndimage import correlate1d
 
-from sawmill_tomography.calibration.normal_equations import Column, ViewGrams
-from sawmill_tomography.calibration.scan_model import ScanModel, Term
+from sawmill_tomography.calibration.joint_fit.normal_equations import Column, ViewGrams
+from sawmill_tomography.calibration.joint_fit.scan_model import ScanModel, Term
 from sawmill_tomography.calibration.sinogram_data import SinogramData
 from sawmill_tomography.geometry.geometry import SourceFrame, to_vector
 from sawmill_tomography.phantoms.built_in import L_SHAPE, RECTANGLE_WITH_HOLE

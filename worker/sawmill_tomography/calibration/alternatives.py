@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from sawmill_tomography.calibration.fit import Fit, OnStep, ignore_progress, refine
-from sawmill_tomography.calibration.misfit import COARSE_VIEWS
+from sawmill_tomography.calibration.search.misfit import COARSE_VIEWS
 from sawmill_tomography.calibration.task import CalibrationTask, PoseHypothesis
 from sawmill_tomography.geometry.geometry import angle_difference
 from sawmill_vocabulary import Handedness, Rotation

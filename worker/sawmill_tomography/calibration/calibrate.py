@@ -14,13 +14,13 @@ from sawmill_tomography.calibration.faults.adjustments import prepare
 from sawmill_tomography.calibration.faults.finding import AdjustedFit
 from sawmill_tomography.calibration.faults.metal import PhantomMetal, find_metal
 from sawmill_tomography.calibration.fit import Fit, OnStep, ignore_progress
-from sawmill_tomography.calibration.joint_fit import JointFit, as_fit
+from sawmill_tomography.calibration.joint_fit.joint_fit import JointFit, as_fit
+from sawmill_tomography.calibration.joint_fit.residual_analysis import analyse_residual
+from sawmill_tomography.calibration.joint_fit.scan_model import ScanModel, Term
 from sawmill_tomography.calibration.judgement import Evidence, JudgementLimits, judge
 from sawmill_tomography.calibration.refusals import NOT_FOUND, refuse_unfound
-from sawmill_tomography.calibration.residual_analysis import analyse_residual
 from sawmill_tomography.calibration.scale import scale_uncertainty
-from sawmill_tomography.calibration.scan_model import ScanModel, Term
-from sawmill_tomography.calibration.search import SearchCallback, SearchResult, search
+from sawmill_tomography.calibration.search.search import SearchCallback, SearchResult, search
 from sawmill_tomography.calibration.source_distance import with_theta
 from sawmill_tomography.calibration.task import CalibrationTask, PoseHypothesis
 from sawmill_tomography.sinograms.hardening import fit_hardening

@@ -7,7 +7,7 @@ from sawmill_tomography.calibration.error_bars import ErrorBars
 from sawmill_tomography.calibration.fit import FittedModel
 from sawmill_tomography.calibration.judgement import Evidence, Judgement
 from sawmill_tomography.calibration.scale import ScaleUncertainty
-from sawmill_tomography.calibration.search import SearchReport
+from sawmill_tomography.calibration.search.search import SearchReport
 from sawmill_tomography.calibration.source_distance import SourceDistance
 from sawmill_tomography.calibration.task import CalibrationTask, PoseHypothesis
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner, SourceFrame, Theta, ThetaBounds

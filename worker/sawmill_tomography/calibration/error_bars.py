@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sawmill_tomography.calibration.covariance import Covariance, frame_deviation, theta_covariance
-from sawmill_tomography.calibration.residual_statistics import ResidualStatistics
+from sawmill_tomography.calibration.joint_fit.residual_statistics import ResidualStatistics
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner, SourceFrame, Theta
 from sawmill_tomography.geometry.ray_error import RayErrorPrediction, predicted_ray_error
 

@@ -9,7 +9,7 @@ from sawmill_tomography.calibration.alternatives import Alternatives
 from sawmill_tomography.calibration.error_bars import ErrorBars
 from sawmill_tomography.calibration.faults.structure import ResidualPlace, Structure
 from sawmill_tomography.calibration.fit import Fit
-from sawmill_tomography.calibration.residual_analysis import ResidualAnalysis
+from sawmill_tomography.calibration.joint_fit.residual_analysis import ResidualAnalysis
 from sawmill_tomography.calibration.scale import ScaleSource, ScaleUncertainty
 from sawmill_tomography.calibration.second_witness import LogWitness
 from sawmill_tomography.calibration.source_distance import SourceDistance

@@ -23,7 +23,7 @@ from sawmill_tomography.calibration.judgement import Degree, Judgement, Remark, 
 from sawmill_tomography.calibration.recalling import Evaluations, RecallingObjective
 from sawmill_tomography.calibration.refusals import NOT_FOUND
 from sawmill_tomography.calibration.scale import scale_uncertainty
-from sawmill_tomography.calibration.search import SearchCallback, SearchReport
+from sawmill_tomography.calibration.search.search import SearchCallback, SearchReport
 from sawmill_tomography.calibration.source_distance import SourceDistance
 from sawmill_tomography.calibration.task import CalibrationTask, PoseHypothesis
 from sawmill_tomography.geometry.geometry import (

@@ -12,10 +12,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure, FigureBase, SubFigure
 from matplotlib.transforms import Bbox
 
-from sawmill_contracts.calibration_arrays import CalibrationArrays, LogImages
 from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_mill.two_questions import VERDICTS
 from sawmill_vocabulary import ReconstructionMethod
+from sawmill_vocabulary.calibration_arrays import CalibrationArrays, LogImages
 from sawmill_worker.pictures.calibration_table import calibration_table
 from sawmill_worker.pictures.fit_panels import draw_residual, draw_search
 from sawmill_worker.pictures.image_panels import draw_logs, draw_phantom, encoded

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from sawmill_contracts.calibration_arrays import CalibrationArrays
+from sawmill_vocabulary.calibration_arrays import CalibrationArrays
 from sawmill_worker.pictures.pages import encoded
 from sawmill_worker.pictures.round_numbers import round_length, ticks
 from sawmill_worker.pictures.windows import LOG_WINDOW, Window, labelled_views, to_unit, window_of

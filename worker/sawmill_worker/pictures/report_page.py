@@ -11,12 +11,12 @@ from functools import cache
 from jinja2 import Environment
 from markupsafe import Markup
 
-from sawmill_contracts.calibration_arrays import CalibrationArrays
 from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_contracts.phantoms import PhantomDrawing
 from sawmill_contracts.scanners import Tolerances
 from sawmill_mill.next_step import next_step
 from sawmill_mill.two_questions import VERDICTS, TwoQuestions, in_length, in_mm, in_percent
+from sawmill_vocabulary.calibration_arrays import CalibrationArrays
 from sawmill_worker.pictures import report_numbers as numbers
 from sawmill_worker.pictures.report_figures import log_fields, phantom_field, residual_figure, search_figure
 from sawmill_worker.templating import templates_of

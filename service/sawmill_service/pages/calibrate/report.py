@@ -23,7 +23,7 @@ from sawmill_service.routes.calibrations import succeeded
 from sawmill_store.store import Store
 
 if TYPE_CHECKING:
-    from sawmill_contracts.calibration_arrays import CalibrationArrays
+    from sawmill_vocabulary.calibration_arrays import CalibrationArrays
     from sawmill_worker.pictures.report_page import About
 
 router = Router(include_in_schema=False, reading=Scope.READ)
@@ -74,8 +74,8 @@ def _asked_by(store: Store, calibration: CalibrationSucceeded) -> str | None:
 
 def _arrays(store: Store, calibration_id: str) -> "CalibrationArrays | None":
     """Read the arrays of result.h5; None where the file was removed."""
-    from sawmill_contracts.calibration_arrays import CalibrationArrays
     from sawmill_formats.output import calibration_file
+    from sawmill_vocabulary.calibration_arrays import CalibrationArrays
 
     try:
         path = store.files.result(job_kinds.CALIBRATE, calibration_id, "result.h5")

@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
-from sawmill_tomography.calibration.normal_equations import System
-from sawmill_tomography.calibration.scan_model import Term
+from sawmill_tomography.calibration.joint_fit.normal_equations import System
+from sawmill_tomography.calibration.joint_fit.scan_model import Term
 from sawmill_tomography.geometry.geometry import FloatArray
 
 REMEDY = "look at the encoder and the drive"

@@ -18,8 +18,8 @@ from sawmill_tomography.calibration.faults.motion import (
     of_position,
     progress,
 )
-from sawmill_tomography.calibration.normal_equations import Column
-from sawmill_tomography.calibration.scan_model import ScanModel, Term
+from sawmill_tomography.calibration.joint_fit.normal_equations import Column
+from sawmill_tomography.calibration.joint_fit.scan_model import ScanModel, Term
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_vocabulary import Adjustment
 

@@ -7,8 +7,8 @@ import numpy as np
 
 from sawmill_tomography.calibration.elimination import scaled_inverse
 from sawmill_tomography.calibration.faults.effects import Effect
-from sawmill_tomography.calibration.normal_equations import Column
-from sawmill_tomography.calibration.scan_model import POSE, ScanModel
+from sawmill_tomography.calibration.joint_fit.normal_equations import Column
+from sawmill_tomography.calibration.joint_fit.scan_model import POSE, ScanModel
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_vocabulary import Adjustment
 

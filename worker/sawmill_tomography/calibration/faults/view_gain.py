@@ -2,7 +2,7 @@
 
 import math
 
-from sawmill_tomography.calibration.normal_equations import ViewGrams
+from sawmill_tomography.calibration.joint_fit.normal_equations import ViewGrams
 
 SENTENCE = "the views differ in gain or background, so each has its own"
 # Gains of each view are fitted when they explain more than chance by DEVIATIONS standard deviations, and more than the

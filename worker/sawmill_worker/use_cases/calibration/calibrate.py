@@ -19,7 +19,7 @@ from sawmill_tomography.calibration.error_bars import ErrorBars
 from sawmill_tomography.calibration.errors import CalibrationError
 from sawmill_tomography.calibration.phantom_rows import segments
 from sawmill_tomography.calibration.recalling import Evaluations, RecallingObjective
-from sawmill_tomography.calibration.search import SearchCallback
+from sawmill_tomography.calibration.search.search import SearchCallback
 from sawmill_tomography.calibration.task import CalibrationTask
 from sawmill_tomography.geometry.geometry import FloatArray, SourceFrame
 from sawmill_tomography.sinograms.present_rows import mean_of_rows

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from sawmill_contracts.calibration_arrays import CalibrationArrays, LogImages
 from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_formats.output.calibration_file import NamedArray, write_calibration
 from sawmill_tomography.calibration.calibration import CalibrationOutcome
@@ -18,6 +17,7 @@ from sawmill_tomography.phantoms.phantom import Phantom
 from sawmill_tomography.projection.projector import Projector
 from sawmill_tomography.reconstruction.fbp import fbp
 from sawmill_vocabulary import ReconstructionMethod
+from sawmill_vocabulary.calibration_arrays import CalibrationArrays, LogImages
 from sawmill_worker.use_cases.calibration.calibrate import CalibrationInput
 from sawmill_worker.use_cases.calibration.log_comparison import find_log_row, log_images
 

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sawmill_contracts.calibration_arrays import LogBefore, LogImages
 from sawmill_tomography.calibration.calibration import CalibratedGeometry
 from sawmill_tomography.calibration.phantom_rows import shows_another_body
 from sawmill_tomography.geometry.geometry import FanBeamGeometry, FloatArray, GeometryError, Theta
@@ -15,6 +14,7 @@ from sawmill_tomography.projection.projector import Projector
 from sawmill_tomography.reconstruction.fbp import fbp
 from sawmill_tomography.sinograms.present_rows import filled
 from sawmill_vocabulary import LARGEST_ASSUMED_LOG_RADIUS_MM
+from sawmill_vocabulary.calibration_arrays import LogBefore, LogImages
 from sawmill_worker.use_cases.calibration.calibrate import CalibrationInput
 
 SIZE = 256

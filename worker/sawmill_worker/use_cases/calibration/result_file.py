@@ -11,7 +11,6 @@ from typing import Any
 import h5py
 from pydantic import ValidationError
 
-from sawmill_contracts.calibration_arrays import CalibrationArrays
 from sawmill_contracts.calibrations import CalibrationFile, CalibrationResult
 from sawmill_formats.errors import UnreadableScan
 from sawmill_formats.input.own.calibration import (
@@ -22,6 +21,7 @@ from sawmill_formats.input.own.calibration import (
 )
 from sawmill_platform.contracts.attempts import JobFailure
 from sawmill_platform.contracts.base import placed_complaint
+from sawmill_vocabulary.calibration_arrays import CalibrationArrays
 from sawmill_worker.use_cases.failures import refused
 
 

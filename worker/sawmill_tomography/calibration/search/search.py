@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from sawmill_tomography.calibration.alternatives import CONTENDER
-from sawmill_tomography.calibration.ambiguous_poses import ambiguous_poses
 from sawmill_tomography.calibration.errors import CalibrationError
 from sawmill_tomography.calibration.fit import Fit, OnStep, ignore_progress, refine
-from sawmill_tomography.calibration.initial_guesses import random_guesses, shadow_extent, shadow_guesses
-from sawmill_tomography.calibration.misfit import Candidate, CoarseMisfit, coarse_data, search_box
+from sawmill_tomography.calibration.search.ambiguous_poses import ambiguous_poses
+from sawmill_tomography.calibration.search.initial_guesses import random_guesses, shadow_extent, shadow_guesses
+from sawmill_tomography.calibration.search.misfit import Candidate, CoarseMisfit, coarse_data, search_box
 from sawmill_tomography.calibration.sinogram_data import SinogramData
 from sawmill_tomography.calibration.task import CalibrationTask, PoseHypothesis
 from sawmill_tomography.geometry.geometry import FloatArray, GeometryError, SourceFrame

@@ -25,10 +25,10 @@ from sawmill_tomography.calibration.faults.slip import likeliest_slip, slip_at
 from sawmill_tomography.calibration.faults.view_gain import views_differ
 from sawmill_tomography.calibration.fit import Fit, OnStep, ignore_progress
 from sawmill_tomography.calibration.fit_parameters import FitParameter
-from sawmill_tomography.calibration.normal_equations import Column, System, ViewGrams
-from sawmill_tomography.calibration.scan_model import ScanModel, Term
-from sawmill_tomography.calibration.selection import EffectTest, EffectTester
-from sawmill_tomography.calibration.steps import BY_ANGLES, ROUNDING, is_small, moved, off_by, stepped
+from sawmill_tomography.calibration.joint_fit.normal_equations import Column, System, ViewGrams
+from sawmill_tomography.calibration.joint_fit.scan_model import ScanModel, Term
+from sawmill_tomography.calibration.joint_fit.selection import EffectTest, EffectTester
+from sawmill_tomography.calibration.joint_fit.steps import BY_ANGLES, ROUNDING, is_small, moved, off_by, stepped
 from sawmill_tomography.geometry.geometry import FloatArray, wrap_angle
 from sawmill_vocabulary import Adjustment, TrueAxis
 

@@ -8,7 +8,7 @@ import numpy as np
 from sawmill_tomography.calibration.covariance import Covariance
 from sawmill_tomography.calibration.errors import CalibrationError
 from sawmill_tomography.calibration.fit_parameters import RAYS, FitParameter
-from sawmill_tomography.calibration.joint_fit import JointFit
+from sawmill_tomography.calibration.joint_fit.joint_fit import JointFit
 from sawmill_tomography.geometry.geometry import FloatArray
 
 # The estimated inflation scatters for white noise too: within this number of standard deviations it counts as 1.

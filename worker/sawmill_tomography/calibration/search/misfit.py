@@ -11,8 +11,8 @@ from itertools import product
 
 import numpy as np
 
-from sawmill_tomography.calibration._search_numba import best_turn
-from sawmill_tomography.calibration.initial_guesses import WIDEST_TILT
+from sawmill_tomography.calibration.search._search_numba import best_turn
+from sawmill_tomography.calibration.search.initial_guesses import WIDEST_TILT
 from sawmill_tomography.calibration.task import PoseHypothesis
 from sawmill_tomography.geometry.geometry import (
     TAU,

@@ -8,7 +8,7 @@ import math
 import numpy as np
 from numba import njit, prange
 
-from sawmill_tomography.calibration.scan_model import Term
+from sawmill_tomography.calibration.joint_fit.scan_model import Term
 from sawmill_tomography.projection._analytic_numba import (
     _FAST,
     PARAMETERS,

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from sawmill_tomography.calibration.elimination import pseudo_inverse
-from sawmill_tomography.calibration.normal_equations import Column, System, ViewGrams
-from sawmill_tomography.calibration.scan_model import POSE, ScanModel, Term
+from sawmill_tomography.calibration.joint_fit.normal_equations import Column, System, ViewGrams
+from sawmill_tomography.calibration.joint_fit.scan_model import POSE, ScanModel, Term
 from sawmill_tomography.geometry.geometry import FloatArray
 
 # A step is within the noise when it moves the geometry by less than MOVED standard deviations, squared, and the whole

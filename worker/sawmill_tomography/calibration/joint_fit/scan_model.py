@@ -15,7 +15,7 @@ import numpy as np
 import scipy
 
 from sawmill_tomography.calibration.fit_parameters import FRAME, FitParameter
-from sawmill_tomography.calibration.rounded_corners import with_rounded_corners
+from sawmill_tomography.calibration.joint_fit.rounded_corners import with_rounded_corners
 from sawmill_tomography.calibration.sinogram_data import SinogramData
 from sawmill_tomography.geometry.geometry import TAU, FloatArray, SourceFrame
 from sawmill_tomography.phantoms.phantom import Phantom

@@ -6,8 +6,8 @@ from functools import cache, cached_property
 
 import numpy as np
 
-from sawmill_tomography.calibration._derivatives_numba import largest_power, whiten
-from sawmill_tomography.calibration.normal_equations import System
+from sawmill_tomography.calibration.joint_fit._derivatives_numba import largest_power, whiten
+from sawmill_tomography.calibration.joint_fit.normal_equations import System
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.statistics.chi_square import exceeded_chi_square
 

@@ -12,12 +12,12 @@ from functools import cached_property
 
 import numpy as np
 
-from sawmill_tomography.calibration._derivatives_numba import BLOCK, combine, inner_products
 from sawmill_tomography.calibration.elimination import scaled_inverse, unit_scale
 from sawmill_tomography.calibration.faults.structure import beyond_chance
 from sawmill_tomography.calibration.fit_parameters import FitParameter
-from sawmill_tomography.calibration.sample_noise import sample_noise
-from sawmill_tomography.calibration.scan_model import POSE, ScanModel, Term
+from sawmill_tomography.calibration.joint_fit._derivatives_numba import BLOCK, combine, inner_products
+from sawmill_tomography.calibration.joint_fit.sample_noise import sample_noise
+from sawmill_tomography.calibration.joint_fit.scan_model import POSE, ScanModel, Term
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.statistics.robust import robust_deviation
 

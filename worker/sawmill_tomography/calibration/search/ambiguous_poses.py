@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from sawmill_tomography.calibration.misfit import CoarseMisfit
+from sawmill_tomography.calibration.search.misfit import CoarseMisfit
 from sawmill_tomography.calibration.task import PoseHypothesis
 from sawmill_tomography.geometry.geometry import SourceFrame, wrap_angle
 from sawmill_tomography.projection import analytic

@@ -1,0 +1,1 @@
+"""The joint fit: the geometry and every effect that a scan shows, by generalised least squares."""
