@@ -15,7 +15,7 @@ from sawmill_platform.contracts.jobs import JobKind
 from sawmill_platform.contracts.kinds import declaration_of
 from sawmill_platform.contracts.registered import RegisteredWord
 from sawmill_service.pages.scanners.scanner_history import EVENT_WORDS
-from sawmill_store.history import SUBJECTS, kind_of
+from sawmill_store.history import SUBJECTS
 
 ROOT = Path(__file__).parents[1]
 # Tables that lack members, each with what becomes of a member that it lacks.
@@ -26,7 +26,6 @@ PARTIAL = {
     "service/sawmill_service/pages/system/system.py: ACTIONS": "the audit keeps decisions alone",
     "service/sawmill_service/pages/scanners/scanner_history.py: EVENT_WORDS": "the other events are in no history",
     "worker/sawmill_worker/pictures/calibration_report.py: BY_METHOD": "the other methods need no remark",
-    "worker/sawmill_store/history.py: _BY_EVENT": "the subject decides for the other events",
     "worker/sawmill_store/references.py: _WITHOUT_RESULT": "the other states have a result or will have one",
     "worker/sawmill_store/tables.py: OWN_TABLES": "the rows of other kinds are in the table `asked`",
     "worker/sawmill_tomography/calibration/joint_fit/scan_model.py: LARGEST": "the other terms may have any size",
@@ -142,13 +141,9 @@ def test_every_table_has_a_row_for_each_member():
 
 
 def test_every_event_of_a_scanner_s_history_has_its_word():
-    nouns = {declaration_of(kind).noun for kind in JobKind.all()} | {"scanner", "schedule"}
-    shown = {
-        (event, noun)
-        for event in EventKind.all()
-        for noun in nouns
-        if (event in JOB_ENDS or event.startswith((f"{noun}-", "alarm-"))) and kind_of(event, noun)
-    }
+    jobs = [declaration_of(kind).noun for kind in JobKind.all() if declaration_of(kind).topic]
+    shown = {(event, noun) for event in JOB_ENDS for noun in jobs}
+    shown |= {(event, event.split("-")[0]) for event in EventKind.all() if event.topic}
     without = {event for event, _ in shown} - EVENT_WORDS.keys() - {event_kinds.SUCCEEDED}  # which shows a verdict
     assert not without, "add them to EVENT_WORDS in service/sawmill_service/pages/scanners/scanner_history.py"
     unknown = {noun for event, noun in shown if not event.startswith("alarm-")} - SUBJECTS.keys()

@@ -325,11 +325,11 @@ def test_the_feed_tells_a_key_to_read_what_happened_and_not_who_did_it(seeded, s
     seeded.headers = {"Authorization": f"Bearer {reader.secret}"}
     assert seeded.get("/v1/audit").status_code == 403
     job = seeded.get("/v1/calibrations/example").json()["job_id"]
-    told = seeded.get(f"/v1/jobs/{job}/history").json()["events"]
-    told += [event.model_dump(mode="json") for event in store.events.following(0)]
-    assert "schedule-deleted" in {event["what"] for event in told}
-    assert {name for event in told for name in event} == {
+    published = seeded.get(f"/v1/jobs/{job}/history").json()["events"]
+    published += [event.model_dump(mode="json") for event in store.events.following(0)]
+    assert "schedule-deleted" in {event["what"] for event in published}
+    assert {name for event in published for name in event} == {
         *("number", "at", "what", "scanner_id", "subject", "subject_id", "job_id", "attempt", "worker", "detail")
     }
     secrets = {decided.request_id, decided.address}
-    assert not [event for event in told for each in secrets if each in json.dumps(event)]
+    assert not [event for event in published for each in secrets if each in json.dumps(event)]
