@@ -9,7 +9,7 @@ from sawmill_platform.errors import Conflict
 from sawmill_platform.files.file_store import FileStore
 from sawmill_platform.jobs.queue_limits import Places
 from sawmill_store.activations import activate
-from sawmill_store.asked import Asked
+from sawmill_store.requests.asked import Asked
 from sawmill_store.scanners import read_scanner
 from sawmill_store.tables import CalibrationRow, ScannerRow
 

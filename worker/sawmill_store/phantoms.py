@@ -23,8 +23,8 @@ from sawmill_platform.jobs.queue_limits import Places
 from sawmill_platform.jobs.queueing import queue_job
 from sawmill_platform.ledger.events import announce
 from sawmill_platform.uploads.uploading import kept_upload
-from sawmill_store.references import check_usable
-from sawmill_store.references_guard import kept_by
+from sawmill_store.requests.references import check_usable
+from sawmill_store.requests.references_guard import kept_by
 from sawmill_store.tables import PhantomRow, ScanRow
 
 

@@ -15,7 +15,7 @@ from sawmill_mill.schedules import FEWEST_VIEWS, UNSEEN, LogScan, PhantomScan, l
 from sawmill_platform.contracts.jobs import Priority
 from sawmill_platform.database.tables import JobRow
 from sawmill_store.activations import ScannerId, active_calibration_id
-from sawmill_store.asked import Asked
+from sawmill_store.requests.asked import Asked
 from sawmill_store.tables import CalibrationRow, DriftRow, PhantomRow, ScanRow, ScheduleRow
 
 # The statements narrow as the rules decide: the newest scan is the one, unless a rule is stricter than its statement.

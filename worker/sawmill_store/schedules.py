@@ -23,8 +23,8 @@ from sawmill_platform.due_times import latest_due, next_due
 from sawmill_platform.errors import Invalid, StorageError, StorageFull, StorageUnavailable
 from sawmill_platform.ledger.audit import changed
 from sawmill_platform.ledger.events import announce
-from sawmill_store.asked import Asked
 from sawmill_store.history import changes_in_words
+from sawmill_store.requests.asked import Asked
 from sawmill_store.scheduled import queue_due
 from sawmill_store.tables import ScannerRow, ScheduleRow, ScheduleRunRow
 

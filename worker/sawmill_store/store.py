@@ -12,24 +12,24 @@ from sawmill_platform.database.clock import Clock
 from sawmill_platform.settings import StorageSettings
 from sawmill_platform.store import JobServiceStore
 from sawmill_store.alarms import Alarms
-from sawmill_store.asked import Asked
 from sawmill_store.backups.named_files import lost_files
 from sawmill_store.calibrations import Calibrations
 from sawmill_store.drift_charts import DriftCharts
 from sawmill_store.history import Histories
 from sawmill_store.inspections import Inspections
-from sawmill_store.leftovers import Leftovers
 from sawmill_store.measurements import Measurements
 from sawmill_store.mill_files import MillFiles
-from sawmill_store.mill_subjects import MillSubjects
-from sawmill_store.named_by_rows import first_named
 from sawmill_store.overviews import Overviews
 from sawmill_store.phantoms import Phantoms
-from sawmill_store.retention import RetentionStore
-from sawmill_store.retention_runner import RetentionKeeper
+from sawmill_store.requests.asked import Asked
+from sawmill_store.retention.leftovers import Leftovers
+from sawmill_store.retention.named_by_rows import first_named
+from sawmill_store.retention.retention_runner import RetentionKeeper
+from sawmill_store.retention.retention_store import RetentionStore
 from sawmill_store.scanners import Scanners
 from sawmill_store.scans import Scans
 from sawmill_store.schedules import Schedules
+from sawmill_store.subjects.mill_subjects import MillSubjects
 
 
 class Store(JobServiceStore):

@@ -33,7 +33,7 @@ Base.registry.update_type_annotation_map(
     }
 )
 
-# Of the upload and the results: null until it was measured, once its job has ended (`sawmill_store/measured_bytes.py`).
+# Of the upload and the results: null until it was measured, after its job has ended (`retention/measured_bytes.py`).
 StoredBytes = Annotated[int | None, mapped_column(BigInteger)]
 
 

@@ -16,8 +16,8 @@ from sawmill_platform.contracts.kinds import declaration_of
 from sawmill_platform.database.database import Database
 from sawmill_platform.database.tables import Base, UploadRow
 from sawmill_platform.files.file_store import EXAMPLES, UNFINISHED, UPLOADED_FILE
-from sawmill_store import named_by_rows
 from sawmill_store.mill_files import SCAN_FILE
+from sawmill_store.retention import named_by_rows
 
 
 class Named(NamedTuple):

@@ -48,14 +48,14 @@ from sawmill_platform.ledger.event_reader import read_event
 from sawmill_platform.uploads.upload_store import read_upload
 from sawmill_platform.webhooks.webhook_store import read_delivery, read_webhook
 from sawmill_store.alarms import read_alarm
-from sawmill_store.asked_rows import read_asked
 from sawmill_store.backups.manifest import ROWS
 from sawmill_store.backups.rows import line_of
 from sawmill_store.drift_charts import read_chart
 from sawmill_store.history import read_entry
 from sawmill_store.measurements import read_measurement
 from sawmill_store.phantoms import picture_of, read_phantom
-from sawmill_store.retention import read_retention
+from sawmill_store.requests.asked_rows import read_asked
+from sawmill_store.retention.retention_store import read_retention
 from sawmill_store.scanners import read_scanner
 from sawmill_store.scans import read_scan
 from sawmill_store.schedules import read_schedule, read_schedule_run

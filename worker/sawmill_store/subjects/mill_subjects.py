@@ -11,8 +11,8 @@ from sawmill_platform.contracts.attempts import AttemptInput
 from sawmill_platform.contracts.jobs import JobKind
 from sawmill_platform.database.tables import JobRow, Json
 from sawmill_platform.files.file_store import FileStore
-from sawmill_store import outputs, subjects
-from sawmill_store.handing_over import handed_over
+from sawmill_store.subjects import effects, outputs
+from sawmill_store.subjects.handing_over import handed_over
 
 
 class MillSubjects:
@@ -29,13 +29,13 @@ class MillSubjects:
         self, session: Session, kind: JobKind, subject_id: str, result: Json, now: datetime
     ) -> str | None:
         """Write a checked result to the job's subject; return it in a sentence where a history tells of it."""
-        return subjects.record_success(session, kind, subject_id, result, now)
+        return effects.record_success(session, kind, subject_id, result, now)
 
     def record_end_without_result(
         self, session: Session, kind: JobKind, subject_id: str, reason: str, now: datetime
     ) -> None:
         """Refuse the scan or the phantom whose job failed or was cancelled."""
-        subjects.record_end_without_result(session, kind, subject_id, reason, now)
+        effects.record_end_without_result(session, kind, subject_id, reason, now)
 
     def check_output(self, kind: JobKind, given: AttemptInput, result: dict[str, Any], folder: Path) -> None:
         """Refuse a folder with other files than a job of its kind leaves."""

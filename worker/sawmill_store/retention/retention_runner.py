@@ -20,11 +20,11 @@ from sawmill_platform.database.database import Database
 from sawmill_platform.database.tables import REMOVABLE, EventRow, JobDependencyRow, JobRow
 from sawmill_platform.files.file_store import FileStore
 from sawmill_platform.ledger.events import announce
-from sawmill_store.leftovers import noted
-from sawmill_store.measured_bytes import freed_bytes_of, measure_some, places_of
-from sawmill_store.protected import may_go, none_of, protections
-from sawmill_store.retention import SUBJECT, THE_ROW, rules_of, waits_since
-from sawmill_store.retention_rules import STOCKS, Reach, Stock, last_old_event, reach_of
+from sawmill_store.retention.leftovers import noted
+from sawmill_store.retention.measured_bytes import freed_bytes_of, measure_some, places_of
+from sawmill_store.retention.protected import may_go, none_of, protections
+from sawmill_store.retention.retention_rules import STOCKS, Reach, Stock, last_old_event, reach_of
+from sawmill_store.retention.retention_store import SUBJECT, THE_ROW, rules_of, waits_since
 from sawmill_store.tables import CalibrationRow, RetentionRow, ScannerRow, ScheduleRunRow
 
 EVERY_S = 600.0

@@ -9,7 +9,7 @@ from sqlalchemy import func
 from sqlalchemy.orm import Session
 
 from sawmill_contracts.retention import RetentionRules
-from sawmill_store.retention_rules import STOCKS, Stock
+from sawmill_store.retention.retention_rules import STOCKS, Stock
 
 SEEN = timedelta(days=7)
 

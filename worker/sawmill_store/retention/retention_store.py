@@ -26,9 +26,9 @@ from sawmill_platform.database.tables import REMOVABLE, EventRow
 from sawmill_platform.errors import Conflict
 from sawmill_platform.ledger.audit import changed
 from sawmill_platform.ledger.events import announce
-from sawmill_store.growth import Growth, fillings, growth_of
-from sawmill_store.protected import Protection, none_of, protections
-from sawmill_store.retention_rules import STOCKS, Stock, last_old_event, reach_of
+from sawmill_store.retention.growth import Growth, fillings, growth_of
+from sawmill_store.retention.protected import Protection, none_of, protections
+from sawmill_store.retention.retention_rules import STOCKS, Stock, last_old_event, reach_of
 from sawmill_store.tables import RetentionRow
 
 THE_ROW = 1

@@ -22,8 +22,8 @@ from sawmill_platform.contracts.jobs import JobKind, JobState
 from sawmill_platform.database.database import Database, lock_files_of
 from sawmill_platform.database.tables import JobRow
 from sawmill_platform.files.file_store import UNFINISHED, FileStore
-from sawmill_store import named_by_rows
-from sawmill_store.named_by_rows import Ids
+from sawmill_store.retention import named_by_rows
+from sawmill_store.retention.named_by_rows import Ids
 
 NAMES_A_ROUND = 500
 _TEMPORARY_NAME = re.compile(r"[0-9a-f]{32}")

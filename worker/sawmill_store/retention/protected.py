@@ -15,7 +15,7 @@ from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.jobs import UNFINISHED
 from sawmill_platform.database.tables import EventRow, JobRow
 from sawmill_store.activations import active_calibration
-from sawmill_store.retention_rules import STOCKS, Stock
+from sawmill_store.retention.retention_rules import STOCKS, Stock
 from sawmill_store.scheduled import last_looked_at, newest_phantom_scan, next_log
 from sawmill_store.tables import (
     ActivationRow,

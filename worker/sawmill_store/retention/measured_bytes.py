@@ -14,7 +14,7 @@ from sawmill_platform.contracts.jobs import ENDED, JobKind
 from sawmill_platform.database.database import Database
 from sawmill_platform.database.tables import JobRow
 from sawmill_platform.files.file_store import FileStore
-from sawmill_store.retention_rules import STOCKS
+from sawmill_store.retention.retention_rules import STOCKS
 
 MEASURED_A_ROUND = 500
 

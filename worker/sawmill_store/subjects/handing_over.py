@@ -13,10 +13,10 @@ from sawmill_platform.contracts.kinds import declaration_of
 from sawmill_platform.database.paging import found
 from sawmill_platform.database.tables import JobRow
 from sawmill_platform.files.file_store import FileStore
-from sawmill_store.asked_rows import found_asked, read_asked
 from sawmill_store.drift_charts import known_baselines
 from sawmill_store.mill_files import SCAN_FILE
 from sawmill_store.phantoms import picture_of, read_phantom
+from sawmill_store.requests.asked_rows import found_asked, read_asked
 from sawmill_store.scanners import read_scanner
 from sawmill_store.scans import read_scan
 from sawmill_store.tables import PhantomRow, ScannerRow, ScanRow

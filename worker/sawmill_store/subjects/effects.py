@@ -16,8 +16,8 @@ from sawmill_platform.database.paging import found
 from sawmill_platform.database.tables import Json
 from sawmill_platform.ledger.events import announce
 from sawmill_store.activations import activate
-from sawmill_store.asked_rows import found_asked
 from sawmill_store.measurements import record_measurement
+from sawmill_store.requests.asked_rows import found_asked
 from sawmill_store.tables import CalibrationRow, PhantomRow, ScanRow
 
 

@@ -21,9 +21,9 @@ from sawmill_platform.database.tables import JobRow
 from sawmill_platform.files.file_store import FileStore
 from sawmill_platform.jobs.queue_limits import Places
 from sawmill_platform.jobs.queueing import queue_job
-from sawmill_store.asked_rows import found_asked, read_asked
-from sawmill_store.references import looked_up
-from sawmill_store.scan_extent import refuse_beyond_scan
+from sawmill_store.requests.asked_rows import found_asked, read_asked
+from sawmill_store.requests.references import looked_up
+from sawmill_store.requests.scan_extent import refuse_beyond_scan
 from sawmill_store.tables import OWN_TABLES, Answered, table_of
 
 NOTHING: Mapping[str, str] = MappingProxyType({})

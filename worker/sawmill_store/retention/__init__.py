@@ -1,0 +1,1 @@
+"""Rules of retention, their execution, and the files that no row names any more."""
