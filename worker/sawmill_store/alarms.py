@@ -31,7 +31,7 @@ _CHART_ALARMS = TypeAdapter(tuple[ChartAlarm, ...])
 
 
 class Alarms:
-    """Every method is one transaction, `check` one for each scanner whose alarms change."""
+    """Store of alarms: every method is one transaction; `check` is one for each scanner whose alarms change."""
 
     def __init__(self, database: Database) -> None:
         self._database = database
@@ -42,7 +42,7 @@ class Alarms:
             return _opened(session, scanner_id)
 
     def check(self) -> list[AlarmChange]:
-        """Open what is missing by now and close what has come: once each, however many processes look.
+        """Open the alarms that are due and close the alarms that have ended, once each, however many processes check.
 
         A scanner whose limits or whose phantom's measurements cannot be read is logged and left as it is.
         """

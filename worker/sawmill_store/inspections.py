@@ -1,4 +1,4 @@
-"""Inspections: uploads that are looked at before they become scans."""
+"""Inspections: uploads that are inspected before they become scans."""
 
 from sawmill_contracts import job_kinds, mill_events
 from sawmill_contracts.inspections import DECLARATION, Inspection, InspectionAsk, InspectionOptions
@@ -16,7 +16,7 @@ from sawmill_store.requests.asked_rows import found_asked, read_asked
 
 
 class Inspections(Asked[InspectionAsk, Inspection]):
-    """As of every kind that is asked for, and their files; every method is one transaction."""
+    """Store of inspections and of the inspected files: every method is one transaction."""
 
     def __init__(self, database: Database, files: FileStore, places: Places) -> None:
         super().__init__(database, files, places, DECLARATION)
@@ -35,15 +35,15 @@ class Inspections(Asked[InspectionAsk, Inspection]):
         Parameters
         ----------
         options
-            What its uploader gives with the file.
+            Options that the uploader gives with the file.
         received
-            From `FileStore.receive`. When this method raises, the upload is discarded.
+            The upload, from `FileStore.receive`. When this method raises, the upload is discarded.
         name
-            What the file is called in the answer.
+            Name of the file in the answer.
         identifier
             A fixed id; null for a new one.
         priority
-            Which jobs go before it.
+            Priority of the job in the queue.
 
         Raises
         ------
@@ -69,7 +69,7 @@ class Inspections(Asked[InspectionAsk, Inspection]):
             return read_asked(self._declared, row)
 
     def received_again(self, identifier: str) -> Received:
-        """The inspected file as if it had been sent once more; `accept` or `discard` must follow, as after an upload.
+        """Receive the inspected file as if it were sent again; `accept` or `discard` must follow, as after an upload.
 
         Raises
         ------
@@ -84,12 +84,12 @@ class Inspections(Asked[InspectionAsk, Inspection]):
         return again
 
     def delete(self, identifier: str) -> None:
-        """Remove an inspection, and its file after the commit; scans made of it keep theirs.
+        """Remove an inspection, and its file after the commit; scans made of the inspection keep their files.
 
         Raises
         ------
         NotFound, Conflict
-            There is none, or its job has not ended.
+            There is no such inspection, or its job has not ended.
         """
         with self._database.write() as session:
             row = found_asked(session, self._declared, identifier)

@@ -1,4 +1,4 @@
-"""Looking up what an ask refers to, inside the transaction that accepts it (`contracts.kinds.Reference`)."""
+"""References of a request, looked up in the transaction that accepts the request (`contracts.kinds.Reference`)."""
 
 from collections.abc import Callable, Iterable, Mapping
 from types import MappingProxyType
@@ -18,14 +18,14 @@ from sawmill_store.tables import CalibrationRow, PhantomRow, ScannerRow, ScanRow
 
 
 def looked_up(session: Session, references: Iterable[Reference], asked: Mapping[str, Any]) -> tuple[Json, list[str]]:
-    """Find what is referred to.
+    """Look up the references of a request.
 
     Parameters
     ----------
     references
-        Of the kind, in the order in which they are looked up.
+        References of the kind, in the order in which they are looked up.
     asked
-        The ask's fields, and the references that were given beside it.
+        Fields of the request, and the references that were given with the request.
 
     Returns
     -------
@@ -35,7 +35,7 @@ def looked_up(session: Session, references: Iterable[Reference], asked: Mapping[
     Raises
     ------
     NotFound, Conflict
-        There is no such thing, it cannot be used, or none is named where one must be.
+        A referenced row does not exist or cannot be used, or a required reference is missing.
     """
     known = dict(asked)
     needs = [_LOOK_UP[reference](session, known) for reference in references]
@@ -43,7 +43,7 @@ def looked_up(session: Session, references: Iterable[Reference], asked: Mapping[
 
 
 def _scan(session: Session, known: Json) -> str | None:
-    """Locked until the transaction ends, so that it cannot be deleted meanwhile."""
+    """Look up the scan, and lock its row until the transaction ends, so that the scan cannot be deleted."""
     scan = found(session, ScanRow, "scan", known["scan_id"], lock=True)
     if scan.state is ScanState.REFUSED:
         raise Conflict("scan-refused", f"scan {scan.id!r} was refused and cannot be used: {scan.reason}")
@@ -78,7 +78,7 @@ def _phantom_of_scan(session: Session, scan_id: str) -> str:
 
 
 def _calibration(session: Session, known: Json) -> str | None:
-    """The one asked for, or the active one of the scan's scanner; it may still be computed."""
+    """Look up the named calibration or the active one of the scan's scanner; the calibration may still be computed."""
     if known.get("theta") is not None:
         known["calibration_id"] = None
         return None

@@ -1,1 +1,1 @@
-"""Rules of retention, their execution, and the files that no row names any more."""
+"""Retention: the rules, the removal of what the rules reach, and the removal of files that no row names."""

@@ -1,4 +1,4 @@
-"""Conditions on the rows of a kind for each reason of `sawmill_mill.retention`, asked when something is to go."""
+"""Conditions on the rows of a kind for each reason of `sawmill_mill.retention`, evaluated before a removal."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple, TypeVar
@@ -35,14 +35,14 @@ _UNFINISHED = JobRow.state.in_(UNFINISHED)
 
 
 class Protection(NamedTuple):
-    """Rows of which the condition is true stay."""
+    """A reason, and the condition that is true for the rows that stay for this reason."""
 
     because: StaysBecause
     condition: ColumnElement[bool]
 
 
 def protections(session: Session, kind: RetentionKind) -> list[Protection]:
-    """Return what stays of a kind, as things are in this transaction. No condition is unknown (NULL) for any row."""
+    """Return the protections of a kind, as of this transaction. No condition is unknown (NULL) for any row."""
     return [each for each in _OF_KIND[kind](session) if each.because in STAYS[kind]]
 
 
@@ -62,7 +62,7 @@ def none_of(stay: Sequence[Protection]) -> ColumnElement[bool]:
 
 
 def calibrations_in_use(session: Session) -> set[str]:
-    """Read of each scanner the active calibration and the one that was active before it."""
+    """Read each scanner's active calibration and the calibration that was active before."""
     active = active_calibration(ScannerRow.id).correlate(ScannerRow)
     before = active.where(ActivationRow.calibration_id != active.scalar_subquery())
     rows = session.execute(select(active.scalar_subquery(), before.scalar_subquery()).select_from(ScannerRow))

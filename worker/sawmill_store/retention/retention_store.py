@@ -1,4 +1,4 @@
-"""The rules of retention: kept as one row, tried before they hold, and put into force with a confirmed number."""
+"""Rules of retention: kept as one row, previewed, and put into force with a confirmed number of removals."""
 
 from collections.abc import Sequence
 from datetime import datetime, timedelta
@@ -34,31 +34,31 @@ from sawmill_store.tables import RetentionRow
 THE_ROW = 1
 RULES = "rules"
 SUBJECT = "retention"
-# So long nobody looked after the rules, or the clock has leapt: then days wait for a person.
+# After a gap of this length, in which no process ran or the clock leapt, rules by days wait for a person.
 LONGEST_GAP = timedelta(days=30)
-# The time that a person has to confirm the number of a preview: scans become too old every few seconds.
+# Time for a person to confirm the number of a preview: scans become too old every few seconds.
 CONFIRMED_WITHIN = timedelta(hours=1)
 _FIRST, _FIRST_IDS = 10, 3
 
 
 class RetentionStore:
-    """Every method is one transaction, `replace` two."""
+    """Store of the rules of retention: every method is one transaction; `replace` is two."""
 
     def __init__(self, database: Database) -> None:
         self._database = database
 
     def get(self) -> Retention:
-        """The rules in force, and what has gone by rules so far."""
+        """Return the rules in force, and the totals that rules have removed so far."""
         with self._database.read() as session:
             return read_retention(session.get(RetentionRow, THE_ROW), self._database.now())
 
     def preview(self, rules: RetentionRules) -> RetentionPreview:
-        """List what would go by rules within the time for a confirmation, and what they reach that would stay."""
+        """List what rules would remove within the time for a confirmation, and what would stay though it is reached."""
         with self._database.read() as session:
             return _preview(session, rules, self._database.now() + CONFIRMED_WITHIN)
 
     def growth(self, free_bytes: float) -> Growth:
-        """How fast files come, and when they fill a disk with so much room under the rules in force."""
+        """Compute the growth of files, and the time until the free bytes are used up under the rules in force."""
         with self._database.read() as session:
             rules = rules_of(session.get(RetentionRow, THE_ROW))
             return growth_of(fillings(session, rules, self._database.now()), free_bytes)
@@ -69,7 +69,7 @@ class RetentionStore:
         Raises
         ------
         Conflict
-            They would remove more.
+            The rules would remove more.
         """
         rules = RetentionRules(**{name: getattr(ask, name) for name in RetentionRules.model_fields})
         with self._database.read() as session:
@@ -93,18 +93,18 @@ class RetentionStore:
 
 
 def rules_of(row: RetentionRow | None) -> RetentionRules:
-    """Those of the row; none where there is none."""
+    """Read the rules of the row; without a row there are no rules."""
     return RetentionRules() if row is None else RetentionRules.model_validate(row.rules)
 
 
 def waits_since(row: RetentionRow, now: datetime) -> datetime | None:
-    """When days were counted last, where that is so long ago that a person must confirm the rules; None: it is not."""
+    """Return the time when days were last counted, if a person must confirm the rules after so long; otherwise None."""
     last = row.followed_at or row.changed_at
     return last if now - last > LONGEST_GAP else None
 
 
 def read_retention(row: RetentionRow | None, now: datetime) -> Retention:
-    """The rules and what went by them; none where there is no row."""
+    """Read the rules and their totals; without a row there are no rules."""
     removed = {} if row is None else row.removed
     return Retention(
         rules=rules_of(row),
@@ -187,7 +187,7 @@ def _of_events(session: Session, rules: RetentionRules, at: datetime) -> KindPre
 
 
 def _staying(session: Session, stay: Sequence[Protection], beyond: Select[Any]) -> list[Staying]:
-    """By reason: how many, and the oldest, of the ids of what the rules reach, the oldest first."""
+    """Count the rows that the rules reach and that stay, by reason, with the ids of the oldest rows."""
     found = []
     for because, condition in stay:
         kept = beyond.where(condition)

@@ -1,1 +1,1 @@
-"""The rows on which jobs work: the input of a job, its output, and the effects of its end."""
+"""Subjects of jobs: the input of a job, its output, and the effects of a job's end on the rows."""

@@ -1,4 +1,4 @@
-"""What a job works on, from the rows as they are now: the worker has the database, the attempt's process has none."""
+"""Input of a job, read from the rows: the worker has the database, and the process of the attempt has none."""
 
 from typing import Any
 
@@ -23,12 +23,12 @@ from sawmill_store.tables import PhantomRow, ScannerRow, ScanRow
 
 
 def handed_over(session: Session, files: FileStore, job: JobRow) -> HandedOver:
-    """What a job works on.
+    """Read the input of a job.
 
     Raises
     ------
     NotFound
-        What it refers to was deleted since it was asked for, as a plan's phantom, which a plan does not keep.
+        A referenced row was deleted since the request, such as a plan's phantom, whose deletion a plan does not block.
     """
     kept = files.kept_with(job.id)
     declared = declaration_of(job.kind)
@@ -44,7 +44,7 @@ def handed_over(session: Session, files: FileStore, job: JobRow) -> HandedOver:
 
 
 def _of_asked(session: Session, files: FileStore, declared: AskedKind[Any, Any], subject_id: str) -> dict[str, Any]:
-    """Fields of `HandedOver`, by the references that the row has."""
+    """Return the fields of `HandedOver` for the references that the row has."""
     asked = read_asked(declared, found_asked(session, declared, subject_id))
     fields: dict[str, Any] = {"asked_json": asked.model_dump_json()}
     if hasattr(asked, "scan_id"):

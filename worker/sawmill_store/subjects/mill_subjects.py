@@ -1,4 +1,4 @@
-"""What the job store asks of the mill: scans, phantoms and everything that is asked for of them."""
+"""Subjects of a mill's jobs for the job store: scans, phantoms and the requests that refer to them."""
 
 from datetime import datetime
 from pathlib import Path
@@ -28,7 +28,7 @@ class MillSubjects:
     def record_success(
         self, session: Session, kind: JobKind, subject_id: str, result: Json, now: datetime
     ) -> str | None:
-        """Write a checked result to the job's subject; return it in a sentence where a history tells of it."""
+        """Write a checked result to the job's subject; return a sentence about the result for the history, if any."""
         return effects.record_success(session, kind, subject_id, result, now)
 
     def record_end_without_result(
@@ -38,5 +38,5 @@ class MillSubjects:
         effects.record_end_without_result(session, kind, subject_id, reason, now)
 
     def check_output(self, kind: JobKind, given: AttemptInput, result: dict[str, Any], folder: Path) -> None:
-        """Refuse a folder with other files than a job of its kind leaves."""
+        """Refuse a folder with files that a job of this kind does not write."""
         outputs.check_output(kind, cast("HandedOver", given), result, folder)
