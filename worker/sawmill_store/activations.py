@@ -18,10 +18,10 @@ def active_since(session: Session, scanner_id: str) -> ActivationRow | None:
 
     Version 0.1.0 wrote repeated activations of one calibration as further rows; the first of these rows is returned.
     """
-    its, active = ActivationRow.scanner_id == scanner_id, active_calibration(scanner_id).scalar_subquery()
-    others = select(func.max(ActivationRow.number)).where(its, ActivationRow.calibration_id != active)
-    since = ActivationRow.number > func.coalesce(others.scalar_subquery(), 0)
-    return session.scalar(select(ActivationRow).where(its, since).order_by(ActivationRow.number).limit(1))
+    of_scanner, active = ActivationRow.scanner_id == scanner_id, active_calibration(scanner_id).scalar_subquery()
+    newest_other = select(func.max(ActivationRow.number)).where(of_scanner, ActivationRow.calibration_id != active)
+    since = ActivationRow.number > func.coalesce(newest_other.scalar_subquery(), 0)
+    return session.scalar(select(ActivationRow).where(of_scanner, since).order_by(ActivationRow.number).limit(1))
 
 
 def active_calibration_id(session: Session, scanner_id: str) -> str | None:

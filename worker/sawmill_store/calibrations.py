@@ -28,7 +28,7 @@ class Calibrations(Asked[CalibrationAsk, CalibrationUnfinished | CalibrationSucc
         calibration_id
             A calibration that has succeeded, whatever its verdict: the technician decides.
         reason
-            Who or what activates it, for the history.
+            Reason of the activation, for the history.
 
         Raises
         ------

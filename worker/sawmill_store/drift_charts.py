@@ -1,4 +1,4 @@
-"""Charts of scanners' drift checks: each check that counts goes into its chart once, in the order in which checks end.
+"""Charts of scanners' drift checks: each check that counts goes into its chart once, in the order of the ends.
 
 The science computes a chart (`use_cases/drift/chart.py`) by a function that the caller passes. A chart has the first
 drift checks since its activation, as many as its row says, and continues with the next checks. Checks that wait for
@@ -116,19 +116,19 @@ def known_baselines(session: Session, scanner_id: str, calibration_id: str) -> t
     active = active_since(session, scanner_id)
     if active is None or active.calibration_id != calibration_id:
         return ()
-    known = [chart.baseline for chart in _charts(session, active) if chart.baseline is not None]
-    return tuple(KnownBaseline.model_validate(each) for each in known)
+    baselines = [chart.baseline for chart in _charts(session, active) if chart.baseline is not None]
+    return tuple(KnownBaseline.model_validate(each) for each in baselines)
 
 
 def _charts(session: Session, active: ActivationRow) -> Sequence[DriftChartRow]:
-    its = DriftChartRow.scanner_id == active.scanner_id, DriftChartRow.activation_number == active.number
-    return session.scalars(select(DriftChartRow).where(*its).order_by(DriftChartRow.method)).all()
+    of_activation = DriftChartRow.scanner_id == active.scanner_id, DriftChartRow.activation_number == active.number
+    return session.scalars(select(DriftChartRow).where(*of_activation).order_by(DriftChartRow.method)).all()
 
 
 def _next_portion(session: Session, scanner_id: str) -> _Portion | None:
     """Read the next portion of the chart for which the oldest drift check waits; None where no check waits."""
-    its = MeasurementRow.scanner_id == scanner_id, MeasurementRow.awaits_chart.is_not(None)
-    oldest = session.scalars(select(MeasurementRow).where(*its).order_by(MeasurementRow.number).limit(1)).first()
+    waiting = MeasurementRow.scanner_id == scanner_id, MeasurementRow.awaits_chart.is_not(None)
+    oldest = session.scalars(select(MeasurementRow).where(*waiting).order_by(MeasurementRow.number).limit(1)).first()
     if oldest is None or oldest.method is None or oldest.activation_number is None:
         return None
     activation = session.get_one(ActivationRow, oldest.activation_number)

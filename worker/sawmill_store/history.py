@@ -98,9 +98,13 @@ class Histories:
 
     def activation_of(self, scanner_id: str, calibration_id: str) -> HistoryEntry | None:
         """Return the newest activation of a calibration; None where the calibration was never active."""
-        its = _entries(scanner_id, HistoryKind.ACTIVATION, None, None).where(EventRow.subject_id == calibration_id)
+        activations = _entries(scanner_id, HistoryKind.ACTIVATION, None, None).where(
+            EventRow.subject_id == calibration_id
+        )
         with self._database.read() as session:
-            row = session.execute(its.order_by(EventRow.at.desc(), EventRow.number.desc()).limit(1)).one_or_none()
+            row = session.execute(
+                activations.order_by(EventRow.at.desc(), EventRow.number.desc()).limit(1)
+            ).one_or_none()
             return None if row is None else _read(row)
 
     def _batches(self, statement: Select[Any]) -> Iterator[list[HistoryEntry]]:
@@ -156,13 +160,13 @@ def _entries(scanner_id: str, kind: HistoryKind | None, since: datetime | None, 
 
 def forget_history(session: Session, scanner_id: str) -> None:
     """Leave the history of a scanner that is deleted to the rules of retention; decisions stay in the audit."""
-    its = EventRow.group_id == scanner_id, EventRow.event_class == EventClass.WORK, text(IN_HISTORY)
-    session.execute(update(EventRow).where(*its).values(topic=None).execution_options(synchronize_session=False))
+    of_scanner = EventRow.group_id == scanner_id, EventRow.event_class == EventClass.WORK, text(IN_HISTORY)
+    session.execute(update(EventRow).where(*of_scanner).values(topic=None).execution_options(synchronize_session=False))
 
 
-def _read(found: Row[Any]) -> HistoryEntry:
-    stored = found._mapping.get(found.EventRow.subject) is not None  # noqa: SLF001 - public, as named tuples have it
-    return read_entry(found.EventRow, found.MeasurementRow, stored=stored)
+def _read(row: Row[Any]) -> HistoryEntry:
+    stored = row._mapping.get(row.EventRow.subject) is not None  # noqa: SLF001 - public, as named tuples have it
+    return read_entry(row.EventRow, row.MeasurementRow, stored=stored)
 
 
 def read_entry(event: EventRow, measured: MeasurementRow | None, *, stored: bool) -> HistoryEntry:

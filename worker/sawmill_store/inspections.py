@@ -50,7 +50,7 @@ class Inspections(Asked[InspectionAsk, Inspection]):
         Conflict
             The id is taken.
         QueueFull
-            As many jobs wait as may.
+            The allowed number of jobs is waiting already.
         """
         file = InspectionAsk(
             **options.model_dump(),
@@ -96,9 +96,9 @@ class Inspections(Asked[InspectionAsk, Inspection]):
             if not row.job.state.ended:
                 msg = f"job {row.job_id!r} still inspects the file of {identifier!r}; cancel it or wait for it"
                 raise Conflict("inspection-in-use", msg)
-            known = {"sha256": row.options["sha256"]}
+            details = {"sha256": row.options["sha256"]}
             now = self._database.now()
-            announce(session, now, mill_events.INSPECTION_DELETED, "inspection", identifier, decided=known)
+            announce(session, now, mill_events.INSPECTION_DELETED, "inspection", identifier, decided=details)
             session.delete(row)
         self._files.remove(self._files.results(job_kinds.INSPECT, identifier))
         self._files.remove_upload(job_kinds.INSPECT, identifier)

@@ -58,8 +58,8 @@ class Measurements:
         with self._database.read() as session:
             crowded = session.scalars(many).all()
             typical = (_typical(scanner_id, since, until) for scanner_id in crowded)
-            for which in (and_(recent, of_each.not_in(crowded)), *typical):
-                for row in session.execute(_MOVEMENTS.where(which)):
+            for condition in (and_(recent, of_each.not_in(crowded)), *typical):
+                for row in session.execute(_MOVEMENTS.where(condition)):
                     by_scanner.setdefault(row.scanner_id, []).append(Movement(*row))
         return by_scanner
 
@@ -69,11 +69,11 @@ class Measurements:
         Only some of more than `MOST_READ` measurements are returned: in each of `PARTS` equal parts of the time up to
         `until` the newest, the one whose rays moved farthest, and the newest calibration.
         """
-        its = and_(MeasurementRow.scanner_id == scanner_id, MeasurementRow.at >= since)
+        of_scanner = and_(MeasurementRow.scanner_id == scanner_id, MeasurementRow.at >= since)
         with self._database.read() as session:
-            total = session.scalar(select(func.count()).select_from(MeasurementRow).where(its)) or 0
-            which = its if total <= MOST_READ else _typical(scanner_id, since, until)
-            return [Movement(*row) for row in session.execute(_MOVEMENTS.where(which))], total
+            total = session.scalar(select(func.count()).select_from(MeasurementRow).where(of_scanner)) or 0
+            condition = of_scanner if total <= MOST_READ else _typical(scanner_id, since, until)
+            return [Movement(*row) for row in session.execute(_MOVEMENTS.where(condition))], total
 
 
 def _typical(scanner_id: str, since: datetime, until: datetime) -> ColumnElement[bool]:
@@ -90,17 +90,17 @@ def _typical(scanner_id: str, since: datetime, until: datetime) -> ColumnElement
 
     def first(*order: ColumnElement[Any], **of: MeasurementKind) -> Select[tuple[int]]:
         """Select the first measurement of each part; the newer one of equals."""
-        its = (
+        in_part = (
             MeasurementRow.scanner_id == scanner_id,
             MeasurementRow.at >= parts.c.since,
             MeasurementRow.at < parts.c.until,
         )
-        one = select(MeasurementRow.number).where(*its).filter_by(**of).order_by(*order, *later).limit(1)
-        return select(one.correlate(parts).scalar_subquery()).select_from(parts)
+        number = select(MeasurementRow.number).where(*in_part).filter_by(**of).order_by(*order, *later).limit(1)
+        return select(number.correlate(parts).scalar_subquery()).select_from(parts)
 
     farthest_first = func.coalesce(MeasurementRow.ray_change_mm, -1.0).desc()
-    found = first(), first(farthest_first), first(kind=MeasurementKind.CALIBRATION)
-    return or_(*(MeasurementRow.number.in_(each) for each in found))
+    numbers = first(), first(farthest_first), first(kind=MeasurementKind.CALIBRATION)
+    return or_(*(MeasurementRow.number.in_(each) for each in numbers))
 
 
 def record_measurement(session: Session, subject: Answered, now: datetime) -> str | None:

@@ -41,11 +41,11 @@ class Phantoms:
         with self._database.write() as session:
             lock_for_setup(session)
             for phantom_id, drawing in drawings.items():
-                known = session.get(PhantomRow, phantom_id)
-                if known is None:
+                row = session.get(PhantomRow, phantom_id)
+                if row is None:
                     session.add(self._drawn(phantom_id, drawing, built_in=True))
                 else:
-                    known.name, known.drawing = drawing.name, drawing.model_dump(mode="json")
+                    row.name, row.drawing = drawing.name, drawing.model_dump(mode="json")
 
     def create(self, drawing: PhantomDrawing, *, phantom_id: str | None = None) -> StoredPhantom:
         """Add a drawn phantom, which is ready at once.
@@ -99,8 +99,8 @@ class Phantoms:
         # A mill may have several bodies of a built-in drawing, of which one was measured.
         built_in = select(PhantomRow.id).where(PhantomRow.built_in)
         with self._database.read() as session:
-            stay = set(session.scalars(built_in))
-        return self.followers().keys() - stay
+            built_in_ids = set(session.scalars(built_in))
+        return self.followers().keys() - built_in_ids
 
     def accept_picture(
         self,
@@ -117,7 +117,7 @@ class Phantoms:
         Conflict
             The id is taken. The upload is discarded.
         QueueFull
-            As many jobs wait as may.
+            The allowed number of jobs is waiting already.
         """
         row = PhantomRow(
             id=phantom_id or new_id(),

@@ -77,11 +77,13 @@ class Scanners:
         """
         name_of, ids = self.names(), set[str]()
         for name in names:
-            named = {name} & name_of.keys() or {each for each in name_of if name_of[each] == name}
-            if not named:
-                known = ", ".join(map(repr, name_of.values())) or "none"
-                raise Invalid("scanner-not-found", f"there is no scanner of the id or name {name!r}; by name: {known}")
-            ids |= named
+            identifiers = {name} & name_of.keys() or {each for each in name_of if name_of[each] == name}
+            if not identifiers:
+                existing = ", ".join(map(repr, name_of.values())) or "none"
+                raise Invalid(
+                    "scanner-not-found", f"there is no scanner of the id or name {name!r}; by name: {existing}"
+                )
+            ids |= identifiers
         return ids
 
     def update(self, scanner_id: str, spec: ScannerSpec) -> StoredScanner:

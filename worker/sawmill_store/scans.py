@@ -58,7 +58,7 @@ class Scans:
         NotFound, Conflict
             There is no such scanner or phantom, or the id is taken.
         QueueFull
-            As many jobs wait as may.
+            The allowed number of jobs is waiting already.
         """
         row = ScanRow(
             id=scan_id or new_id(),
@@ -99,7 +99,7 @@ class Scans:
         NotFound
             There is no such scanner or phantom.
         QueueFull
-            As many jobs wait as may.
+            The allowed number of jobs is waiting already.
         StorageUnavailable
             The database does not answer, or could not take the scan.
         """
@@ -157,9 +157,9 @@ class Scans:
             if busy is not None:
                 msg = f"scan {scan_id!r} is needed by job {busy!r}, which has not ended; cancel it or wait for it"
                 raise Conflict("scan-in-use", msg)
-            known = {"scanner_id": row.scanner_id, "sha256": row.sha256}
+            details = {"scanner_id": row.scanner_id, "sha256": row.sha256}
             now = self._database.now()
-            announce(session, now, mill_events.SCAN_DELETED, "scan", scan_id, group_id=row.scanner_id, decided=known)
+            announce(session, now, mill_events.SCAN_DELETED, "scan", scan_id, group_id=row.scanner_id, decided=details)
             session.delete(row)
         self._files.remove(self._files.results(job_kinds.INGEST, scan_id))
         self._files.remove_upload(job_kinds.INGEST, scan_id)

@@ -37,9 +37,9 @@ Base.registry.update_type_annotation_map(
 StoredBytes = Annotated[int | None, mapped_column(BigInteger)]
 
 
-def _by_age(name: str, which: str | None = None) -> Index:
+def _by_age(name: str, condition: str | None = None) -> Index:
     """Return the index that finds the oldest rows, and sums up bytes without reading the rows."""
-    where = None if which is None else text(which)
+    where = None if condition is None else text(condition)
     return Index(name, "created_at", "id", "stored_bytes", sqlite_where=where, postgresql_where=where)
 
 

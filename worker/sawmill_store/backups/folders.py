@@ -29,8 +29,8 @@ def alone_in(into: Path) -> Iterator[None]:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
             raise Refused(f"another backup into {str(into)!r} is being written: wait for it") from error
-        for left in into.glob(f".sawmill-*{_PARTIAL}"):
-            shutil.rmtree(left)
+        for remains in into.glob(f".sawmill-*{_PARTIAL}"):
+            shutil.rmtree(remains)
         yield
 
 
@@ -73,8 +73,8 @@ def remove_older(into: Path, keep: int, taken: Path) -> list[Path]:
         Another backup is being written into the folder.
     """
     with alone_in(into):
-        others = [path for path in backups_in(into) if path.name != taken.name]
-        old = others[: max(len(others) + 1 - keep, 0)]
+        earlier = [path for path in backups_in(into) if path.name != taken.name]
+        old = earlier[: max(len(earlier) + 1 - keep, 0)]
         for path in old:
             path.rename(partial_of(path))
             shutil.rmtree(partial_of(path))

@@ -48,22 +48,22 @@ class Laying:
         """Write the files not yet in the backup; return whether a file has gone, and the paths of unreadable files."""
         new = [file for file in found if not _same(self._laid.get(file.path), file)]
         # A file with several names is copied once.
-        left = {
+        to_copy = {
             file.inode or file.path: file.size_bytes for file in new if not _same(self._earlier.get(file.path), file)
         }
-        check_room_for(self._into, sum(left.values()), "the backup")
-        self._end_bytes = self.copied_bytes + sum(left.values())
-        went, unreadable = False, list[str]()
+        check_room_for(self._into, sum(to_copy.values()), "the backup")
+        self._end_bytes = self.copied_bytes + sum(to_copy.values())
+        has_gone, unreadable = False, list[str]()
         for number, file in enumerate(new):
             self._stage = f"{number} of {len(new)} files"
             self._count(0)
             try:
                 self._laid[file.path] = self._lay(file)
             except _Gone:
-                went = True
+                has_gone = True
             except Damaged:
                 unreadable.append(file.path)
-        return went, unreadable
+        return has_gone, unreadable
 
     def only(self, found: list[Found]) -> list[Entry]:
         """Remove files that the last pass did not find; return the entries of the files found."""

@@ -174,15 +174,15 @@ def blocks_of(file: BinaryIO, most_bytes: int | None = None) -> Iterator[bytes]:
     Damaged
         The file cannot be read from its disk.
     """
-    left = most_bytes
+    remaining = most_bytes
     while True:
         try:
-            block = file.read(_BLOCK_BYTES if left is None else min(left, _BLOCK_BYTES))
+            block = file.read(_BLOCK_BYTES if remaining is None else min(remaining, _BLOCK_BYTES))
         except OSError as error:
             raise Damaged(f"{file.name} cannot be read: {error.strerror}") from error
         if not block:
             return
-        left = None if left is None else left - len(block)
+        remaining = None if remaining is None else remaining - len(block)
         yield block
 
 

@@ -59,13 +59,13 @@ def check_empty(settings: StorageSettings) -> bool:
         The database does not answer.
     """
     folder, file = settings.data_folder, settings.database_file
-    left = (folder / RESTORING).exists()
-    more = sorted({path.name for path in folder.iterdir()} - _NOTHING) if folder.is_dir() and not left else []
-    if more:
-        msg = f"{str(folder)!r} is not empty ({', '.join(more[:3])}): a backup is restored into an empty folder alone"
+    was_started = (folder / RESTORING).exists()
+    names = sorted({path.name for path in folder.iterdir()} - _NOTHING) if folder.is_dir() and not was_started else []
+    if names:
+        msg = f"{str(folder)!r} is not empty ({', '.join(names[:3])}): a backup is restored into an empty folder alone"
         raise Refused(msg)
     is_filled = _is_filled(settings)
-    if is_filled and not (left and _is_emptied(folder / RESTORING / DATA)):
+    if is_filled and not (was_started and _is_emptied(folder / RESTORING / DATA)):
         where = "the database of SAWMILL_DATABASE_URL" if file is None else repr(str(file))
         raise Refused(f"{where} is not empty: a backup is restored into an empty database alone")
     return is_filled

@@ -77,7 +77,7 @@ class Asked(Generic[Ask, Answer]):
         Invalid
             The scan has been read, and lacks requested rows or views.
         QueueFull
-            As many jobs wait as may.
+            The allowed number of jobs is waiting already.
         """
         with self._database.write() as session:
             row = self.queue(
@@ -107,9 +107,9 @@ class Asked(Generic[Ask, Answer]):
         declared = self._declared
         table, identifier = table_of(declared.kind), identifier or new_id()
         refuse_taken(session, table, declared.noun, identifier)
-        known, needs = looked_up(session, declared.references, ask.model_dump(mode="json") | dict(given))
+        fields, needs = looked_up(session, declared.references, ask.model_dump(mode="json") | dict(given))
         options = declared.options.model_validate(
-            {name: known[name] for name in declared.options.model_fields if name in known}
+            {name: fields[name] for name in declared.options.model_fields if name in fields}
         )
         job = queue_job(
             session,
@@ -117,7 +117,7 @@ class Asked(Generic[Ask, Answer]):
             identifier,
             now,
             short=declared.is_short(options),
-            group_id=known.get("scanner_id"),
+            group_id=fields.get("scanner_id"),
             needs=needs,
             job_id=job_id,
             priority=priority,
@@ -127,7 +127,7 @@ class Asked(Generic[Ask, Answer]):
             created_at=now,
             options=options.model_dump(mode="json"),
             job_id=job.id,
-            **{name: known[name] for name in table.own_columns() if name in known},
+            **{name: fields[name] for name in table.own_columns() if name in fields},
         )
         session.add(row)
         session.flush()
@@ -152,7 +152,7 @@ class Asked(Generic[Ask, Answer]):
     ) -> Page[Answer]:
         """Return a page, newest first, by state, span of time and ids of references such as `scan_id`; null: any."""
         table = table_of(self._declared.kind)
-        columns = {getattr(table, name): wanted for name, wanted in references.items()}
+        columns = {getattr(table, name): identifier for name, identifier in references.items()}
         statement = narrowed(_rows(self._declared, state), columns)
         statement = created_between(statement, table, created_from, created_before)
         with self._database.read() as session:
@@ -170,10 +170,10 @@ class Asked(Generic[Ask, Answer]):
 
 def _rows(declared: AskedKind[Any, Any], *states: JobState | None) -> Select[Any]:
     """Select the rows of a kind, in any state or in one of the given states; jobs are joined only where needed."""
-    table, wanted = table_of(declared.kind), [state for state in states if state is not None]
+    table, given_states = table_of(declared.kind), [state for state in states if state is not None]
     statement = select(table)
-    if wanted or declared.kind not in OWN_TABLES:
+    if given_states or declared.kind not in OWN_TABLES:
         statement = statement.join(table.job)
     if declared.kind not in OWN_TABLES:
         statement = statement.where(JobRow.kind == declared.kind)
-    return statement.where(JobRow.state.in_(wanted)) if wanted else statement
+    return statement.where(JobRow.state.in_(given_states)) if given_states else statement

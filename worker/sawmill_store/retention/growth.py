@@ -58,12 +58,12 @@ def growth_of(kinds: Iterable[Filling], free_bytes: float) -> Growth:
     """Compute the growth of all kinds together on one disk with this much free space."""
     growing = sorted((each for each in kinds if each.bytes_a_day > 0.0), key=_grows_for_days)
     total = sum(each.bytes_a_day for each in growing)
-    at_days, a_day, left = 0.0, total, max(0.0, free_bytes)
+    at_days, a_day, remaining_bytes = 0.0, total, max(0.0, free_bytes)
     for each in growing:
         until_days = _grows_for_days(each)
-        if left <= a_day * (until_days - at_days):
-            return Growth(total, at_days + left / a_day)
-        left -= a_day * (until_days - at_days)
+        if remaining_bytes <= a_day * (until_days - at_days):
+            return Growth(total, at_days + remaining_bytes / a_day)
+        remaining_bytes -= a_day * (until_days - at_days)
         at_days, a_day = until_days, a_day - each.bytes_a_day
     return Growth(total, None)
 

@@ -92,14 +92,14 @@ class Leftovers:
         OSError
             A file could not be removed; all other files of the round were.
         """
-        left, removed = NAMES_A_ROUND, list[Path]()
-        while left > 0 and self._now_s() >= self._rests_until_s:
+        remaining, removed = NAMES_A_ROUND, list[Path]()
+        while remaining > 0 and self._now_s() >= self._rests_until_s:
             batch = next(self._batches, None)
             if batch is None:
                 self._end_look()
                 break
             place, names = batch
-            left -= len(names)
+            remaining -= len(names)
             removed += self._remove(place, self._ripe(place, names))
         return removed
 
@@ -132,9 +132,9 @@ class Leftovers:
             return []
         aside, errors = dict[Path, Path | None](), list[OSError]()
         with self._database.write() as session:
-            mine = [name for name in names if lock_files_of(session, name, wait=False)]
-            known = place.known(session, mine)
-            for path in (place.folder / name for name in mine if name not in known):
+            locked = [name for name in names if lock_files_of(session, name, wait=False)]
+            named = place.known(session, locked)
+            for path in (place.folder / name for name in locked if name not in named):
                 with noted(errors):
                     aside[path] = self._files.set_aside(path)
         # The files are removed outside the transaction, because that may take long.

@@ -35,9 +35,9 @@ def measure_some(database: Database, files: FileStore) -> bool:
     more = False
     for table, kind in {stock.table: stock.job for stock in STOCKS.values() if stock.has_bytes}.items():
         ended = exists().where(JobRow.id == table.job_id, JobRow.state.in_(ENDED))
-        new = select(table.id).where(table.stored_bytes.is_(None), ended).limit(MEASURED_A_ROUND)
+        unmeasured = select(table.id).where(table.stored_bytes.is_(None), ended).limit(MEASURED_A_ROUND)
         with database.read() as session:
-            identifiers = session.scalars(new).all()
+            identifiers = session.scalars(unmeasured).all()
         if not identifiers:
             continue
         sizes = [{"which": each, "size": _bytes_of(places_of(files, kind, each))} for each in identifiers]

@@ -210,8 +210,8 @@ def _lock(session: Session, stock: Stock, identifiers: Sequence[str]) -> None:
     transaction. SQLite has one writer at a time: it needs no locks, and takes none.
     """
     table = stock.table
-    theirs = select(table.scanner_id).where(table.id.in_(identifiers))
-    scanners = select(ScannerRow.id).where(ScannerRow.id.in_(theirs)).order_by(ScannerRow.id)
+    scanner_ids = select(table.scanner_id).where(table.id.in_(identifiers))
+    scanners = select(ScannerRow.id).where(ScannerRow.id.in_(scanner_ids)).order_by(ScannerRow.id)
     session.execute(scanners.with_for_update(key_share=True))
     session.execute(select(table.id).where(table.id.in_(identifiers)).order_by(table.id).with_for_update())
 

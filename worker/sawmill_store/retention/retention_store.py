@@ -142,9 +142,9 @@ def _of_kind(session: Session, kind: RetentionKind, rules: RetentionRules, at: d
 
 def _of_stock(session: Session, stock: Stock, rules: RetentionRules, at: datetime) -> KindPreview:
     table, reach = stock.table, reach_of(session, stock, rules, at)
-    stay = protections(session, stock.kind)
-    beyond = reach.beyond(stock)
-    goes = and_(beyond, none_of(stay))
+    kept = protections(session, stock.kind)
+    reached = reach.beyond(stock)
+    goes = and_(reached, none_of(kept))
     sized = stock.all_bytes if stock.has_bytes else null()
     totals = stock.select(func.count(), sized, func.min(table.created_at), func.max(table.created_at), until=goes)
     number, size, oldest_at, newest_at = session.execute(totals).one()
@@ -160,14 +160,14 @@ def _of_stock(session: Session, stock: Stock, rules: RetentionRules, at: datetim
             Going(id=identifier, created_at=created_at, bytes=each, by=reach.rule_of(stock.kind, created_at))
             for identifier, created_at, each in first
         ],
-        stays=_staying(session, stay, stock.select(table.id, until=beyond).order_by(table.created_at, table.id)),
+        stays=_staying(session, kept, stock.select(table.id, until=reached).order_by(table.created_at, table.id)),
     )
 
 
 def _of_events(session: Session, rules: RetentionRules, at: datetime) -> KindPreview:
-    last, stay = last_old_event(session, rules, at), protections(session, RetentionKind.EVENTS)
-    beyond = and_(text(REMOVABLE), EventRow.number <= last)
-    goes = and_(beyond, none_of(stay))
+    last, kept = last_old_event(session, rules, at), protections(session, RetentionKind.EVENTS)
+    reached = and_(text(REMOVABLE), EventRow.number <= last)
+    goes = and_(reached, none_of(kept))
     number = session.scalar(select(func.count()).select_from(EventRow).where(goes)) or 0
     oldest = select(EventRow.number, EventRow.at).where(goes).order_by(EventRow.number).limit(_FIRST)
     first = [
@@ -182,18 +182,18 @@ def _of_events(session: Session, rules: RetentionRules, at: datetime) -> KindPre
         oldest_at=first[0].created_at if first else None,
         newest_at=newest_at,
         first=first,
-        stays=_staying(session, stay, select(EventRow.number).where(beyond).order_by(EventRow.number)),
+        stays=_staying(session, kept, select(EventRow.number).where(reached).order_by(EventRow.number)),
     )
 
 
-def _staying(session: Session, stay: Sequence[Protection], beyond: Select[Any]) -> list[Staying]:
+def _staying(session: Session, protections_of_kind: Sequence[Protection], reached: Select[Any]) -> list[Staying]:
     """Count the rows that the rules reach and that stay, by reason, with the ids of the oldest rows."""
-    found = []
-    for because, condition in stay:
-        kept = beyond.where(condition)
-        counted = kept.with_only_columns(func.count(), maintain_column_froms=True).order_by(None)
+    staying = []
+    for because, condition in protections_of_kind:
+        staying_rows = reached.where(condition)
+        counted = staying_rows.with_only_columns(func.count(), maintain_column_froms=True).order_by(None)
         number = session.scalar(counted) or 0
         if number:
-            first = session.scalars(kept.limit(_FIRST_IDS))
-            found.append(Staying(because=because, number=number, first_ids=[str(each) for each in first]))
-    return found
+            first = session.scalars(staying_rows.limit(_FIRST_IDS))
+            staying.append(Staying(because=because, number=number, first_ids=[str(each) for each in first]))
+    return staying

@@ -45,26 +45,26 @@ def handed_over(session: Session, files: FileStore, job: JobRow) -> HandedOver:
 
 def _of_asked(session: Session, files: FileStore, declared: AskedKind[Any, Any], subject_id: str) -> dict[str, Any]:
     """Return the fields of `HandedOver` for the references that the row has."""
-    asked = read_asked(declared, found_asked(session, declared, subject_id))
-    fields: dict[str, Any] = {"asked_json": asked.model_dump_json()}
-    if hasattr(asked, "scan_id"):
-        scan = found(session, ScanRow, "scan", asked.scan_id)
+    answer = read_asked(declared, found_asked(session, declared, subject_id))
+    fields: dict[str, Any] = {"asked_json": answer.model_dump_json()}
+    if hasattr(answer, "scan_id"):
+        scan = found(session, ScanRow, "scan", answer.scan_id)
         fields["scan"] = read_scan(scan)
         if scan.state is ScanState.READY:
             fields["file"] = files.results(job_kinds.INGEST, scan.id) / SCAN_FILE
-    if hasattr(asked, "phantom_id"):
-        fields["phantom"] = read_phantom(found(session, PhantomRow, "phantom", asked.phantom_id))
+    if hasattr(answer, "phantom_id"):
+        fields["phantom"] = read_phantom(found(session, PhantomRow, "phantom", answer.phantom_id))
     if declared.upload is not None:
         fields["file"] = files.upload(declared.kind, subject_id)
-    if not hasattr(asked, "scanner_id"):
+    if not hasattr(answer, "scanner_id"):
         return fields
-    scanner = read_scanner(session, found(session, ScannerRow, "scanner", asked.scanner_id))
+    scanner = read_scanner(session, found(session, ScannerRow, "scanner", answer.scanner_id))
     fields["scanner"] = scanner
-    if hasattr(asked, "calibration_id"):
-        fields["calibration"] = _calibration(session, asked.calibration_id)
+    if hasattr(answer, "calibration_id"):
+        fields["calibration"] = _calibration(session, answer.calibration_id)
         if declared.kind is job_kinds.DRIFT:
-            fields["baselines"] = known_baselines(session, asked.scanner_id, asked.calibration_id)
-    elif hasattr(asked, "scan_id"):
+            fields["baselines"] = known_baselines(session, answer.scanner_id, answer.calibration_id)
+    elif hasattr(answer, "scan_id"):
         fields["active"] = _calibration(session, scanner.active_calibration_id)
     return fields
 
