@@ -35,7 +35,7 @@ from sawmill_platform.settings import StorageSettings
 from sawmill_platform.uploads.upload_store import UploadQuota
 from sawmill_platform.workers.logs import configure_logs
 from sawmill_platform.workers.settings import ExecutionSettings
-from sawmill_store.asked import NOTHING, Asked
+from sawmill_store.requests.asked import NOTHING, Asked
 from sawmill_store.store import Store
 from sawmill_tomography.geometry.geometry import FanBeamGeometry, FloatArray, Scanner, Theta
 from sawmill_tomography.phantoms.built_in import L_SHAPE

@@ -110,7 +110,7 @@ def test_a_folder_that_goes_before_a_result_is_checked_costs_no_loss(store, runn
         raise InvalidOutput("the job left the files [], and scan.h5 is due")
 
     with monkeypatch.context() as patched:
-        patched.setattr("sawmill_store.outputs.check_output", check)
+        patched.setattr("sawmill_store.subjects.outputs.check_output", check)
         assert runner.run_next() is JobState.QUEUED
     waiting = store.jobs.get(job.id)
     assert (waiting.waiting_for.code, waiting.losses) == ("storage-unavailable", 0)

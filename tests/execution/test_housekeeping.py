@@ -24,7 +24,7 @@ from sawmill_platform.jobs.job_store import Pulse
 from sawmill_platform.webhooks.outbox import Attempt
 from sawmill_platform.webhooks.webhook_store import KEPT
 from sawmill_platform.workers.logs import configure_logs
-from sawmill_store import retention_runner as retiring
+from sawmill_store.retention import retention_runner as retiring
 from sawmill_store.tables import ActivationRow, MeasurementRow, ScannerRow
 from sawmill_worker.housekeeping import MillHousekeeping
 

@@ -11,7 +11,7 @@ from sawmill_contracts import job_kinds
 from sawmill_contracts.reconstructions import ReconstructionAsk
 from sawmill_formats.output.volume_writer import new_reconstruction
 from sawmill_platform.errors import InvalidOutput
-from sawmill_store.outputs import check_output
+from sawmill_store.subjects.outputs import check_output
 
 SHAPE = (1, 16, 16)
 VOLUME = "entry/reconstruction/data"

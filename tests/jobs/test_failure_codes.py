@@ -38,7 +38,7 @@ def test_the_list_has_the_codes_of_the_sources():
     paths = [path for room in ROOMS for path in (WORKER / room).rglob("*.py")]
     found = {code for path in paths for code in codes_in(path)}
     assert len(found) > 50  # else the search finds nothing
-    # What a job works on may have been deleted before it is handed over (`sawmill_store/handing_over.py`).
+    # What a job works on may have been deleted before it is handed over (`sawmill_store/subjects/handing_over.py`).
     gone = {NotFound(kind, "").code for kind in Reference if kind is not Reference.THETA}
     raised = found | {StorageFull.code, StorageUnavailable.code} | gone
     assert not raised - CODES, "add these to sawmill_contracts/failure_codes.py"

@@ -5,7 +5,7 @@ import pytest
 from sawmill_contracts import job_kinds
 from sawmill_contracts.inspections import FILE_KEPT, InspectionOptions
 from sawmill_contracts.scans import ScanSpec
-from sawmill_store.leftovers import Leftovers
+from sawmill_store.retention.leftovers import Leftovers
 from sawmill_vocabulary import DataKind
 
 GRACE_S = 3600.0

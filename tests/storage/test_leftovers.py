@@ -17,7 +17,7 @@ from sawmill_contracts.scans import ScanState
 from sawmill_platform.contracts.jobs import Failure, FailureKind, JobKind, JobState
 from sawmill_platform.errors import StorageFull, StorageUnavailable
 from sawmill_platform.jobs.job_store import Claim
-from sawmill_store.leftovers import NAMES_A_ROUND, Leftovers
+from sawmill_store.retention.leftovers import NAMES_A_ROUND, Leftovers
 from sawmill_store.store import Store
 
 GRACE_S = 3600.0

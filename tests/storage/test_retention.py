@@ -21,11 +21,11 @@ from sawmill_mill.retention import STAYS
 from sawmill_platform.contracts.jobs import JobState
 from sawmill_platform.database.tables import JobRow
 from sawmill_platform.errors import Conflict, NotFound
-from sawmill_store import protected, retention
-from sawmill_store import retention_runner as retiring
-from sawmill_store.growth import Filling, growth_of
-from sawmill_store.leftovers import Leftovers
-from sawmill_store.retention_runner import RetentionKeeper
+from sawmill_store.retention import protected, retention_store
+from sawmill_store.retention import retention_runner as retiring
+from sawmill_store.retention.growth import Filling, growth_of
+from sawmill_store.retention.leftovers import Leftovers
+from sawmill_store.retention.retention_runner import RetentionKeeper
 from sawmill_store.store import Store
 from sawmill_store.tables import ReconstructionRow, ScanRow
 
@@ -189,7 +189,7 @@ def test_each_protection_keeps_what_it_is_for_and_nothing_else_does(mill, full_m
         assert stays[because] == identifiers, (because, kind)
         kept.setdefault(kind, set()).update(identifiers)
         with monkeypatch.context() as taken_away:
-            taken_away.setattr(retention, "protections", without(because))
+            taken_away.setattr(retention_store, "protections", without(because))
             going = {each.id for each in shown(kind).first}
         others = {name for (other, of), names in full_mill.items() if of is kind and other != because for name in names}
         assert going >= identifiers - others, (because, kind)

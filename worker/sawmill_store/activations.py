@@ -1,4 +1,4 @@
-"""Which calibration a scanner uses, and since when."""
+"""Activations: the calibrations that a scanner has used, and the active one."""
 
 from datetime import datetime
 
@@ -14,26 +14,29 @@ ScannerId = str | InstrumentedAttribute[str]
 
 
 def active_since(session: Session, scanner_id: str) -> ActivationRow | None:
-    """The activation since which a scanner has its active calibration; 0.1.0 noted repeats of it as further ones."""
-    its, active = ActivationRow.scanner_id == scanner_id, active_calibration(scanner_id).scalar_subquery()
-    others = select(func.max(ActivationRow.number)).where(its, ActivationRow.calibration_id != active)
-    since = ActivationRow.number > func.coalesce(others.scalar_subquery(), 0)
-    return session.scalar(select(ActivationRow).where(its, since).order_by(ActivationRow.number).limit(1))
+    """Return the activation since which a scanner has its active calibration.
+
+    Version 0.1.0 wrote repeated activations of one calibration as further rows; the first of these rows is returned.
+    """
+    of_scanner, active = ActivationRow.scanner_id == scanner_id, active_calibration(scanner_id).scalar_subquery()
+    newest_other = select(func.max(ActivationRow.number)).where(of_scanner, ActivationRow.calibration_id != active)
+    since = ActivationRow.number > func.coalesce(newest_other.scalar_subquery(), 0)
+    return session.scalar(select(ActivationRow).where(of_scanner, since).order_by(ActivationRow.number).limit(1))
 
 
 def active_calibration_id(session: Session, scanner_id: str) -> str | None:
-    """The newest activation's calibration."""
+    """Read the id of a scanner's active calibration; None where no calibration was activated."""
     return session.scalar(active_calibration(scanner_id))
 
 
 def active_calibration(scanner_id: ScannerId) -> Select[str]:
-    """The same, as a statement or a part of one."""
+    """Select the id of a scanner's active calibration: the calibration of the newest activation."""
     activated = select(ActivationRow.calibration_id).where(ActivationRow.scanner_id == scanner_id)
     return activated.order_by(ActivationRow.number.desc()).limit(1)
 
 
 def activate(session: Session, scanner_id: str, calibration_id: str, reason: str, now: datetime) -> None:
-    """Add to the scanner's history, and to the audit; nothing where the calibration is the active one already."""
+    """Make a calibration the active one, with an entry in history and audit; do nothing where it is active already."""
     if calibration_id == active_calibration_id(session, scanner_id):
         return
     history = select(ActivationRow.calibration_id).where(ActivationRow.scanner_id == scanner_id)

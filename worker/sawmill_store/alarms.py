@@ -31,7 +31,7 @@ _CHART_ALARMS = TypeAdapter(tuple[ChartAlarm, ...])
 
 
 class Alarms:
-    """Every method is one transaction, `check` one for each scanner whose alarms change."""
+    """Store of alarms: every method is one transaction; `check` is one for each scanner whose alarms change."""
 
     def __init__(self, database: Database) -> None:
         self._database = database
@@ -42,7 +42,7 @@ class Alarms:
             return _opened(session, scanner_id)
 
     def check(self) -> list[AlarmChange]:
-        """Open what is missing by now and close what has come: once each, however many processes look.
+        """Open the alarms that are due and close the alarms that have ended, once each, however many processes check.
 
         A scanner whose limits or whose phantom's measurements cannot be read is logged and left as it is.
         """
@@ -52,7 +52,7 @@ class Alarms:
 
     def _bring_up_to_date(self, scanner_id: str) -> list[AlarmChange]:
         with self._database.write() as session:
-            # Of several processes, the second one finds what the first has written.
+            # The lock makes a second process wait, which then finds the alarms that the first has written.
             session.execute(select(ScannerRow.id).where(ScannerRow.id == scanner_id).with_for_update())
             now = self._database.now()
             changes = list(_changes(session, now, scanner_id))
@@ -117,7 +117,7 @@ def read_alarm(row: AlarmRow) -> Alarm:
 
 
 def _of_scanners(scanner_id: str | None) -> Select[Any]:
-    """Select the facts of scanners; events and jobs tell of scans that are deleted."""
+    """Select the facts of scanners; events and jobs keep the times of deleted scans."""
     statement = (
         select(
             ScannerRow.id.label("scanner_id"),
@@ -168,14 +168,14 @@ def _newest(column: InstrumentedAttribute[Any], *conditions: ColumnElement[bool]
 
 
 def _newest_accepted() -> ScalarSelect[Any]:
-    """Select when the newest scan came, whether it is still stored or not: events outlast scans."""
+    """Select the time of the newest scan, whether it is still stored or not: events outlast scans."""
     came = EventRow.group_id == ScannerRow.id, EventRow.what == event_kinds.QUEUED, EventRow.subject == "scan"
     mine = select(EventRow.at).where(*came).order_by(EventRow.number.desc())
     return mine.limit(1).correlate(ScannerRow).scalar_subquery()
 
 
 def _newest_calibrated() -> ScalarSelect[Any]:
-    """Select when the newest calibrated scan came: the calibration and the job that read the scan outlast it."""
+    """Select the time of the newest calibrated scan: its calibration and the job that read the scan outlast it."""
     read = select(func.max(JobRow.created_at)).join(CalibrationRow, CalibrationRow.scan_id == JobRow.subject_id)
     mine = read.where(CalibrationRow.scanner_id == ScannerRow.id, JobRow.kind == job_kinds.INGEST)
     return mine.correlate(ScannerRow).scalar_subquery()

@@ -1,4 +1,4 @@
-"""Calibrations: asked for and answered as every kind is, and made a scanner's active one."""
+"""Calibrations: requests and results as of every kind, and the activation of a calibration."""
 
 from sawmill_contracts import calibrations
 from sawmill_contracts.calibrations import CalibrationAsk, CalibrationSucceeded, CalibrationUnfinished
@@ -9,13 +9,13 @@ from sawmill_platform.errors import Conflict
 from sawmill_platform.files.file_store import FileStore
 from sawmill_platform.jobs.queue_limits import Places
 from sawmill_store.activations import activate
-from sawmill_store.asked import Asked
+from sawmill_store.requests.asked import Asked
 from sawmill_store.scanners import read_scanner
 from sawmill_store.tables import CalibrationRow, ScannerRow
 
 
 class Calibrations(Asked[CalibrationAsk, CalibrationUnfinished | CalibrationSucceeded]):
-    """Every method is one transaction."""
+    """Store of calibrations: every method is one transaction."""
 
     def __init__(self, database: Database, files: FileStore, places: Places) -> None:
         super().__init__(database, files, places, calibrations.DECLARATION)
@@ -26,14 +26,14 @@ class Calibrations(Asked[CalibrationAsk, CalibrationUnfinished | CalibrationSucc
         Parameters
         ----------
         calibration_id
-            One that has succeeded, whatever its verdict: the technician decides.
+            A calibration that has succeeded, whatever its verdict: the technician decides.
         reason
-            Who or what activates it, for the history.
+            Reason of the activation, for the history.
 
         Raises
         ------
         NotFound, Conflict
-            There is none, or it has no result.
+            There is no such calibration, or the calibration has no result.
         """
         with self._database.write() as session:
             row = found(session, CalibrationRow, "calibration", calibration_id)

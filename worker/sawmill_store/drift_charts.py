@@ -1,8 +1,8 @@
-"""Charts of scanners' drift checks: each check that counts goes into its chart once, in the order of their ends.
+"""Charts of scanners' drift checks: each check that counts goes into its chart once, in the order of the ends.
 
-What a chart is, only the science knows (`use_cases/drift/chart.py`): it is handed in. A chart has the first looks
-of its activation, as many as its row says, and goes on with the next ones. Checks that wait for it are marked in their
-own rows. The computing is done between two transactions: nobody waits for it.
+The science computes a chart (`use_cases/drift/chart.py`) by a function that the caller passes. A chart has the first
+drift checks since its activation, as many as its row says, and continues with the next checks. Checks that wait for
+their chart are marked in their own rows. The chart is computed between two transactions: nobody waits for that.
 """
 
 import math
@@ -31,27 +31,27 @@ from sawmill_store.activations import active_since
 from sawmill_store.drift_looks import lock_scanner
 from sawmill_store.tables import ActivationRow, DriftChartRow, MeasurementRow, ScannerRow
 
-# Looks at a time: less than 0.1 s of computing, and a hundredth of a second with the write lock.
+# Drift checks in one transaction: less than 0.1 s of computing, and a hundredth of a second with the write lock.
 PORTION = 100
 _DAY_S = 86_400.0
 
 
 @dataclass(frozen=True)
 class _Portion:
-    """The next looks of a chart.
+    """The next drift checks of a chart.
 
     Attributes
     ----------
     chart : (activation's number, number of looks) or None
-        What there was of the chart when they were read.
+        The chart as it was when the drift checks were read; None: there was no chart.
     state, charted
-        Of the chart, and how many looks are in it; empty: it has to be begun.
+        State of the chart, and the number of drift checks in the chart; empty: the chart has to be started.
     before, looks
-        The newest looks that it has, and the next ones, oldest first; none where the chart is of a later activation.
+        Newest checks in the chart, and the next checks, oldest first; none where the chart is of a later activation.
     numbers
-        Of the measurements that these are.
+        Numbers of the measurements in `looks`.
     is_awaited
-        Whether the newest of them waits. Else the chart is being begun anew.
+        True if the newest of the checks waits; False while the chart is computed again from its start.
     """
 
     scanner_id: str
@@ -67,26 +67,26 @@ class _Portion:
 
 
 class DriftCharts:
-    """Every method is one transaction; `follow` is one to read and one to write."""
+    """Store of drift charts: every method is one transaction; `follow` is one to read and one to write."""
 
     def __init__(self, database: Database) -> None:
         self._database = database
 
     def waiting(self) -> list[str]:
-        """The scanners of which checks wait for their chart."""
+        """Return the ids of the scanners that have drift checks waiting for a chart."""
         with self._database.read() as session:
             waiting = select(MeasurementRow.scanner_id).where(MeasurementRow.awaits_chart.is_not(None)).distinct()
             return sorted(session.scalars(waiting))
 
     def follow(self, scanner_id: str, follow: Follow) -> bool:
-        """Put the next looks of a scanner into their chart, once each however many processes do so.
+        """Put the next drift checks of a scanner into their chart, once each however many processes do so.
 
-        A chart that `follow` cannot read is begun anew, with its first looks next time.
+        A chart that `follow` cannot read is started again, from its first drift checks, at the next call.
 
         Returns
         -------
         bool
-            Whether there was any.
+            True if there was a drift check to put in.
         """
         with self._database.read() as session:
             portion = _next_portion(session, scanner_id)
@@ -96,13 +96,13 @@ class DriftCharts:
         with self._database.write() as session:
             lock_scanner(session, scanner_id)
             chart = session.get(DriftChartRow, (scanner_id, portion.method))
-            # Else another process has put them in meanwhile.
+            # Otherwise another process has put these checks in since they were read.
             if _place(chart) == portion.chart:
                 _write_portion(session, chart, portion, followed)
         return True
 
     def of_scanner(self, scanner_id: str) -> ScannerDrift:
-        """Its charts since the active calibration, or `NotFound`."""
+        """Return the charts of a scanner since its active calibration, or raise `NotFound`."""
         with self._database.read() as session:
             found(session, ScannerRow, "scanner", scanner_id)
             active = active_since(session, scanner_id)
@@ -112,23 +112,23 @@ class DriftCharts:
 
 
 def known_baselines(session: Session, scanner_id: str, calibration_id: str) -> tuple[KnownBaseline, ...]:
-    """Of a scanner's charts since it has this calibration, one for each method; none where another one is active."""
+    """Return the baselines of a scanner's charts, one for each method; none where another calibration is active."""
     active = active_since(session, scanner_id)
     if active is None or active.calibration_id != calibration_id:
         return ()
-    known = [chart.baseline for chart in _charts(session, active) if chart.baseline is not None]
-    return tuple(KnownBaseline.model_validate(each) for each in known)
+    baselines = [chart.baseline for chart in _charts(session, active) if chart.baseline is not None]
+    return tuple(KnownBaseline.model_validate(each) for each in baselines)
 
 
 def _charts(session: Session, active: ActivationRow) -> Sequence[DriftChartRow]:
-    its = DriftChartRow.scanner_id == active.scanner_id, DriftChartRow.activation_number == active.number
-    return session.scalars(select(DriftChartRow).where(*its).order_by(DriftChartRow.method)).all()
+    of_activation = DriftChartRow.scanner_id == active.scanner_id, DriftChartRow.activation_number == active.number
+    return session.scalars(select(DriftChartRow).where(*of_activation).order_by(DriftChartRow.method)).all()
 
 
 def _next_portion(session: Session, scanner_id: str) -> _Portion | None:
-    """Of the chart that the oldest look waits for; None: none waits."""
-    its = MeasurementRow.scanner_id == scanner_id, MeasurementRow.awaits_chart.is_not(None)
-    oldest = session.scalars(select(MeasurementRow).where(*its).order_by(MeasurementRow.number).limit(1)).first()
+    """Read the next portion of the chart for which the oldest drift check waits; None where no check waits."""
+    waiting = MeasurementRow.scanner_id == scanner_id, MeasurementRow.awaits_chart.is_not(None)
+    oldest = session.scalars(select(MeasurementRow).where(*waiting).order_by(MeasurementRow.number).limit(1)).first()
     if oldest is None or oldest.method is None or oldest.activation_number is None:
         return None
     activation = session.get_one(ActivationRow, oldest.activation_number)
@@ -139,7 +139,7 @@ def _next_portion(session: Session, scanner_id: str) -> _Portion | None:
     before = min(charted, POOLED_LOOKS)
     if chart is None or chart.activation_number <= activation.number:
         looks = _looks(activation.number, oldest.method).order_by(MeasurementRow.number)
-        # By an index alone: a hundred thousand are passed over in some milliseconds.
+        # The index alone is read: a hundred thousand rows are skipped in some milliseconds.
         numbers = looks.with_only_columns(MeasurementRow.number).offset(charted - before).limit(before + PORTION)
         rows = list(session.scalars(looks.where(MeasurementRow.number.in_(numbers))))
     counted = [_counted(row, activation.activated_at) for row in rows]
@@ -162,7 +162,7 @@ def _place(chart: DriftChartRow | None) -> tuple[int, int] | None:
 
 
 def _looks(activation_number: int, method: str) -> Select[MeasurementRow]:
-    """Since an activation by a method."""
+    """Select the drift checks by one method since an activation."""
     of_chart = MeasurementRow.activation_number == activation_number, MeasurementRow.method == method
     return select(MeasurementRow).where(*of_chart)
 
@@ -172,7 +172,7 @@ def _write_portion(session: Session, chart: DriftChartRow | None, portion: _Port
         late = MeasurementRow.activation_number == portion.activation_number, MeasurementRow.method == portion.method
         session.execute(update(MeasurementRow).where(*late).values(awaits_chart=None))
     elif followed is None:
-        # PostgreSQL reads each statement's own moment: a portion without checks may be one that was put in meanwhile.
+        # In PostgreSQL each statement sees its own moment: a portion without checks may already be in the chart.
         if chart is not None and (portion.looks or _is_waiting(session, portion)):
             chart.state, chart.looks = {}, 0
     else:
@@ -190,13 +190,13 @@ def _write_portion(session: Session, chart: DriftChartRow | None, portion: _Port
 
 
 def _is_waiting(session: Session, portion: _Portion) -> bool:
-    """Tell whether a drift check still waits for the chart of a portion."""
+    """Return whether a drift check still waits for the chart of a portion."""
     waiting = _looks(portion.activation_number, portion.method).where(MeasurementRow.awaits_chart.is_not(None))
     return session.scalar(select(waiting.exists())) is True
 
 
 def _write(chart: DriftChartRow, followed: Followed, portion: _Portion) -> None:
-    """While a chart is begun anew it goes on to report what it found."""
+    """Write the next state of a chart; a chart that is computed again keeps its finding until waiting checks follow."""
     chart.state = followed.state
     chart.looks = portion.charted + len(portion.looks)
     chart.changed_at = portion.looks[-1].at
@@ -210,7 +210,7 @@ def _write(chart: DriftChartRow, followed: Followed, portion: _Portion) -> None:
 
 
 def _pooled(number: int, pool: Pool) -> dict[str, Any]:
-    """Of one measurement, which waits no longer."""
+    """Return the columns of a measurement that is in its chart, and so waits no longer."""
     return {
         "number": number,
         "awaits_chart": None,
@@ -223,7 +223,7 @@ def _pooled(number: int, pool: Pool) -> dict[str, Any]:
 
 
 def _counted(row: MeasurementRow, since: datetime) -> CountedLook:
-    """Of a drift check that counts: all of these are known of it."""
+    """Read a drift check that counts; all columns of `CountedLook` are known for such a check."""
     column, tilt = row.cor_column_standard_deviation_mm or 0.0, math.radians(row.tilt_standard_deviation_deg or 0.0)
     cross = math.radians(row.cor_column_tilt_covariance_mm_deg or 0.0)
     return CountedLook(
@@ -243,7 +243,7 @@ def _newest_look(session: Session, chart: DriftChartRow) -> MeasurementRow:
 
 
 def read_chart(session: Session, chart: DriftChartRow) -> PooledDrift:
-    """What a chart has found since its activation."""
+    """Read the finding of a chart since its activation."""
     activation, newest = session.get_one(ActivationRow, chart.activation_number), _newest_look(session, chart)
     pooled = {name: getattr(newest, name) for name in PooledDrift.model_fields if name.startswith("pooled_")}
     zero = None if chart.baseline is None else KnownBaseline.model_validate(chart.baseline)

@@ -1,4 +1,4 @@
-"""The facts by which a drift check counts for its scanner's chart (`sawmill_mill.drift_checks`)."""
+"""Facts that decide whether a drift check counts for its scanner's chart (`sawmill_mill.drift_checks`)."""
 
 from sqlalchemy import exists, select
 from sqlalchemy.orm import Session
@@ -12,8 +12,7 @@ from sawmill_store.tables import CalibrationRow, DriftRow, MeasurementRow, Scann
 def counts_since(session: Session, check: DriftRow, result: DriftResult) -> int | None:
     """Return the number of the activation since which a drift check counts; None where it does not count.
 
-    The scanner's row is locked, so that of several checks that end at once each has its number, in the order in which
-    they are committed.
+    The scanner's row is locked, so that checks that end at once get their numbers in the order of their commits.
     """
     lock_scanner(session, check.scanner_id)
     active = active_since(session, check.scanner_id)

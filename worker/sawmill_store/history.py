@@ -21,7 +21,7 @@ from sawmill_store.measurements import read_measurement
 from sawmill_store.tables import CalibrationRow, DriftRow, MeasurementRow, ScannerRow, ScanRow, ScheduleRow
 
 _BATCH = 500
-# Where what an entry is about is stored, and listed below /v1/.
+# The table of each subject of an entry, and its path below /v1/.
 SUBJECTS: dict[str, tuple[type[Resource], str]] = {
     "calibration": (CalibrationRow, "calibrations"),
     "drift": (DriftRow, "drifts"),
@@ -33,7 +33,7 @@ _Place = tuple[datetime, int]
 
 
 class Histories:
-    """Every method is one transaction."""
+    """Store of scanners' histories: every method is one transaction."""
 
     def __init__(self, database: Database) -> None:
         self._database = database
@@ -48,16 +48,16 @@ class Histories:
         after: str | None = None,
         limit: int = 50,
     ) -> Page[HistoryEntry]:
-        """One scanner's, newest first.
+        """Return a page of a scanner's history, newest first.
 
         Parameters
         ----------
         kind
-            Entries of this kind; null: all.
+            Kind of the entries; null: all kinds.
         since, until
-            Not before the one, and before the other; null: no bound.
+            Span of time, `until` excluded; null: no bound.
         after, limit
-            The cursor that an earlier page gave, and how many.
+            Cursor that an earlier page gave, and the largest number of entries.
 
         Raises
         ------
@@ -83,13 +83,13 @@ class Histories:
         since: datetime | None = None,
         until: datetime | None = None,
     ) -> Iterator[list[HistoryEntry]]:
-        """One scanner's, the oldest first, some hundreds at a time and a transaction for each; or `NotFound`."""
+        """Read a scanner's history, oldest first, some hundred entries in each transaction; or raise `NotFound`."""
         with self._database.read() as session:
             found(session, ScannerRow, "scanner", scanner_id)
         return self._batches(_entries(scanner_id, kind, since, until))
 
     def marks(self, scanner_id: str, since: datetime) -> list[HistoryMark]:
-        """Return activations and alarms since a time, the oldest first: what a chart of measurements marks."""
+        """Return the activations and alarms since a time, oldest first: the marks in a chart of measurements."""
         topics = (HistoryKind.ACTIVATION, HistoryKind.ALARM)
         statement = _events(scanner_id).where(EventRow.at >= since, EventRow.topic.in_(topics))
         with self._database.read() as session:
@@ -97,10 +97,14 @@ class Histories:
             return [_mark(row) for row in rows]
 
     def activation_of(self, scanner_id: str, calibration_id: str) -> HistoryEntry | None:
-        """The newest activation of a calibration; None: it was never the active one."""
-        its = _entries(scanner_id, HistoryKind.ACTIVATION, None, None).where(EventRow.subject_id == calibration_id)
+        """Return the newest activation of a calibration; None where the calibration was never active."""
+        activations = _entries(scanner_id, HistoryKind.ACTIVATION, None, None).where(
+            EventRow.subject_id == calibration_id
+        )
         with self._database.read() as session:
-            row = session.execute(its.order_by(EventRow.at.desc(), EventRow.number.desc()).limit(1)).one_or_none()
+            row = session.execute(
+                activations.order_by(EventRow.at.desc(), EventRow.number.desc()).limit(1)
+            ).one_or_none()
             return None if row is None else _read(row)
 
     def _batches(self, statement: Select[Any]) -> Iterator[list[HistoryEntry]]:
@@ -115,7 +119,7 @@ class Histories:
             return [_read(row) for row in session.execute(following)]
 
 
-# Rows compare as wholes, so that an index by time finds where a page begins.
+# Both columns are compared as one row value, so that an index by time finds the start of a page.
 _PLACE = tuple_(EventRow.at, EventRow.number)
 
 
@@ -127,7 +131,7 @@ def _place(cursor: str) -> _Place:
 
 
 def _events(scanner_id: str) -> Select[EventRow]:
-    """Select the events of a scanner's history, from the time on when one of its id was deleted last."""
+    """Select the events of a scanner's history since a scanner with the same id was last deleted."""
     deleted = select(func.max(EventRow.number)).where(
         EventRow.group_id == scanner_id, EventRow.what == mill_events.SCANNER_DELETED
     )
@@ -136,7 +140,7 @@ def _events(scanner_id: str) -> Select[EventRow]:
 
 
 def _entries(scanner_id: str, kind: HistoryKind | None, since: datetime | None, until: datetime | None) -> Select[Any]:
-    """Select the events with what they measured, and with the ids of what they are about where that is stored still."""
+    """Select the events with their measurements, and with the ids of their subjects where these are still stored."""
     columns: list[Any] = [MeasurementRow, *(row.id.label(noun) for noun, (row, _) in SUBJECTS.items())]
     measured = and_(
         EventRow.what == event_kinds.SUCCEEDED,
@@ -156,17 +160,17 @@ def _entries(scanner_id: str, kind: HistoryKind | None, since: datetime | None, 
 
 def forget_history(session: Session, scanner_id: str) -> None:
     """Leave the history of a scanner that is deleted to the rules of retention; decisions stay in the audit."""
-    its = EventRow.group_id == scanner_id, EventRow.event_class == EventClass.WORK, text(IN_HISTORY)
-    session.execute(update(EventRow).where(*its).values(topic=None).execution_options(synchronize_session=False))
+    of_scanner = EventRow.group_id == scanner_id, EventRow.event_class == EventClass.WORK, text(IN_HISTORY)
+    session.execute(update(EventRow).where(*of_scanner).values(topic=None).execution_options(synchronize_session=False))
 
 
-def _read(found: Row[Any]) -> HistoryEntry:
-    stored = found._mapping.get(found.EventRow.subject) is not None  # noqa: SLF001 - public, as named tuples have it
-    return read_entry(found.EventRow, found.MeasurementRow, stored=stored)
+def _read(row: Row[Any]) -> HistoryEntry:
+    stored = row._mapping.get(row.EventRow.subject) is not None  # noqa: SLF001 - public, as named tuples have it
+    return read_entry(row.EventRow, row.MeasurementRow, stored=stored)
 
 
 def read_entry(event: EventRow, measured: MeasurementRow | None, *, stored: bool) -> HistoryEntry:
-    """Return the entry of an event, with what it measured, and with a link where its subject is stored still."""
+    """Return the entry of an event, with its measurement, and with a link where its subject is still stored."""
     names = HistoryEntry.model_fields.keys() - {"kind", "alarm", "link", "measured"}
     subject = event.subject or ""
     return HistoryEntry(
@@ -187,7 +191,7 @@ def _alarm(event: EventRow) -> AlarmKind | None:
 
 
 def changes_in_words(difference: Mapping[str, Any]) -> str:
-    """What was changed, by [before, after] of each name, as the audit has it: `name: "Line 3", was "Line 2"`."""
+    """Describe changes, given as [before, after] by name, like the audit: `name: "Line 3", was "Line 2"`."""
     words = [f"{name}: {json.dumps(after)}, was {json.dumps(before)}" for name, before, after in _parts(difference)]
     return "; ".join(words) or "nothing was changed"
 

@@ -1,4 +1,4 @@
-"""Inspections: uploads that are looked at before they become scans."""
+"""Inspections: uploads that are inspected before they become scans."""
 
 from sawmill_contracts import job_kinds, mill_events
 from sawmill_contracts.inspections import DECLARATION, Inspection, InspectionAsk, InspectionOptions
@@ -11,12 +11,12 @@ from sawmill_platform.files.upload_stream import Received
 from sawmill_platform.jobs.queue_limits import Places
 from sawmill_platform.ledger.events import announce
 from sawmill_platform.uploads.uploading import kept_upload
-from sawmill_store.asked import Asked
-from sawmill_store.asked_rows import found_asked, read_asked
+from sawmill_store.requests.asked import Asked
+from sawmill_store.requests.asked_rows import found_asked, read_asked
 
 
 class Inspections(Asked[InspectionAsk, Inspection]):
-    """As of every kind that is asked for, and their files; every method is one transaction."""
+    """Store of inspections and of the inspected files: every method is one transaction."""
 
     def __init__(self, database: Database, files: FileStore, places: Places) -> None:
         super().__init__(database, files, places, DECLARATION)
@@ -35,22 +35,22 @@ class Inspections(Asked[InspectionAsk, Inspection]):
         Parameters
         ----------
         options
-            What its uploader gives with the file.
+            Options that the uploader gives with the file.
         received
-            From `FileStore.receive`. When this method raises, the upload is discarded.
+            The upload, from `FileStore.receive`. When this method raises, the upload is discarded.
         name
-            What the file is called in the answer.
+            Name of the file in the answer.
         identifier
             A fixed id; null for a new one.
         priority
-            Which jobs go before it.
+            Priority of the job in the queue.
 
         Raises
         ------
         Conflict
             The id is taken.
         QueueFull
-            As many jobs wait as may.
+            The allowed number of jobs is waiting already.
         """
         file = InspectionAsk(
             **options.model_dump(),
@@ -69,7 +69,7 @@ class Inspections(Asked[InspectionAsk, Inspection]):
             return read_asked(self._declared, row)
 
     def received_again(self, identifier: str) -> Received:
-        """The inspected file as if it had been sent once more; `accept` or `discard` must follow, as after an upload.
+        """Receive the inspected file as if it were sent again; `accept` or `discard` must follow, as after an upload.
 
         Raises
         ------
@@ -84,21 +84,21 @@ class Inspections(Asked[InspectionAsk, Inspection]):
         return again
 
     def delete(self, identifier: str) -> None:
-        """Remove an inspection, and its file after the commit; scans made of it keep theirs.
+        """Remove an inspection, and its file after the commit; scans made of the inspection keep their files.
 
         Raises
         ------
         NotFound, Conflict
-            There is none, or its job has not ended.
+            There is no such inspection, or its job has not ended.
         """
         with self._database.write() as session:
             row = found_asked(session, self._declared, identifier)
             if not row.job.state.ended:
                 msg = f"job {row.job_id!r} still inspects the file of {identifier!r}; cancel it or wait for it"
                 raise Conflict("inspection-in-use", msg)
-            known = {"sha256": row.options["sha256"]}
+            details = {"sha256": row.options["sha256"]}
             now = self._database.now()
-            announce(session, now, mill_events.INSPECTION_DELETED, "inspection", identifier, decided=known)
+            announce(session, now, mill_events.INSPECTION_DELETED, "inspection", identifier, decided=details)
             session.delete(row)
         self._files.remove(self._files.results(job_kinds.INSPECT, identifier))
         self._files.remove_upload(job_kinds.INSPECT, identifier)

@@ -1,4 +1,4 @@
-"""What each calibration and each drift check measured, kept in the transaction that ends its job (migration 0009)."""
+"""Measurements of calibrations and drift checks, written in the transaction that ends the job (migration 0009)."""
 
 import math
 from collections.abc import Mapping
@@ -26,7 +26,7 @@ _MOVEMENTS = select(*_COLUMNS).order_by(MeasurementRow.at, MeasurementRow.number
 
 
 class Measurements:
-    """Every method is one transaction."""
+    """Store of measurements: every method is one transaction."""
 
     def __init__(self, database: Database) -> None:
         self._database = database
@@ -34,7 +34,7 @@ class Measurements:
     def page(
         self, scanner_id: str, *, since: datetime | None = None, after: str | None = None, limit: int = 50
     ) -> Page[Measurement]:
-        """Those of one scanner, newest first.
+        """Return a page of one scanner's measurements, newest first.
 
         Raises
         ------
@@ -51,35 +51,36 @@ class Measurements:
             )
 
     def movements(self, since: datetime, until: datetime) -> Mapping[str, list[Movement]]:
-        """What small charts draw of all scanners: by scanner, as `movements_of`."""
+        """Return the movements of all scanners for small charts, by scanner, selected as by `movements_of`."""
         recent, of_each = MeasurementRow.at >= since, MeasurementRow.scanner_id
         many = select(of_each).where(recent).group_by(of_each).having(func.count() > MOST_READ)
         by_scanner: dict[str, list[Movement]] = {}
         with self._database.read() as session:
             crowded = session.scalars(many).all()
             typical = (_typical(scanner_id, since, until) for scanner_id in crowded)
-            for which in (and_(recent, of_each.not_in(crowded)), *typical):
-                for row in session.execute(_MOVEMENTS.where(which)):
+            for condition in (and_(recent, of_each.not_in(crowded)), *typical):
+                for row in session.execute(_MOVEMENTS.where(condition)):
                     by_scanner.setdefault(row.scanner_id, []).append(Movement(*row))
         return by_scanner
 
     def movements_of(self, scanner_id: str, since: datetime, until: datetime) -> tuple[list[Movement], int]:
-        """What a chart draws of one scanner since a time, the oldest first, and how many measurements there are.
+        """Return one scanner's movements since a time for a chart, oldest first, and the number of measurements.
 
-        Of more than `MOST_READ` only some: in each of `PARTS` equal parts of the time up to `until` the newest one, the
-        one whose rays moved farthest, and the newest calibration.
+        Only some of more than `MOST_READ` measurements are returned: in each of `PARTS` equal parts of the time up to
+        `until` the newest, the one whose rays moved farthest, and the newest calibration.
         """
-        its = and_(MeasurementRow.scanner_id == scanner_id, MeasurementRow.at >= since)
+        of_scanner = and_(MeasurementRow.scanner_id == scanner_id, MeasurementRow.at >= since)
         with self._database.read() as session:
-            total = session.scalar(select(func.count()).select_from(MeasurementRow).where(its)) or 0
-            which = its if total <= MOST_READ else _typical(scanner_id, since, until)
-            return [Movement(*row) for row in session.execute(_MOVEMENTS.where(which))], total
+            total = session.scalar(select(func.count()).select_from(MeasurementRow).where(of_scanner)) or 0
+            condition = of_scanner if total <= MOST_READ else _typical(scanner_id, since, until)
+            return [Movement(*row) for row in session.execute(_MOVEMENTS.where(condition))], total
 
 
 def _typical(scanner_id: str, since: datetime, until: datetime) -> ColumnElement[bool]:
-    """Those that stand for each part of the time, the last of which has no end.
+    """Select the measurements that represent each part of the time; the last part has no end.
 
-    Each is looked up by the index of a scanner's times: of 100 000 that takes an eighth of what ranking them all does.
+    Each measurement is found by the index of a scanner's times: with 100 000 rows that takes an eighth of the time that
+    ranking all rows takes.
     """
     starts = [since + (until - since) * (part / PARTS) for part in range(PARTS)]
     of_part = column("since", UtcDateTime()), column("until", UtcDateTime())
@@ -88,25 +89,25 @@ def _typical(scanner_id: str, since: datetime, until: datetime) -> ColumnElement
     later = MeasurementRow.at.desc(), MeasurementRow.number.desc()
 
     def first(*order: ColumnElement[Any], **of: MeasurementKind) -> Select[tuple[int]]:
-        """In each part, the newer of equals."""
-        its = (
+        """Select the first measurement of each part; the newer one of equals."""
+        in_part = (
             MeasurementRow.scanner_id == scanner_id,
             MeasurementRow.at >= parts.c.since,
             MeasurementRow.at < parts.c.until,
         )
-        one = select(MeasurementRow.number).where(*its).filter_by(**of).order_by(*order, *later).limit(1)
-        return select(one.correlate(parts).scalar_subquery()).select_from(parts)
+        number = select(MeasurementRow.number).where(*in_part).filter_by(**of).order_by(*order, *later).limit(1)
+        return select(number.correlate(parts).scalar_subquery()).select_from(parts)
 
     farthest_first = func.coalesce(MeasurementRow.ray_change_mm, -1.0).desc()
-    found = first(), first(farthest_first), first(kind=MeasurementKind.CALIBRATION)
-    return or_(*(MeasurementRow.number.in_(each) for each in found))
+    numbers = first(), first(farthest_first), first(kind=MeasurementKind.CALIBRATION)
+    return or_(*(MeasurementRow.number.in_(each) for each in numbers))
 
 
 def record_measurement(session: Session, subject: Answered, now: datetime) -> str | None:
-    """Add what a calibration or a drift check with its result measured, and return the result in a sentence.
+    """Add the measurement of a calibration or a drift check with a result, and return the result in a sentence.
 
-    A drift check's result gets the time of its end, and so the age of its baseline. Other kinds measure nothing of a
-    scanner.
+    The time of the end is written into a drift check's result, and with it the age of the baseline. Other kinds measure
+    nothing of a scanner.
     """
     if isinstance(subject, CalibrationRow):
         calibrated = CalibrationResult.model_validate(subject.result)
@@ -124,7 +125,7 @@ def record_measurement(session: Session, subject: Answered, now: datetime) -> st
 
 
 def _in_words(result: CalibrationResult) -> str:
-    """What a calibration says: of its rays, what speaks against it, and what changed since the active one."""
+    """Describe a calibration: its rays, the reasons against it, and the changes since the active calibration."""
     compared = [] if result.comparison is None else [result.comparison.reason]
     sentences = [TwoQuestions.of(result, None).rays.sentence(), *result.reasons, *compared]
     return "; ".join(each.rstrip(".") for each in sentences)
@@ -200,5 +201,5 @@ def _degrees(angle_rad: float | None) -> float | None:
 
 
 def read_measurement(row: MeasurementRow) -> Measurement:
-    """The measurement of a row."""
+    """Read the measurement of a row."""
     return Measurement.model_validate({name: getattr(row, name) for name in Measurement.model_fields})

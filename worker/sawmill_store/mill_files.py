@@ -1,9 +1,9 @@
-"""The data folder of a mill, beside what `sawmill_platform/files/file_store.py` has in it.
+"""The data folder of a mill, in addition to the files of `sawmill_platform/files/file_store.py`.
 
-uploads/{scans,phantoms}/<id>/  what was uploaded, as it came
-uploads/inspections/<id>/       the same, for a day; a scan that is made of it has a second name of the same bytes
+uploads/{scans,phantoms}/<id>/  the uploaded file, unchanged
+uploads/inspections/<id>/       the uploaded file, for a day; a scan made of it has a second name of the same bytes
 scans/<id>/scan.h5              line integrals
-calibrations/<id>/              result.h5; report.png and overlay.png, drawn from it when first asked for
+calibrations/<id>/              result.h5; report.png and overlay.png, drawn from it at the first request
 reconstructions/<id>/           volume.h5
 """
 

@@ -1,4 +1,4 @@
-"""What is newest of every scanner, found for all of them at once: pages and metrics show it."""
+"""Overviews of scanners: the newest results of all scanners, read at once for pages and metrics."""
 
 from typing import Any, NamedTuple
 
@@ -17,12 +17,12 @@ _WITH_A_FATE = (JobState.SUCCEEDED, JobState.FAILED)
 
 
 class Overview(NamedTuple):
-    """Ids of what is newest of one scanner; None: there is none.
+    """Ids of the newest results and the newest scan of one scanner; None where there is none.
 
     `ended_id` is the newest calibration that succeeded or failed, `succeeded_id` the newest that succeeded, `drift_id`
-    the newest drift check that succeeded or failed, `seen_id` the newest that could tell whether the scanner has moved
-    since the active calibration. `scan_id` is the newest scan. `calibrating` tells that the newest calibration has not
-    ended.
+    the newest drift check that succeeded or failed, `seen_id` the newest that decided whether the scanner has moved
+    since the active calibration. `scan_id` is the newest scan. `calibrating` is true while the newest calibration has
+    not ended.
     """
 
     scanner: StoredScanner
@@ -35,13 +35,13 @@ class Overview(NamedTuple):
 
 
 class Overviews:
-    """Every method is one transaction."""
+    """Store of overviews: every method is one transaction."""
 
     def __init__(self, database: Database) -> None:
         self._database = database
 
     def read(self, *, scanner_id: str | None = None, limit: int = 200) -> list[Overview]:
-        """Of the newest scanners, or of one alone."""
+        """Return the overviews of the newest scanners, or of one scanner."""
         statement = select(
             ScannerRow,
             _active_calibration().label("active_id"),
@@ -64,7 +64,7 @@ def _active_calibration() -> ScalarSelect[Any]:
 
 
 def _newest_that_saw() -> ScalarSelect[Any]:
-    """A check that failed, that was too uncertain or that compared with another calibration is passed over."""
+    """Select the newest check against the active calibration that decided; failed or uncertain ones are left out."""
     of_active = select(DriftRow.id).where(DriftRow.calibration_id == _active_calibration())
     saw = of_active.where(DriftRow.result["within_tolerance"].as_boolean().is_not(None))
     return _of_scanner(saw, DriftRow, DriftRow.created_at)
@@ -82,7 +82,7 @@ def _state_of_newest_calibration() -> ScalarSelect[Any]:
 
 
 def _of_scanner(statement: Select[Any], table: Any, order: Any) -> ScalarSelect[Any]:  # noqa: ANN401 - aliases too
-    """The first column of the scanner's newest row; an index by scanner and time finds it."""
+    """Select the first column of the scanner's newest row, which an index by scanner and time finds."""
     mine = statement.where(table.scanner_id == ScannerRow.id)
     return mine.order_by(order.desc()).limit(1).correlate(ScannerRow).scalar_subquery()
 

@@ -23,13 +23,13 @@ from sawmill_platform.jobs.queue_limits import Places
 from sawmill_platform.jobs.queueing import queue_job
 from sawmill_platform.ledger.events import announce
 from sawmill_platform.uploads.uploading import kept_upload
-from sawmill_store.references import check_usable
-from sawmill_store.references_guard import kept_by
+from sawmill_store.requests.references import check_usable
+from sawmill_store.requests.references_guard import kept_by
 from sawmill_store.tables import PhantomRow, ScanRow
 
 
 class Phantoms:
-    """Every method is one transaction."""
+    """Store of phantoms: every method is one transaction."""
 
     def __init__(self, database: Database, files: FileStore, places: Places) -> None:
         self._database = database
@@ -37,15 +37,15 @@ class Phantoms:
         self._places = places
 
     def seed_built_in(self, drawings: Mapping[str, PhantomDrawing]) -> None:
-        """Put in the built-in phantoms, or bring them up to date; safe when several processes start together."""
+        """Add or update the built-in phantoms; safe when several processes start together."""
         with self._database.write() as session:
             lock_for_setup(session)
             for phantom_id, drawing in drawings.items():
-                known = session.get(PhantomRow, phantom_id)
-                if known is None:
+                row = session.get(PhantomRow, phantom_id)
+                if row is None:
                     session.add(self._drawn(phantom_id, drawing, built_in=True))
                 else:
-                    known.name, known.drawing = drawing.name, drawing.model_dump(mode="json")
+                    row.name, row.drawing = drawing.name, drawing.model_dump(mode="json")
 
     def create(self, drawing: PhantomDrawing, *, phantom_id: str | None = None) -> StoredPhantom:
         """Add a drawn phantom, which is ready at once.
@@ -63,14 +63,14 @@ class Phantoms:
             return read_phantom(row)
 
     def measure(self, phantom_id: str, measured: MeasurementsAsk) -> StoredPhantom:
-        """Add a phantom as it is measured now; the one before stays as it is, for what refers to it.
+        """Add a phantom with new measurements; the phantom before stays unchanged for everything that refers to it.
 
         Raises
         ------
         NotFound, Conflict
             There is no such phantom, or it has no drawing.
         Invalid
-            What was measured contradicts the drawing.
+            The measurements contradict the drawing.
         """
         with self._database.write() as session:
             before = found(session, PhantomRow, "phantom", phantom_id)
@@ -88,19 +88,19 @@ class Phantoms:
             return read_phantom(row)
 
     def followers(self) -> dict[str, str]:
-        """The ids of phantoms that were measured anew, each with that of the newest phantom made so."""
+        """Return, by the id of each phantom that was measured again, the id of the newest phantom made so."""
         follows = PhantomRow.drawing["follows"].as_string().label("follows")
         followed = select(follows, PhantomRow.id).where(follows.is_not(None)).order_by(PhantomRow.created_at)
         with self._database.read() as session:
             return {row.follows: row.id for row in session.execute(followed)}
 
     def replaced(self) -> set[str]:
-        """The ids of phantoms whose place one measured anew has taken; never a built-in one."""
-        # A mill may have several bodies of that drawing, of which one was measured.
+        """Return the ids of phantoms that a newly measured phantom has replaced; never of a built-in phantom."""
+        # A mill may have several bodies of a built-in drawing, of which one was measured.
         built_in = select(PhantomRow.id).where(PhantomRow.built_in)
         with self._database.read() as session:
-            stay = set(session.scalars(built_in))
-        return self.followers().keys() - stay
+            built_in_ids = set(session.scalars(built_in))
+        return self.followers().keys() - built_in_ids
 
     def accept_picture(
         self,
@@ -117,7 +117,7 @@ class Phantoms:
         Conflict
             The id is taken. The upload is discarded.
         QueueFull
-            As many jobs wait as may.
+            The allowed number of jobs is waiting already.
         """
         row = PhantomRow(
             id=phantom_id or new_id(),
@@ -149,12 +149,12 @@ class Phantoms:
         return read_phantom(row)
 
     def get(self, phantom_id: str) -> StoredPhantom:
-        """One phantom, or `NotFound`."""
+        """Return a phantom, or raise `NotFound`."""
         with self._database.read() as session:
             return read_phantom(found(session, PhantomRow, "phantom", phantom_id))
 
     def usable(self, phantom_id: str) -> StoredPhantom:
-        """One that a calibration may use.
+        """Return a phantom that a calibration may use.
 
         Raises
         ------
@@ -167,12 +167,12 @@ class Phantoms:
             return read_phantom(row)
 
     def picture(self, phantom_id: str) -> PhantomPicture:
-        """What its uploader gave with the picture, or `NotFound`; `Conflict` where it was drawn and has none."""
+        """Return the data given with a phantom's picture, or raise `NotFound`; raise `Conflict` for a drawn phantom."""
         with self._database.read() as session:
             return picture_of(found(session, PhantomRow, "phantom", phantom_id))
 
     def page(self, *, after: str | None = None, limit: int = 50) -> Page[StoredPhantom]:
-        """All phantoms, newest first."""
+        """Return a page of phantoms, newest first."""
         with self._database.read() as session:
             return read_page(session, select(PhantomRow), PhantomRow, read_phantom, after=after, limit=limit)
 
@@ -182,7 +182,7 @@ class Phantoms:
         Raises
         ------
         NotFound, Conflict
-            There is none, or it is built in, being traced, or used by a scan or a calibration.
+            There is no such phantom, or it is built in, being traced, or used by a scan or a calibration.
         """
         with self._database.write() as session:
             row = found(session, PhantomRow, "phantom", phantom_id, lock=True)
@@ -214,7 +214,7 @@ class Phantoms:
 
 
 def read_phantom(row: PhantomRow) -> StoredPhantom:
-    """The phantom of a row."""
+    """Read the phantom of a row."""
     return StoredPhantom.model_validate(
         {
             "id": row.id,
@@ -230,12 +230,12 @@ def read_phantom(row: PhantomRow) -> StoredPhantom:
 
 
 def picture_of(row: PhantomRow) -> PhantomPicture:
-    """What its uploader gave with the picture, for the job that traces it.
+    """Return the data given with a phantom's picture, for the job that traces the picture.
 
     Raises
     ------
     Conflict
-        It was drawn and has no picture.
+        The phantom was drawn and has no picture.
     """
     if row.picture is None:
         raise Conflict("phantom-without-picture", f"phantom {row.id!r} was drawn, it has no picture")

@@ -19,12 +19,12 @@ from sawmill_platform.ledger.events import announce
 from sawmill_store.activations import active_calibration_id
 from sawmill_store.alarms import close_alarms
 from sawmill_store.history import changes_in_words, forget_history
-from sawmill_store.references_guard import kept_by
+from sawmill_store.requests.references_guard import kept_by
 from sawmill_store.tables import MeasurementRow, ScannerRow, ScanRow, ScheduleRow
 
 
 class Scanners:
-    """Every method is one transaction."""
+    """Store of scanners: every method is one transaction."""
 
     def __init__(self, database: Database) -> None:
         self._database = database
@@ -45,12 +45,12 @@ class Scanners:
             return read_scanner(session, row)
 
     def get(self, scanner_id: str) -> StoredScanner:
-        """One scanner, or `NotFound`."""
+        """Return a scanner, or raise `NotFound`."""
         with self._database.read() as session:
             return read_scanner(session, found(session, ScannerRow, "scanner", scanner_id))
 
     def page(self, *, after: str | None = None, limit: int = 50) -> Page[StoredScanner]:
-        """All scanners, newest first."""
+        """Return a page of scanners, newest first."""
         with self._database.read() as session:
             return read_page(
                 session,
@@ -62,13 +62,13 @@ class Scanners:
             )
 
     def names(self) -> dict[str, str]:
-        """Of all scanners by their ids, in the order of the names."""
+        """Return the names of all scanners by id, in the order of the names."""
         with self._database.read() as session:
             rows = session.execute(select(ScannerRow.id, ScannerRow.spec)).all()
         return dict(sorted(((identifier, spec["name"]) for identifier, spec in rows), key=lambda item: item[1]))
 
     def ids_of(self, names: Iterable[str]) -> set[str]:
-        """Return the ids of scanners that are given by id or name; a name that several have means all of these.
+        """Return the ids of scanners that are given by id or name; a shared name means all scanners of that name.
 
         Raises
         ------
@@ -77,15 +77,17 @@ class Scanners:
         """
         name_of, ids = self.names(), set[str]()
         for name in names:
-            named = {name} & name_of.keys() or {each for each in name_of if name_of[each] == name}
-            if not named:
-                known = ", ".join(map(repr, name_of.values())) or "none"
-                raise Invalid("scanner-not-found", f"there is no scanner of the id or name {name!r}; by name: {known}")
-            ids |= named
+            identifiers = {name} & name_of.keys() or {each for each in name_of if name_of[each] == name}
+            if not identifiers:
+                existing = ", ".join(map(repr, name_of.values())) or "none"
+                raise Invalid(
+                    "scanner-not-found", f"there is no scanner of the id or name {name!r}; by name: {existing}"
+                )
+            ids |= identifiers
         return ids
 
     def update(self, scanner_id: str, spec: ScannerSpec) -> StoredScanner:
-        """Replace its description; existing results keep the constants they were made with."""
+        """Replace a scanner's description; existing results keep the constants with which they were computed."""
         with self._database.write() as session:
             row = found(session, ScannerRow, "scanner", scanner_id, lock=True)
             before, row.spec = row.spec, spec.model_dump(mode="json")
@@ -101,7 +103,7 @@ class Scanners:
         Raises
         ------
         NotFound, Conflict
-            There is none, or scans, results, schedules or measurements refer to it.
+            There is no such scanner, or scans, results, schedules or measurements refer to it.
         """
         with self._database.write() as session:
             row = found(session, ScannerRow, "scanner", scanner_id, lock=True)
@@ -129,12 +131,12 @@ def _announce(
 
 
 def read_scanner(session: Session, row: ScannerRow) -> StoredScanner:
-    """The scanner as it stands, its active calibration included."""
+    """Read the scanner of a row, with its active calibration."""
     return scanner_with(row, active_calibration_id(session, row.id))
 
 
 def scanner_with(row: ScannerRow, active_id: str | None) -> StoredScanner:
-    """The scanner of a row whose active calibration is known."""
+    """Return the scanner of a row whose active calibration was read before."""
     return StoredScanner.model_validate(
         {**row.spec, "id": row.id, "created_at": row.created_at, "active_calibration_id": active_id}
     )

@@ -1,4 +1,4 @@
-"""Scans: uploads, and what the job that reads them found."""
+"""Scans: uploads, and the results of the job that reads the uploads."""
 
 from collections.abc import Collection
 from datetime import datetime
@@ -18,14 +18,14 @@ from sawmill_platform.jobs.queue_limits import Places
 from sawmill_platform.jobs.queueing import queue_job
 from sawmill_platform.ledger.events import announce
 from sawmill_platform.uploads.uploading import kept_upload
-from sawmill_store.references_guard import unfinished_job_about
+from sawmill_store.requests.references_guard import unfinished_job_about
 from sawmill_store.tables import PhantomRow, ScannerRow, ScanRow
 
 _COLUMNS = {"scanner_id", "phantom_id"}
 
 
 class Scans:
-    """Every method is one transaction."""
+    """Store of scans: every method is one transaction."""
 
     def __init__(self, database: Database, files: FileStore, places: Places) -> None:
         self._database = database
@@ -45,20 +45,20 @@ class Scans:
         Parameters
         ----------
         spec
-            What the uploader gives with the file.
+            Description that the uploader gives with the file.
         received
-            From `FileStore.receive`. When this method raises, the upload is discarded.
+            The upload, from `FileStore.receive`. When this method raises, the upload is discarded.
         scan_id
             A fixed id; null for a new one.
         priority
-            Which jobs go before it.
+            Priority of the job in the queue.
 
         Raises
         ------
         NotFound, Conflict
             There is no such scanner or phantom, or the id is taken.
         QueueFull
-            As many jobs wait as may.
+            The allowed number of jobs is waiting already.
         """
         row = ScanRow(
             id=scan_id or new_id(),
@@ -92,14 +92,14 @@ class Scans:
         return read_scan(row)
 
     def check(self, spec: ScanSpec) -> None:
-        """Refuse before a file is sent what `accept` would refuse after it.
+        """Refuse, before a file is sent, a scan that `accept` would refuse after the upload.
 
         Raises
         ------
         NotFound
             There is no such scanner or phantom.
         QueueFull
-            As many jobs wait as may.
+            The allowed number of jobs is waiting already.
         StorageUnavailable
             The database does not answer, or could not take the scan.
         """
@@ -111,12 +111,12 @@ class Scans:
         self._places.check()
 
     def get(self, scan_id: str) -> Scan:
-        """One scan, or `NotFound`."""
+        """Return a scan, or raise `NotFound`."""
         with self._database.read() as session:
             return read_scan(found(session, ScanRow, "scan", scan_id))
 
     def several(self, scan_ids: Collection[str]) -> dict[str, Scan]:
-        """Those that there are, by their ids."""
+        """Return the scans of these ids that exist, by id."""
         with self._database.read() as session:
             rows = session.scalars(select(ScanRow).where(ScanRow.id.in_(scan_ids)))
             return {row.id: read_scan(row) for row in rows}
@@ -131,14 +131,14 @@ class Scans:
         after: str | None = None,
         limit: int = 50,
     ) -> Page[Scan]:
-        """Scans, newest first, of a span of time where one is given."""
+        """Return a page of scans, newest first, within a span of time if one is given."""
         statement = narrowed(select(ScanRow), {ScanRow.scanner_id: scanner_id, ScanRow.state: state})
         statement = created_between(statement, ScanRow, created_from, created_before)
         with self._database.read() as session:
             return read_page(session, statement, ScanRow, read_scan, after=after, limit=limit)
 
     def uploaded_bytes(self) -> int:
-        """Of all scans as they were uploaded."""
+        """Return the size of all uploaded files of scans, bytes."""
         with self._database.read() as session:
             return session.scalar(select(func.sum(ScanRow.size_bytes))) or 0
 
@@ -148,7 +148,7 @@ class Scans:
         Raises
         ------
         NotFound, Conflict
-            There is none, or a job that needs it has not ended.
+            There is no such scan, or a job that needs it has not ended.
         """
         with self._database.write() as session:
             row = found(session, ScanRow, "scan", scan_id, lock=True)
@@ -157,16 +157,16 @@ class Scans:
             if busy is not None:
                 msg = f"scan {scan_id!r} is needed by job {busy!r}, which has not ended; cancel it or wait for it"
                 raise Conflict("scan-in-use", msg)
-            known = {"scanner_id": row.scanner_id, "sha256": row.sha256}
+            details = {"scanner_id": row.scanner_id, "sha256": row.sha256}
             now = self._database.now()
-            announce(session, now, mill_events.SCAN_DELETED, "scan", scan_id, group_id=row.scanner_id, decided=known)
+            announce(session, now, mill_events.SCAN_DELETED, "scan", scan_id, group_id=row.scanner_id, decided=details)
             session.delete(row)
         self._files.remove(self._files.results(job_kinds.INGEST, scan_id))
         self._files.remove_upload(job_kinds.INGEST, scan_id)
 
 
 def read_scan(row: ScanRow) -> Scan:
-    """The scan of a row."""
+    """Read the scan of a row."""
     return Scan.model_validate(
         {
             **row.spec,

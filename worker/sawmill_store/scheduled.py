@@ -1,4 +1,4 @@
-"""Jobs of schedules: candidates for the rules of `sawmill_mill.schedules`, and what is queued for the chosen scan."""
+"""Jobs of schedules: candidates for the rules of `sawmill_mill.schedules`, and the job that is queued."""
 
 from datetime import datetime
 from typing import Any, NamedTuple
@@ -15,15 +15,15 @@ from sawmill_mill.schedules import FEWEST_VIEWS, UNSEEN, LogScan, PhantomScan, l
 from sawmill_platform.contracts.jobs import Priority
 from sawmill_platform.database.tables import JobRow
 from sawmill_store.activations import ScannerId, active_calibration_id
-from sawmill_store.asked import Asked
+from sawmill_store.requests.asked import Asked
 from sawmill_store.tables import CalibrationRow, DriftRow, PhantomRow, ScanRow, ScheduleRow
 
-# The statements narrow as the rules decide: the newest scan is the one, unless a rule is stricter than its statement.
+# The statements select by the same rules: the newest scan is chosen, unless a rule is stricter than its statement.
 _CANDIDATES = 20
 
 
 class Outcome(NamedTuple):
-    """The outcome of a due time, and the id of what was queued."""
+    """The outcome of a due time, and the id of the queued calibration or drift check."""
 
     outcome: ScheduleOutcome
     calibration_id: str | None = None
@@ -37,7 +37,7 @@ def queue_due(
     row: ScheduleRow,
     now: datetime,
 ) -> Outcome:
-    """Queue what a schedule is for, where there is a scan for it."""
+    """Queue the calibration or the drift check of a schedule, if there is a scan for it."""
     if row.kind == "check-drift":
         return _check_drift(session, drifts, row, now)
     return _recalibrate(session, calibrations, row, now)
@@ -56,7 +56,7 @@ def newest_phantom_scan(scanner_id: ScannerId) -> Select[str]:
 
 
 def last_looked_at(scanner_id: ScannerId) -> Select[datetime]:
-    """Select when the newest stored log scan of a scanner came that a drift check has seen."""
+    """Select the time of the newest stored log scan of a scanner that a drift check has used."""
     return (
         select(ScanRow.created_at)
         .join(DriftRow, DriftRow.scan_id == ScanRow.id)
@@ -101,7 +101,7 @@ def _check_drift(session: Session, drifts: Asked[DriftAsk, Any], row: ScheduleRo
     scan_id = next_log(session, row.scanner_id)
     if scan_id is None:
         return Outcome("no-new-log-scan")
-    # What came as a mean has no rows to choose from.
+    # A scan that was uploaded as a mean has no rows to choose from.
     is_mean = session.get_one(ScanRow, scan_id).spec.get("averaged_rows") is not None
     ask = DriftAsk(scan_id=scan_id, **row.drift_options | ({"rows": None} if is_mean else {}))
     queued = drifts.queue(session, ask, now, priority=Priority.BATCH)

@@ -1,4 +1,4 @@
-"""Schedules: exactly once for each due time, however many processes look."""
+"""Schedules: each due time is run exactly once, however many processes check for due times."""
 
 from contextlib import suppress
 from datetime import datetime
@@ -23,21 +23,21 @@ from sawmill_platform.due_times import latest_due, next_due
 from sawmill_platform.errors import Invalid, StorageError, StorageFull, StorageUnavailable
 from sawmill_platform.ledger.audit import changed
 from sawmill_platform.ledger.events import announce
-from sawmill_store.asked import Asked
 from sawmill_store.history import changes_in_words
+from sawmill_store.requests.asked import Asked
 from sawmill_store.scheduled import queue_due
 from sawmill_store.tables import ScannerRow, ScheduleRow, ScheduleRunRow
 
 
 class Schedules:
-    """Every method is one transaction, `run_due` one for each due schedule.
+    """Store of schedules: every method is one transaction; `run_due` is one for each due schedule.
 
     Parameters
     ----------
     database
-        Where the rows are.
+        Database of the rows.
     calibrations, drifts
-        Where due schedules ask.
+        Stores in which due schedules queue their requests.
     """
 
     def __init__(
@@ -68,12 +68,12 @@ class Schedules:
             return read_schedule(session, row)
 
     def get(self, schedule_id: str) -> Schedule:
-        """One schedule, or `NotFound`."""
+        """Return a schedule, or raise `NotFound`."""
         with self._database.read() as session:
             return read_schedule(session, found(session, ScheduleRow, "schedule", schedule_id))
 
     def page(self, *, scanner_id: str | None = None, after: str | None = None, limit: int = 50) -> Page[Schedule]:
-        """Schedules, newest first."""
+        """Return a page of schedules, newest first."""
         statement = narrowed(select(ScheduleRow), {ScheduleRow.scanner_id: scanner_id})
         with self._database.read() as session:
             return read_page(
@@ -81,9 +81,9 @@ class Schedules:
             )
 
     def update(self, schedule_id: str, spec: ScheduleSpec) -> Schedule:
-        """Replace a schedule; it is due next at the first time of its expression from now on.
+        """Replace a schedule, which is due next at the first time of the new expression from now on.
 
-        A due time that has come and has not run stays where cron, time zone and `enabled` do; otherwise it is missed.
+        A due time that has passed and was not run stays due if cron, time zone and `enabled` stay; else it is missed.
         """
         with self._database.write() as session:
             row = found(session, ScheduleRow, "schedule", schedule_id, lock=True)
@@ -104,7 +104,7 @@ class Schedules:
             return read_schedule(session, row)
 
     def delete(self, schedule_id: str) -> None:
-        """Remove a schedule and the list of its runs; the calibrations stay."""
+        """Remove a schedule and the list of runs; the calibrations stay."""
         with self._database.write() as session:
             row = found(session, ScheduleRow, "schedule", schedule_id, lock=True)
             now = self._database.now()
@@ -112,21 +112,21 @@ class Schedules:
             session.delete(row)
 
     def runs(self, schedule_id: str, *, limit: int = 50) -> list[ScheduleRun]:
-        """The outcomes of its due times, newest first."""
+        """Return the outcomes of a schedule's due times, newest first."""
         with self._database.read() as session:
             found(session, ScheduleRow, "schedule", schedule_id)
             return _runs(session, schedule_id, limit)
 
     def run_due(self) -> list[ScheduleRun]:
-        """Run every schedule whose time has come, and move it on to its next time.
+        """Run every schedule that is due, and set each to its next due time.
 
-        A schedule that was due several times while nothing ran is run once, for the latest of them. One that cannot
-        be run is announced as missed when that begins, with the reason, and keeps none of the others from running.
+        A schedule that was due several times while nothing ran is run once, for the latest due time. A schedule that
+        cannot be run is announced as missed the first time, with the reason; the other schedules run nevertheless.
 
         Raises
         ------
         StorageFull, StorageUnavailable
-            Nothing can be written; what is due stays so.
+            Nothing can be written; the schedules stay due.
         """
         now = self._database.now()
         self._set_back(now)
@@ -137,7 +137,7 @@ class Schedules:
         return [run for run in runs if run is not None]
 
     def _set_back(self, now: datetime) -> None:
-        """At the first look, and after the clock was put back: no due time stays behind one that comes before it."""
+        """Compute due times again at the first check and after the clock was set back, so that none is skipped."""
         if self._looked_at is None or now < self._looked_at:
             ahead = select(ScheduleRow).where(ScheduleRow.enabled, ScheduleRow.next_due_at > now)
             with self._database.write() as session:
@@ -152,7 +152,7 @@ class Schedules:
                 return self._run(schedule_id, now)
             except (StorageFull, StorageUnavailable):
                 raise
-            except Exception as error:  # noqa: BLE001 - the log and the event say it, and the others are due as well
+            except Exception as error:  # noqa: BLE001 - log and event report it; further schedules are due
                 structlog.get_logger().exception("schedule-not-run", schedule_id=schedule_id)
                 self._miss(schedule_id, now, _in_words(error))
                 return None
@@ -178,7 +178,7 @@ class Schedules:
             return run
 
     def _miss(self, schedule_id: str, now: datetime, reason: str) -> None:
-        """Announce a due time that cannot be run, unless the schedule was missed before it as well, and move on."""
+        """Announce a due time that cannot be run, unless the one before was missed too, and set the next due time."""
         with self._database.write() as session:
             row = session.get(ScheduleRow, schedule_id, with_for_update=True)
             if row is None or row.next_due_at is None or row.next_due_at > now:
@@ -237,7 +237,7 @@ def _spec(row: ScheduleRow) -> dict[str, Any]:
 
 
 def _moved_on(session: Session, row: ScheduleRow, now: datetime) -> bool:
-    """Compare and set: of several processes at once, one moves the schedule on."""
+    """Set the next due time by compare and set: only one of several processes at once succeeds."""
     moved = session.scalar(
         update(ScheduleRow)
         .where(ScheduleRow.id == row.id, ScheduleRow.enabled, ScheduleRow.next_due_at == row.next_due_at)
@@ -249,7 +249,7 @@ def _moved_on(session: Session, row: ScheduleRow, now: datetime) -> bool:
 
 
 def _ran_already(session: Session, schedule_id: str, due_at: datetime) -> bool:
-    # After an edit, or when the clock was put back.
+    # The run exists after an edit, or when the clock was set back.
     statement = select(ScheduleRunRow.number).where(
         ScheduleRunRow.schedule_id == schedule_id, ScheduleRunRow.due_at == due_at
     )
@@ -267,12 +267,12 @@ def _runs(session: Session, schedule_id: str, limit: int) -> list[ScheduleRun]:
 
 
 def read_schedule_run(row: ScheduleRunRow) -> ScheduleRun:
-    """The run of a row."""
+    """Read the run of a row."""
     return ScheduleRun.model_validate({name: getattr(row, name) for name in ScheduleRun.model_fields})
 
 
 def read_schedule(session: Session, row: ScheduleRow) -> Schedule:
-    """The schedule of a row, with its last run."""
+    """Read the schedule of a row, with its last run."""
     last = _runs(session, row.id, 1)
     known = {name: getattr(row, name) for name in Schedule.model_fields if name != "last_run"}
     return Schedule.model_validate(known | {"last_run": last[0] if last else None})

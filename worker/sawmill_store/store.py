@@ -12,36 +12,36 @@ from sawmill_platform.database.clock import Clock
 from sawmill_platform.settings import StorageSettings
 from sawmill_platform.store import JobServiceStore
 from sawmill_store.alarms import Alarms
-from sawmill_store.asked import Asked
 from sawmill_store.backups.named_files import lost_files
 from sawmill_store.calibrations import Calibrations
 from sawmill_store.drift_charts import DriftCharts
 from sawmill_store.history import Histories
 from sawmill_store.inspections import Inspections
-from sawmill_store.leftovers import Leftovers
 from sawmill_store.measurements import Measurements
 from sawmill_store.mill_files import MillFiles
-from sawmill_store.mill_subjects import MillSubjects
-from sawmill_store.named_by_rows import first_named
 from sawmill_store.overviews import Overviews
 from sawmill_store.phantoms import Phantoms
-from sawmill_store.retention import RetentionStore
-from sawmill_store.retention_runner import RetentionKeeper
+from sawmill_store.requests.asked import Asked
+from sawmill_store.retention.leftovers import Leftovers
+from sawmill_store.retention.named_by_rows import first_named
+from sawmill_store.retention.retention_runner import RetentionKeeper
+from sawmill_store.retention.retention_store import RetentionStore
 from sawmill_store.scanners import Scanners
 from sawmill_store.scans import Scans
 from sawmill_store.schedules import Schedules
+from sawmill_store.subjects.mill_subjects import MillSubjects
 
 
 class Store(JobServiceStore):
-    """The resources of a mill, each with its own methods, beside those of the job service.
+    """The resources of a mill, each with its own methods, and the resources of the job service.
 
     Attributes
     ----------
     scanners, phantoms, scans, inspections, calibrations, reconstructions, plans, drifts, measurements, history,
     schedules, alarms, retention
-        The rows.
+        Stores of the rows.
     overviews
-        What is newest of every scanner.
+        Newest results of every scanner.
     """
 
     files: MillFiles
@@ -66,15 +66,15 @@ class Store(JobServiceStore):
         self.retention = RetentionStore(self._database)
 
     def asked(self, declared: AskedKind[Ask, Answer]) -> Asked[Ask, Answer]:
-        """The rows of any kind that is asked for."""
+        """Return the store of the requests of one kind."""
         return Asked(self._database, self.files, self.places, declared)
 
     def leftovers(self, *, grace_s: float) -> Leftovers:
-        """An observer of what no row knows, which removes it after a grace."""
+        """Return the remover of files that no row names; files are removed after a grace, seconds."""
         return Leftovers(self._database, self.files, grace_s=grace_s)
 
     def retention_keeper(self) -> RetentionKeeper:
-        """Removes what the rules of retention reach."""
+        """Return the remover of everything that the rules of retention reach."""
         return RetentionKeeper(self._database, self.files)
 
     @classmethod
@@ -84,11 +84,11 @@ class Store(JobServiceStore):
         Parameters
         ----------
         settings
-            Where it is.
+            Data folder and database of the store.
         clock
-            The time for rows and due times; null: the one that all processes on this store share.
+            Clock for rows and due times; null: the clock that all processes on this store share.
         may_begin
-            As for `JobServiceStore.prepare`, which tells the errors.
+            Option of `JobServiceStore.prepare`, which documents the errors.
         """
         store = cls(settings, clock=clock)
         store.prepare(may_begin=may_begin)
@@ -103,5 +103,11 @@ class Store(JobServiceStore):
         self.phantoms.seed_built_in(BUILT_IN_PHANTOMS)
 
     def lost_files(self) -> list[str]:
-        """Files that rows name and the data folder lacks, by their paths in it; `StorageUnavailable` or `OSError`."""
+        """Return the paths in the data folder of files that rows name and that are missing.
+
+        Raises
+        ------
+        StorageUnavailable, OSError
+            The database does not answer, or the data folder cannot be read.
+        """
         return lost_files(self._database, self.files.folder)

@@ -33,13 +33,13 @@ Base.registry.update_type_annotation_map(
     }
 )
 
-# Of the upload and the results: null until it was measured, once its job has ended (`sawmill_store/measured_bytes.py`).
+# Bytes of the upload and the results: null until measured, after the job has ended (`retention/measured_bytes.py`).
 StoredBytes = Annotated[int | None, mapped_column(BigInteger)]
 
 
-def _by_age(name: str, which: str | None = None) -> Index:
-    """Finds the oldest, and sums up bytes without a look at the rows."""
-    where = None if which is None else text(which)
+def _by_age(name: str, condition: str | None = None) -> Index:
+    """Return the index that finds the oldest rows, and sums up bytes without reading the rows."""
+    where = None if condition is None else text(condition)
     return Index(name, "created_at", "id", "stored_bytes", sqlite_where=where, postgresql_where=where)
 
 
@@ -74,13 +74,13 @@ class ScanRow(Resource):
     """A scan; `spec` holds what its uploader gave, apart from the two columns."""
 
     __tablename__ = "scans"
-    # The newest of a scanner, and the newest phantom scan among thousands of logs; the oldest of both sorts.
+    # Indexes: newest scan of a scanner, newest phantom scan among thousands of logs, oldest scans of both sorts.
     __table_args__ = (
         Index(None, "scanner_id", "created_at"),
         _by_age("ix_scans_logs_by_age", "phantom_id IS NULL"),
         _by_age("ix_scans_phantoms_by_age", "phantom_id IS NOT NULL"),
         _not_measured("scans"),
-        # Of phantoms alone: SQLite would find all logs by it, and then sort them.
+        # The index has phantom scans only: with logs in it, SQLite would read all logs, and then sort them.
         Index(
             None,
             "phantom_id",
@@ -109,7 +109,7 @@ class ScanRow(Resource):
 
 
 class Answered(Resource):
-    """What somebody asked for and a job answers; its state is its job's. It outlives its scan, whose id it keeps."""
+    """A request that a job answers, in the state of the job. The row outlives its scan, whose id it keeps."""
 
     __abstract__ = True
 
@@ -119,18 +119,18 @@ class Answered(Resource):
 
     @declared_attr
     def job(cls) -> Mapped[JobRow]:  # noqa: N805 - called with the class
-        """The job that answers it."""
+        """Return the relationship to the job that answers the request."""
         return relationship(JobRow, lazy="joined", innerjoin=True)
 
     @classmethod
     def own_columns(cls) -> frozenset[str]:
-        """What a table has beside the columns of every one: references' ids, most of them."""
+        """Return the columns that only this table has: most are ids of references."""
         shared = {"id", "created_at", "options", "result", "job_id"}
         return frozenset(column.key for column in cls.__table__.columns) - shared
 
 
 class AskedRow(Answered):
-    """What was asked of any kind that has no table of its own; the kind decides what may be deleted before it."""
+    """A request of any kind without its own table; the kind decides which references may be deleted before it."""
 
     __tablename__ = "asked"
     __table_args__ = (Index(None, "created_at", "id"),)
@@ -195,7 +195,7 @@ class PlanRow(Answered):
     scanner_id: Mapped[str] = mapped_column(String(64))
 
 
-# Of the first versions. A new kind needs none: its rows stand in `asked`.
+# Tables of the kinds of the first versions. A new kind needs no table: its rows are in `asked`.
 OWN_TABLES: dict[JobKind, type[Answered]] = {
     job_kinds.CALIBRATE: CalibrationRow,
     job_kinds.RECONSTRUCT: ReconstructionRow,
@@ -205,12 +205,12 @@ OWN_TABLES: dict[JobKind, type[Answered]] = {
 
 
 def table_of(kind: JobKind) -> type[Answered]:
-    """Where what was asked of a kind is stored."""
+    """Return the table of the requests of a kind."""
     return OWN_TABLES.get(kind, AskedRow)
 
 
 class ActivationRow(Base):
-    """From then on this calibration was its scanner's active one."""
+    """An activation: from this time on the calibration was its scanner's active one."""
 
     __tablename__ = "activations"
 
@@ -222,10 +222,11 @@ class ActivationRow(Base):
 
 
 class MeasurementRow(Base):
-    """What a calibration or a drift check measured of its scanner."""
+    """A measurement of a scanner by a calibration or a drift check."""
 
     __tablename__ = "measurements"
-    # Those of a scanner, and the last weeks of all of them; looks since an activation, one of a file, those that wait.
+    # Indexes: measurements of a scanner, last weeks of all scanners, drift checks since an activation, the check of a
+    # file, checks that wait.
     __table_args__ = (
         Index(None, "scanner_id", "number"),
         Index(None, "scanner_id", "at"),
@@ -280,20 +281,20 @@ class MeasurementRow(Base):
     scale_uncertainty_percent: Mapped[float | None] = mapped_column(Float(53))
     verdict: Mapped[str | None] = mapped_column(String(20))
     rays_verdict: Mapped[str | None] = mapped_column(String(20))
-    # Of a drift check alone, from here on. Its error, beside the two standard deviations.
+    # Only drift checks have the columns from here on. Covariance, in addition to the two standard deviations.
     cor_column_tilt_covariance_mm_deg: Mapped[float | None] = mapped_column(Float(53))
     method: Mapped[str | None] = mapped_column(String(20))
-    # Against the baseline, where it had one.
+    # Change against the baseline, where the check had one.
     baseline_looks: Mapped[int | None]
     baseline_age_hours: Mapped[float | None] = mapped_column(Float(53))
     cor_column_baseline_change_mm: Mapped[float | None] = mapped_column(Float(53))
     tilt_baseline_change_deg: Mapped[float | None] = mapped_column(Float(53))
-    # The activation that it is a look since; null: it does not count for the scanner's chart.
+    # The activation in whose chart the check is; null: the check does not count for the scanner's chart.
     activation_number: Mapped[int | None]
     input_sha256: Mapped[str | None] = mapped_column(String(64))
-    # True until the chart has it, then null.
+    # True until the check is in the chart, then null.
     awaits_chart: Mapped[bool | None]
-    # With the looks before it, once the chart has it (`sawmill_store/drift_charts.py`).
+    # Mean with the checks before this one, once it is in the chart (`sawmill_store/drift_charts.py`).
     pooled_looks: Mapped[int | None]
     pooled_cor_column_mm: Mapped[float | None] = mapped_column(Float(53))
     pooled_cor_column_standard_deviation_mm: Mapped[float | None] = mapped_column(Float(53))
@@ -309,7 +310,7 @@ class DriftChartRow(Base):
     scanner_id: Mapped[str] = mapped_column(ForeignKey("scanners.id", ondelete="CASCADE"), primary_key=True)
     method: Mapped[str] = mapped_column(String(20), primary_key=True)
     activation_number: Mapped[int]
-    # What the chart goes on from (`tomography/drift_chart`), the looks in it and when the newest of them ended.
+    # State of the chart (`tomography/drift_chart`), number of drift checks in it, and end of the newest check.
     state: Mapped[Json]
     looks: Mapped[int]
     changed_at: Mapped[datetime]
@@ -320,7 +321,7 @@ class DriftChartRow(Base):
 
 
 class ScheduleRow(Resource):
-    """When to recalibrate or to look for drift; `next_due_at` is null when disabled."""
+    """A schedule of calibrations or drift checks; `next_due_at` is null when disabled."""
 
     __tablename__ = "schedules"
 
@@ -333,12 +334,12 @@ class ScheduleRow(Resource):
     options: Mapped[Json]
     drift_options: Mapped[Json]
     next_due_at: Mapped[datetime | None] = mapped_column(index=True)
-    # Whether the last due time was missed, and announced so: the next ones are not announced again.
+    # True if the last due time was missed and announced: the next missed ones are not announced.
     missed: Mapped[bool] = mapped_column(default=False)
 
 
 class ScheduleRunRow(Base):
-    """The outcome of one due time; the constraint makes it once only."""
+    """The outcome of one due time; the constraint allows one row for each due time."""
 
     __tablename__ = "schedule_runs"
     __table_args__ = (UniqueConstraint("schedule_id", "due_at"),)
@@ -352,7 +353,7 @@ class ScheduleRunRow(Base):
 
 
 class AlarmRow(Base):
-    """An alarm that is open; the key makes it one of its sort."""
+    """An open alarm; the key allows one alarm of each sort for a scanner."""
 
     __tablename__ = "alarms"
 
@@ -367,16 +368,16 @@ class AlarmRow(Base):
 
 
 class RetentionRow(Base):
-    """One row, once there are rules: how long what is kept, and by kind how many went so far and what that freed."""
+    """The one row of the rules of retention, with number and freed bytes of the removals so far, by kind."""
 
     __tablename__ = "retention"
 
     number: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
     rules: Mapped[Json]
-    # Grows with each change.
+    # Number that grows with each change of the rules.
     revision: Mapped[int]
     changed_at: Mapped[datetime]
     changed_by: Mapped[str] = mapped_column(String(200))
-    # When days were counted last; null: not since the change.
+    # Time when days were last counted; null: not since the change.
     followed_at: Mapped[datetime | None]
     removed: Mapped[Json]

@@ -1,4 +1,4 @@
-"""Looking whether a backup is what it was: every file read, every sum compared, nothing missing and nothing more."""
+"""Check of a whole backup: every file is read and every sum compared; no file may be missing or added."""
 
 import os
 import stat
@@ -21,26 +21,26 @@ from sawmill_vocabulary import Progress, ProgressCallback
 
 
 class Checked:
-    """A backup of which manifest, rows and list of files are whole, and whose folder has what it should have.
+    """A backup whose manifest, rows and list of files are intact, and the files in the folder of the backup.
 
     Parameters
     ----------
     folder
-        Of the backup.
+        Folder of the backup.
 
     Attributes
     ----------
     manifest : Manifest
-        What it is of.
+        Manifest of the backup.
     entries : list of Entry
-        Its files.
+        Entries of the files of the backup.
     statuses : mapping
-        Of all that lies in it, by path in it; folders apart.
+        Status of every file in the folder, by path; folders are left out.
 
     Raises
     ------
     Damaged
-        It is no backup, or what tells of its files is damaged.
+        The folder is no backup, or manifest, rows or list of files are damaged.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -52,7 +52,7 @@ class Checked:
         self.entries = list(read_entries(folder))
 
     def problems(self) -> dict[str, str]:
-        """By path: what is missing, too many, no file or of another size; no file is read for that."""
+        """Find paths that are missing, added, no files or of another size; a sentence by path. No file is read."""
         files = {f"{DATA}/{entry.path}": entry for entry in self.entries if entry.sha256 is not None}
         more = self.statuses.keys() - files.keys() - {MANIFEST, MANIFEST_SUM, *self.manifest.parts()}
         found = {path: f"{path} is not in the manifest" for path in more}
@@ -73,12 +73,12 @@ def check_backup(folder: Path, on_progress: ProgressCallback) -> tuple[Manifest,
     Returns
     -------
     tuple of Manifest and list of str
-        A sentence for each file that is missing, too many, or another one than was written.
+        Manifest, and a sentence for each file that is missing, added, or not as it was written.
 
     Raises
     ------
     Damaged
-        It is no backup, or what tells of its files is damaged.
+        The folder is no backup, or manifest, rows or list of files are damaged.
     """
     backup = Checked(folder)
     problems = backup.problems()
@@ -98,20 +98,20 @@ def compare(entry: Entry, found: Summed) -> None:
     Raises
     ------
     Damaged
-        It is another one.
+        The file differs from its entry.
     """
     _compare(f"{DATA}/{entry.path}", found, entry.sha256)
 
 
 class Reporter:
-    """Reports progress by the bytes of files that were read."""
+    """Report of progress by the bytes of files that were read."""
 
     def __init__(self, entries: list[Entry], on_progress: ProgressCallback) -> None:
         self._read, self._all = 0, sum(entry.size_bytes for entry in entries)
         self._on_progress = on_progress
 
     def __call__(self, size_bytes: int) -> None:
-        """Some more were read."""
+        """Count further bytes that were read."""
         self._read += size_bytes
         stage = f"{self._read / 1e9:.1f} of {self._all / 1e9:.1f} GB"
         self._on_progress(Progress(fraction=min(self._read / max(self._all, 1), 1.0), stage=stage))
@@ -123,7 +123,7 @@ def _compare(path: str, found: Summed, expected: str | None) -> None:
 
 
 def _all_below(folder: Path, prefix: str) -> Iterator[tuple[str, os.stat_result]]:
-    """What lies in a backup; no link is followed, so that nothing is read that lies elsewhere."""
+    """Yield path and status of every file in a backup; no link is followed, so that nothing outside is read."""
     with os.scandir(folder / prefix) as entries:
         for entry in entries:
             if entry.is_dir(follow_symlinks=False):

@@ -1,4 +1,4 @@
-"""Files copied into a backup and out of one, with their sums."""
+"""Copies of files into a backup and out of a backup, with their sums."""
 
 import hashlib
 import os
@@ -11,12 +11,12 @@ from sawmill_store.backups.manifest import Counted, Summed, blocks_of
 
 
 def copy(reading: BinaryIO, target: Path, counted: Counted, *, mtime_ns: int, most_bytes: int | None = None) -> Summed:
-    """Copy what is open to a new file.
+    """Copy an open file to a new file.
 
     Raises
     ------
     Damaged
-        What is open cannot be read.
+        The open file cannot be read.
     """
     computed, size_bytes = hashlib.sha256(), 0
     with target.open("xb") as writing:
@@ -36,7 +36,7 @@ def check_room_for(folder: Path, needed_bytes: int, what: str, *, reserve_bytes:
     Raises
     ------
     StorageFull
-        It has not.
+        The disk has less room.
     """
     free_bytes = shutil.disk_usage(folder).free - reserve_bytes
     if needed_bytes > free_bytes:
@@ -45,7 +45,7 @@ def check_room_for(folder: Path, needed_bytes: int, what: str, *, reserve_bytes:
 
 
 def has_links(folder: Path) -> bool:
-    """Whether files in a folder can have second names."""
+    """Return whether files in a folder can have second names (hard links)."""
     first, second = folder / ".first", folder / ".second"
     first.touch()
     try:

@@ -1,7 +1,7 @@
-"""What a backup or a restore cannot do as things are."""
+"""Errors of backups and restores."""
 
 from sawmill_platform.errors import StorageError
 
 
 class Refused(StorageError):  # noqa: N818 - an outcome
-    """Something stands in its way; the sentence says what to change."""
+    """A backup or a restore is not possible now; the sentence says what to change."""

@@ -1,4 +1,4 @@
-"""A folder of backups: one is written at a time, and what a killed one left goes."""
+"""Folders of backups: one backup is written at a time, and the remains of a killed backup are removed."""
 
 import fcntl
 import re
@@ -17,30 +17,30 @@ _LOCK = ".sawmill-backups.lock"
 
 @contextmanager
 def alone_in(into: Path) -> Iterator[None]:
-    """Be the only one who writes backups into a folder.
+    """Lock a folder, so that no other process writes backups into the folder.
 
     Raises
     ------
     Refused
-        Somebody else does.
+        Another process writes a backup.
     """
     with (into / _LOCK).open("w") as lock:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
             raise Refused(f"another backup into {str(into)!r} is being written: wait for it") from error
-        for left in into.glob(f".sawmill-*{_PARTIAL}"):
-            shutil.rmtree(left)
+        for remains in into.glob(f".sawmill-*{_PARTIAL}"):
+            shutil.rmtree(remains)
         yield
 
 
 def backups_in(into: Path) -> list[Path]:
-    """Those that are whole, the oldest first."""
+    """Return the complete backups of a folder, oldest first."""
     return sorted(path for path in into.iterdir() if _NAME.fullmatch(path.name) and path.is_dir())
 
 
 def new_name(into: Path, taken_at: datetime) -> Path:
-    """For one that begins now."""
+    """Return a new name for a backup that starts now."""
     first = into / f"sawmill-{taken_at:%Y%m%dT%H%M%SZ}"
     path, number = first, 1
     while path.exists():
@@ -50,31 +50,31 @@ def new_name(into: Path, taken_at: datetime) -> Path:
 
 
 def partial_of(path: Path) -> Path:
-    """What a backup is called until it is whole, and while it is removed."""
+    """Return the name of a backup until it is complete, and while it is being removed."""
     return path.with_name(f".{path.name}{_PARTIAL}")
 
 
 def remove_older(into: Path, keep: int, taken: Path) -> list[Path]:
-    """Remove all backups but the newest ones; what shares files with them stays whole.
+    """Remove all backups but the newest ones; other backups that share files with the removed ones stay whole.
 
     Parameters
     ----------
     taken
-        The one that was just taken: it stays and counts, also where a wrong clock has named others by later times.
+        The backup just taken: it stays and counts, even where a wrong clock gave other backups later times.
 
     Returns
     -------
     list of Path
-        What was removed.
+        Backups that were removed.
 
     Raises
     ------
     Refused
-        Another backup is being written there.
+        Another backup is being written into the folder.
     """
     with alone_in(into):
-        others = [path for path in backups_in(into) if path.name != taken.name]
-        old = others[: max(len(others) + 1 - keep, 0)]
+        earlier = [path for path in backups_in(into) if path.name != taken.name]
+        old = earlier[: max(len(earlier) + 1 - keep, 0)]
         for path in old:
             path.rename(partial_of(path))
             shutil.rmtree(partial_of(path))

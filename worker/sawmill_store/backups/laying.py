@@ -1,4 +1,4 @@
-"""Laying files into a backup, as second names of what is there already where that can be."""
+"""Writing of files into a backup, as second names (hard links) of existing files where possible."""
 
 import os
 from collections.abc import Mapping
@@ -13,21 +13,21 @@ from sawmill_vocabulary import Progress, ProgressCallback
 
 
 class Laying:
-    """Lays them, in one look or in several.
+    """Writer of files into a backup, in one pass or in several.
 
     Parameters
     ----------
     folder, into
-        Where the files are, and where they go: made here.
+        Folder of the files, and folder of the backup, which is made here.
     earlier
-        Files of an earlier backup, and their entries by path.
+        Folder of the files of an earlier backup, and the entries of these files by path.
     on_progress
-        Called after each file, and within long ones.
+        Function that is called after each file, and during long files.
 
     Attributes
     ----------
     copied_bytes : int
-        So far.
+        Bytes that were copied so far.
     """
 
     def __init__(
@@ -41,32 +41,32 @@ class Laying:
         self._on_progress = on_progress
         self._laid: dict[str, Entry] = {}
         self._made_folders = set[str]()
-        # Entries of files with several names in the data folder, as an inspected upload and its scan have.
+        # Entries of files with several names in the data folder, such as an inspected upload and its scan.
         self._names: dict[tuple[int, int], Entry] = {}
 
     def lay(self, found: list[Found]) -> tuple[bool, list[str]]:
-        """Lay those that are not laid yet; whether one has gone, and paths of those that cannot be read."""
+        """Write the files not yet in the backup; return whether a file has gone, and the paths of unreadable files."""
         new = [file for file in found if not _same(self._laid.get(file.path), file)]
-        # Of several names of one file, one is copied.
-        left = {
+        # A file with several names is copied once.
+        to_copy = {
             file.inode or file.path: file.size_bytes for file in new if not _same(self._earlier.get(file.path), file)
         }
-        check_room_for(self._into, sum(left.values()), "the backup")
-        self._end_bytes = self.copied_bytes + sum(left.values())
-        went, unreadable = False, list[str]()
+        check_room_for(self._into, sum(to_copy.values()), "the backup")
+        self._end_bytes = self.copied_bytes + sum(to_copy.values())
+        has_gone, unreadable = False, list[str]()
         for number, file in enumerate(new):
             self._stage = f"{number} of {len(new)} files"
             self._count(0)
             try:
                 self._laid[file.path] = self._lay(file)
             except _Gone:
-                went = True
+                has_gone = True
             except Damaged:
                 unreadable.append(file.path)
-        return went, unreadable
+        return has_gone, unreadable
 
     def only(self, found: list[Found]) -> list[Entry]:
-        """Take away what is not in the last look; the entries of what is."""
+        """Remove files that the last pass did not find; return the entries of the files found."""
         for path in self._laid.keys() - {file.path for file in found}:
             self._remove(self._into / path)
         return [self._laid[file.path] for file in found if file.path in self._laid]
@@ -87,8 +87,8 @@ class Laying:
         return entry
 
     def _linked(self, file: Found) -> Entry | None:
-        """By a second name; None where there is nothing that it could be of, or the file system has none."""
-        # Texts: of many small files, paths would take as long as the calls to the system.
+        """Link a file to an existing copy; None where there is no copy, or the file system has no links."""
+        # Strings are used: for many small files, `Path` objects would take as long as the system calls.
         before = self._earlier.get(file.path)
         twin = None if file.inode is None else self._names.get(file.inode)
         for source, entry in ((self._earlier_folder, before), (self._into, twin)):
@@ -128,7 +128,7 @@ class _Gone(Exception):  # noqa: N818 - an outcome
 
 
 def _same(entry: Entry | None, file: Found) -> bool:
-    """Whether an entry is of a file as it is now: files never change without their time."""
+    """Return whether an entry is of a file as it is now: files never change without their time."""
     if entry is None or file.status is None:
         return entry is not None and entry.sha256 is None and file.status is None
     return (entry.size_bytes, entry.mtime_ns) == (file.size_bytes, file.status.st_mtime_ns) and entry.sha256 is not None

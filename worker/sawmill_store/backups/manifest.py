@@ -1,4 +1,4 @@
-"""What a backup says of itself, and how it is read: by somebody who does not trust it."""
+"""Manifest and list of files of a backup, read as untrusted input."""
 
 import hashlib
 import json
@@ -17,7 +17,7 @@ from sawmill_platform.files.whole_files import open_regular
 
 MANIFEST, MANIFEST_SUM, FILES, ROWS, DATA = "manifest.json", "manifest.sha256", "files.jsonl", "rows", "data"
 FORMAT = 1
-# Folders of the data folder of which a backup may have files.
+# Folders in the data folder from which a backup may have files.
 FOLDERS = frozenset({"uploads", UNFINISHED, EXAMPLES, *(kind.plural for kind in JobKind.all())})
 
 Counted = Callable[[int], None]
@@ -34,11 +34,11 @@ class Entry(NamedTuple):
     Attributes
     ----------
     path : str
-        In the data folder, with slashes.
+        Path in the data folder, with slashes.
     size_bytes, mtime_ns : int
-        Of an upload that still comes, the size is what has come.
+        Size and time of change; the size of an unfinished upload is the number of bytes received so far.
     sha256 : str or None
-        None: it is an empty folder.
+        SHA-256 of the file. None: the path is an empty folder.
     """
 
     path: str
@@ -51,7 +51,7 @@ TableName = Annotated[str, StringConstraints(pattern=r"^[a-z_]+$")]
 
 
 class Summed(Contract):
-    """A file that is no part of the data folder."""
+    """Size and SHA-256 of a file that is not in the data folder."""
 
     size_bytes: int = Field(ge=0)
     sha256: str = Field(pattern=r"^[0-9a-f]{64}$")
@@ -64,14 +64,14 @@ class Table(Summed):
 
 
 class Manifest(Contract):
-    """What a backup is of.
+    """Manifest of a backup: its source, its time and its sums.
 
     Attributes
     ----------
     version, revision, database
-        The software that made it, the migration that its tables were at, and the kind of database.
+        Version of the software that made the backup, migration of the tables, and kind of the database.
     taken_at
-        The instant at which the rows were as they are here, by the clock of the machine that made it.
+        Instant of the rows, by the clock of the machine that made the backup.
     lacking
         Paths of files that rows name and that could not be read.
     """
@@ -88,24 +88,24 @@ class Manifest(Contract):
     lacking: list[str]
 
     def parts(self) -> Mapping[str, Summed]:
-        """By path in the backup: what is not below `data`."""
+        """Return sizes and sums of the files that are not below `data`, by path in the backup."""
         return {FILES: self.files, **{f"{ROWS}/{name}.jsonl": table for name, table in self.tables.items()}}
 
 
 def write_manifest(folder: Path, manifest: Manifest) -> None:
-    """Write it and its sum."""
+    """Write a manifest and its sum."""
     content = manifest.model_dump_json(indent=1).encode() + b"\n"
     for name, part in ((MANIFEST, content), (MANIFEST_SUM, f"{_sum_of(content)}  {MANIFEST}\n".encode())):
         (folder / name).write_bytes(part)
 
 
 def read_manifest(folder: Path) -> Manifest:
-    """The manifest of a backup.
+    """Read the manifest of a backup.
 
     Raises
     ------
     Damaged
-        There is none, or it is not as it was written.
+        There is no manifest, or the manifest is not as it was written.
     """
     if not (folder / MANIFEST).exists():
         raise Damaged(f"{str(folder)!r} is no backup of this product: it has no {MANIFEST}")
@@ -122,17 +122,17 @@ def read_manifest(folder: Path) -> Manifest:
 
 
 def write_entry(entry: Entry) -> bytes:
-    """Its line."""
+    """Return the line of an entry."""
     return json.dumps(entry._asdict()).encode() + b"\n"
 
 
 def read_entries(folder: Path) -> Iterator[Entry]:
-    """All files of a backup.
+    """Read the entries of all files of a backup.
 
     Raises
     ------
     Damaged
-        A line is none of a file that could be in a data folder beside those before it.
+        A line is not the entry of a file that could be in a data folder together with the files before.
     """
     with open_plain(folder / FILES) as file:
         number, files, folders = 0, set[str](), set[str]()
@@ -151,12 +151,12 @@ def read_entries(folder: Path) -> Iterator[Entry]:
 
 
 def open_plain(path: Path) -> BinaryIO:
-    """A file to read, where it is a file: no link is followed, and no pipe or device opened.
+    """Open a regular file to read: no link is followed, and no pipe or device is opened.
 
     Raises
     ------
     Damaged
-        It is something else, or is not there.
+        The path is no regular file, or does not exist.
     """
     try:
         return open_regular(path)
@@ -167,32 +167,32 @@ def open_plain(path: Path) -> BinaryIO:
 
 
 def blocks_of(file: BinaryIO, most_bytes: int | None = None) -> Iterator[bytes]:
-    """What a file holds, up to a length.
+    """Yield the blocks of a file, up to a length.
 
     Raises
     ------
     Damaged
-        Its disk does not give it.
+        The file cannot be read from its disk.
     """
-    left = most_bytes
+    remaining = most_bytes
     while True:
         try:
-            block = file.read(_BLOCK_BYTES if left is None else min(left, _BLOCK_BYTES))
+            block = file.read(_BLOCK_BYTES if remaining is None else min(remaining, _BLOCK_BYTES))
         except OSError as error:
             raise Damaged(f"{file.name} cannot be read: {error.strerror}") from error
         if not block:
             return
-        left = None if left is None else left - len(block)
+        remaining = None if remaining is None else remaining - len(block)
         yield block
 
 
 def summed(path: Path, counted: Counted = lambda _: None) -> Summed:
-    """Size and SHA-256 of a file as it is.
+    """Compute size and SHA-256 of a file.
 
     Raises
     ------
     Damaged
-        It is no file, or cannot be read.
+        The path is no file, or the file cannot be read.
     """
     computed, size_bytes = hashlib.sha256(), 0
     with open_plain(path) as file:

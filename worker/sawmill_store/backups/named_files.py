@@ -1,4 +1,4 @@
-"""The files that rows name, as they lie in the data folder."""
+"""Files that rows name, found in the data folder."""
 
 import os
 import stat
@@ -16,23 +16,23 @@ from sawmill_platform.contracts.kinds import declaration_of
 from sawmill_platform.database.database import Database
 from sawmill_platform.database.tables import Base, UploadRow
 from sawmill_platform.files.file_store import EXAMPLES, UNFINISHED, UPLOADED_FILE
-from sawmill_store import named_by_rows
 from sawmill_store.mill_files import SCAN_FILE
+from sawmill_store.retention import named_by_rows
 
 
 class Named(NamedTuple):
-    """What rows name.
+    """A path that rows name.
 
     Attributes
     ----------
     path : str
-        A file or a folder, in the data folder.
+        Path of a file or a folder in the data folder.
     needed : bool
-        Whether it must be there; otherwise it may be.
+        True if the path must exist; otherwise it may exist.
     most_bytes : int or None
-        What rows know of the file; None: all that it has.
+        Number of bytes that rows know of the file; None: the whole file.
     file : str
-        The file in a folder that must be there; empty: the path is a file itself.
+        Name of the file that must be in the folder; empty: the path is a file itself.
     """
 
     path: str
@@ -42,7 +42,7 @@ class Named(NamedTuple):
 
 
 class Found(NamedTuple):
-    """A file in the data folder, or an empty folder: without a status."""
+    """A file in the data folder, or an empty folder, which has no status."""
 
     path: str
     status: os.stat_result | None
@@ -50,25 +50,25 @@ class Found(NamedTuple):
 
     @property
     def size_bytes(self) -> int:
-        """What a backup has of it."""
+        """Number of bytes of the file that a backup has."""
         size_bytes = 0 if self.status is None else self.status.st_size
         return size_bytes if self.most_bytes is None else min(size_bytes, self.most_bytes)
 
     @property
     def inode(self) -> tuple[int, int] | None:
-        """What it shares with its other names; None: it has none."""
+        """Device and inode, which all names of the file share; None: the file has one name."""
         if self.status is None or self.status.st_nlink == 1:
             return None
         return self.status.st_dev, self.status.st_ino
 
 
 def named_by(connection: Connection, tables: Collection[str]) -> list[Named]:
-    """What the rows of a transaction name, in the order of the paths.
+    """Read the paths that rows name in a transaction, in the order of the paths.
 
     Parameters
     ----------
     tables
-        Those that there are: a database may be older than this software.
+        Names of the tables that exist: a database may be older than this software.
     """
     folders = {
         f"uploads/{kind.plural}": (
@@ -91,7 +91,7 @@ def named_by(connection: Connection, tables: Collection[str]) -> list[Named]:
 
 
 def look_for(folder: Path, named: list[Named]) -> tuple[list[Found], list[str]]:
-    """Files that are named and there, and paths of those that should be and are not."""
+    """Find the named files that exist, and the paths of missing files that must exist."""
     found, lacking = list[Found](), list[str]()
     for one in named:
         try:
@@ -107,13 +107,13 @@ def look_for(folder: Path, named: list[Named]) -> tuple[list[Found], list[str]]:
                 found.append(Found(one.path, status, one.most_bytes))
             elif one.needed:
                 lacking.append(one.path)
-        except FileNotFoundError:  # it is being removed: the next look will tell whether rows still name it
+        except FileNotFoundError:  # it is being removed: the next pass shows whether rows still name it
             lacking.append(one.path)
     return found, lacking
 
 
 def lost_files(database: Database, folder: Path) -> list[str]:
-    """Find the files that rows name and the data folder lacks; their paths in it.
+    """Find the paths in the data folder of files that rows name and that are missing.
 
     Raises
     ------
@@ -123,7 +123,7 @@ def lost_files(database: Database, folder: Path) -> list[str]:
         The data folder cannot be read.
     """
     lost = _lost(database, folder)
-    # A row is deleted before its files: what is lacking for that reason has no row at the second look.
+    # A row is deleted before its files: a file that is missing for this reason has no row in the second pass.
     return sorted(lost & _lost(database, folder)) if lost else []
 
 

@@ -1,4 +1,4 @@
-"""Which backup was the last one: a note in the data folder, for whoever looks after the service."""
+"""Note of the newest backup in the data folder, for the operator of the service."""
 
 from pathlib import Path
 
@@ -16,11 +16,11 @@ class Newest(Contract):
     Attributes
     ----------
     path
-        Where it was written; it may have been taken away since.
+        Path to which the backup was written; it may have been moved since.
     taken_at
-        The instant of its rows.
+        Instant of the rows.
     lacking
-        The number of files that it lacks.
+        Number of files that the backup lacks.
     """
 
     path: str
@@ -29,7 +29,7 @@ class Newest(Contract):
 
 
 def note_newest(folder: Path, path: Path, manifest: Manifest) -> None:
-    """Note a backup that is whole."""
+    """Write the note of a complete backup."""
     note = Newest(path=str(path), taken_at=manifest.taken_at, lacking=len(manifest.lacking))
     new = folder / f"{LAST_BACKUP}.new"
     with renamed(new, folder / LAST_BACKUP):
@@ -37,7 +37,7 @@ def note_newest(folder: Path, path: Path, manifest: Manifest) -> None:
 
 
 def newest_backup(folder: Path) -> Newest | None:
-    """The last backup that was taken of a data folder; None: there is no note that can be read."""
+    """Read the note of the last backup of a data folder; None where there is no readable note."""
     try:
         return Newest.model_validate_json((folder / LAST_BACKUP).read_text())
     except (FileNotFoundError, ValidationError):

@@ -1,8 +1,8 @@
 """Restoring a backup into an empty data folder and an empty database, of either kind.
 
-Everything is put together in `restoring/` of the data folder, and no store opens as long as that is there. Then the
-files get their places, the rows are committed, and the folder goes. Who is killed before that gives the command again:
-where the rows were committed, nothing else is missing; otherwise it begins anew.
+All files are copied to `restoring/` in the data folder first, and no store opens while that folder exists. Then the
+files are moved to their places, the rows are committed, and the folder is removed. After a kill the command is given
+again: if the rows were committed, only the folder has to be removed; otherwise the restore starts again.
 """
 
 import fcntl
@@ -39,51 +39,51 @@ from sawmill_vocabulary import ProgressCallback
 from sawmill_vocabulary.version import VERSION
 
 _LOCK = "lock"
-# What is in an empty data folder: of a disk of its own, and of who looks whether it is served.
+# Names that an empty data folder may have: the folder of a separate disk, and the lock of `sawmill serve`.
 _NOTHING = {"lost+found", "serve.lock"}
 
 
 def check_empty(settings: StorageSettings) -> bool:
-    """Check that a restore may begin; what a killed one left may be there.
+    """Check that a restore may start; the remains of a killed restore are allowed.
 
     Returns
     -------
     bool
-        Whether a killed one had committed all rows.
+        True if a killed restore had committed all rows.
 
     Raises
     ------
     Refused
-        Something is there.
+        The data folder or the database is not empty.
     StorageUnavailable
         The database does not answer.
     """
     folder, file = settings.data_folder, settings.database_file
-    left = (folder / RESTORING).exists()
-    more = sorted({path.name for path in folder.iterdir()} - _NOTHING) if folder.is_dir() and not left else []
-    if more:
-        msg = f"{str(folder)!r} is not empty ({', '.join(more[:3])}): a backup is restored into an empty folder alone"
+    was_started = (folder / RESTORING).exists()
+    names = sorted({path.name for path in folder.iterdir()} - _NOTHING) if folder.is_dir() and not was_started else []
+    if names:
+        msg = f"{str(folder)!r} is not empty ({', '.join(names[:3])}): a backup is restored into an empty folder alone"
         raise Refused(msg)
     is_filled = _is_filled(settings)
-    if is_filled and not (left and _is_emptied(folder / RESTORING / DATA)):
+    if is_filled and not (was_started and _is_emptied(folder / RESTORING / DATA)):
         where = "the database of SAWMILL_DATABASE_URL" if file is None else repr(str(file))
         raise Refused(f"{where} is not empty: a backup is restored into an empty database alone")
     return is_filled
 
 
 def restore(backup: Path, settings: StorageSettings, on_progress: ProgressCallback) -> Manifest | None:
-    """Restore a backup, every sum compared.
+    """Restore a backup, and compare every sum.
 
     Returns
     -------
     Manifest or None
-        Of the backup. None: an earlier command had put everything in its place before it was killed, and this one
-        did the rest.
+        Manifest of the backup. None: an earlier command had restored everything before it was killed, and this command
+        removed the remains.
 
     Raises
     ------
     Refused
-        The folder or the database is not empty, another restore goes on, or the backup is of a later version.
+        The folder or the database is not empty, another restore is running, or the backup is of a later version.
     Damaged
         The backup is not as it was written: nothing is restored.
     StorageFull, StorageUnavailable, OSError
@@ -105,7 +105,7 @@ def restore(backup: Path, settings: StorageSettings, on_progress: ProgressCallba
 
 @contextmanager
 def _alone_in(folder: Path) -> Iterator[None]:
-    """Keep stores of the folder from opening, also after this process was killed, and other restores away."""
+    """Keep stores of the folder from opening, even after this process was killed, and lock out other restores."""
     (folder / RESTORING).mkdir(parents=True, exist_ok=True)
     flush(folder)
     with (folder / RESTORING / _LOCK).open("w") as lock:
@@ -131,7 +131,7 @@ def _restore(backup: Checked, folder: Path, settings: StorageSettings, on_progre
             for path in (folder / RESTORING / DATA).iterdir():
                 path.rename(folder / path.name)
             flush(folder)
-            # By the commit or SQLite's new name, which may have come through where an error follows: a retry finds out.
+            # The commit or the renaming of SQLite's file may succeed and then report an error: a retry finds out.
             decided = True
         target.engine.dispose()
         if file is not None:
@@ -145,7 +145,7 @@ def _restore(backup: Checked, folder: Path, settings: StorageSettings, on_progre
 
 
 def _unfinished(file: Path) -> Path:
-    """What SQLite's file is called until all rows are in it."""
+    """Return the name of SQLite's file until all rows are in the file."""
     return file.with_name(f"{file.name}.restoring")
 
 
@@ -160,7 +160,7 @@ def _put_in_place(unfinished: Path, file: Path) -> None:
 
 
 def _is_filled(settings: StorageSettings) -> bool:
-    """Whether the database has tables; SQLite's file is not made for the question."""
+    """Return whether the database has tables; SQLite's file is not created by the check."""
     if settings.database_file is not None:
         return settings.database_file.exists()
     database = Database(make_engine(settings.url, settings.database_password_file))
@@ -172,12 +172,12 @@ def _is_filled(settings: StorageSettings) -> bool:
 
 
 def _is_emptied(data: Path) -> bool:
-    """Whether all files have got their places, as they have before rows are committed; rows are another's otherwise."""
+    """Return whether all files were moved, which happens before the commit; otherwise the rows are not of a restore."""
     return not any(data.glob("*"))
 
 
 def _clear(folder: Path, settings: StorageSettings) -> None:
-    """Remove what a restore has put together so far."""
+    """Remove the files that a restore has written so far."""
     for path in (*(folder / name for name in FOLDERS), folder / RESTORING / DATA):
         if path.exists():
             shutil.rmtree(path)
@@ -224,7 +224,7 @@ def _copy_files(backup: Checked, into: Path, reserve_bytes: int, on_progress: Pr
 
 
 def _sizes(backup: Checked) -> dict[object, int]:
-    """By file, whatever its number of names."""
+    """Return the size of every file, once for a file with several names."""
     return {status.st_ino: status.st_size for status in backup.statuses.values()}
 
 
@@ -234,7 +234,7 @@ def _copy(backup: Path, entry: Entry, target: Path, report: Reporter) -> None:
 
 
 def _take_jobs_back(session: Session, backup: Checked) -> None:
-    """Queue what ran: its workers are not here."""
+    """Queue the jobs that were running, because their workers do not exist here."""
     now = datetime.now(UTC)
     record_restored(session, now, {"taken_at": backup.manifest.taken_at.isoformat(), "backup": backup.folder.name})
     go_on_counting(session.connection())

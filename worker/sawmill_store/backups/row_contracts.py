@@ -1,4 +1,4 @@
-"""Rows read by the contracts with which the service answers, so that none is restored that it cannot answer with."""
+"""Check of restored rows by the contracts of the service's answers, so that every restored row can be returned."""
 
 from collections.abc import Callable, Mapping
 from datetime import datetime
@@ -48,14 +48,14 @@ from sawmill_platform.ledger.event_reader import read_event
 from sawmill_platform.uploads.upload_store import read_upload
 from sawmill_platform.webhooks.webhook_store import read_delivery, read_webhook
 from sawmill_store.alarms import read_alarm
-from sawmill_store.asked_rows import read_asked
 from sawmill_store.backups.manifest import ROWS
 from sawmill_store.backups.rows import line_of
 from sawmill_store.drift_charts import read_chart
 from sawmill_store.history import read_entry
 from sawmill_store.measurements import read_measurement
 from sawmill_store.phantoms import picture_of, read_phantom
-from sawmill_store.retention import read_retention
+from sawmill_store.requests.asked_rows import read_asked
+from sawmill_store.retention.retention_store import read_retention
 from sawmill_store.scanners import read_scanner
 from sawmill_store.scans import read_scan
 from sawmill_store.schedules import read_schedule, read_schedule_run
@@ -80,7 +80,7 @@ from sawmill_store.tables import (
 )
 
 _BATCH = 500
-# What reading a row raises where a value does not fit. A database that does not answer raises others.
+# Errors of reading a row with a value that does not fit. A database that does not answer raises other errors.
 _UNFIT = (ArithmeticError, AttributeError, LookupError, TypeError, ValueError, NoResultFound, Invalid)
 _OBJECT = TypeAdapter(dict[str, object])
 _ANSWER = TypeAdapter(Answer)
@@ -95,12 +95,12 @@ def refuse_unfit_row(session: Session, folder: Path) -> None:
     Parameters
     ----------
     folder
-        The backup from which the rows came, for the line.
+        Backup from which the rows came, to find the line of a row.
 
     Raises
     ------
     Damaged
-        The service could not answer with a row.
+        The service could not return a row.
     """
     for kind, read in READ.items():
         if _refused(session, kind, read, _BATCH) is None:
@@ -117,7 +117,7 @@ def refuse_unfit_row(session: Session, folder: Path) -> None:
 
 
 def _refused(session: Session, kind: type[Base], read: Read, batch: int) -> tuple[int, Exception] | None:
-    """Read the rows of a table in the order of their keys: the number of rows before the first refused one, and why."""
+    """Read a table in the order of keys; return the number of rows before the first refused row, and its error."""
     rows = select(kind).order_by(*inspect(kind).primary_key).execution_options(yield_per=batch)
     number = 0
     try:
@@ -138,13 +138,13 @@ def _complaint(error: Exception | None) -> str:
 
 
 class _DetailOfAttempt(BaseModel, strict=True):
-    """What pages show of the detail of an event of a job."""
+    """Fields that pages show of the detail of a job's event."""
 
     peak_memory_bytes: int = 0
 
 
 class _DetailOfClock(BaseModel, strict=True):
-    """What pages show of the detail of an event of a clock."""
+    """Fields that pages show of the detail of a clock's event."""
 
     off_s: float
 
@@ -218,7 +218,7 @@ def _read_repeat(_: Session, row: RepeatRow) -> Kept:
 
 
 def _load(_: Session, row: Base) -> Base:
-    """Take a row that is loaded: its columns and foreign keys are all that there is to it."""
+    """Return a loaded row: loading has checked its columns and foreign keys, and there is no further contract."""
     return row
 
 

@@ -1,7 +1,7 @@
-"""Rows as JSON, a line each: the same from SQLite and PostgreSQL, so that either can be restored to the other.
+"""Rows as JSON lines: the same from SQLite and PostgreSQL, so that either database can be restored to the other.
 
-Tables are read and written as the database has them, whatever its revision: not as this version of the software does.
-`row_contracts` reads them as this version does, once they are up to date.
+Tables are read and written with the columns of the database, whatever its revision, and not with the columns of this
+version of the software. `row_contracts` reads the rows by this version, once the tables are up to date.
 """
 
 import hashlib
@@ -41,12 +41,12 @@ from sawmill_platform.database.tables import Base, ClockRow, DataFolderRow, JobT
 from sawmill_platform.errors import Damaged
 from sawmill_store.backups.manifest import ROWS, Table, open_plain
 
-# Logins are not restored, a clock is its machine's, a restored folder has an identity of its own, and turns begin anew.
+# Logins are not restored, a clock belongs to a machine, a restored folder gets a new identity, and turns start again.
 LEFT_OUT = {each.__tablename__ for each in (SessionRow, ClockRow, DataFolderRow, JobTurnRow)}
 _BATCH = 500
 # Numbers of new rows follow the restored ones, and PostgreSQL has 32 bits for them.
 _LARGEST_KEY = 2_000_000_000
-# So that a day more or less is a time of the calendar still.
+# Years in which a day more or less is still a valid date.
 _YEARS = range(2, 9999)
 _HALF = re.compile("[\ud800-\udfff]")
 
@@ -59,7 +59,7 @@ def write_rows(connection: Connection, folder: Path) -> dict[str, Table]:
     Returns
     -------
     dict
-        By name of the table: what was written.
+        Written rows and sums, by name of the table.
     """
     (folder / ROWS).mkdir()
     return {
@@ -68,12 +68,12 @@ def write_rows(connection: Connection, folder: Path) -> dict[str, Table]:
 
 
 def read_rows(connection: Connection, folder: Path, tables: Mapping[str, Table]) -> None:
-    """Write the rows of a backup into empty tables of its revision.
+    """Write the rows of a backup into empty tables of the backup's revision.
 
     Raises
     ------
     Damaged
-        A table, a column or a value is none of that revision.
+        A table, a column or a value does not fit that revision.
     """
     there = {table.name: table for table in _tables(connection)}
     for name in tables.keys() - there.keys():
@@ -84,7 +84,7 @@ def read_rows(connection: Connection, folder: Path, tables: Mapping[str, Table])
 
 
 def go_on_counting(connection: Connection) -> None:
-    """Have PostgreSQL number new rows behind those that are there; SQLite does by itself."""
+    """Set PostgreSQL's counters behind the numbers of the restored rows; SQLite does so by itself."""
     if connection.dialect.name == "sqlite":
         return
     for table in Base.metadata.sorted_tables:
@@ -94,7 +94,7 @@ def go_on_counting(connection: Connection) -> None:
 
 
 def _tables(connection: Connection) -> Sequence[SqlTable]:
-    """Ours that are there, those first that others refer to; of columns alone, without indexes and constraints."""
+    """Return our existing tables, referenced tables first, with columns alone: no indexes and no constraints."""
     inspector = inspect(connection)
     keys, columns = inspector.get_multi_pk_constraint(), inspector.get_multi_columns()
     ours = Base.metadata.tables.keys() - LEFT_OUT
@@ -108,7 +108,7 @@ def _tables(connection: Connection) -> Sequence[SqlTable]:
 
 
 def _as_stored(kind: TypeEngine[Any]) -> TypeEngine[Any]:
-    """As `storage.tables` has them: times in UTC, and no JSON is no `null`."""
+    """Return the column type that `tables` has: times in UTC, and no JSON is NULL, not the JSON value `null`."""
     if isinstance(kind, DateTime):
         return UtcDateTime()
     return JSON(none_as_null=True) if isinstance(kind, JSON) else kind
@@ -129,7 +129,7 @@ def _write(connection: Connection, table: SqlTable, path: Path) -> Table:
 
 
 def line_of(folder: Path, table: str, key: Mapping[str, object]) -> int | None:
-    """Find the line of a row by its primary key; None where the backup has no such row, as of one that is made anew."""
+    """Find the line of a row by its primary key; None where the backup has no such row, as of a row made later."""
     path = folder / ROWS / f"{table}.jsonl"
     if not path.exists():
         return None
@@ -145,7 +145,7 @@ def _read(connection: Connection, table: SqlTable, path: Path) -> None:
             with connection.begin_nested():
                 connection.execute(insert(table), [row for _, row in batch])
         except (OperationalError, InterfaceError):
-            raise  # of the database, whatever the row
+            raise  # an error of the database, whatever the row
         except StatementError:
             _refuse_one(connection, table, path, batch)
             raise
@@ -177,7 +177,7 @@ def _rows(table: SqlTable, path: Path) -> Iterator[tuple[int, Row]]:
 
 
 def _converter(column: Column[Any]) -> Callable[[Any], Any]:
-    """From what JSON has of a column's values to what the database takes."""
+    """Return the function that converts a column's value from JSON to the value for the database."""
     bits = 63 if isinstance(column.type, BigInteger) else 31
     converters: list[tuple[type[TypeEngine[Any]], Callable[[Any], Any]]] = [
         (JSON, lambda value: value),

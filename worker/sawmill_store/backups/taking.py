@@ -1,8 +1,8 @@
-"""Taking a backup while the service runs.
+"""Taking of a backup while the service runs.
 
-Files are never changed once rows name them, but they may be removed. So the rows of one instant are read first, then
-what they name is copied; where something has gone meanwhile, both are done once more, and what was copied stays. Each
-look takes as long as what is new since the one before, so it ends soon. Nothing keeps the service from its work.
+Files are never changed once rows name them, but they may be removed. So the rows of one instant are read first, and
+then the named files are copied. If a file has gone since, both steps are repeated, and copied files stay. Each pass
+copies only the files that are new since the pass before, so the backup ends soon. The service is never blocked.
 """
 
 import shutil
@@ -45,21 +45,21 @@ from sawmill_vocabulary import ProgressCallback
 from sawmill_vocabulary.version import VERSION
 
 _MOST_LOOKS = 20
-# For what is lacking because it is just being removed: its row goes with the next look.
+# Pause for files that are missing because they are being removed: their rows are gone in the next pass.
 _PAUSE_S = 1.0
 
 
 class Taken(NamedTuple):
-    """A backup that is whole.
+    """A complete backup.
 
     Attributes
     ----------
     path : Path
-        Its folder.
+        Folder of the backup.
     manifest : Manifest
-        What it is of.
+        Manifest of the backup.
     copied_bytes : int
-        Of its files; the others are second names of an earlier backup's.
+        Bytes of the copied files; all other files are second names of an earlier backup's files.
     """
 
     path: Path
@@ -68,16 +68,16 @@ class Taken(NamedTuple):
 
 
 def take_backup(settings: StorageSettings, into: Path, on_progress: ProgressCallback) -> Taken:
-    """Take a backup into a folder that is there, under a name with its time.
+    """Take a backup into an existing folder, under a name with the time of the backup.
 
     Raises
     ------
     Refused
-        There is nothing to back up, the folder is not there or lies in the data folder, or another backup is taken.
+        There is nothing to back up, the folder does not exist or is in the data folder, or another backup is running.
     StorageFull, StorageUnavailable
-        There is no room for it, the database does not answer, or the data folder is not the database's.
+        The disk has no room, the database does not answer, or the data folder belongs to another database.
     OSError
-        The folder cannot be written to, or the data folder not be read.
+        The folder cannot be written to, or the data folder cannot be read.
     """
     folder = settings.data_folder.absolute()
     _check(settings, folder, into)
@@ -113,7 +113,7 @@ def _check(settings: StorageSettings, folder: Path, into: Path) -> None:
 
 
 def _earlier(into: Path) -> tuple[Path, Mapping[str, Entry]]:
-    """The newest backup of a folder that can be read, and its files by path."""
+    """Find the newest readable backup of a folder; return the folder of the files, and the entries by path."""
     for path in reversed(backups_in(into)):
         with suppress(Damaged):  # an older one will do; `restore --check` says what is wrong with it
             manifest = read_manifest(path)
@@ -155,7 +155,7 @@ def _fill(database: Database, part: Path, laying: Laying) -> Manifest:
 
 
 def _look(database: Database, part: Path, folder: Path) -> tuple[dict[str, Table], str, list[Named]]:
-    """Write the rows of this instant, and find what they name."""
+    """Write the rows of this instant, and return tables, revision and the paths that the rows name."""
     if (part / ROWS).exists():
         shutil.rmtree(part / ROWS)
     with database.snapshot() as connection:

@@ -1,7 +1,7 @@
-"""Carrying out the rules of retention: the oldest first, a few in a transaction, rows first and then files.
+"""Execution of the rules of retention: oldest rows first, a few in a transaction, rows first and then files.
 
-A kill between the two leaves files that no row knows, which go as `leftovers`. What is about to go is locked and asked
-about once more: an activation or a job that came after it was chosen keeps it.
+A kill between rows and files leaves files that no row names, which `leftovers` removes. Rows chosen for removal are
+locked and checked again: an activation or a job since the choice keeps a row.
 """
 
 import time
@@ -20,15 +20,15 @@ from sawmill_platform.database.database import Database
 from sawmill_platform.database.tables import REMOVABLE, EventRow, JobDependencyRow, JobRow
 from sawmill_platform.files.file_store import FileStore
 from sawmill_platform.ledger.events import announce
-from sawmill_store.leftovers import noted
-from sawmill_store.measured_bytes import freed_bytes_of, measure_some, places_of
-from sawmill_store.protected import may_go, none_of, protections
-from sawmill_store.retention import SUBJECT, THE_ROW, rules_of, waits_since
-from sawmill_store.retention_rules import STOCKS, Reach, Stock, last_old_event, reach_of
+from sawmill_store.retention.leftovers import noted
+from sawmill_store.retention.measured_bytes import freed_bytes_of, measure_some, places_of
+from sawmill_store.retention.protected import may_go, none_of, protections
+from sawmill_store.retention.retention_rules import STOCKS, Reach, Stock, last_old_event, reach_of
+from sawmill_store.retention.retention_store import SUBJECT, THE_ROW, rules_of, waits_since
 from sawmill_store.tables import CalibrationRow, RetentionRow, ScannerRow, ScheduleRunRow
 
 EVERY_S = 600.0
-# In a transaction: files of 230 MB each are deleted within the time of a round.
+# Rows in a transaction: their files of 230 MB each are deleted within the time of a round.
 ITEMS_A_ROUND = 50
 EVENTS_A_ROUND = 2000
 _DAYS = [name for name in RetentionRules.model_fields if name.endswith("_days")]
@@ -36,7 +36,7 @@ _log = structlog.get_logger()
 
 
 class _Task(NamedTuple):
-    """What the rules in force reach of one kind; `reach` is a number of events."""
+    """Reach of the rules in force for one kind; for events, `reach` is the number of the last event."""
 
     kind: RetentionKind
     revision: int
@@ -44,12 +44,12 @@ class _Task(NamedTuple):
 
 
 class RetentionKeeper:
-    """Removes what the rules reach, a batch a round; of several processes one at a time.
+    """Remover of everything that the rules reach, a batch a round; one of several processes works at a time.
 
     Parameters
     ----------
     database, files
-        Several processes may look after the same ones.
+        Database and data folder, on which several processes may work.
     now_s
         The keeper's clock, which never goes back.
     """
@@ -64,19 +64,19 @@ class RetentionKeeper:
         self._tasks: list[_Task] = []
 
     def remove_some(self) -> Removed | None:
-        """Measure what is new, and remove the next batch where there is one: every ten minutes, and at new rules.
+        """Measure new files and remove the next batch, if there is one: every ten minutes, and after a change of rules.
 
         Returns
         -------
         Removed or None
-            What went. None: nothing that the rules reach may go now.
+            Summary of the removed batch. None: nothing that the rules reach may go now.
 
         Raises
         ------
         StorageFull, StorageUnavailable
             The database cannot write.
         OSError
-            A file could not be removed: its row is gone, and it goes as a leftover.
+            A file could not be removed: its row is gone, and `leftovers` will remove the file.
         """
         with self._database.read() as session:
             revision = session.scalar(select(RetentionRow.revision).where(RetentionRow.number == THE_ROW))
@@ -101,7 +101,7 @@ class RetentionKeeper:
             if row is None:
                 return []
             rules, tasks, waits = rules_of(row), [], waits_since(row, now)
-            if waits is not None:  # all that is stored may seem too old
+            if waits is not None:  # the clock may have leapt, so that everything seems too old
                 _log.warning("retention-days-wait", since=waits.isoformat())
                 rules = rules.model_copy(update=dict.fromkeys(_DAYS))
             for kind in rules.kinds():
@@ -115,7 +115,7 @@ class RetentionKeeper:
         return tasks
 
     def _remove(self, task: _Task) -> tuple[Removed | None, bool]:
-        """What went of a kind, and whether there may be more."""
+        """Remove a batch of a kind; return the summary, and whether there may be more."""
         if isinstance(task.reach, int):
             return self._remove_events(task, task.reach)
         return self._remove_stored(task, STOCKS[task.kind], task.reach)
@@ -161,7 +161,7 @@ class RetentionKeeper:
     def _note(
         self, session: Session, row: RetentionRow, removed: Removed, first_at: datetime, last_at: datetime
     ) -> None:
-        """Count it, and announce it, in the transaction that removes it."""
+        """Count and announce removed rows, in the transaction that removes the rows."""
         number, freed_bytes = row.removed.get(removed.kind.value, (0, 0))
         counted = [number + removed.number, freed_bytes + removed.freed_bytes]
         row.removed = {**row.removed, removed.kind.value: counted}
@@ -184,40 +184,40 @@ class RetentionKeeper:
 
 
 def _held_rules(session: Session, task: _Task) -> RetentionRow | None:
-    """The row of the rules, locked; None where another process works by it, or the rules are others by now."""
+    """Lock and return the row of the rules; None where another process has locked it, or the rules have changed."""
     held = select(RetentionRow).where(RetentionRow.number == THE_ROW, RetentionRow.revision == task.revision)
     return session.scalar(held.with_for_update(skip_locked=True))
 
 
 def _oldest(session: Session, stock: Stock, reach: Reach) -> Sequence[str]:
-    """Ids of the oldest that may go."""
+    """Read the ids of the oldest rows that may go."""
     table = stock.table
     goes = stock.select(table.id, until=and_(reach.beyond(stock), none_of(protections(session, stock.kind))))
     return session.scalars(goes.order_by(table.created_at, table.id).limit(ITEMS_A_ROUND)).all()
 
 
 def _may_still_go(session: Session, stock: Stock, chosen: Sequence[str]) -> dict[str, datetime]:
-    """Of these rows, which are locked: when each came."""
+    """Return the times, by id, of the locked rows that may still go."""
     table = stock.table
     rows = select(table.id, table.created_at).where(table.id.in_(chosen))
     return {row.id: row.created_at for row in may_go(session, stock.kind, rows)}
 
 
 def _lock(session: Session, stock: Stock, identifiers: Sequence[str]) -> None:
-    """Wait for whoever is about to activate, use or delete one of these, and keep others from it; scanners first.
+    """Lock rows against transactions that activate, use or delete them; the rows of their scanners are locked first.
 
-    Who asks for something of one of these has locked it, and then refers to its scanner: that must not wait for us.
-    SQLite has one writer at a time: it needs no locks, and takes none.
+    A request locks the row that it refers to, and then refers to the scanner: that request must not wait for this
+    transaction. SQLite has one writer at a time: it needs no locks, and takes none.
     """
     table = stock.table
-    theirs = select(table.scanner_id).where(table.id.in_(identifiers))
-    scanners = select(ScannerRow.id).where(ScannerRow.id.in_(theirs)).order_by(ScannerRow.id)
+    scanner_ids = select(table.scanner_id).where(table.id.in_(identifiers))
+    scanners = select(ScannerRow.id).where(ScannerRow.id.in_(scanner_ids)).order_by(ScannerRow.id)
     session.execute(scanners.with_for_update(key_share=True))
     session.execute(select(table.id).where(table.id.in_(identifiers)).order_by(table.id).with_for_update())
 
 
 def _delete(session: Session, stock: Stock, identifiers: Sequence[str]) -> None:
-    """The rows and their jobs; the job that read a phantom scan stays, since alarms go by it."""
+    """Delete the rows and their jobs; the job that read a phantom scan stays, because alarms need it."""
     table = stock.table
     job_ids = session.scalars(select(table.job_id).where(table.id.in_(identifiers))).all()
     if table is CalibrationRow:

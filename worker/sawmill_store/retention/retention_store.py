@@ -1,4 +1,4 @@
-"""The rules of retention: kept as one row, tried before they hold, and put into force with a confirmed number."""
+"""Rules of retention: kept as one row, previewed, and put into force with a confirmed number of removals."""
 
 from collections.abc import Sequence
 from datetime import datetime, timedelta
@@ -26,39 +26,39 @@ from sawmill_platform.database.tables import REMOVABLE, EventRow
 from sawmill_platform.errors import Conflict
 from sawmill_platform.ledger.audit import changed
 from sawmill_platform.ledger.events import announce
-from sawmill_store.growth import Growth, fillings, growth_of
-from sawmill_store.protected import Protection, none_of, protections
-from sawmill_store.retention_rules import STOCKS, Stock, last_old_event, reach_of
+from sawmill_store.retention.growth import Growth, fillings, growth_of
+from sawmill_store.retention.protected import Protection, none_of, protections
+from sawmill_store.retention.retention_rules import STOCKS, Stock, last_old_event, reach_of
 from sawmill_store.tables import RetentionRow
 
 THE_ROW = 1
 RULES = "rules"
 SUBJECT = "retention"
-# So long nobody looked after the rules, or the clock has leapt: then days wait for a person.
+# After a gap of this length, in which no process ran or the clock leapt, rules by days wait for a person.
 LONGEST_GAP = timedelta(days=30)
-# The time that a person has to confirm the number of a preview: scans become too old every few seconds.
+# Time for a person to confirm the number of a preview: scans become too old every few seconds.
 CONFIRMED_WITHIN = timedelta(hours=1)
 _FIRST, _FIRST_IDS = 10, 3
 
 
 class RetentionStore:
-    """Every method is one transaction, `replace` two."""
+    """Store of the rules of retention: every method is one transaction; `replace` is two."""
 
     def __init__(self, database: Database) -> None:
         self._database = database
 
     def get(self) -> Retention:
-        """The rules in force, and what has gone by rules so far."""
+        """Return the rules in force, and the totals that rules have removed so far."""
         with self._database.read() as session:
             return read_retention(session.get(RetentionRow, THE_ROW), self._database.now())
 
     def preview(self, rules: RetentionRules) -> RetentionPreview:
-        """List what would go by rules within the time for a confirmation, and what they reach that would stay."""
+        """List what rules would remove within the time for a confirmation, and what would stay though it is reached."""
         with self._database.read() as session:
             return _preview(session, rules, self._database.now() + CONFIRMED_WITHIN)
 
     def growth(self, free_bytes: float) -> Growth:
-        """How fast files come, and when they fill a disk with so much room under the rules in force."""
+        """Compute the growth of files, and the time until the free bytes are used up under the rules in force."""
         with self._database.read() as session:
             rules = rules_of(session.get(RetentionRow, THE_ROW))
             return growth_of(fillings(session, rules, self._database.now()), free_bytes)
@@ -69,7 +69,7 @@ class RetentionStore:
         Raises
         ------
         Conflict
-            They would remove more.
+            The rules would remove more.
         """
         rules = RetentionRules(**{name: getattr(ask, name) for name in RetentionRules.model_fields})
         with self._database.read() as session:
@@ -93,18 +93,18 @@ class RetentionStore:
 
 
 def rules_of(row: RetentionRow | None) -> RetentionRules:
-    """Those of the row; none where there is none."""
+    """Read the rules of the row; without a row there are no rules."""
     return RetentionRules() if row is None else RetentionRules.model_validate(row.rules)
 
 
 def waits_since(row: RetentionRow, now: datetime) -> datetime | None:
-    """When days were counted last, where that is so long ago that a person must confirm the rules; None: it is not."""
+    """Return the time when days were last counted, if a person must confirm the rules after so long; otherwise None."""
     last = row.followed_at or row.changed_at
     return last if now - last > LONGEST_GAP else None
 
 
 def read_retention(row: RetentionRow | None, now: datetime) -> Retention:
-    """The rules and what went by them; none where there is no row."""
+    """Read the rules and their totals; without a row there are no rules."""
     removed = {} if row is None else row.removed
     return Retention(
         rules=rules_of(row),
@@ -142,9 +142,9 @@ def _of_kind(session: Session, kind: RetentionKind, rules: RetentionRules, at: d
 
 def _of_stock(session: Session, stock: Stock, rules: RetentionRules, at: datetime) -> KindPreview:
     table, reach = stock.table, reach_of(session, stock, rules, at)
-    stay = protections(session, stock.kind)
-    beyond = reach.beyond(stock)
-    goes = and_(beyond, none_of(stay))
+    kept = protections(session, stock.kind)
+    reached = reach.beyond(stock)
+    goes = and_(reached, none_of(kept))
     sized = stock.all_bytes if stock.has_bytes else null()
     totals = stock.select(func.count(), sized, func.min(table.created_at), func.max(table.created_at), until=goes)
     number, size, oldest_at, newest_at = session.execute(totals).one()
@@ -160,14 +160,14 @@ def _of_stock(session: Session, stock: Stock, rules: RetentionRules, at: datetim
             Going(id=identifier, created_at=created_at, bytes=each, by=reach.rule_of(stock.kind, created_at))
             for identifier, created_at, each in first
         ],
-        stays=_staying(session, stay, stock.select(table.id, until=beyond).order_by(table.created_at, table.id)),
+        stays=_staying(session, kept, stock.select(table.id, until=reached).order_by(table.created_at, table.id)),
     )
 
 
 def _of_events(session: Session, rules: RetentionRules, at: datetime) -> KindPreview:
-    last, stay = last_old_event(session, rules, at), protections(session, RetentionKind.EVENTS)
-    beyond = and_(text(REMOVABLE), EventRow.number <= last)
-    goes = and_(beyond, none_of(stay))
+    last, kept = last_old_event(session, rules, at), protections(session, RetentionKind.EVENTS)
+    reached = and_(text(REMOVABLE), EventRow.number <= last)
+    goes = and_(reached, none_of(kept))
     number = session.scalar(select(func.count()).select_from(EventRow).where(goes)) or 0
     oldest = select(EventRow.number, EventRow.at).where(goes).order_by(EventRow.number).limit(_FIRST)
     first = [
@@ -182,18 +182,18 @@ def _of_events(session: Session, rules: RetentionRules, at: datetime) -> KindPre
         oldest_at=first[0].created_at if first else None,
         newest_at=newest_at,
         first=first,
-        stays=_staying(session, stay, select(EventRow.number).where(beyond).order_by(EventRow.number)),
+        stays=_staying(session, kept, select(EventRow.number).where(reached).order_by(EventRow.number)),
     )
 
 
-def _staying(session: Session, stay: Sequence[Protection], beyond: Select[Any]) -> list[Staying]:
-    """By reason: how many, and the oldest, of the ids of what the rules reach, the oldest first."""
-    found = []
-    for because, condition in stay:
-        kept = beyond.where(condition)
-        counted = kept.with_only_columns(func.count(), maintain_column_froms=True).order_by(None)
+def _staying(session: Session, protections_of_kind: Sequence[Protection], reached: Select[Any]) -> list[Staying]:
+    """Count the rows that the rules reach and that stay, by reason, with the ids of the oldest rows."""
+    staying = []
+    for because, condition in protections_of_kind:
+        staying_rows = reached.where(condition)
+        counted = staying_rows.with_only_columns(func.count(), maintain_column_froms=True).order_by(None)
         number = session.scalar(counted) or 0
         if number:
-            first = session.scalars(kept.limit(_FIRST_IDS))
-            found.append(Staying(because=because, number=number, first_ids=[str(each) for each in first]))
-    return found
+            first = session.scalars(staying_rows.limit(_FIRST_IDS))
+            staying.append(Staying(because=because, number=number, first_ids=[str(each) for each in first]))
+    return staying

@@ -1,4 +1,4 @@
-"""Which names in the data folder rows know: statements that give ids, of all or of some by a further condition."""
+"""Names in the data folder that rows know: statements that select ids, to which a condition may be added."""
 
 from collections.abc import Callable
 from datetime import UTC, datetime
@@ -17,26 +17,26 @@ from sawmill_store.tables import AskedRow, PhantomRow, ScanRow, table_of
 
 Ids = Select[str]
 
-# Jobs that read what was uploaded for them.
+# Kinds of jobs that read an upload.
 UPLOADED = (job_kinds.INGEST, job_kinds.TRACE_PHANTOM, job_kinds.INSPECT)
 _WITH_FILES = (job_kinds.CALIBRATE, job_kinds.RECONSTRUCT)
 _LOOKED_AT = 100
 
 
 def unfinished_jobs() -> Ids:
-    """Jobs that may have checkpoints in `kept`."""
+    """Select the jobs that may have checkpoints in `kept`."""
     return select(JobRow.id).where(JobRow.state.in_(UNFINISHED))
 
 
 def unused_uploads() -> Ids:
-    """Uploads that may have a file in `unfinished`."""
+    """Select the uploads that may have a file in `unfinished`."""
     return select(UploadRow.id).where(UploadRow.state != UploadState.USED)
 
 
 def uploaded(kind: JobKind, now: Callable[[], datetime]) -> Ids:
-    """What files were uploaded for, by one of the kinds `UPLOADED`.
+    """Select the subjects of one of the kinds `UPLOADED` whose uploaded file is kept.
 
-    An inspection's file is kept for its time, or until it has been inspected.
+    An inspection's file is kept for `FILE_KEPT`, and longer while the job of the inspection has not ended.
     """
     if kind is job_kinds.INGEST:
         return select(ScanRow.id)
@@ -47,7 +47,7 @@ def uploaded(kind: JobKind, now: Callable[[], datetime]) -> Ids:
 
 
 def succeeded(kind: JobKind) -> Ids:
-    """What jobs of a kind have left results of."""
+    """Select the subjects for which jobs of a kind have written results."""
     if kind is job_kinds.INGEST:
         return select(ScanRow.id).where(ScanRow.state == ScanState.READY)
     if kind is job_kinds.TRACE_PHANTOM:

@@ -1,6 +1,6 @@
-"""Asks that a job answers: one store for every kind that declares itself (`sawmill_platform/contracts/kinds.py`).
+"""Requests that a job answers: one store for every declared kind (`sawmill_platform/contracts/kinds.py`).
 
-A kind's rows stand in the table `asked`. The four kinds of the first versions keep tables of their own, so that no
+The rows of a kind are in the table `asked`. The four kinds of the first versions keep tables of their own, so that no
 stored row had to move: `tables.OWN_TABLES` names them.
 """
 
@@ -21,23 +21,23 @@ from sawmill_platform.database.tables import JobRow
 from sawmill_platform.files.file_store import FileStore
 from sawmill_platform.jobs.queue_limits import Places
 from sawmill_platform.jobs.queueing import queue_job
-from sawmill_store.asked_rows import found_asked, read_asked
-from sawmill_store.references import looked_up
-from sawmill_store.scan_extent import refuse_beyond_scan
+from sawmill_store.requests.asked_rows import found_asked, read_asked
+from sawmill_store.requests.references import looked_up
+from sawmill_store.requests.scan_extent import refuse_beyond_scan
 from sawmill_store.tables import OWN_TABLES, Answered, table_of
 
 NOTHING: Mapping[str, str] = MappingProxyType({})
 
 
 class Asked(Generic[Ask, Answer]):
-    """What was asked of one kind; every method is one transaction.
+    """Store of the requests of one kind: every method is one transaction.
 
     Parameters
     ----------
     database, files, places
-        Where the rows are, what jobs leave beside them, and how many may wait.
+        Database of the rows, files that jobs leave, and the limit of waiting jobs.
     declared
-        The kind's declaration.
+        Declaration of the kind.
     """
 
     def __init__(self, database: Database, files: FileStore, places: Places, declared: AskedKind[Ask, Answer]) -> None:
@@ -55,29 +55,29 @@ class Asked(Generic[Ask, Answer]):
         priority: Priority = Priority.WAITED_FOR,
         given: Mapping[str, str] = NOTHING,
     ) -> Answer:
-        """Queue a job, which waits while other jobs make what it refers to.
+        """Write a request and queue its job, which waits for the unfinished jobs that the request refers to.
 
         Parameters
         ----------
         ask
-            What is asked for.
+            The request.
         identifier, job_id
             Fixed ids; null for new ones.
         priority
-            Which jobs go before it.
+            Priority of the job in the queue.
         given
-            References that the ask itself does not hold, by the names of their columns, as `phantom_id`.
+            References that the request itself does not have, by the names of their columns, such as `phantom_id`.
 
         Raises
         ------
         NotFound
-            There is nothing that a reference names.
+            A reference names nothing that exists.
         Conflict
-            What a reference names cannot be used, nothing is named where something must be, or an id is taken.
+            A referenced row cannot be used, a required reference is missing, or an id is taken.
         Invalid
-            The scan has been read, and lacks rows or views that are asked for.
+            The scan has been read, and lacks requested rows or views.
         QueueFull
-            As many jobs wait as may.
+            The allowed number of jobs is waiting already.
         """
         with self._database.write() as session:
             row = self.queue(
@@ -107,9 +107,9 @@ class Asked(Generic[Ask, Answer]):
         declared = self._declared
         table, identifier = table_of(declared.kind), identifier or new_id()
         refuse_taken(session, table, declared.noun, identifier)
-        known, needs = looked_up(session, declared.references, ask.model_dump(mode="json") | dict(given))
+        fields, needs = looked_up(session, declared.references, ask.model_dump(mode="json") | dict(given))
         options = declared.options.model_validate(
-            {name: known[name] for name in declared.options.model_fields if name in known}
+            {name: fields[name] for name in declared.options.model_fields if name in fields}
         )
         job = queue_job(
             session,
@@ -117,7 +117,7 @@ class Asked(Generic[Ask, Answer]):
             identifier,
             now,
             short=declared.is_short(options),
-            group_id=known.get("scanner_id"),
+            group_id=fields.get("scanner_id"),
             needs=needs,
             job_id=job_id,
             priority=priority,
@@ -127,7 +127,7 @@ class Asked(Generic[Ask, Answer]):
             created_at=now,
             options=options.model_dump(mode="json"),
             job_id=job.id,
-            **{name: known[name] for name in table.own_columns() if name in known},
+            **{name: fields[name] for name in table.own_columns() if name in fields},
         )
         session.add(row)
         session.flush()
@@ -136,7 +136,7 @@ class Asked(Generic[Ask, Answer]):
         return row
 
     def get(self, identifier: str) -> Answer:
-        """One of them, or `NotFound`."""
+        """Return a request with its answer, or raise `NotFound`."""
         with self._database.read() as session:
             return self._read(found_asked(session, self._declared, identifier))
 
@@ -150,16 +150,16 @@ class Asked(Generic[Ask, Answer]):
         limit: int = 50,
         **references: str | None,
     ) -> Page[Answer]:
-        """Newest first, narrowed by state, span of time and references' ids such as `scan_id`; null takes any."""
+        """Return a page, newest first, by state, span of time and ids of references such as `scan_id`; null: any."""
         table = table_of(self._declared.kind)
-        columns = {getattr(table, name): wanted for name, wanted in references.items()}
+        columns = {getattr(table, name): identifier for name, identifier in references.items()}
         statement = narrowed(_rows(self._declared, state), columns)
         statement = created_between(statement, table, created_from, created_before)
         with self._database.read() as session:
             return read_page(session, statement, table, self._read, after=after, limit=limit)
 
     def several(self, identifiers: Collection[str]) -> dict[str, Answer]:
-        """Those of these ids that there are."""
+        """Return the requests of these ids that exist, by id."""
         statement = _rows(self._declared).where(table_of(self._declared.kind).id.in_(identifiers))
         with self._database.read() as session:
             return {row.id: self._read(row) for row in session.scalars(statement)}
@@ -169,11 +169,11 @@ class Asked(Generic[Ask, Answer]):
 
 
 def _rows(declared: AskedKind[Any, Any], *states: JobState | None) -> Select[Any]:
-    """Of a kind, in any state or in one of these; jobs are looked up only where they decide."""
-    table, wanted = table_of(declared.kind), [state for state in states if state is not None]
+    """Select the rows of a kind, in any state or in one of the given states; jobs are joined only where needed."""
+    table, given_states = table_of(declared.kind), [state for state in states if state is not None]
     statement = select(table)
-    if wanted or declared.kind not in OWN_TABLES:
+    if given_states or declared.kind not in OWN_TABLES:
         statement = statement.join(table.job)
     if declared.kind not in OWN_TABLES:
         statement = statement.where(JobRow.kind == declared.kind)
-    return statement.where(JobRow.state.in_(wanted)) if wanted else statement
+    return statement.where(JobRow.state.in_(given_states)) if given_states else statement

@@ -1,6 +1,6 @@
-"""How many bytes the files of what is stored have: measured once, after the job that wrote them has ended.
+"""Sizes of the stored files, bytes: measured once, after the job that wrote the files has ended.
 
-They are added up by the database. A walk through the files of a year would take minutes.
+The database adds the sizes up. A walk through the files of a year would take minutes.
 """
 
 import os
@@ -14,18 +14,18 @@ from sawmill_platform.contracts.jobs import ENDED, JobKind
 from sawmill_platform.database.database import Database
 from sawmill_platform.database.tables import JobRow
 from sawmill_platform.files.file_store import FileStore
-from sawmill_store.retention_rules import STOCKS
+from sawmill_store.retention.retention_rules import STOCKS
 
 MEASURED_A_ROUND = 500
 
 
 def places_of(files: FileStore, kind: JobKind, subject_id: str) -> list[Path]:
-    """The folders of what a job worked on; which of them there are depends on it."""
+    """Return the folders of a job's subject, which may or may not exist."""
     return [files.results(kind, subject_id), files.upload(kind, subject_id).parent]
 
 
 def measure_some(database: Database, files: FileStore) -> bool:
-    """Write the bytes of the next ones that are not measured; whether there may be more.
+    """Write the bytes of the next rows that are not measured; return whether there may be more.
 
     Raises
     ------
@@ -35,9 +35,9 @@ def measure_some(database: Database, files: FileStore) -> bool:
     more = False
     for table, kind in {stock.table: stock.job for stock in STOCKS.values() if stock.has_bytes}.items():
         ended = exists().where(JobRow.id == table.job_id, JobRow.state.in_(ENDED))
-        new = select(table.id).where(table.stored_bytes.is_(None), ended).limit(MEASURED_A_ROUND)
+        unmeasured = select(table.id).where(table.stored_bytes.is_(None), ended).limit(MEASURED_A_ROUND)
         with database.read() as session:
-            identifiers = session.scalars(new).all()
+            identifiers = session.scalars(unmeasured).all()
         if not identifiers:
             continue
         sizes = [{"which": each, "size": _bytes_of(places_of(files, kind, each))} for each in identifiers]
@@ -50,7 +50,7 @@ def measure_some(database: Database, files: FileStore) -> bool:
 
 
 def freed_bytes_of(places: Iterable[Path]) -> int:
-    """Bytes that are free once these folders are gone: a file that has a further name elsewhere stays."""
+    """Return the bytes that removing these folders frees; a file that has a further name elsewhere stays."""
     names, sizes = Counter[tuple[int, int]](), dict[tuple[int, int], tuple[int, int]]()
     for status in _files_in(places):
         inode = status.st_dev, status.st_ino

@@ -1,4 +1,4 @@
-"""How fast stored files grow, and when the disk is full by that and the rules of retention."""
+"""Growth of stored files, and the time until the disk is full under the rules of retention."""
 
 from collections.abc import Iterable
 from datetime import datetime, timedelta
@@ -9,20 +9,20 @@ from sqlalchemy import func
 from sqlalchemy.orm import Session
 
 from sawmill_contracts.retention import RetentionRules
-from sawmill_store.retention_rules import STOCKS, Stock
+from sawmill_store.retention.retention_rules import STOCKS, Stock
 
 SEEN = timedelta(days=7)
 
 
 class Growth(NamedTuple):
-    """Of what is stored.
+    """Growth of the stored files.
 
     Attributes
     ----------
     bytes_a_day : float
-        That came, by the last week.
+        Bytes added in a day, the mean of the last week.
     full_in_days : float or None
-        Until the disk is full at that rate. None: the rules hold it, or nothing comes.
+        Days until the disk is full at that rate. None: the rules prevent that, or nothing is added.
     """
 
     bytes_a_day: float
@@ -30,14 +30,14 @@ class Growth(NamedTuple):
 
 
 class Filling(NamedTuple):
-    """What one kind adds: bytes a day, up to as many as the rules still let it have."""
+    """Growth of one kind, in bytes a day, and the number of bytes that the rules still allow to be added."""
 
     bytes_a_day: float
     up_to_bytes: float
 
 
 def fillings(session: Session, rules: RetentionRules, now: datetime) -> list[Filling]:
-    """Of the kinds that have files."""
+    """Return the growth of each kind that has files."""
     return [_filling(session, stock, rules, now) for stock in STOCKS.values() if stock.has_bytes]
 
 
@@ -55,15 +55,15 @@ def _filling(session: Session, stock: Stock, rules: RetentionRules, now: datetim
 
 
 def growth_of(kinds: Iterable[Filling], free_bytes: float) -> Growth:
-    """All of them on one disk with that much room."""
+    """Compute the growth of all kinds together on one disk with this much free space."""
     growing = sorted((each for each in kinds if each.bytes_a_day > 0.0), key=_grows_for_days)
     total = sum(each.bytes_a_day for each in growing)
-    at_days, a_day, left = 0.0, total, max(0.0, free_bytes)
+    at_days, a_day, remaining_bytes = 0.0, total, max(0.0, free_bytes)
     for each in growing:
         until_days = _grows_for_days(each)
-        if left <= a_day * (until_days - at_days):
-            return Growth(total, at_days + left / a_day)
-        left -= a_day * (until_days - at_days)
+        if remaining_bytes <= a_day * (until_days - at_days):
+            return Growth(total, at_days + remaining_bytes / a_day)
+        remaining_bytes -= a_day * (until_days - at_days)
         at_days, a_day = until_days, a_day - each.bytes_a_day
     return Growth(total, None)
 

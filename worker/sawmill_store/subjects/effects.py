@@ -1,4 +1,4 @@
-"""Effects of a job's end on the thing that the job worked on."""
+"""Effects of a job's end on the subject of the job."""
 
 from datetime import datetime
 
@@ -16,13 +16,13 @@ from sawmill_platform.database.paging import found
 from sawmill_platform.database.tables import Json
 from sawmill_platform.ledger.events import announce
 from sawmill_store.activations import activate
-from sawmill_store.asked_rows import found_asked
 from sawmill_store.measurements import record_measurement
+from sawmill_store.requests.asked_rows import found_asked
 from sawmill_store.tables import CalibrationRow, PhantomRow, ScanRow
 
 
 def record_success(session: Session, kind: JobKind, subject_id: str, result: Json, now: datetime) -> str | None:
-    """Write a checked result to the job's subject; return it in a sentence where a history tells of it."""
+    """Write a checked result to the job's subject; return a sentence about the result for the history, if any."""
     declared = declaration_of(kind)
     if isinstance(declared, AskedKind):
         row = found_asked(session, declared, subject_id)
@@ -43,7 +43,7 @@ def record_success(session: Session, kind: JobKind, subject_id: str, result: Jso
 
 
 def record_end_without_result(session: Session, kind: JobKind, subject_id: str, reason: str, now: datetime) -> None:
-    """Refuse the scan or phantom whose job failed or was cancelled; other subjects have their job's state."""
+    """Refuse the scan or phantom whose job failed or was cancelled; other subjects have the state of their job."""
     if kind is job_kinds.INGEST:
         scan = found(session, ScanRow, "scan", subject_id)
         scan.state, scan.reason = ScanState.REFUSED, reason

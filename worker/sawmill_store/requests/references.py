@@ -1,4 +1,4 @@
-"""Looking up what an ask refers to, inside the transaction that accepts it (`contracts.kinds.Reference`)."""
+"""References of a request, looked up in the transaction that accepts the request (`contracts.kinds.Reference`)."""
 
 from collections.abc import Callable, Iterable, Mapping
 from types import MappingProxyType
@@ -17,15 +17,15 @@ from sawmill_store.activations import active_calibration_id
 from sawmill_store.tables import CalibrationRow, PhantomRow, ScannerRow, ScanRow
 
 
-def looked_up(session: Session, references: Iterable[Reference], asked: Mapping[str, Any]) -> tuple[Json, list[str]]:
-    """Find what is referred to.
+def looked_up(session: Session, references: Iterable[Reference], request: Mapping[str, Any]) -> tuple[Json, list[str]]:
+    """Look up the references of a request.
 
     Parameters
     ----------
     references
-        Of the kind, in the order in which they are looked up.
-    asked
-        The ask's fields, and the references that were given beside it.
+        References of the kind, in the order in which they are looked up.
+    request
+        Fields of the request, and the references that were given with the request.
 
     Returns
     -------
@@ -35,31 +35,31 @@ def looked_up(session: Session, references: Iterable[Reference], asked: Mapping[
     Raises
     ------
     NotFound, Conflict
-        There is no such thing, it cannot be used, or none is named where one must be.
+        A referenced row does not exist or cannot be used, or a required reference is missing.
     """
-    known = dict(asked)
-    needs = [_LOOK_UP[reference](session, known) for reference in references]
-    return known, [job_id for job_id in needs if job_id is not None]
+    fields = dict(request)
+    needs = [_LOOK_UP[reference](session, fields) for reference in references]
+    return fields, [job_id for job_id in needs if job_id is not None]
 
 
-def _scan(session: Session, known: Json) -> str | None:
-    """Locked until the transaction ends, so that it cannot be deleted meanwhile."""
-    scan = found(session, ScanRow, "scan", known["scan_id"], lock=True)
+def _scan(session: Session, fields: Json) -> str | None:
+    """Look up the scan, and lock its row until the transaction ends, so that the scan cannot be deleted."""
+    scan = found(session, ScanRow, "scan", fields["scan_id"], lock=True)
     if scan.state is ScanState.REFUSED:
         raise Conflict("scan-refused", f"scan {scan.id!r} was refused and cannot be used: {scan.reason}")
-    known["scanner_id"] = scan.scanner_id
+    fields["scanner_id"] = scan.scanner_id
     return scan.job_id if scan.state is ScanState.INGESTING else None
 
 
-def _scanner(session: Session, known: Json) -> None:
-    found(session, ScannerRow, "scanner", known["scanner_id"])
+def _scanner(session: Session, fields: Json) -> None:
+    found(session, ScannerRow, "scanner", fields["scanner_id"])
 
 
-def _phantom(session: Session, known: Json) -> str | None:
-    phantom_id = known["phantom_id"] or _phantom_of_scan(session, known["scan_id"])
+def _phantom(session: Session, fields: Json) -> str | None:
+    phantom_id = fields["phantom_id"] or _phantom_of_scan(session, fields["scan_id"])
     phantom = found(session, PhantomRow, "phantom", phantom_id, lock=True)
     check_usable(phantom)
-    known["phantom_id"] = phantom_id
+    fields["phantom_id"] = phantom_id
     return phantom.job_id if phantom.state is PhantomState.TRACING else None
 
 
@@ -77,15 +77,15 @@ def _phantom_of_scan(session: Session, scan_id: str) -> str:
     return phantom_id
 
 
-def _calibration(session: Session, known: Json) -> str | None:
-    """The one asked for, or the active one of the scan's scanner; it may still be computed."""
-    if known.get("theta") is not None:
-        known["calibration_id"] = None
+def _calibration(session: Session, fields: Json) -> str | None:
+    """Look up the named calibration or the active one of the scan's scanner; the calibration may still be computed."""
+    if fields.get("theta") is not None:
+        fields["calibration_id"] = None
         return None
-    scan_id, scanner_id = known["scan_id"], known["scanner_id"]
-    calibration_id = known["calibration_id"] or active_calibration_id(session, scanner_id)
+    scan_id, scanner_id = fields["scan_id"], fields["scanner_id"]
+    calibration_id = fields["calibration_id"] or active_calibration_id(session, scanner_id)
     if calibration_id is None:
-        instead = ", or give theta" if "theta" in known else ""
+        instead = ", or give theta" if "theta" in fields else ""
         msg = f"scanner {scanner_id!r} has no active calibration: name one as calibration_id{instead}"
         raise Conflict("no-active-calibration", msg)
     calibration = found(session, CalibrationRow, "calibration", calibration_id)
@@ -100,24 +100,24 @@ def _calibration(session: Session, known: Json) -> str | None:
         msg = f"calibration {calibration_id!r} {_WITHOUT_RESULT[state]} and has no geometry to use"
         raise Conflict("calibration-without-result", msg)
     hold(session, CalibrationRow, "calibration", calibration_id)
-    known["calibration_id"] = calibration_id
+    fields["calibration_id"] = calibration_id
     return None if state.ended else calibration.job_id
 
 
 _WITHOUT_RESULT = {JobState.FAILED: "failed", JobState.CANCELLED: "was cancelled"}
 
 
-def _theta(session: Session, known: Json) -> None:
-    if known["theta"] is not None:
+def _theta(session: Session, fields: Json) -> None:
+    if fields["theta"] is not None:
         return
-    scanner_id = known["scanner_id"]
+    scanner_id = fields["scanner_id"]
     calibration_id = active_calibration_id(session, scanner_id)
     if calibration_id is None:
         msg = f"scanner {scanner_id!r} has no active calibration whose theta could be taken: give theta"
         raise Conflict("no-active-calibration", msg)
     result = found(session, CalibrationRow, "calibration", calibration_id).result
     assert result is not None  # noqa: S101 - only a calibration with a result can be activated
-    known["theta"] = result["theta"]
+    fields["theta"] = result["theta"]
 
 
 _LOOK_UP: Mapping[Reference, Callable[[Session, Json], str | None]] = MappingProxyType(

@@ -1,8 +1,8 @@
-"""What kills and failed commits leave in the data folder: found by comparing it with the rows, removed after a grace.
+"""Leftovers of kills and failed commits in the data folder: files that no row names, removed after a grace.
 
-Files get their names before the commit that makes them known, so what no row knows may be known a moment later. It goes
-when it has been unknown at two looks, a grace apart by the observer's own clock, and is unknown still while nobody can
-be about to commit it (`lock_files_of`).
+Files get their names before the commit of the row that names them, so a row may name a file a moment later. A file is
+removed when no row named it at two checks, a grace apart by the observer's own clock, and no row names it while nobody
+can be about to commit such a row (`lock_files_of`).
 """
 
 import re
@@ -22,13 +22,13 @@ from sawmill_platform.contracts.jobs import JobKind, JobState
 from sawmill_platform.database.database import Database, lock_files_of
 from sawmill_platform.database.tables import JobRow
 from sawmill_platform.files.file_store import UNFINISHED, FileStore
-from sawmill_store import named_by_rows
-from sawmill_store.named_by_rows import Ids
+from sawmill_store.retention import named_by_rows
+from sawmill_store.retention.named_by_rows import Ids
 
 NAMES_A_ROUND = 500
 _TEMPORARY_NAME = re.compile(r"[0-9a-f]{32}")
 _SUBJECT_NAME = re.compile(r"[a-z0-9][a-z0-9-]{0,63}")
-# Of a job and a number; those of the first versions had no third part.
+# Name of an attempt: a job and a number; the first versions had no third part.
 _ATTEMPT_NAME = re.compile(r"([a-z0-9][a-z0-9-]*?)-(\d+)(?:-[0-9a-f]{32})?")
 
 Known = Callable[[Session, Sequence[str]], set[str]]
@@ -36,7 +36,7 @@ Known = Callable[[Session, Sequence[str]], set[str]]
 
 @dataclass(frozen=True)
 class _Place:
-    """A folder, the names of ours in it, and which of them rows know; `changes`: left over is what does not change."""
+    """A folder, the pattern of our names in it, and the names that rows know; `changes`: only unchanging files go."""
 
     folder: Path
     name: re.Pattern[str]
@@ -51,14 +51,14 @@ class _Place:
 
 
 class Leftovers:
-    """Removes them a few at a time, so that no round takes long however many folders there are.
+    """Remover of leftovers, a few at a time, so that no round takes long however many folders there are.
 
     Parameters
     ----------
     database, files
-        Several processes may look after the same ones.
+        Database and data folder, which several processes may check.
     grace_s
-        How long a name must have been unknown.
+        Time for which no row must have named a file, seconds.
     now_s
         The observer's clock, which never goes back.
     """
@@ -73,33 +73,33 @@ class Leftovers:
         self._places = _places(files.folder, database.now)
         self._batches = self._look()
         self._rests_until_s = now_s()
-        # By path: when it was first seen, and how it looked.
+        # For each path: the time of the first check, and the state of the file then.
         self._seen: dict[Path, tuple[float, object]] = {}
         self._seen_again: dict[Path, tuple[float, object]] = {}
 
     def remove_some(self) -> list[Path]:
-        """Look at the next names, at most `NAMES_A_ROUND`; four times a grace, all have been looked at.
+        """Check the next names, at most `NAMES_A_ROUND`; all names are checked four times in a grace.
 
         Returns
         -------
         list of Path
-            What was removed.
+            Paths that were removed.
 
         Raises
         ------
         StorageFull, StorageUnavailable
             The rows cannot be read.
         OSError
-            Something could not be removed; the rest of the round's was.
+            A file could not be removed; all other files of the round were.
         """
-        left, removed = NAMES_A_ROUND, list[Path]()
-        while left > 0 and self._now_s() >= self._rests_until_s:
+        remaining, removed = NAMES_A_ROUND, list[Path]()
+        while remaining > 0 and self._now_s() >= self._rests_until_s:
             batch = next(self._batches, None)
             if batch is None:
                 self._end_look()
                 break
             place, names = batch
-            left -= len(names)
+            remaining -= len(names)
             removed += self._remove(place, self._ripe(place, names))
         return removed
 
@@ -132,12 +132,12 @@ class Leftovers:
             return []
         aside, errors = dict[Path, Path | None](), list[OSError]()
         with self._database.write() as session:
-            mine = [name for name in names if lock_files_of(session, name, wait=False)]
-            known = place.known(session, mine)
-            for path in (place.folder / name for name in mine if name not in known):
+            locked = [name for name in names if lock_files_of(session, name, wait=False)]
+            named = place.known(session, locked)
+            for path in (place.folder / name for name in locked if name not in named):
                 with noted(errors):
                     aside[path] = self._files.set_aside(path)
-        # Outside the transaction, for that may take long.
+        # The files are removed outside the transaction, because that may take long.
         for parting in filter(None, aside.values()):
             with noted(errors):
                 self._files.delete(parting)
@@ -148,7 +148,7 @@ class Leftovers:
 
 @contextmanager
 def noted(errors: list[OSError]) -> Iterator[None]:
-    """One that cannot be removed does not keep the others."""
+    """Collect the error of a file that cannot be removed, so that the next files are removed nevertheless."""
     try:
         yield
     except OSError as error:
@@ -196,7 +196,7 @@ def _running_attempts(session: Session, names: Sequence[str]) -> set[str]:
 
 
 def _look_of(path: Path) -> object:
-    """What changes when somebody writes to it, or None when it has gone."""
+    """Return the time and size of a file, which change when somebody writes to it; None where the file has gone."""
     try:
         status = path.stat()
     except FileNotFoundError:

@@ -1,4 +1,4 @@
-"""What has rules of retention: where the rows of each kind stand, and how far the rules reach into them."""
+"""Kinds that have rules of retention: the rows of each kind, and the reach of the rules."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -22,13 +22,13 @@ class Stock:
     Attributes
     ----------
     kind : RetentionKind
-        Which.
+        Kind of the rows.
     job : JobKind
-        Of the jobs that made them.
+        Kind of the jobs that made the rows.
     table : type
-        Where they stand.
+        Table of the rows.
     which : tuple
-        Conditions: which rows of the table they are.
+        Conditions that select the rows of this kind in the table.
     """
 
     kind: RetentionKind
@@ -38,20 +38,20 @@ class Stock:
 
     @property
     def has_bytes(self) -> bool:
-        """Whether its files count."""
+        """True if the files of the kind have sizes that count."""
         return hasattr(self.table, "stored_bytes")
 
     @property
     def all_bytes(self) -> ColumnElement[int]:
-        """Of several rows together; those that are not measured have none."""
+        """Sum of the stored bytes of several rows; rows that are not measured count as zero."""
         return cast(func.coalesce(func.sum(self.table.stored_bytes), 0), BigInteger)
 
     def select(self, *columns: Any, until: ColumnElement[bool]) -> Select[Any]:  # noqa: ANN401 - any columns
-        """Of its rows, down to some."""
+        """Select columns of the rows of this kind for which `until` is true."""
         return select(*columns).select_from(self.table).where(*self.which, until)
 
 
-# A year of logs is never in memory.
+# Rows are read in parts: a year of logs is never in memory.
 _SOME = {"yield_per": 1000}
 _INSPECTED = exists().where(JobRow.id == AskedRow.job_id, JobRow.kind == job_kinds.INSPECT)
 _LOG, _OF_PHANTOM = ScanRow.phantom_id.is_(None), ScanRow.phantom_id.is_not(None)
@@ -70,21 +70,21 @@ STOCKS: Mapping[RetentionKind, Stock] = {
 
 
 class Reach(NamedTuple):
-    """How far rules reach, from the oldest on.
+    """Reach of the rules, from the oldest row on.
 
     Attributes
     ----------
     aged : datetime or None
-        What came until then is too old.
+        Rows created until this time are too old.
     full : tuple or None
-        When the newest came that there is no room for, and its id.
+        Time and id of the newest row that exceeds the allowed bytes.
     """
 
     aged: datetime | None
     full: tuple[datetime, str] | None
 
     def beyond(self, stock: Stock) -> ColumnElement[bool]:
-        """Whether a row is reached: one span of the index by age."""
+        """Return the condition that the rules reach a row: one span of the index by age."""
         table = stock.table
         if self.full is None or (self.aged is not None and self.full[0] <= self.aged):
             return false() if self.aged is None else table.created_at <= self.aged
@@ -92,19 +92,19 @@ class Reach(NamedTuple):
         return and_(table.created_at <= at, or_(table.created_at < at, table.id <= identifier))
 
     def rule_of(self, kind: RetentionKind, created_at: datetime) -> str:
-        """The name of the rule that reaches what came then."""
+        """Return the name of the rule that reaches a row created at this time."""
         return rule_name(kind, "days" if self.aged is not None and created_at <= self.aged else "bytes")
 
 
 def reach_of(session: Session, stock: Stock, rules: RetentionRules, at: datetime) -> Reach:
-    """How far the rules reach at a time; what came later is not counted."""
+    """Compute the reach of the rules at a time; rows created later are not counted."""
     days, most = rules.days_of(stock.kind), rules.bytes_of(stock.kind)
     aged = None if days is None else at - timedelta(days=days)
     return Reach(aged, None if most is None else _without_room(session, stock, most, at))
 
 
 def _without_room(session: Session, stock: Stock, most: int, at: datetime) -> tuple[datetime, str] | None:
-    """The last of the oldest that must go for the others to have no more bytes than that."""
+    """Find the newest row that must go so that the rows after it have at most `most` bytes."""
     table = stock.table
     until = table.created_at <= at
     over = (session.scalar(stock.select(stock.all_bytes, until=until)) or 0) - most
@@ -121,13 +121,14 @@ def _without_room(session: Session, stock: Stock, most: int, at: datetime) -> tu
             last = stock.select(*oldest_first, until=until).order_by(*oldest_first).offset(place).limit(1)
             created_at, identifier = session.execute(last).one()
             return created_at, identifier
-    return None  # they went while they were added up
+    return None  # rows were removed between the two statements
 
 
 def last_old_event(session: Session, rules: RetentionRules, at: datetime) -> int:
-    """The number of the newest event that is too old; 0: none. The newest of all never is: numbers go on from it.
+    """Find the number of the newest event that is too old; 0: none.
 
-    Numbers grow as time does, so that the place is found by halving: there is no index by time.
+    The newest event of all is never too old: numbers continue from it. Numbers grow with time, so that the event is
+    found by bisection: there is no index by time.
     """
     ends = (select(least(EventRow.number)).scalar_subquery() for least in (func.min, func.max))
     first, newest = session.execute(select(*ends)).one()

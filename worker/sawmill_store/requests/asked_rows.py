@@ -1,4 +1,4 @@
-"""Finding and reading the row of what was asked for."""
+"""Rows of requests: finding and reading a row."""
 
 from typing import Any
 
@@ -10,12 +10,12 @@ from sawmill_store.tables import Answered, table_of
 
 
 def found_asked(session: Session, declared: AskedKind[Any, Any], identifier: str) -> Answered:
-    """The row with this id.
+    """Find the row with this id.
 
     Raises
     ------
     NotFound
-        There is none of this kind.
+        There is no row of this kind.
     """
     row = session.get(table_of(declared.kind), identifier)
     if row is None or row.job.kind is not declared.kind:
@@ -24,7 +24,7 @@ def found_asked(session: Session, declared: AskedKind[Any, Any], identifier: str
 
 
 def read_asked(declared: AskedKind[Any, Answer], row: Answered) -> Answer:
-    """The row as its kind answers, with what its job's row has of it."""
+    """Read a row as the answer of the kind, with state and failure of the job."""
     columns = {column.key: getattr(row, column.key) for column in row.__table__.columns}
     of_job = {name: getattr(row.job, name) for name in ("state", "failure")}
     return declared.read(columns | of_job)

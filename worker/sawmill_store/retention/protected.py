@@ -1,4 +1,4 @@
-"""Conditions on the rows of a kind for each reason of `sawmill_mill.retention`, asked when something is to go."""
+"""Conditions on the rows of a kind for each reason of `sawmill_mill.retention`, evaluated before a removal."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple, TypeVar
@@ -15,7 +15,7 @@ from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.jobs import UNFINISHED
 from sawmill_platform.database.tables import EventRow, JobRow
 from sawmill_store.activations import active_calibration
-from sawmill_store.retention_rules import STOCKS, Stock
+from sawmill_store.retention.retention_rules import STOCKS, Stock
 from sawmill_store.scheduled import last_looked_at, newest_phantom_scan, next_log
 from sawmill_store.tables import (
     ActivationRow,
@@ -35,34 +35,34 @@ _UNFINISHED = JobRow.state.in_(UNFINISHED)
 
 
 class Protection(NamedTuple):
-    """Rows of which the condition is true stay."""
+    """A reason, and the condition that is true for the rows that stay for this reason."""
 
     because: StaysBecause
     condition: ColumnElement[bool]
 
 
 def protections(session: Session, kind: RetentionKind) -> list[Protection]:
-    """Return what stays of a kind, as things are in this transaction. No condition is unknown (NULL) for any row."""
+    """Return the protections of a kind, as of this transaction. No condition is unknown (NULL) for any row."""
     return [each for each in _OF_KIND[kind](session) if each.because in STAYS[kind]]
 
 
 def may_go(session: Session, kind: RetentionKind, rows: Select[Any]) -> Iterator[Row[Any]]:
     """Yield the rows of a statement on the table of a kind that no reason keeps."""
-    stay = protections(session, kind)
-    facts = [each.condition.label(f"fact_{number}") for number, each in enumerate(stay)]
+    kept = protections(session, kind)
+    facts = [each.condition.label(f"fact_{number}") for number, each in enumerate(kept)]
     for row in session.execute(rows.add_columns(*facts)):
-        reasons = {each.because for each, is_true in zip(stay, row[-len(stay) :], strict=True) if is_true}
+        reasons = {each.because for each, is_true in zip(kept, row[-len(kept) :], strict=True) if is_true}
         if not stays_because(kind, reasons):
             yield row
 
 
-def none_of(stay: Sequence[Protection]) -> ColumnElement[bool]:
+def none_of(kept: Sequence[Protection]) -> ColumnElement[bool]:
     """Return the condition that nothing keeps a row."""
-    return and_(true(), *(~each.condition for each in stay))
+    return and_(true(), *(~each.condition for each in kept))
 
 
 def calibrations_in_use(session: Session) -> set[str]:
-    """Read of each scanner the active calibration and the one that was active before it."""
+    """Read each scanner's active calibration and the calibration that was active before."""
     active = active_calibration(ScannerRow.id).correlate(ScannerRow)
     before = active.where(ActivationRow.calibration_id != active.scalar_subquery())
     rows = session.execute(select(active.scalar_subquery(), before.scalar_subquery()).select_from(ScannerRow))
@@ -80,8 +80,8 @@ def _of_scans(session: Session) -> Iterator[Protection]:
             {next_log(session, scanner_id) for scanner_id in _scanners_that_check_drift(session)},
         ),
     ):
-        if known := scan_ids - {None}:
-            yield Protection(because, ScanRow.id.in_(known))
+        if kept_ids := scan_ids - {None}:
+            yield Protection(because, ScanRow.id.in_(kept_ids))
 
 
 def _of_calibrations(session: Session) -> Iterator[Protection]:
@@ -99,14 +99,14 @@ def _of_calibrations(session: Session) -> Iterator[Protection]:
 
 def _of_drifts(session: Session) -> Iterator[Protection]:
     yield _unfinished(STOCKS[RetentionKind.DRIFTS])
-    known = []
+    conditions = []
     for scanner_id in _scanners_that_check_drift(session):
         last = session.scalar(last_looked_at(scanner_id))
         looked_at = exists().where(ScanRow.id == DriftRow.scan_id)
         since = looked_at if last is None else looked_at.where(ScanRow.created_at >= last)
-        known.append(and_(DriftRow.scanner_id == scanner_id, since))
-    if known:
-        yield Protection(StaysBecause.SCHEDULE, or_(*known))
+        conditions.append(and_(DriftRow.scanner_id == scanner_id, since))
+    if conditions:
+        yield Protection(StaysBecause.SCHEDULE, or_(*conditions))
 
 
 def _of_events(session: Session) -> Iterator[Protection]:
@@ -134,8 +134,8 @@ def _scans_of_unfinished_jobs() -> Select[str]:
 
 def _newest(session: Session, of_scanner: Select[Found]) -> set[Found]:
     """Read the results of a statement about each scanner, where there is one."""
-    asked = select(of_scanner.correlate(ScannerRow).scalar_subquery()).select_from(ScannerRow)
-    return {found for found in session.scalars(asked) if found is not None}
+    statement = select(of_scanner.correlate(ScannerRow).scalar_subquery()).select_from(ScannerRow)
+    return {value for value in session.scalars(statement) if value is not None}
 
 
 def _newest_phantom_scans(session: Session) -> set[str]:

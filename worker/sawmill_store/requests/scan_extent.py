@@ -1,4 +1,4 @@
-"""Whether a scan has the rows and views that are asked for, where its size is known already."""
+"""Check of requested rows and views against the size of a scan that has been read."""
 
 from sqlalchemy.orm import Session
 
@@ -11,12 +11,12 @@ ROWS_ASKED_FOR = ("rows", "log_rows")
 
 
 def refuse_beyond_scan(session: Session, row: Answered, ask: Contract) -> None:
-    """Refuse rows and views that the scan does not have. One that is still read has no size: its job looks again.
+    """Refuse rows and views that the scan does not have; the job checks a scan that has not been read yet.
 
     Raises
     ------
     Invalid
-        The scan has fewer.
+        The scan has fewer rows or views.
     """
     scan_id = getattr(row, "scan_id", None)
     scan = None if scan_id is None else session.get(ScanRow, scan_id)

@@ -1,4 +1,4 @@
-"""What a job works on, from the rows as they are now: the worker has the database, the attempt's process has none."""
+"""Input of a job, read from the rows: the worker has the database, and the process of the attempt has none."""
 
 from typing import Any
 
@@ -13,22 +13,22 @@ from sawmill_platform.contracts.kinds import declaration_of
 from sawmill_platform.database.paging import found
 from sawmill_platform.database.tables import JobRow
 from sawmill_platform.files.file_store import FileStore
-from sawmill_store.asked_rows import found_asked, read_asked
 from sawmill_store.drift_charts import known_baselines
 from sawmill_store.mill_files import SCAN_FILE
 from sawmill_store.phantoms import picture_of, read_phantom
+from sawmill_store.requests.asked_rows import found_asked, read_asked
 from sawmill_store.scanners import read_scanner
 from sawmill_store.scans import read_scan
 from sawmill_store.tables import PhantomRow, ScannerRow, ScanRow
 
 
 def handed_over(session: Session, files: FileStore, job: JobRow) -> HandedOver:
-    """What a job works on.
+    """Read the input of a job.
 
     Raises
     ------
     NotFound
-        What it refers to was deleted since it was asked for, as a plan's phantom, which a plan does not keep.
+        A referenced row was deleted since the request, such as a plan's phantom, whose deletion a plan does not block.
     """
     kept = files.kept_with(job.id)
     declared = declaration_of(job.kind)
@@ -44,27 +44,27 @@ def handed_over(session: Session, files: FileStore, job: JobRow) -> HandedOver:
 
 
 def _of_asked(session: Session, files: FileStore, declared: AskedKind[Any, Any], subject_id: str) -> dict[str, Any]:
-    """Fields of `HandedOver`, by the references that the row has."""
-    asked = read_asked(declared, found_asked(session, declared, subject_id))
-    fields: dict[str, Any] = {"asked_json": asked.model_dump_json()}
-    if hasattr(asked, "scan_id"):
-        scan = found(session, ScanRow, "scan", asked.scan_id)
+    """Return the fields of `HandedOver` for the references that the row has."""
+    answer = read_asked(declared, found_asked(session, declared, subject_id))
+    fields: dict[str, Any] = {"asked_json": answer.model_dump_json()}
+    if hasattr(answer, "scan_id"):
+        scan = found(session, ScanRow, "scan", answer.scan_id)
         fields["scan"] = read_scan(scan)
         if scan.state is ScanState.READY:
             fields["file"] = files.results(job_kinds.INGEST, scan.id) / SCAN_FILE
-    if hasattr(asked, "phantom_id"):
-        fields["phantom"] = read_phantom(found(session, PhantomRow, "phantom", asked.phantom_id))
+    if hasattr(answer, "phantom_id"):
+        fields["phantom"] = read_phantom(found(session, PhantomRow, "phantom", answer.phantom_id))
     if declared.upload is not None:
         fields["file"] = files.upload(declared.kind, subject_id)
-    if not hasattr(asked, "scanner_id"):
+    if not hasattr(answer, "scanner_id"):
         return fields
-    scanner = read_scanner(session, found(session, ScannerRow, "scanner", asked.scanner_id))
+    scanner = read_scanner(session, found(session, ScannerRow, "scanner", answer.scanner_id))
     fields["scanner"] = scanner
-    if hasattr(asked, "calibration_id"):
-        fields["calibration"] = _calibration(session, asked.calibration_id)
+    if hasattr(answer, "calibration_id"):
+        fields["calibration"] = _calibration(session, answer.calibration_id)
         if declared.kind is job_kinds.DRIFT:
-            fields["baselines"] = known_baselines(session, asked.scanner_id, asked.calibration_id)
-    elif hasattr(asked, "scan_id"):
+            fields["baselines"] = known_baselines(session, answer.scanner_id, answer.calibration_id)
+    elif hasattr(answer, "scan_id"):
         fields["active"] = _calibration(session, scanner.active_calibration_id)
     return fields
 

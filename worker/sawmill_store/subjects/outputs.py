@@ -1,6 +1,6 @@
-"""What a job of each kind leaves in its folder, checked by its supervisor before anybody else reads it.
+"""Output of a job in its folder, checked by the job's supervisor before anybody else reads the output.
 
-The process that wrote it has read a stranger's upload and may have been taken over. No science is imported here.
+The process that wrote the output has read a stranger's upload and may be compromised. No science is imported here.
 """
 # ruff: noqa: PLC0415 - a worker at rest does not hold h5py
 
@@ -24,19 +24,19 @@ from sawmill_platform.errors import InvalidOutput
 
 
 def check_output(kind: JobKind, given: HandedOver, result: dict[str, Any], folder: Path) -> None:
-    """Refuse a folder that holds anything but the file of its kind, or a file that does not fit the result.
+    """Refuse a folder with anything but the file that a job of this kind writes, or with a file that does not fit.
 
     Parameters
     ----------
     kind, given, result
-        Of the job, what it worked on, and what it answered.
+        Kind of the job, input of the job, and result of the job.
 
     Raises
     ------
     InvalidOutput
-        One sentence tells what is wrong.
+        The output is wrong; one sentence gives the reason.
     pydantic.ValidationError
-        The result is not what jobs of this kind answer with.
+        The result does not fit the contract of this kind.
     """
     answer = declaration_of(kind).result.model_validate(result)
     try:
@@ -93,14 +93,14 @@ def _check_volume(path: Path, given: HandedOver, result: ReconstructionResult) -
 
 
 def _scan_of(given: HandedOver) -> tuple[ScanShape, slice]:
-    """Its shape, and the rows that enough views have."""
+    """Return the shape of the scan, and the rows that enough views have."""
     scan = given.scan
     assert scan is not None  # noqa: S101 - of a kind that refers to one
     assert scan.shape is not None  # noqa: S101 - a job without it had failed
     return scan.shape, slice(*(scan.usable_rows or (0, scan.shape.rows)))
 
 
-# The one file that a job of each kind leaves, and what checks it; null: it leaves none.
+# The one file that a job of each kind writes, and its check; None: a job writes no file.
 _FILES: Mapping[JobKind, tuple[str, Callable[[Path, HandedOver, Any], None]] | None] = MappingProxyType(
     {
         job_kinds.INGEST: ("scan.h5", _check_scan),

@@ -1,4 +1,4 @@
-"""What keeps a scan, a phantom or a scanner from being deleted."""
+"""References that keep a scan, a phantom or a scanner from being deleted."""
 
 from collections.abc import Iterator
 
@@ -12,12 +12,12 @@ from sawmill_store.tables import table_of
 
 
 def kept_by(session: Session, reference: str, identifier: str) -> Iterator[tuple[str, int]]:
-    """Each kind whose answers outlast nothing that they refer to: its plural, and the number of them.
+    """Yield plural and number of the rows that refer to an id, for each kind that blocks a deletion.
 
     Parameters
     ----------
     reference
-        The column that holds the id, as `phantom_id`.
+        Column of the id, such as `phantom_id`.
     """
     for declared in asked_kinds():
         table = table_of(declared.kind)
@@ -28,7 +28,7 @@ def kept_by(session: Session, reference: str, identifier: str) -> Iterator[tuple
 
 
 def unfinished_job_about(session: Session, scan_id: str) -> str | None:
-    """A job that needs a scan and has not ended, if there is one."""
+    """Return the id of a job that needs a scan and has not ended, if there is one."""
     column = "scan_id"
     for table in {table_of(declared.kind): None for declared in asked_kinds()}:
         if column in table.own_columns():

@@ -1,4 +1,4 @@
-"""What the job store asks of the mill: scans, phantoms and everything that is asked for of them."""
+"""Subjects of a mill's jobs for the job store: scans, phantoms and the requests that refer to them."""
 
 from datetime import datetime
 from pathlib import Path
@@ -11,8 +11,8 @@ from sawmill_platform.contracts.attempts import AttemptInput
 from sawmill_platform.contracts.jobs import JobKind
 from sawmill_platform.database.tables import JobRow, Json
 from sawmill_platform.files.file_store import FileStore
-from sawmill_store import outputs, subjects
-from sawmill_store.handing_over import handed_over
+from sawmill_store.subjects import effects, outputs
+from sawmill_store.subjects.handing_over import handed_over
 
 
 class MillSubjects:
@@ -28,15 +28,15 @@ class MillSubjects:
     def record_success(
         self, session: Session, kind: JobKind, subject_id: str, result: Json, now: datetime
     ) -> str | None:
-        """Write a checked result to the job's subject; return it in a sentence where a history tells of it."""
-        return subjects.record_success(session, kind, subject_id, result, now)
+        """Write a checked result to the job's subject; return a sentence about the result for the history, if any."""
+        return effects.record_success(session, kind, subject_id, result, now)
 
     def record_end_without_result(
         self, session: Session, kind: JobKind, subject_id: str, reason: str, now: datetime
     ) -> None:
         """Refuse the scan or the phantom whose job failed or was cancelled."""
-        subjects.record_end_without_result(session, kind, subject_id, reason, now)
+        effects.record_end_without_result(session, kind, subject_id, reason, now)
 
     def check_output(self, kind: JobKind, given: AttemptInput, result: dict[str, Any], folder: Path) -> None:
-        """Refuse a folder with other files than a job of its kind leaves."""
+        """Refuse a folder with files that a job of this kind does not write."""
         outputs.check_output(kind, cast("HandedOver", given), result, folder)

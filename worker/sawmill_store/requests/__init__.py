@@ -1,0 +1,1 @@
+"""Requests that a job answers, and the rows that they refer to."""
