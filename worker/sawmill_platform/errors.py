@@ -1,4 +1,4 @@
-"""What can go wrong in storage.
+"""Errors of the storage.
 
 StorageError
 ├── NotFound            no such resource, or it has no such file
