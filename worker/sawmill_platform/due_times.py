@@ -45,7 +45,7 @@ def next_due(cron: str, time_zone: str, after: datetime) -> datetime:
 
 def latest_due(cron: str, time_zone: str, now: datetime) -> datetime:
     """Return the last time, up to and including `now`, of an expression that has one."""
-    # Backwards, cronsim leaves out the very second of its start, and on a day of change perhaps an hour before it.
+    # Backwards, cronsim leaves out the second at which it starts, and on a day of change perhaps an hour before it.
     wall = now.astimezone(ZoneInfo(time_zone)).replace(microsecond=1)
     latest = next(CronSim(_for_cronsim(cron), wall, reverse=True)).astimezone(UTC)
     for following in _times(cron, time_zone, latest):

@@ -153,7 +153,7 @@ class JobServiceStore:
         Parameters
         ----------
         reserve_bytes
-            Free bytes below which the disk counts as full; null: those of the settings.
+            Free bytes below which the disk counts as full; null: the settings' reserve.
 
         Raises
         ------

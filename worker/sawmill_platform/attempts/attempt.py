@@ -76,7 +76,7 @@ def _attempt(channel: BinaryIO, work: Work[Any], settings: ExecutionSettings) ->
                 _gone_files_are_outages(attempt)(partial(_run, attempt, work, settings, supervisor, channel))
             )
             measured = answer.model_copy(update={"peak_memory_bytes": peak_memory_bytes()})
-            channel.write(to_line(measured))  # before it is logged: a log that cannot be written must not take it away
+            channel.write(to_line(measured))  # before logging: a log that cannot be written must not lose the answer
             _log(answer, error)
 
 

@@ -1,6 +1,6 @@
 """Failures of attempts that ended unexpectedly: by an exception, a dead process or a limit.
 
-Refusals by the science and the readers are translated before, in `use_cases.failures`.
+Refusals by the code of a kind of job are translated before, in the package that owns the kind.
 """
 
 import errno
@@ -63,7 +63,7 @@ def _crashed(how: signal.Signals, kind: JobKind) -> Failure:
 
 
 def _beyond_a_limit(error: Exception) -> Failure | None:
-    """Return the failure of a job that exceeded a limit of its process (`attempts.limits`); None for other errors."""
+    """Return the failure of a job that exceeded a process limit (`attempts.limits`); None for other errors."""
     number = error.errno if isinstance(error, OSError) else None
     if isinstance(error, MemoryError) or number == errno.ENOMEM or str(error) == _NO_THREAD:
         return _out_of_memory()

@@ -17,7 +17,7 @@ from sawmill_platform.contracts.jobs import Failure, Job
 from sawmill_vocabulary import Progress
 
 CHANNEL = "SAWMILL_ATTEMPT_CHANNEL"
-# A hundred times the longest answer of the science.
+# A hundred times the longest answer of a job.
 LONGEST_LINE_BYTES = 16 * 2**20
 # Length of every other message: sixty times the longest sentence of a refusal.
 LONGEST_SENTENCE_BYTES = 2**16

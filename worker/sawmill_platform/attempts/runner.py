@@ -308,7 +308,7 @@ class _Supervision:
         return None
 
     def _check(self, answer: Succeeded, output: Path) -> None:
-        """Check an attempt's output and note the digests of its files, in a thread, while the lease is kept.
+        """Check an attempt's output and note its files' digests, in a thread, while the lease is kept.
 
         Raises
         ------

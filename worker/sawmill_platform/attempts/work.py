@@ -15,7 +15,7 @@ Given = TypeVar("Given", bound=AttemptInput)
 
 @dataclass(frozen=True)
 class Attempt(Generic[Given]):
-    """One attempt at a job.
+    """Attempt at a job.
 
     Attributes
     ----------

@@ -82,4 +82,4 @@ CLOCK_OFF = EventKind.register("clock-off")
 RESTORED = EventKind.register("restored")
 
 JOB_ENDS = frozenset({SUCCEEDED, FAILED, CANCELLED})
-"""How jobs end."""
+"""Kinds of events that end a job."""

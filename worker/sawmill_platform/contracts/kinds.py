@@ -57,7 +57,7 @@ class KindDeclaration:
 
 @dataclass(frozen=True, kw_only=True)
 class UploadedKind(KindDeclaration):
-    """Declaration of a kind of job that reads an uploaded file into a row of its own table."""
+    """Declaration of a kind of job that reads an uploaded file into a row of the kind's own table."""
 
     upload: str
     processor_s: int = 3600

@@ -1,4 +1,4 @@
-"""The time that decides: the database server's, or, if the database is a file, that of the one process that owns it.
+"""The time that decides: the database server's, or, if the database is a file, the time of the one owner process.
 
 On SQLite a row contains the time at which this machine started; CLOCK_BOOTTIME, which all processes of the machine
 share and which nobody can step, gives the time since then. The row is written by the first process that opens the store

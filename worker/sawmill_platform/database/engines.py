@@ -40,7 +40,7 @@ def make_engine(url: str, password_file: Path | None = None) -> Engine:
     options = {"pool_size": _KEPT_CONNECTIONS, "pool_timeout": _POOL_WAIT_S, "hide_parameters": True}
     if parsed.drivername in _POSTGRESQL:
         return _on_postgresql(parsed.set(drivername="postgresql+psycopg"), options)
-    # Without this limit, the pool has at most one connection for each of the process's threads.
+    # Without a limit on connections, the pool has at most one for each of the process's threads.
     engine = create_engine(parsed, max_overflow=-1, **options)
     event.listen(engine, "connect", _configure_sqlite)
     event.listen(engine, "begin", _begin_sqlite)

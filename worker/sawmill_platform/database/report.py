@@ -67,7 +67,7 @@ def report_of(database: Database) -> DatabaseReport:
 
 
 def damage_of(database: Database) -> list[str]:
-    """Return the defects that SQLite reports of its file, in its own words; none for a database server.
+    """Return the defects that SQLite reports in its file, in its own words; none for a database server.
 
     SQLite reads the whole file: some seconds a gigabyte.
 

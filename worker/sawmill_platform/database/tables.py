@@ -292,7 +292,7 @@ class UploadRow(Resource):
 
 
 class KeyRow(Resource):
-    """A key, with the hashes of its secret and of the secret before, which stays valid for a while after a rotation."""
+    """A key, with the hashes of the secret and the secret before, which stays valid for a while after a rotation."""
 
     __tablename__ = "keys"
 
