@@ -61,7 +61,7 @@ def main(work: Work[Any]) -> None:
 
 
 def _attempt(channel: BinaryIO, work: Work[Any], settings: ExecutionSettings) -> None:
-    """Wait for the assignment on standard input, and answer it."""
+    """Wait for the assignment on standard input, run it, and send the answer."""
     supervisor = open(0, "rb", buffering=0, closefd=False)  # noqa: SIM115 - lives as long as the process
     try:
         channel.write(to_line(Ready()))

@@ -59,7 +59,7 @@ class Running(Protocol):
 
 
 class AttemptProcess:
-    """A process in its own session, so that it and all its children can be ended at once.
+    """A process in its own session, so that the process and all its children can be ended at once.
 
     Parameters
     ----------

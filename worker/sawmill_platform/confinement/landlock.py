@@ -40,7 +40,7 @@ def version() -> int:
 
 
 def confine(readable: Iterable[Path], writable: Iterable[Path], *, held: Iterable[Path] = ()) -> None:
-    """Restrict this thread, and threads that it starts, to these files and to folders with all below them.
+    """Restrict this thread, and threads that it starts, to these files and to these folders with their content.
 
     The kernel must have a version of the interface. Open descriptors keep their rights.
 

@@ -121,7 +121,7 @@ _CONDITIONS = (
     _Condition((302, 261), JUMP_EQUAL, 0, allowed_if=True),  # prlimit64: its own limits, not the service's
     _Condition((203, 122), JUMP_EQUAL, 0, allowed_if=True),  # sched_setaffinity: the calling thread's, as TBB does
 )
-# Its flags are in memory, which no filter reads; if it is not implemented, the C library calls clone.
+# The flags of clone3 are in memory, which no filter reads; if clone3 is not implemented, the C library calls clone.
 _CLONE3 = 435
 
 _LIBC = ctypes.CDLL(None, use_errno=True)

@@ -21,7 +21,7 @@ class EventKind(RegisteredWord):
         Parameters
         ----------
         word
-            Its name.
+            Name of the kind.
         is_decision
             True if somebody decides it: the audit keeps such events for ever, with who decided and from where.
         is_public

@@ -1,4 +1,4 @@
-"""Errors of a database that mean that it does not answer now, and protection of threads from waiting for it."""
+"""Errors of a database that does not answer now, and limits on the threads that wait for the database."""
 
 import math
 import re

@@ -32,7 +32,7 @@ T = TypeVar("T")
 
 
 class PatientConnection(psycopg.Connection[Any]):
-    """A connection that is closed when the server has not answered for `patience_s` (null: it waits for ever)."""
+    """A connection that is closed when the server has not answered for `patience_s` (null: no limit)."""
 
     patience_s: float | None = _ANSWER_S
     fresh = True

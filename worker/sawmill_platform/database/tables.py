@@ -374,7 +374,7 @@ class SenderRow(Base):
 
 
 class RepeatRow(Base):
-    """The answer to a request with an `Idempotency-Key`, for repeated requests; `answer` is null until it exists."""
+    """The answer to a request with an `Idempotency-Key`, for repeated requests; `answer` is null until then."""
 
     __tablename__ = "repeats"
 

@@ -357,7 +357,7 @@ class FileStore:
         Raises
         ------
         UploadTooLarge, StorageFull
-            Nothing is left on the disk; nor if the iterable raises.
+            The upload is too large or the disk is full. No file is left, nor if the iterable raises.
         """
         upload = self._arriving(max_bytes)
         try:

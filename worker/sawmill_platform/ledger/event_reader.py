@@ -116,6 +116,6 @@ def published() -> ColumnElement[bool]:
 
 
 def read_event(row: EventRow) -> Event:
-    """Return the event of a row, as it is published."""
+    """Return the published event of a row."""
     names = Event.model_fields.keys() - {"scanner_id"}
     return Event.model_validate({name: getattr(row, name) for name in names} | {"scanner_id": row.group_id})

@@ -1,4 +1,4 @@
-"""Events, written in the transaction of the change itself; `ledger/event_reader.py` follows them."""
+"""Events, written in the transaction of the change itself; `ledger/event_reader.py` reads new ones."""
 
 from collections.abc import Mapping
 from datetime import datetime

@@ -38,7 +38,7 @@ def refuse_second(settings: StorageSettings) -> None:
     Raises
     ------
     StorageMisconfigured, OSError
-        As for `sole_service`.
+        Reasons as for `sole_service`.
     """
     process = serving_process(settings)
     if process is not None:
