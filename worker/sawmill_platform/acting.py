@@ -1,4 +1,4 @@
-"""Who acts: set where a request comes in or a command begins, read where rows and log lines name somebody."""
+"""The actor: set where a request comes in or a command starts, read where rows and log lines name the actor."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -8,20 +8,20 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Actor:
-    """Somebody who does something, as the audit and the jobs name him.
+    """A person or program that acts, with the name that the audit and the jobs show.
 
     Attributes
     ----------
     name : str
-        A key's name, or who else it is.
+        Name of the key, or another name of the actor.
     key_id : str or None
-        The key's; None: without one.
+        Id of the key; None: no key.
     address : str or None
-        From which the request came; None: it is no request.
+        Address from which the request came; None: there is no request.
     request_id : str or None
-        Of the request.
+        Id of the request.
     of_service : bool
-        Whether it is the service, of its own accord.
+        True if the service acts by itself.
     """
 
     name: str
@@ -36,13 +36,13 @@ _ACTING = ContextVar("acting", default=THE_SERVICE)
 
 
 def actor() -> Actor:
-    """Whoever acts in this thread or task; the service itself where nobody else does."""
+    """Return the actor of this thread or task; the service itself if none is set."""
     return _ACTING.get()
 
 
 @contextmanager
 def acting_as(somebody: Actor) -> Iterator[None]:
-    """Within the block, and in the threads and tasks that it starts with its context, somebody acts."""
+    """Set the actor within the block, and in the threads and tasks that the block starts with its context."""
     token = _ACTING.set(somebody)
     try:
         yield

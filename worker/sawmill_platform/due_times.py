@@ -1,8 +1,9 @@
-"""When a cron expression comes true in a time zone: every time in UTC, and on days of change as well each once.
+"""Due times of a cron expression in a time zone: each time in UTC, once, also on days when the clock changes.
 
-An hour that the expression names is one of the wall clock. Where the clock jumps over it, it comes when the clock goes
-on; where the clock goes back, it comes at the first of the two. Debian's cron does so, and CronSim after it, for hours
-and minutes that begin with no star; here for all but `*` as the hour. Every hour means each hour that passes.
+An hour that the expression names is an hour of the wall clock. If the clock jumps over the hour, the time is due when
+the clock continues; if the clock goes back, at the first of the two hours. Debian's cron and CronSim do so for hours
+and minutes that do not begin with a star; this module does so for all expressions except `*` as the hour. Every hour
+means each hour that passes.
 """
 
 from collections.abc import Iterator
@@ -15,17 +16,17 @@ from cronsim import CronSim, CronSimError
 from sawmill_platform.errors import Invalid
 
 _HOURS_OF_DAY = 24
-# Of no place: what a machine is set to, and what stands in for nothing.
+# Names of no place: a machine's own setting, and a placeholder.
 _NO_ZONES = frozenset({"localtime", "Factory"})
 
 
 def next_due(cron: str, time_zone: str, after: datetime) -> datetime:
-    """The first time of the expression after `after`.
+    """Return the first time of the expression after `after`.
 
     Raises
     ------
     Invalid
-        It is no expression of five fields, never comes true, or there is no such time zone.
+        The expression does not have five fields or never comes true, or there is no such time zone.
     """
     if time_zone not in _zones():
         msg = f"time_zone must be a name of the tz database, as Europe/Helsinki or UTC, not {time_zone!r}"
@@ -43,8 +44,8 @@ def next_due(cron: str, time_zone: str, after: datetime) -> datetime:
 
 
 def latest_due(cron: str, time_zone: str, now: datetime) -> datetime:
-    """The last time of an expression that has one, up to and including `now`."""
-    # Backwards, cronsim leaves out the very second it is given, and on a day of change perhaps an hour before it.
+    """Return the last time, up to and including `now`, of an expression that has one."""
+    # Backwards, cronsim leaves out the second at which it starts, and on a day of change perhaps an hour before it.
     wall = now.astimezone(ZoneInfo(time_zone)).replace(microsecond=1)
     latest = next(CronSim(_for_cronsim(cron), wall, reverse=True)).astimezone(UTC)
     for following in _times(cron, time_zone, latest):
@@ -55,14 +56,14 @@ def latest_due(cron: str, time_zone: str, now: datetime) -> datetime:
 
 
 def _times(cron: str, time_zone: str, after: datetime) -> Iterator[datetime]:
-    """All of them after `after`, the first one first."""
+    """Return an iterator over all due times after `after`, in ascending order."""
     wall = after.astimezone(ZoneInfo(time_zone))
-    # In the hour that comes twice, cronsim begins with times of the first one.
+    # In the hour that comes twice, cronsim begins with times of the first hour.
     return (due for each in CronSim(_for_cronsim(cron), wall) if (due := each.astimezone(UTC)) > after)
 
 
 def _for_cronsim(cron: str) -> str:
-    """The expression with a star first in hours or minutes where it is for every hour, and only there."""
+    """Return the expression for CronSim: a star first in hours or minutes only if it means every hour."""
     minute, hour, *days = cron.split()
     if len(CronSim(cron, datetime.now(UTC)).hours) == _HOURS_OF_DAY:
         return " ".join((minute, "*", *days))

@@ -1,14 +1,14 @@
-"""What can go wrong in storage.
+"""Errors of the storage.
 
 StorageError
 ├── NotFound            no such resource, or it has no such file
 ├── Conflict            the resource's state forbids it
 │   └── Busy            for a moment only
 ├── Invalid             a value that cannot be right, such as a cron expression of four fields
-├── QueueFull           as many jobs wait as may
+├── QueueFull           the largest number of jobs is waiting
 ├── UploadTooLarge      more bytes than allowed
 ├── Damaged             other bytes than declared
-├── InvalidOutput       other files than a job of its kind leaves
+├── InvalidOutput       other files than the kind of job leaves
 ├── LeaseLost           another attempt owns the job
 ├── StorageFull         no room left on the disk
 └── StorageUnavailable  the database does not answer, or the data folder cannot be used
@@ -23,7 +23,7 @@ from sawmill_platform.files.whole_files import DISK_AWAY, DISK_FULL
 
 
 class StorageError(Exception):
-    """The root; `code` is stable, for programs."""
+    """Root of the storage's errors; `code` is stable, for programs."""
 
     code = "storage-error"
 
@@ -39,7 +39,7 @@ class NotFound(StorageError):  # noqa: N818 - an outcome's name, as HTTP has it
 
 
 class Conflict(StorageError):  # noqa: N818
-    """The resource's state forbids what was asked."""
+    """The resource's state forbids the request."""
 
     def __init__(self, code: str, sentence: str) -> None:
         super().__init__(sentence)
@@ -47,11 +47,11 @@ class Conflict(StorageError):  # noqa: N818
 
 
 class Busy(Conflict):
-    """Somebody else is at it; asking again in a moment may help."""
+    """Another request is using the resource; a repeated request in a moment may succeed."""
 
 
 class Invalid(StorageError):  # noqa: N818
-    """A value that cannot be right whatever the state."""
+    """The value cannot be right in any state."""
 
     def __init__(self, code: str, sentence: str) -> None:
         super().__init__(sentence)
@@ -59,7 +59,7 @@ class Invalid(StorageError):  # noqa: N818
 
 
 class QueueFull(StorageError):  # noqa: N818
-    """As many jobs wait as may, in all or of one key."""
+    """The largest number of jobs is waiting, in all or of one key."""
 
     code = "queue-full"
 
@@ -69,7 +69,7 @@ class QueueFull(StorageError):  # noqa: N818
 
 
 class UploadTooLarge(StorageError):  # noqa: N818
-    """An upload went beyond its limit; nothing of it was kept."""
+    """An upload exceeded its limit; nothing was kept."""
 
     code = "upload-too-large"
 
@@ -79,19 +79,19 @@ class UploadTooLarge(StorageError):  # noqa: N818
 
 
 class Damaged(StorageError):  # noqa: N818
-    """Other bytes came than were declared; nothing of them was kept."""
+    """The upload's bytes differ from the declared ones; nothing was kept."""
 
     code = "digest-mismatch"
 
 
 class InvalidOutput(StorageError):  # noqa: N818
-    """An attempt left other files than jobs of its kind leave: nothing of it is published."""
+    """An attempt left other files than jobs of the kind leave: nothing is published."""
 
     code = "invalid-result"
 
 
 class LeaseLost(StorageError):  # noqa: N818
-    """Another attempt owns the job now, or it has ended: this one's work no longer counts."""
+    """Another attempt owns the job now, or the job has ended: the attempt's work no longer counts."""
 
     code = "lease-lost"
 
@@ -106,7 +106,7 @@ class StorageFull(StorageError):  # noqa: N818
 
 
 class StorageUnavailable(StorageError):  # noqa: N818
-    """The database does not answer, or the data folder cannot be used; asking again later may help."""
+    """The database does not answer, or the data folder cannot be used; a later retry may succeed."""
 
     code = "storage-unavailable"
 
@@ -116,18 +116,18 @@ class FolderUnavailable(StorageUnavailable):
 
 
 class StorageMisconfigured(StorageUnavailable):
-    """The database refuses its user, or there is none of this name: waiting does not help."""
+    """The database refuses its user, or there is no database of this name: waiting does not help."""
 
 
 def outage_of(error: OSError, doing: str) -> StorageFull | FolderUnavailable | None:
-    """Return the outage of a disk that an error of the system means; None where it means something else.
+    """Return the outage of a disk that an error of the system means; None if the error has another cause.
 
     Parameters
     ----------
     error
-        Of a call that read or wrote in the data folder.
+        Error of a call that read or wrote in the data folder.
     doing
-        What was being done, for the sentence.
+        Name of the failed work, for the sentence.
     """
     if error.errno in DISK_FULL:
         return StorageFull(f"the disk is full: {doing} was given up; free some space in the data folder and try again")
@@ -141,12 +141,12 @@ def outage_of(error: OSError, doing: str) -> StorageFull | FolderUnavailable | N
 def disk_outage_reported(doing: str) -> Iterator[None]:
     """Turn a disk that is full, fails, is read-only or away into `StorageFull` or `FolderUnavailable`.
 
-    In the block no file may be missing but with a folder of ours: that is an outage too.
+    In the block a file is missing only if a folder of ours is missing: that is an outage too.
 
     Parameters
     ----------
     doing
-        What was being done, for the sentence.
+        Name of the failed work, for the sentence.
     """
     try:
         yield

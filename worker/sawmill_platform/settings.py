@@ -1,4 +1,4 @@
-"""Where rows and files are kept."""
+"""Settings of the store of rows and files."""
 
 from pathlib import Path
 from typing import Annotated
@@ -8,7 +8,7 @@ from pydantic_settings import BaseSettings, SettingsConfigDict
 
 
 class StorageSettings(BaseSettings):
-    """Read from the environment, prefix SAWMILL_."""
+    """Settings of the storage, read from environment variables with the prefix SAWMILL_."""
 
     model_config = SettingsConfigDict(env_prefix="SAWMILL_", extra="ignore", frozen=True)
 
@@ -43,17 +43,17 @@ class StorageSettings(BaseSettings):
 
     @property
     def url(self) -> str:
-        """The database's URL, the default filled in."""
+        """URL of the database, the default filled in."""
         return self.database_url or f"sqlite:///{self.data_folder / 'sawmill.db'}"
 
     @property
     def is_one_file(self) -> bool:
-        """Whether the database is SQLite's, which one machine alone can use."""
+        """True if the database is SQLite's, which only one machine can use."""
         return self.url.startswith("sqlite")
 
     @property
     def is_made(self) -> bool:
-        """Whether there is something to look into, which a first start makes; a server is taken to have it."""
+        """True if there is a store, which a first start makes; a database server is assumed to have one."""
         if not self.data_folder.is_dir():
             return False
         return self.database_file is None or self.database_file.is_file()

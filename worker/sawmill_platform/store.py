@@ -31,18 +31,18 @@ from sawmill_platform.webhooks.webhook_store import WebhookStore
 
 
 class JobServiceStore:
-    """Jobs and what goes with them; every method of a part is one transaction and speaks in contracts.
+    """The store of jobs and related rows; every method of a part is one transaction and uses contracts.
 
     Parameters
     ----------
     settings
-        Where rows and files are.
+        Places of rows and files.
     files
         The data folder.
     subjects
-        What jobs work on.
+        Rows that jobs work on.
     clock
-        The time for rows and due times; null: the one that all processes on this store share.
+        Clock for rows and due times; null: the clock that all processes on this store share.
 
     Attributes
     ----------
@@ -51,11 +51,11 @@ class JobServiceStore:
     tallies
         Counts of jobs and of attempts.
     places
-        Jobs in the queue, which are bounded.
+        Places of jobs in the queue, which are limited.
     files
         The data folder.
     settings
-        With which another process can open the same store.
+        Settings with which another process can open the same store.
     """
 
     def __init__(
@@ -81,14 +81,14 @@ class JobServiceStore:
         return Outbox(self._database)
 
     def named_folders(self, connection: Connection) -> Sequence[Path]:  # noqa: ARG002
-        """Return some folders that rows of an earlier version name, by which its data folder is known."""
+        """Return some folders that rows of an earlier version name, and that identify its data folder."""
         return ()
 
     def fill_new(self) -> None:
         """Write the rows that every store has."""
 
     def prepare(self, *, may_begin: bool = True) -> None:
-        """Bring the tables up to date, in the folder of their database; the store is closed where that fails.
+        """Bring the tables up to date, in the folder of their database; close the store if that fails.
 
         Parameters
         ----------
@@ -114,7 +114,7 @@ class JobServiceStore:
             raise
 
     def _prepare_folder(self, *, may_begin: bool) -> None:
-        """Make the folder of a new database file, where that may begin here; refuse a folder on a read-only disk."""
+        """Make the folder of a new database file, if a new one is allowed; refuse a folder on a read-only disk."""
         folder, file = self.files.folder, self.settings.database_file
         if not may_begin and ((file is not None and not file.is_file()) or self._database.is_new()):
             raise FolderUnavailable(
@@ -128,23 +128,23 @@ class JobServiceStore:
 
     @property
     def time_has_an_owner(self) -> bool:
-        """Whether the time is a row that one process owns, and not a database server's."""
+        """True if the time is a row that one process owns; false if it is a database server's time."""
         return self._database.engine.dialect.name == "sqlite"
 
     def now(self) -> datetime:
-        """The time by which rows are stamped."""
+        """Return the time for the time stamps of rows."""
         return self._database.now()
 
     def clock_off_s(self) -> float:
-        """By how much this machine's clock is ahead of the store's."""
+        """Return the seconds by which this machine's clock is ahead of the store's."""
         return self._database.clock.off_s()
 
     def database_report(self) -> DatabaseReport:
-        """Which database it is and how it answers, or `StorageUnavailable`."""
+        """Return the database's name, size and response time, or raise `StorageUnavailable`."""
         return report_of(self._database)
 
     def damage(self) -> list[str]:
-        """What the database finds wrong with its file, or `StorageUnavailable`."""
+        """Return the defects that the database finds in its file, or raise `StorageUnavailable`."""
         return damage_of(self._database)
 
     def check(self, *, reserve_bytes: int | None = None) -> None:
@@ -153,7 +153,7 @@ class JobServiceStore:
         Parameters
         ----------
         reserve_bytes
-            Free bytes below which the disk counts as full; null: those of the settings.
+            Free bytes below which the disk counts as full; null: the settings' reserve.
 
         Raises
         ------
@@ -185,17 +185,18 @@ class JobServiceStore:
             check_identity(session, self.files.folder)
 
     def check_room_for(self, size_bytes: int) -> int:
-        """Check that an upload of this size leaves the disk its reserve, and room for the uploads that were begun.
+        """Check that an upload of this size leaves the disk its reserve, and room for the uploads already in progress.
 
         Returns
         -------
         int
-            The bytes that must stay free beside it.
+            Bytes that must stay free in addition to the upload.
 
         Raises
         ------
         StorageFull, StorageUnavailable
-            Less would be free, the data folder is not in its place, or the database could not take what is made of it.
+            Less would be free, the data folder is not in its place, or the database could not write the rows of the
+            upload.
         """
         self._database.check_writable()
         self.check_folder()
@@ -205,9 +206,9 @@ class JobServiceStore:
         return reserved_bytes
 
     def as_one(self) -> AbstractContextManager[object]:
-        """One transaction of all that this thread does with the store within the block."""
+        """Return one transaction of all that this thread does with the store within the block."""
         return self._database.write_as_one()
 
     def close(self) -> None:
-        """Let go of the database's connections."""
+        """Close the connections to the database."""
         self._database.engine.dispose()

@@ -1,1 +1,1 @@
-"""Attempts: each attempt at a job runs in a process of its own, under a supervisor."""
+"""Attempts at jobs: each runs in its own process, under a supervisor."""

@@ -45,7 +45,7 @@ from sawmill_vocabulary import Progress
 
 
 def main(work: Work[Any]) -> None:
-    """Run one attempt, or none when the supervisor goes away first; as a template, fork as many as are asked for."""
+    """Run one attempt, or none if the supervisor ends first; as a template, fork one attempt for each request."""
     settings = ExecutionSettings()
     configure_logs(settings.log_format)
     attempt = partial(_attempt, work=work, settings=settings)
@@ -61,11 +61,11 @@ def main(work: Work[Any]) -> None:
 
 
 def _attempt(channel: BinaryIO, work: Work[Any], settings: ExecutionSettings) -> None:
-    """Wait for the assignment on standard input, and answer it."""
+    """Wait for the assignment on standard input, run it, and send the answer."""
     supervisor = open(0, "rb", buffering=0, closefd=False)  # noqa: SIM115 - lives as long as the process
     try:
         channel.write(to_line(Ready()))
-    except BrokenPipeError:  # the supervisor was killed meanwhile
+    except BrokenPipeError:  # the supervisor was killed in the mean time
         return
     line = _line_from(supervisor)
     if line:
@@ -76,12 +76,12 @@ def _attempt(channel: BinaryIO, work: Work[Any], settings: ExecutionSettings) ->
                 _gone_files_are_outages(attempt)(partial(_run, attempt, work, settings, supervisor, channel))
             )
             measured = answer.model_copy(update={"peak_memory_bytes": peak_memory_bytes()})
-            channel.write(to_line(measured))  # before it is logged: a log that cannot be written must not take it away
+            channel.write(to_line(measured))  # before logging: a log that cannot be written must not lose the answer
             _log(answer, error)
 
 
 def _line_from(supervisor: BinaryIO) -> bytes:
-    """All that comes before the supervisor falls silent is one line; empty where it went away instead."""
+    """Read a line, until the supervisor stops sending; return no bytes if the line is not complete."""
     line = b""
     while not line.endswith(b"\n") and (part := supervisor.read(65_536)):
         line += part
@@ -94,7 +94,7 @@ def _end_with(supervisor: BinaryIO) -> None:
 
 
 def _answer(run: Callable[[], dict[str, object]]) -> tuple[Succeeded | Failed, Exception | None]:
-    """The attempt's answer, and the exception that nobody foresaw."""
+    """Return the attempt's answer, and the exception if it was not foreseen."""
     try:
         return Succeeded(result=run()), None
     except JobFailure as error:
@@ -109,9 +109,10 @@ def _answer(run: Callable[[], dict[str, object]]) -> tuple[Succeeded | Failed, E
 
 @contextmanager
 def _gone_files_are_outages(attempt: Attempt[Any]) -> Iterator[None]:
-    """Raise `FolderUnavailable` where the block failed because a file of the attempt's was not in its place.
+    """Raise `FolderUnavailable` if the block failed because a file of the attempt was not in its place.
 
-    Whatever the libraries made of that: when the supervisor looks, a data folder that was away is perhaps back.
+    The kind of exception that a library raised does not matter. The supervisor looks later, when a data folder that was
+    away may be back.
     """
     try:
         yield
@@ -152,7 +153,7 @@ def _attempt_at(assignment: Assignment, work: Work[Any], channel: BinaryIO) -> A
 def _run(
     attempt: Attempt[Any], work: Work[Any], settings: ExecutionSettings, supervisor: BinaryIO, channel: BinaryIO
 ) -> dict[str, object]:
-    # Only now: the process was started before anybody knew which job it would run.
+    # Not earlier: the process was started before its job was known.
     limits = limits_of(
         attempt.job.kind, **work.needs_of(attempt)._asdict(), memory_limit_bytes=settings.memory_limit_bytes
     )
@@ -161,12 +162,12 @@ def _run(
     move_into(work_of(attempt.output))
     if settings.confine_attempts:
         confine_to(attempt.given, attempt.output)
-    # Not before: it confines the threads that are started from then on.
+    # Not earlier: the function confines the threads that are started from then on.
     threading.Thread(target=_end_with, args=(supervisor,), daemon=True).start()
     channel.write(to_line(Begun(data_bytes=limits.data_bytes, file_bytes=limits.file_bytes)))
     result = work.run(attempt)
     os.chdir(attempt.output)
-    # Its supervisor may be taking checkpoints; none is needed any more, and none of this is a result.
+    # The supervisor may be taking checkpoints; none is needed any more, and none of these files is a result.
     for folder in (attempt.checkpoints, work_of(attempt.output)):
         shutil.rmtree(folder, ignore_errors=True)
     attempt.report(Progress(fraction=1.0, stage="store"))  # of gigabytes, on a slow disk, that takes minutes

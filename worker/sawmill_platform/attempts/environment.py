@@ -1,4 +1,4 @@
-"""Settings on their way into a child process."""
+"""Settings passed to a child process in environment variables."""
 
 import os
 import re
@@ -9,7 +9,7 @@ from pydantic_settings import BaseSettings
 from sawmill_platform.workers.settings import ExecutionSettings
 
 SECRETS = frozenset({"SAWMILL_TOKEN", "SAWMILL_TOKEN_FILE"})
-# What Python, the numerical libraries and the log look at; anything else may be somebody's password.
+# Variables that Python, the numerical libraries and the logs read; any other variable may contain a password.
 FOR_ATTEMPTS = re.compile(
     r"PATH|HOME|LANG|LANGUAGE|TZ|TERM|COLUMNS|NO_COLOR|FORCE_COLOR|TMPDIR|GLIBC_TUNABLES|VIRTUAL_ENV"
     r"|(LC|LD|MALLOC|NUMBA|TBB|OMP|GOMP|KMP|OPENBLAS|MKL|HDF5)_\w+|PYTHON\w+"
@@ -17,15 +17,15 @@ FOR_ATTEMPTS = re.compile(
 
 
 def environment_with(*settings: BaseSettings) -> dict[str, str]:
-    """The environment of this process with these settings as the variables they are read from; null ones are unset.
+    """Return this process's environment with these settings as variables; the variables of null settings are unset.
 
-    The service's token stays with the service: its children read strangers' files and need none.
+    The service's token is not passed on: the children read strangers' files and need no token.
     """
     return _with_settings({name: value for name, value in os.environ.items() if name.upper() not in SECRETS}, settings)
 
 
 def environment_of_attempts(settings: ExecutionSettings) -> dict[str, str]:
-    """What the processes of attempts need of this one's environment, with the settings and without a secret."""
+    """Return the variables that processes of attempts need, with the settings and without a secret."""
     needed = {name: value for name, value in os.environ.items() if FOR_ATTEMPTS.fullmatch(name)}
     return _with_settings(needed, [settings.model_copy(update={"broker_url": None})])
 

@@ -1,6 +1,6 @@
-"""The failure that an attempt's unforeseen end stands for: an exception, a process that died, a limit that was met.
+"""Failures of attempts that ended unexpectedly: by an exception, a dead process or a limit.
 
-What the science and the readers refuse is translated before, in `use_cases.failures`.
+Refusals by the code of a kind of job are translated before, in the package that owns the kind.
 """
 
 import errno
@@ -12,16 +12,16 @@ from sawmill_platform.contracts.jobs import Failure, FailureKind, JobKind
 from sawmill_platform.contracts.kinds import declaration_of
 from sawmill_platform.errors import StorageFull, StorageUnavailable, outage_of
 
-# A defect of a program, which comes again with the same input; a kill from outside does not.
+# Defects of a program, which recur with the same input; a kill from outside does not.
 _CRASHES = frozenset({signal.SIGSEGV, signal.SIGBUS, signal.SIGABRT, signal.SIGFPE, signal.SIGILL})
-# A job that took more than it may was at fault, whatever else was wrong.
+# A job that exceeded a limit was at fault, whatever else was wrong.
 LIMITS_MET = frozenset({"too-long", "file-too-large", "out-of-memory", "too-many-files"})
 # Python's message when there is no room for a thread's stack.
 _NO_THREAD = "can't start new thread"
 
 
 def failure_of(error: Exception) -> Failure:
-    """The failure that an exception stands for; what nobody foresaw is ours and keeps its details for the log."""
+    """Return the failure for an exception; an unforeseen exception is our fault and its details go to the log."""
     outage = outage_of(error, "the attempt") if isinstance(error, OSError) else error
     if isinstance(outage, StorageFull | StorageUnavailable):
         return Failure(kind=FailureKind.PASSING, code=outage.code, detail=str(outage))
@@ -33,10 +33,10 @@ def failure_of(error: Exception) -> Failure:
 
 
 def died(exit_code: int, kind: JobKind) -> Failure:
-    """The failure of an attempt whose process ended without an answer.
+    """Return the failure of an attempt whose process ended without an answer.
 
-    The C readers of HDF5, MAT and PNG files crash on some damaged ones: such a file is at fault. Every other crash is a
-    defect. Neither is tried again; a process that was killed from outside is.
+    The C readers of HDF5, MAT and PNG files crash on some damaged files: such a file is at fault. Every other crash is
+    a defect. Neither is retried; a process that was killed from outside is.
     """
     number = -exit_code
     if number in _CRASHES:
@@ -63,7 +63,7 @@ def _crashed(how: signal.Signals, kind: JobKind) -> Failure:
 
 
 def _beyond_a_limit(error: Exception) -> Failure | None:
-    """The failure of a job that took more than its process may (`execution.limits`); None for anything else."""
+    """Return the failure of a job that exceeded a process limit (`attempts.limits`); None for other errors."""
     number = error.errno if isinstance(error, OSError) else None
     if isinstance(error, MemoryError) or number == errno.ENOMEM or str(error) == _NO_THREAD:
         return _out_of_memory()
@@ -84,26 +84,26 @@ def _out_of_memory() -> Failure:
 
 
 def too_long(kind: JobKind, limit_s: float, *, of: str = "") -> Failure:
-    """The failure of an attempt that took all the time that it may."""
+    """Return the failure of an attempt that used all its time."""
     detail = f"the job needs more than the {duration(limit_s)}{of} that it may take: {declaration_of(kind).lighter}"
     return Failure(kind=FailureKind.INPUT, code="too-long", detail=detail)
 
 
 def stalled(still_s: float, stage: str | None) -> Failure:
-    """The failure of an attempt whose process is there and gets no further."""
+    """Return the failure of an attempt whose process runs and makes no progress."""
     where = "before its first stage" if stage is None else f"in the stage {stage!r}"
     detail = f"the job hung: nothing moved for {duration(still_s)} {where}, and its process was ended"
     return Failure(kind=FailureKind.PASSING, code="attempt-stalled", detail=detail)
 
 
 def not_begun(still_s: float) -> Failure:
-    """The failure of an attempt whose process was given its job and never began with it."""
+    """Return the failure of an attempt whose process was given a job and never started it."""
     detail = f"the job's process sent nothing for {duration(still_s)} after it was given the job, and was ended"
     return Failure(kind=FailureKind.PASSING, code="attempt-stalled", detail=detail)
 
 
 def duration(seconds: float) -> str:
-    """In hours, minutes or seconds."""
+    """Format a duration in hours, minutes or seconds."""
     for unit, length_s in (("hours", 3600.0), ("minutes", 60.0)):
         if seconds >= 2.0 * length_s:
             return f"{seconds / length_s:.3g} {unit}"

@@ -1,8 +1,9 @@
 """The template: a process that has imported everything, computes nothing more, and forks a child for each attempt.
 
-It is a child of the supervisor, which `template` shows. Requests come over an inherited socket, packet by packet: each
-brings three descriptors, the child's standard input, its channel (see `protocol`) and its book, a pipe into which the
-template writes two lines, the child's process id and, when it and all that it had started have ended, its exit code.
+The template is a child of the supervisor (module `template`). Requests come over an inherited socket, one in a packet.
+Each packet brings three descriptors: the child's standard input, its channel (module `protocol`) and its book. The book
+is a pipe into which the template writes two lines: the child's process id and, when the child and all processes that it
+started have ended, its exit code.
 """
 
 import ctypes
@@ -39,13 +40,14 @@ def serve(requests: socket.socket, attempt: AttemptMain) -> None:
     Parameters
     ----------
     requests
-        From the supervisor; its end ends the template, and the end of their standard inputs the children.
+        Socket from the supervisor. When the socket is closed, the template ends; a child ends when its standard input
+        is closed.
     attempt
-        What a child does with its channel, a supervisor's assignment waiting on its standard input.
+        Main function of a child, called with the child's channel; the supervisor's assignment waits on standard input.
     """
     gc.collect()
     give_back_memory()
-    # What lives now lives as long as the process: a child's collector need not look at it, and so copies no pages.
+    # All present objects live as long as the process: a child's collector need not visit them, and so copies no pages.
     gc.freeze()
     ctypes.CDLL(None).prctl(SET_CHILD_SUBREAPER, 1, 0, 0, 0)
     children = _Children(requests)
@@ -56,7 +58,7 @@ def serve(requests: socket.socket, attempt: AttemptMain) -> None:
 
 
 class _Children:
-    """Those that run: each one's book, by a descriptor that becomes readable when it ends."""
+    """Running children: the book of each, by a descriptor that becomes readable when the child ends."""
 
     def __init__(self, requests: socket.socket) -> None:
         self._requests = requests
@@ -64,7 +66,7 @@ class _Children:
         self._events.register(requests, selectors.EVENT_READ)
 
     def next_request(self) -> list[int]:
-        """Descriptors that it brought, none once the supervisor is gone; children that end meanwhile are entered."""
+        """Return the descriptors of the next request, none once the supervisor is gone; enter the ends of children."""
         while True:
             for key, _ in self._events.select():
                 if key.data is not None:
@@ -72,11 +74,11 @@ class _Children:
                     continue
                 try:
                     return socket.recv_fds(self._requests, 16, 3)[1]
-                except ConnectionError:  # as when it had not read yet what it was sent
+                except ConnectionError:  # as when the socket had not yet read what was sent
                     return []
 
     def fork(self, attempt: AttemptMain, assignment: int, channel: int, book: int) -> None:
-        """Start a child; where the system refuses, the supervisor sees its pipes close."""
+        """Start a child; if the system refuses, the supervisor sees its pipes close."""
         try:
             process_id = os.fork()
         except OSError:
@@ -100,7 +102,7 @@ class _Children:
         os.close(book)
 
     def _end_orphans(self) -> None:
-        """Kill and reap what ended attempts have started and left; the ending of one may leave others."""
+        """Kill and reap the processes that ended attempts have left; the end of one may leave more."""
         attempts = {key.data[0] for key in self._events.get_map().values() if key.data is not None}
         while orphans := _children() - attempts:
             for process_id in orphans:
@@ -108,7 +110,7 @@ class _Children:
                 os.waitpid(process_id, 0)
 
     def _become_child(self, assignment: int, channel: int, attempt: AttemptMain) -> None:
-        """Run the attempt and end, in a session of its own, with nothing of the template's or of other children's."""
+        """Run the attempt in a new session and end, without the descriptors of the template and of other children."""
         code = 1
         try:
             os.setsid()
@@ -132,10 +134,10 @@ class _Children:
 
 
 def give_back_memory() -> None:
-    """Return to the system what importing and warming up has used: free heap, some 9 MiB, and pages of libraries.
+    """Return to the system the memory that imports and warming up have used: free heap, some 9 MiB, and library pages.
 
-    Pages that are as their file has them stay in the system's cache, from where whoever needs one gets it. A child
-    begins without them in any case. Those of LLVM, which loads kernels, are 67 MiB.
+    Pages that equal their file stay in the system's cache, where a process that needs one finds it. A child begins
+    without them in any case. The pages of LLVM, which loads kernels, are 67 MiB.
     """
     libc = ctypes.CDLL(None)
     with suppress(AttributeError):  # glibc's alone
@@ -146,7 +148,7 @@ def give_back_memory() -> None:
 
 
 def _children() -> set[int]:
-    """The ids of this process's children; none on a kernel that does not list them."""
+    """Return the ids of this process's children; none on a kernel that does not list them."""
     with suppress(FileNotFoundError):
         return {int(word) for word in Path(f"/proc/self/task/{os.getpid()}/children").read_text().split()}
     return set()
@@ -158,6 +160,6 @@ def _enter(book: int, number: int) -> None:
 
 
 def _seed_anew() -> None:
-    """NumPy's global generator, which all children would share; Python's own sees to itself."""
+    """Seed NumPy's global generator, whose state all children would share; Python's generator is seeded by Python."""
     if "numpy.random" in sys.modules:
         sys.modules["numpy.random"].seed()

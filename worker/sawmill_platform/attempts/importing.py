@@ -1,4 +1,4 @@
-"""Python's garbage collector rests while a process imports what it keeps as long as it lives.
+"""Imports without Python's garbage collector, for modules that a process keeps for its whole life.
 
 `python -m sawmill_platform.attempts.importing MODULE` imports a program of ours so, and runs its `main`.
 """
@@ -9,17 +9,17 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib import import_module
 
-# Starts what the name of a module follows. Nothing is imported from the folder in which it happens to be started.
+# Starts the module named after it. Nothing is imported from the folder in which the program is started.
 PROGRAM = (sys.executable, "-P", "-m", "sawmill_platform.attempts.importing")
-# Libraries import these where they are installed, and nothing that is started so ever uses them: 8 MiB of a template.
+# Libraries import these if they are installed, and no program started here uses them: 8 MiB of a template.
 UNUSED = ("rich", "coverage", "charset_normalizer")
 
 
 @contextmanager
 def importing() -> Iterator[None]:
-    """Import without the collector, which takes a seventh of a service's start and finds nothing then.
+    """Import without the collector, which takes a seventh of a service's start and finds no garbage then.
 
-    Later it does not look at what has been imported either.
+    Later the collector does not visit the imported objects either.
     """
     gc.disable()
     try:

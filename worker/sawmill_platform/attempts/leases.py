@@ -1,4 +1,4 @@
-"""Which running attempts have fallen silent, by this observer's own monotonic clock alone."""
+"""Detection of running attempts that have fallen silent, by this observer's monotonic clock alone."""
 
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from sawmill_platform.attempts.observed_time import ObservedTime
 from sawmill_platform.jobs.job_store import Pulse
 
-# Of the time between two looks: what a late one may count for.
+# Multiple of the time between two looks that a late look may count for.
 _LONGEST_LOOK = 2.0
 
 
 @dataclass
 class _Silence:
-    """How long an attempt has been seen without a new heartbeat, and with a cancellation that it did not hear."""
+    """Time in which an attempt was seen without a new heartbeat, and with a cancellation that it did not receive."""
 
     pulse: Pulse
     seconds: float = 0.0
@@ -21,18 +21,18 @@ class _Silence:
 
 
 class LeaseObserver:
-    """Compares each look at the running attempts with those before; one that starts anew begins to count anew.
+    """Observer of running attempts, which compares each look with the looks before; a restarted attempt counts from 0.
 
     Parameters
     ----------
     lease_s
         Silence after which a lease has run out.
     cancel_s
-        Silence after which an attempt does not hear that it is cancelled.
+        Silence after which an attempt is taken not to receive its cancellation.
     look_s
-        How often `silent` is called.
+        Time between two calls of `silent`.
     monotonic
-        Seconds; for tests.
+        Clock that returns seconds; for tests.
     """
 
     def __init__(
@@ -44,7 +44,7 @@ class LeaseObserver:
         self._seen: dict[str, _Silence] = {}
 
     def silent(self, pulses: Iterable[Pulse]) -> Iterator[Pulse]:
-        """The attempts whose lease has run out, as they stand at this look."""
+        """Yield the attempts whose lease has run out, in their state at this look."""
         step_s, seen = self._time.look_s(), self._seen
         self._seen = {pulse.job_id: self._after(seen.get(pulse.job_id), pulse, step_s) for pulse in pulses}
         for silence in self._seen.values():
@@ -52,11 +52,11 @@ class LeaseObserver:
                 yield silence.pulse
 
     def suspects(self) -> Iterator[Pulse]:
-        """Attempts that have been silent for so long that it should be known whether they could have spoken."""
+        """Return attempts silent for so long that it should be checked whether they could have sent a heartbeat."""
         return (silence.pulse for silence in self._seen.values() if silence.seconds >= self._cancel_s)
 
     def forget(self) -> None:
-        """Begin anew: nobody could have written a heartbeat."""
+        """Restart the count: no attempt could have written a heartbeat."""
         self._seen = {}
 
     @staticmethod

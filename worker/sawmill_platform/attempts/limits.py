@@ -1,4 +1,4 @@
-"""What one attempt may take of the machine, set when its job is known: a job that takes more ends alone, and once."""
+"""Limits of one attempt's process, set when its job is known: a job that exceeds one ends alone, and once."""
 
 import os
 import resource
@@ -7,30 +7,30 @@ from typing import NamedTuple
 from sawmill_platform.contracts.jobs import JobKind
 from sawmill_platform.contracts.kinds import declaration_of
 
-# Private memory of any job. Those that read files of strangers have no more; others have what their sizes need.
+# Private memory of any job. Jobs that read files of strangers have no more; other jobs have what their sizes need.
 DATA_BYTES = 2 * 2**30
-# Each core has its threads, whose stacks and arenas are reserved and hardly used; the above has room for this many.
+# Each core has its threads, whose stacks and arenas are reserved and hardly used; DATA_BYTES has room for 8 cores.
 CORES_INCLUDED, DATA_BYTES_A_CORE = 8, 64 * 2**20
-# Any file that is written, where the job's sizes do not need more.
+# Size of any written file, unless the job's sizes need more.
 FILE_BYTES = 4 * 2**30
 OPEN_FILES = 256
-# From the signal at the end of a job's processor time to the kill; equal limits would kill it at once.
+# Time from the signal at the end of a job's processor time to the kill; equal limits would kill the job at once.
 PROCESSOR_GRACE_S = 60
-# A limit that the system can count.
+# Largest limit that the system can count.
 LARGEST = 2**63 - 1
 
 
 class Limits(NamedTuple):
-    """Of one attempt's process.
+    """Limits of one attempt's process.
 
     Attributes
     ----------
     data_bytes : int
-        Of private memory.
+        Private memory.
     processor_s : int
-        On all cores together.
+        Processor time on all cores together.
     file_bytes : int
-        Of any file that is written.
+        Size of any written file.
     """
 
     data_bytes: int
@@ -39,14 +39,14 @@ class Limits(NamedTuple):
 
 
 def limits_of(kind: JobKind, *, memory_bytes: int, file_bytes: int, memory_limit_bytes: int | None) -> Limits:
-    """The limits of a job.
+    """Return the limits of a job.
 
     Parameters
     ----------
     memory_bytes, file_bytes
-        What the job may need by its recorded sizes.
+        Needs of the job by its recorded sizes.
     memory_limit_bytes
-        From the settings; null: what the kind and the sizes give.
+        Limit from the settings; null: the limit that results from the kind and the sizes.
     """
     threads = DATA_BYTES_A_CORE * max(cores() - CORES_INCLUDED, 0)
     return Limits(
@@ -57,17 +57,17 @@ def limits_of(kind: JobKind, *, memory_bytes: int, file_bytes: int, memory_limit
 
 
 def cores() -> int:
-    """How many this process may use."""
+    """Return the number of cores that this process may use."""
     return len(os.sched_getaffinity(0))
 
 
 def processor_s(kind: JobKind) -> int:
-    """Processor time of a job of a kind, on all cores together."""
+    """Return the processor time of a job of a kind, on all cores together."""
     return cores() * declaration_of(kind).processor_s
 
 
 def keep_to(limits: Limits) -> None:
-    """Hold this process to its limits, as far as it is not held to less already."""
+    """Set the limits of this process, except limits that are lower already."""
     used = resource.getrusage(resource.RUSAGE_SELF)
     end_s = int(used.ru_utime + used.ru_stime) + limits.processor_s
     _limit(resource.RLIMIT_DATA, limits.data_bytes)
@@ -78,7 +78,7 @@ def keep_to(limits: Limits) -> None:
 
 
 def peak_memory_bytes() -> int:
-    """The most memory that this process has held so far, pages that it shares with others included."""
+    """Return the largest memory that this process has held so far, including pages that it shares."""
     return 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss  # Linux counts in KiB
 
 

@@ -1,21 +1,21 @@
-"""Time as an observer can have seen it pass."""
+"""Time that an observer can have seen pass."""
 
 import time
 from collections.abc import Callable
 
 
 class ObservedTime:
-    """Seconds from one look to the next.
+    """Clock of the seconds from one look to the next.
 
-    An observer that was itself stopped, or whose machine slept, has seen nothing meanwhile: no look counts for more
+    An observer that was itself stopped, or whose machine slept, has seen nothing in that time: no look counts for more
     than `longest_s`.
 
     Parameters
     ----------
     longest_s
-        What one look may count for.
+        Most that one look may count for.
     monotonic
-        Seconds; for tests.
+        Clock that returns seconds; for tests.
     """
 
     def __init__(self, longest_s: float, monotonic: Callable[[], float] = time.monotonic) -> None:
@@ -24,6 +24,6 @@ class ObservedTime:
         self._looked_at = monotonic()
 
     def look_s(self) -> float:
-        """Since the last look."""
+        """Return the seconds since the last look."""
         before, self._looked_at = self._looked_at, self._monotonic()
         return min(self._looked_at - before, self._longest_s)

@@ -1,4 +1,4 @@
-"""How long an attempt may take and its progress stand still, by its supervisor's own monotonic clock."""
+"""Time limits of an attempt and of a pause in its progress, by its supervisor's monotonic clock."""
 
 import time
 from collections.abc import Callable
@@ -10,23 +10,23 @@ from sawmill_platform.contracts.kinds import declaration_of
 from sawmill_platform.workers.settings import ExecutionSettings
 from sawmill_vocabulary import Progress
 
-# Beyond two looks: what a late one may count for.
+# Most that a late look may count for, in addition to two looks.
 LATE_S = 5.0
-# From its assignment a process has this long to begin: it has imported everything, and compiles under a stage's name.
+# Time that a process has to start after its assignment: everything is imported, and compilation has a stage's name.
 BEGIN_S = 60.0
 
 
 class Patience:
-    """With one attempt.
+    """Time limits of one attempt.
 
     Parameters
     ----------
     kind
-        Of the job: it declares the limits.
+        Kind of the job, which declares the limits.
     settings
-        Limits that override those of all kinds.
+        Limits that override the limits of all kinds.
     monotonic
-        Seconds; for tests.
+        Clock that returns seconds; for tests.
     """
 
     def __init__(
@@ -42,18 +42,18 @@ class Patience:
         self._seen: Progress | None = None
 
     def heard(self, progress: Progress) -> None:
-        """Take a report; one that repeats stage, fraction and generation moves nothing."""
+        """Take a report; a report that repeats stage, fraction and generation is no progress."""
         if self._seen is None or _place(progress) != _place(self._seen):
             self.moved()
         self._seen = progress
 
     def moved(self) -> None:
-        """Something got further, the beginning included."""
+        """Note that the attempt has made progress, its start included."""
         self._begun = True
         self._still_s = 0.0
 
     def end(self) -> Failure | None:
-        """Why the attempt has to be ended now; None while it may go on."""
+        """Return why the attempt has to be ended now; None if the attempt may continue."""
         step_s = self._time.look_s()
         self._taken_s += step_s
         self._still_s += step_s

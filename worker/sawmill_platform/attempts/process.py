@@ -1,4 +1,4 @@
-"""A supervisor's end of the process in which an attempt runs."""
+"""The supervisor's end of the process in which an attempt runs."""
 
 import os
 import select
@@ -26,49 +26,49 @@ from sawmill_platform.attempts.protocol import (
     to_line,
 )
 
-# From SIGKILL until a process that still runs is given up.
+# Time from SIGKILL until a process that still runs is given up.
 UNDYING_S = 10.0
-# What a pipe holds by default.
+# Capacity of a pipe by default.
 PIPE_BYTES = 2**16
 
 
 class AttemptNotStarted(Exception):  # noqa: N818 - an outcome's name
-    """A process did not become ready: the installation is broken, no job is to blame."""
+    """A process did not become ready: the installation is broken, and no job is at fault."""
 
 
 class AttemptTalksNonsense(Exception):  # noqa: N818
-    """What a process sends is not of the protocol: nothing that it sends is believed any more."""
+    """A process sent a line that is not of the protocol: nothing more that it sends is trusted."""
 
 
 class Running(Protocol):
-    """A process that was started, as `subprocess.Popen` shows it."""
+    """A process that was started, with the interface of `subprocess.Popen`."""
 
     @property
     def stdin(self) -> IO[bytes] | None:
-        """Leads to its standard input."""
+        """Stream to the process's standard input."""
 
     @property
     def pid(self) -> int | None:
-        """None where it is not known yet."""
+        """Process id; None if the id is not known yet."""
 
     def poll(self) -> int | None:
-        """Its exit code, or None."""
+        """Return the process's exit code, or None while it runs."""
 
     def wait(self, timeout: float | None = None) -> int:
-        """Its exit code, once it has ended."""
+        """Wait until the process has ended and return its exit code."""
 
 
 class AttemptProcess:
-    """A process in a session of its own, so that all of it can be ended at once.
+    """A process in its own session, so that the process and all its children can be ended at once.
 
     Parameters
     ----------
     process
-        Speaks `protocol`.
+        Process that speaks `protocol`.
     channel
-        Descriptor from which its messages are read; closed by `end`.
+        Descriptor from which the process's messages are read; closed by `end`.
     template_id
-        The process that forks it once it has imported everything; null: it does that itself.
+        Id of the process that forks this one once everything is imported; null: the process imports everything itself.
     """
 
     def __init__(self, process: Running, channel: int, template_id: int | None = None) -> None:
@@ -81,16 +81,16 @@ class AttemptProcess:
 
     @property
     def alive(self) -> bool:
-        """Whether it still runs."""
+        """True if the process still runs."""
         return self._process.poll() is None
 
     def wait_until_ready(self, timeout_s: float) -> None:
-        """Wait until it has imported everything, as long as it works at that: the first import compiles for minutes.
+        """Wait until the process has imported everything, while it uses processor time: the first import takes minutes.
 
         Raises
         ------
         AttemptNotStarted
-            It ended, or used no processor time for `timeout_s`.
+            The process ended, or used no processor time for `timeout_s`.
         """
         deadline, ticks = time.monotonic() + timeout_s, self._processor_ticks()
         while not self._ready:
@@ -107,18 +107,18 @@ class AttemptProcess:
                 raise AttemptNotStarted(f"a process ended with exit code {self._process.wait()} before it was ready")
 
     def _processor_ticks(self) -> int:
-        """Processor time that whoever imports has used, in ticks of the kernel (proc(5)); 0: it has ended."""
+        """Return the importing process's processor time, ticks of the kernel (proc(5)); 0 if the process has ended."""
         with suppress(FileNotFoundError, ProcessLookupError):
             stat = Path(f"/proc/{self._template_id or self._process.pid}/stat").read_text()
             return sum(map(int, stat.rpartition(")")[2].split()[11:13]))
         return 0
 
     def assign(self, assignment: Assignment) -> None:
-        """Hand over the one attempt; `receive` finds out where the process has died by now."""
+        """Send the attempt's assignment; if the process has died by now, `receive` finds out."""
         if self._process.stdin is None:
             raise AssertionError("standard input is a pipe")
         line = to_line(assignment)
-        with suppress(OSError):  # it reads by itself; but one that is stopped must not stop its supervisor
+        with suppress(OSError):  # the process continues without it; but a stopped process must not stop its supervisor
             fcntl(self._process.stdin.fileno(), F_SETPIPE_SZ, max(len(line), PIPE_BYTES))
         try:
             self._process.stdin.write(line)
@@ -127,11 +127,11 @@ class AttemptProcess:
 
     @property
     def process_id(self) -> int | None:
-        """None where it has ended, or is not known yet."""
+        """Process id; None if the process has ended, or the id is not known yet."""
         return self._process.pid if self.alive else None
 
     def receive(self, timeout_s: float) -> list[AnyMessage]:
-        """Messages that arrive within a time; none when there are none, or when it `hung_up`.
+        """Return the messages that arrive within a time; none if no message arrives, or the process `hung_up`.
 
         Raises
         ------
@@ -151,7 +151,7 @@ class AttemptProcess:
             return []
         *lines, self._unread = self._unread.split(b"\n")
         try:
-            # PostgreSQL keeps no text with a NUL, which a stranger's file may have put into a sentence.
+            # PostgreSQL stores no text with a NUL, which a stranger's file may have put into a sentence.
             messages = [MESSAGE.validate_json(line.replace(rb"\u0000", rb"\ufffd")) for line in lines]
         except ValidationError as error:
             raise AttemptTalksNonsense(str(error)) from error
@@ -161,17 +161,17 @@ class AttemptProcess:
         return messages
 
     def end(self, grace_s: float) -> int:
-        """End it and all it started: asked first, killed after `grace_s`.
+        """End the process and all that it started: first by a request, after `grace_s` by a kill.
 
-        One that the system itself does not let end, as while it waits for a disk that is away, is left to end when that
-        lets it: nobody waits for it, and its folder is its own.
+        A process that the system does not end, for example while it waits for a disk that is away, is left to end
+        later: nobody waits for it, and no other attempt uses its folder.
 
         Returns
         -------
         int
             Exit code; negative is a signal's number.
         """
-        if not self.hung_up:  # else it is ending by itself, and its exit code is the reason
+        if not self.hung_up:  # otherwise the process is ending by itself, and its exit code is the reason
             self._signal(signal.SIGTERM)
         try:
             self._process.wait(grace_s)
@@ -188,21 +188,21 @@ class AttemptProcess:
         return code
 
     def _signal(self, number: signal.Signals) -> None:
-        # Only while it is unreaped is its process group's number surely its own.
+        # Only while the process is unreaped is its group's number certain to be its own.
         if self._process.poll() is None and self._process.pid is not None:
             with suppress(ProcessLookupError):  # forked this moment, it leads no group yet: SIGKILL follows
                 os.killpg(self._process.pid, number)
 
 
 class FreshProcesses:
-    """Starts each attempt in a process of its own from the beginning.
+    """Starter of attempts, each in a process that imports everything itself.
 
     Parameters
     ----------
     command
-        Starts a program that speaks `protocol`.
+        Command of a program that speaks `protocol`.
     environment
-        Its environment variables.
+        Environment variables of the program.
     """
 
     def __init__(self, command: Sequence[str], environment: Mapping[str, str]) -> None:
@@ -210,7 +210,7 @@ class FreshProcesses:
         self._environment = environment
 
     def start(self) -> AttemptProcess:
-        """A process that becomes ready soon."""
+        """Start a process that becomes ready soon."""
         reading, writing = os.pipe()
         try:
             process = subprocess.Popen(  # noqa: S603 - our own command
@@ -230,8 +230,8 @@ class FreshProcesses:
         return AttemptProcess(process, reading)
 
     def patience_s(self, start_timeout_s: float) -> float:
-        """How long a process may take until it is ready."""
+        """Return the time that a process may take until it is ready."""
         return start_timeout_s
 
     def close(self) -> None:
-        """Nothing is left beside the processes."""
+        """Do nothing: besides its processes a starter holds no resources."""

@@ -1,10 +1,10 @@
 """The messages between a supervisor and the process of an attempt, one JSON object a line.
 
-Down, on the process's standard input: one `Assignment`; then nothing; its end means that the supervisor is gone.
-Up, on the inherited pipe that the environment variable `CHANNEL` names: `Ready`, then, after the assignment, `Begun`,
-any number of `ProgressMade` and `Kept`, and one `Succeeded` or `Failed`. No line is longer than `LONGEST_LINE_BYTES`,
-and none but that of `Succeeded` longer than `LONGEST_SENTENCE_BYTES`.
-Standard output stays free for whoever prints.
+To the process, on its standard input: one `Assignment`, then nothing; the end of the stream means that the supervisor
+is gone. From the process, on the inherited pipe that the environment variable `CHANNEL` names: `Ready`, then, after the
+assignment, `Begun`, any number of `ProgressMade` and `Kept`, and one `Succeeded` or `Failed`. No line is longer than
+`LONGEST_LINE_BYTES`, and no line except `Succeeded` longer than `LONGEST_SENTENCE_BYTES`. Standard output stays free
+for libraries that print.
 """
 
 from pathlib import Path
@@ -17,14 +17,14 @@ from sawmill_platform.contracts.jobs import Failure, Job
 from sawmill_vocabulary import Progress
 
 CHANNEL = "SAWMILL_ATTEMPT_CHANNEL"
-# A hundred times the longest answer of the science.
+# A hundred times the longest answer of a job.
 LONGEST_LINE_BYTES = 16 * 2**20
-# Of whatever is no answer of the science: sixty times the longest sentence of a refusal.
+# Length of every other message: sixty times the longest sentence of a refusal.
 LONGEST_SENTENCE_BYTES = 2**16
 
 
 class Assignment(Contract):
-    """Run this attempt; `given_json` is an `AttemptInput` with the fields of the package that owns the job's kind."""
+    """Order to run this attempt; `given_json` is an `AttemptInput` with the fields of the package of the job's kind."""
 
     job: Job
     given_json: str
@@ -32,15 +32,15 @@ class Assignment(Contract):
 
 
 class Ready(Contract):
-    """Everything is imported: the process waits for its assignment."""
+    """Report that everything is imported: the process waits for its assignment."""
 
     kind: Literal["ready"] = "ready"
 
 
 class Begun(Contract):
-    """The process keeps to its limits and its own files, and begins with the job.
+    """Report that the process has set its limits, is confined to its own files, and starts the job.
 
-    The limits are those of `limits.Limits`: they are sent before anything that a stranger wrote is read.
+    The limits are `limits.Limits`. The message is sent before the process reads anything that a stranger wrote.
     """
 
     kind: Literal["begun"] = "begun"
@@ -49,21 +49,21 @@ class Begun(Contract):
 
 
 class ProgressMade(Contract):
-    """How far it is."""
+    """Report of the job's progress."""
 
     kind: Literal["progress"] = "progress"
     progress: Progress
 
 
 class Kept(Contract):
-    """Checkpoints of these names are complete in the output's folder for them: keep them with the job."""
+    """Report that checkpoints of these names are complete in the output's checkpoint folder: keep them with the job."""
 
     kind: Literal["kept"] = "kept"
     names: list[str]
 
 
 class Succeeded(Contract):
-    """The output folder is complete and flushed."""
+    """Report that the output folder is complete and flushed."""
 
     kind: Literal["succeeded"] = "succeeded"
     result: dict[str, Any]
@@ -71,7 +71,7 @@ class Succeeded(Contract):
 
 
 class Failed(Contract):
-    """It could not be done."""
+    """Report that the job failed."""
 
     kind: Literal["failed"] = "failed"
     failure: Failure
@@ -83,5 +83,5 @@ MESSAGE: TypeAdapter[AnyMessage] = TypeAdapter(Annotated[AnyMessage, Field(discr
 
 
 def to_line(message: Contract) -> bytes:
-    """One line of the protocol."""
+    """Return a message as one line of the protocol."""
     return message.model_dump_json().encode() + b"\n"

@@ -1,4 +1,4 @@
-"""Claiming a job and running one attempt at it, under supervision."""
+"""Claims of jobs, and one supervised attempt for each claim."""
 
 import os
 import threading
@@ -43,32 +43,33 @@ from sawmill_platform.workers.naming import process_name
 from sawmill_platform.workers.settings import ExecutionSettings
 from sawmill_vocabulary import Progress
 
-# What a library may have failed to write at once, and so what a full disk may have left free.
+# Most that a library may have failed to write at once, and so most that a full disk may have free.
 BUFFER_BYTES = 16 * 2**20
 
 
 class Runner:
-    """Keeps processes ready and runs each claimed job in one; threads may share a runner.
+    """Runner of claimed jobs, each in a process that is kept ready; threads may share a runner.
 
     Parameters
     ----------
     store
-        Where jobs are claimed and results go.
+        Store in which jobs are claimed and results are kept.
     settings
         Leases, graces and limits.
     stop
-        Once set, a running attempt has `stop_grace_s` left before its job goes back to the queue.
+        Event after which a running attempt has `stop_grace_s` left before its job returns to the queue.
     command
-        Starts a process that speaks `sawmill_platform.attempts.protocol`.
+        Command of a program that speaks `sawmill_platform.attempts.protocol`.
     on_ended
-        Called with the id of each job that has ended: others may have waited for it.
+        Function that is called with the id of each job that has ended: other jobs may have waited for it.
     on_able
-        Called at the first look for a job, before it is run: a process is ready, and the database answers.
+        Function that is called at the first look for a job, before it runs: a process is ready and the database
+        answers.
 
     Attributes
     ----------
     able : bool
-        Whether there was such a look.
+        True if there was such a look.
     """
 
     def __init__(
@@ -94,18 +95,18 @@ class Runner:
         self._put_off_for = ""
 
     def run_next(self, selection: Selection = ANY) -> JobState | None:
-        """Claim the job whose turn it is and run it to the end of the attempt.
+        """Claim the next job in turn and run it to the end of the attempt.
 
         Parameters
         ----------
         selection
-            Which jobs it takes.
+            Jobs that may be claimed.
 
         Returns
         -------
         JobState or None
-            Its state afterwards (`queued`: it will be tried again), or None when there was nothing to claim, when this
-            worker is stopping, or when another attempt owns the job by now.
+            The job's state afterwards (`queued`: the job is tried again), or None if there was no job to claim, if this
+            worker is stopping, or if another attempt owns the job by now.
 
         Raises
         ------
@@ -136,16 +137,16 @@ class Runner:
         return self._run(claim, process)
 
     def log_put_off(self, error: Exception) -> None:
-        """Log why no job was claimed: once, until one could be or the reason is another one."""
+        """Log why no job was claimed: once, until a job is claimed or the reason changes."""
         if str(error) != self._put_off_for:
             self._put_off_for = str(error)
             structlog.get_logger().warning("claim-put-off", reason=str(error))
 
     def warm_up(self) -> None:
-        """Start the spare processes that are missing, so that no job need wait for one.
+        """Start the spare processes that are missing, so that no job has to wait for one.
 
-        For times without a job: a process that starts keeps a core busy for about a second. One that the system does
-        not start now is started when a job needs it.
+        The method is for times without a job: a process that starts keeps a core busy for about a second. A process
+        that the system does not start now is started when a job needs it.
         """
         try:
             with self._lock:
@@ -186,7 +187,7 @@ class Runner:
 
     def _keep(self, process: AttemptProcess) -> None:
         with self._lock:
-            self._spares.insert(0, process)  # it is ready, the others may not be yet
+            self._spares.insert(0, process)  # this process is ready, the other ones may not be yet
 
     def _run(self, claim: Claim, process: AttemptProcess) -> JobState | None:
         log = structlog.get_logger()
@@ -195,7 +196,7 @@ class Runner:
             state: JobState | None = None
             try:
                 try:
-                    with disk_outage_reported("an attempt"):  # wherever it was; else the job would wait for its lease
+                    with disk_outage_reported("an attempt"):  # at any place; otherwise the job would wait for its lease
                         state = self._attempt(claim, process)
                 except (StorageFull, StorageUnavailable) as error:
                     state = self._put_off(claim, failure_of(error))
@@ -217,12 +218,12 @@ class Runner:
                 self._store.files.remove(output)
 
     def _put_off(self, claim: Claim, outage: Failure) -> JobState | None:
-        """Give a job back because of an outage, as soon as that lets its row be written.
+        """Return a job to the queue because of an outage, as soon as its row can be written.
 
         Returns
         -------
         JobState or None
-            None when this worker had to stop before: the job is left to its lease.
+            None if this worker had to stop before: the job waits for its lease to run out.
         """
         said = ""
         while True:
@@ -235,7 +236,7 @@ class Runner:
 
 
 class _Supervision:
-    """One attempt: relays its progress, keeps its lease, and sees to its end."""
+    """Supervision of one attempt: relays its progress, keeps its lease, and ends it."""
 
     def __init__(
         self,
@@ -264,14 +265,14 @@ class _Supervision:
             if answer is None:
                 answer = self._watch(output)
             if isinstance(answer, Succeeded):
-                # With all that it has started: nobody writes to what is checked and published.
+                # With all processes that it has started: nobody writes to files that are checked and published.
                 self._process.end(self._settings.kill_grace_s)
                 self._check(answer, output)
                 self._publish(answer, output)
                 return JobState.SUCCEEDED
         except InvalidOutput as error:
             structlog.get_logger().exception("attempt-left-nonsense")
-            # Where the data folder has gone, the files are missing for that.
+            # The files may be missing because the data folder has gone.
             answer = Failed(failure=self._outage() or _invalid_result(str(error)))
         except (AttemptTalksNonsense, ValidationError):
             structlog.get_logger().exception("attempt-answered-nonsense")
@@ -307,12 +308,12 @@ class _Supervision:
         return None
 
     def _check(self, answer: Succeeded, output: Path) -> None:
-        """Check what the attempt left and take the digests of its files, in a thread: meanwhile the lease is kept.
+        """Check an attempt's output and note its files' digests, in a thread, while the lease is kept.
 
         Raises
         ------
         InvalidOutput, pydantic.ValidationError
-            It is not what jobs of this kind leave, or answer with.
+            The files or the answer are not of this kind of job.
         StorageFull, StorageUnavailable
             There is no room for the digests, or the disk fails.
         LeaseLost
@@ -333,7 +334,7 @@ class _Supervision:
             checking.result()
 
     def _publish(self, answer: Succeeded, output: Path) -> None:
-        """Publish as soon as the database answers: what was computed is not computed again for an outage."""
+        """Publish as soon as the database answers: an outage must not make a job compute its result again."""
         said = ""
         while True:
             try:
@@ -344,7 +345,7 @@ class _Supervision:
                     peak_memory_bytes=answer.peak_memory_bytes,
                 )
             except StorageUnavailable as error:
-                # Without its folder it was published, and the row's commit failed: the job is run again.
+                # Without its folder the result was published, and the row's commit failed: the job is run again.
                 if not output.exists() or self._stop.is_set():
                     raise
                 said = _say_once("end-put-off", error, said)
@@ -380,7 +381,7 @@ class _Supervision:
                 return self._store.jobs.release(self._claim)
 
     def _checked(self, answer: Succeeded | Failed, output: Path) -> Succeeded | Failed:
-        """The answer, or the reason for which it does not count."""
+        """Return the answer, or the reason for which it does not count."""
         if isinstance(answer, Failed):
             return answer.model_copy(update={"failure": self._outage_behind(answer.failure)})
         if self._limits is None:
@@ -400,14 +401,14 @@ class _Supervision:
             self._keep(message, output)
 
     def _time_to_look(self) -> bool:
-        """Whether `progress_s` have passed since this was so the last time."""
+        """Return whether `progress_s` have passed since the last look, and note the look."""
         if time.monotonic() - self._last_look < self._settings.progress_s:
             return False
         self._last_look = time.monotonic()
         return True
 
     def _overuse(self, output: Path) -> Failure | None:
-        """The failure of an attempt that takes what its limits forbid and the system does not count."""
+        """Return the failure of an attempt that exceeds limits which the system does not enforce."""
         if self._limits is None:
             return None
         reserve_bytes = self._store.settings.disk_reserve_bytes
@@ -420,18 +421,21 @@ class _Supervision:
         except (NotFound, PermissionError) as error:  # a folder of checkpoints that is closed to its owner
             raise AttemptTalksNonsense(str(error)) from error
         except (StorageFull, StorageUnavailable) as error:
-            # The attempt goes on; its next checkpoint is due soon.
+            # The attempt continues; its next checkpoint is due soon.
             structlog.get_logger().warning("progress-not-kept", reason=str(error))
 
     def _outage_behind(self, failure: Failure) -> Failure:
-        """Return the outage behind an attempt's failure; behind a refusal of its file, only that the file has gone."""
+        """Return the outage that caused an attempt's failure, or the failure itself.
+
+        A refusal of the input counts as an outage only if the input file has gone.
+        """
         gone = self._input is not None and not self._input.is_file()
         if failure.kind is FailureKind.INTERNAL or (failure.kind is FailureKind.INPUT and gone):
             return self._outage() or failure
         return failure
 
     def _outage(self) -> Failure | None:
-        """The outage behind a crash or a defect: where nothing can be written, HDF5, for one, crashes."""
+        """Return the outage that may have caused a crash or a defect: HDF5, for example, crashes on a full disk."""
         try:
             self._store.check(reserve_bytes=min(BUFFER_BYTES, self._store.settings.disk_reserve_bytes))
             if self._input is not None:
@@ -455,7 +459,7 @@ class _Supervision:
             return isinstance(error, StorageFull) and self._cancellation_can_be_read()
 
     def _cancellation_can_be_read(self) -> bool:
-        """Whether somebody has asked for a cancellation, where the disk has no room for a heartbeat."""
+        """Return whether a cancellation was requested, on a disk that has no room for a heartbeat."""
         try:
             return self._store.jobs.get(self._claim.job_id).cancel_requested
         except StorageUnavailable as error:
@@ -463,7 +467,7 @@ class _Supervision:
             return False
 
     def _others_wait(self) -> bool:
-        """Whether this is a background job, and another one waits."""
+        """Return whether this is a background job and another job waits."""
         if not self._claim.job.background:
             return False
         try:
@@ -481,7 +485,7 @@ class _Supervision:
 
 
 def _say_once(event: str, error: Exception, said: str) -> str:
-    """Log the reason for what waits, unless it was said last; return what was said last now."""
+    """Log the reason for a delay, unless it is the last one logged; return the last reason logged."""
     if str(error) != said:
         structlog.get_logger().warning(event, reason=str(error))
     return str(error)
@@ -501,7 +505,7 @@ def _ways_to_start(
 
 def _attempt_environment(store: JobServiceStore, settings: ExecutionSettings) -> dict[str, str]:
     environment = environment_of_attempts(settings)
-    # Compiled kernels are kept with the installation; one that is read-only has no place for them and would raise.
+    # Compiled kernels are kept with the installation; a read-only installation has no place for them and would raise.
     if not os.access(Path(__file__).parent, os.W_OK):
         environment.setdefault("NUMBA_CACHE_DIR", str(store.files.folder / "numba-cache"))
     configure_threads(environment)

@@ -1,4 +1,4 @@
-"""A supervisor's end of the template (see `forking`) and of the children that it forks."""
+"""The supervisor's end of the template (module `forking`) and of the children that it forks."""
 
 import os
 import select
@@ -16,27 +16,27 @@ from sawmill_platform.attempts.forking import REQUESTS, TBB, WARM
 from sawmill_platform.attempts.process import AttemptProcess
 from sawmill_platform.attempts.threading_layer import LAYER, tbb_library
 
-# A template that is warm forks within milliseconds; one that has not by now is stopped or hangs.
+# A warm template forks within milliseconds; one that has not forked by now is stopped or hangs.
 FORK_TIMEOUT_S = 10.0
-# From a child's end until the template has entered its exit code.
+# Time from a child's end until the template has entered its exit code.
 BOOK_TIMEOUT_S = 2.0
 UNKNOWN_END = -signal.SIGKILL
 NOT_FORKED = 1
 
 
 class Template:
-    """Starts attempts as children of a process that has imported everything; threads may share it.
+    """Starter of attempts as children of a process that has imported everything; threads may share a starter.
 
     A template that has ended is replaced at the next start. Its children outlive it.
 
     Parameters
     ----------
     command
-        Starts a program that serves `forking` where its environment asks for it.
+        Command of a program that serves `forking` if its environment requests that.
     environment
-        Its environment variables.
+        Environment variables of the program.
     tbb
-        Where TBB's library lies.
+        Path of TBB's library.
     """
 
     def __init__(self, command: Sequence[str], environment: Mapping[str, str], tbb: Path) -> None:
@@ -48,7 +48,7 @@ class Template:
         self._warm = False
 
     def start(self) -> AttemptProcess:
-        """Ask for a child; the answer is not waited for."""
+        """Request a child without waiting for the answer."""
         with self._lock:
             requests = self._running()
             pipes = [os.pipe() for _ in range(3)]
@@ -63,7 +63,7 @@ class Template:
         return AttemptProcess(ForkedProcess(assignment, book), channel, template_id)
 
     def patience_s(self, start_timeout_s: float) -> float:
-        """How long a child may take until it is ready: little once the template is warm."""
+        """Return the time that a child may take until it is ready: little once the template is warm."""
         with self._lock:
             if self._requests is not None and not self._warm:
                 with suppress(BlockingIOError, ConnectionResetError):
@@ -98,18 +98,18 @@ class Template:
             self._requests.close()
             self._requests = None
         if self._process is not None:
-            self._process.kill()  # it holds nothing; a stopped one would not hear anything else
+            self._process.kill()  # the template holds nothing, and a stopped one receives no other signal
             self._process.wait()
             self._process = None
 
 
 class ForkedProcess:
-    """A child of the template, as `subprocess.Popen` shows one of ours.
+    """A child of the template, with the interface of `subprocess.Popen`.
 
     Parameters
     ----------
     assignment
-        Descriptor that leads to its standard input.
+        Descriptor that leads to the child's standard input.
     book
         Descriptor with the template's entries.
     """
@@ -123,23 +123,23 @@ class ForkedProcess:
         self._code: int | None = None
 
     def poll(self) -> int | None:
-        """Its exit code; None while it runs, or has not been forked yet."""
+        """Return the child's exit code; None while it runs, or has not been forked yet."""
         with suppress(subprocess.TimeoutExpired):
             return self.wait(0.0)
         return None
 
     def wait(self, timeout: float | None = None) -> int:
-        """Wait for its end; one that is not forked yet ends by itself, its standard input being closed.
+        """Wait for the child's end; a child that is not forked yet ends by itself, as its standard input is closed.
 
         Returns
         -------
         int
-            Exit code; negative is a signal's number, SIGKILL's where the template is gone and nobody knows.
+            Exit code; negative is a signal's number. SIGKILL's if the template is gone and the code is unknown.
 
         Raises
         ------
         subprocess.TimeoutExpired
-            It runs still.
+            The child still runs.
         """
         deadline = None if timeout is None else time.monotonic() + timeout
         if self._code is None and self.pid is None:
@@ -166,7 +166,7 @@ class ForkedProcess:
             self._close(NOT_FORKED)
 
     def _entry(self, timeout_s: float) -> bytes | None:
-        """The book's next line; empty where there will be none, None where there is none in time."""
+        """Return the book's next line; empty if the book has ended, None if no line came in time."""
         while b"\n" not in self._entries:
             if not _readable(self._book.fileno(), timeout_s):
                 return None
@@ -192,9 +192,9 @@ def _readable(descriptor: int, timeout_s: float | None) -> bool:
 
 
 def template_library() -> Path | None:
-    """TBB's library where attempts can be forked; None where each has to be a fresh process.
+    """Return the path of TBB's library if attempts can be forked; None if each has to be a fresh process.
 
-    Numba's other threads do not survive a fork, and a kernel without `pidfd_open` cannot tell of a child's end.
+    Numba's other threads do not survive a fork, and a kernel without `pidfd_open` cannot report a child's end.
     """
     try:
         os.close(os.pidfd_open(os.getpid()))

@@ -1,6 +1,6 @@
-"""Numba's threads in a process that forks: those of TBB alone survive it.
+"""Numba's threads in a process that forks: only TBB's threads survive a fork.
 
-GNU OpenMP, which Numba takes otherwise, ends a child whose parent has run, or only loaded, a parallel kernel; the third
+GNU OpenMP, which Numba uses otherwise, ends a child whose parent has run, or only loaded, a parallel kernel; the third
 layer, `workqueue`, may not be entered by two threads at once.
 """
 
@@ -15,7 +15,7 @@ LAYER = "NUMBA_THREADING_LAYER"
 
 
 def tbb_library() -> Path | None:
-    """Where the wheel `tbb` has put its library; None where it is missing, cannot be loaded or is not meant to be."""
+    """Return the path of the library of the wheel `tbb`; None if it is missing, cannot be loaded or is not selected."""
     from importlib.metadata import PackageNotFoundError, files  # noqa: PLC0415 - a fifth of the start of `sawmill --version`
 
     if platform.machine() != "x86_64" or os.environ.get(LAYER, "tbb") != "tbb":
@@ -30,14 +30,14 @@ def tbb_library() -> Path | None:
 
 
 def configure_threads(environment: MutableMapping[str, str] = os.environ) -> None:
-    """Set what libraries read when they are loaded, where nobody has set it.
+    """Set the variables that libraries read when they are loaded, unless they are set already.
 
     OpenBLAS has one thread: the matrices are so small that its threads wait longer for each other than they compute,
-    which doubled the processor time of a calibration of 20 views.
+    which doubled the processor time of a job with an input of 20 views.
     """
     environment.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 def load(library: Path) -> None:
-    """Load TBB before Numba looks for it at its first parallel kernel: nobody searches the wheel's folder."""
+    """Load TBB before Numba searches for it at its first parallel kernel: Numba does not search the wheel's folder."""
     ctypes.CDLL(str(library), mode=ctypes.RTLD_GLOBAL)

@@ -1,4 +1,4 @@
-"""What the process of an attempt is given, and what it asks of the package that owns the kinds of jobs."""
+"""Input of the process of an attempt, and the interface to the package that owns the kinds of jobs."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -15,20 +15,20 @@ Given = TypeVar("Given", bound=AttemptInput)
 
 @dataclass(frozen=True)
 class Attempt(Generic[Given]):
-    """One attempt at a job.
+    """Attempt at a job.
 
     Attributes
     ----------
     job : Job
-        As it was claimed.
+        The job in the state in which it was claimed.
     given : AttemptInput
-        What it works on; results go through `output` and the return value.
+        Input; results go through `output` and the return value.
     output : Path
         An empty folder: the files in it become the subject's.
     report : callable
-        Takes the job's progress.
+        Function that takes the job's progress.
     announce : callable
-        Takes the names of checkpoints in `checkpoints` that are complete: they are kept with the job.
+        Function that takes the names of complete checkpoints in `checkpoints`, which are kept with the job.
     """
 
     job: Job
@@ -64,7 +64,7 @@ AnyAttempt = TypeVar("AnyAttempt", bound=Attempt[Any])
 
 
 class Work(Protocol[AnyAttempt]):
-    """Work of the kinds of jobs, as the process of an attempt needs it."""
+    """Work of the kinds of jobs, with the methods that the process of an attempt needs."""
 
     def warm_up(self) -> None:
         """Load what every job needs, before the job is known."""
@@ -86,4 +86,4 @@ class Work(Protocol[AnyAttempt]):
         """Compile what `run` needs: from then on the process may not write outside its own folder."""
 
     def run(self, attempt: AnyAttempt) -> dict[str, Any]:
-        """Do the job and return its answer as JSON, or raise `JobFailure`; whatever else escapes is a defect."""
+        """Do the job and return its answer as JSON, or raise `JobFailure`; any other exception is a defect."""

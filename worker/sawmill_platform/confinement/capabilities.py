@@ -1,6 +1,6 @@
-"""Linux's capabilities, root's single rights: a process gives them up for good.
+"""Linux's capabilities, the single rights of root: a process gives them up for good.
 
-Numbers and structures are those of <linux/capability.h> and <linux/prctl.h>.
+Numbers and structures are from <linux/capability.h> and <linux/prctl.h>.
 """
 
 import ctypes
@@ -16,7 +16,7 @@ _LIBC = ctypes.CDLL(None, use_errno=True)
 
 
 def drop_all() -> None:
-    """Leave this thread, and those that it starts, no capability, and no program that could give it one.
+    """Drop all capabilities of this thread and of threads that it starts, and forbid programs that could restore one.
 
     Raises
     ------
@@ -24,11 +24,11 @@ def drop_all() -> None:
         The kernel refuses.
     """
     _LIBC.prctl(NO_NEW_PRIVILEGES, 1, 0, 0, 0)
-    # Refused to whoever has no capability to drop, and for numbers that the kernel does not know.
+    # Refused to a thread that has no capability to drop, and for numbers that the kernel does not know.
     for capability in range(MOST):
         _LIBC.prctl(DROP_FROM_BOUNDING_SET, capability, 0, 0, 0)
     _LIBC.prctl(AMBIENT, CLEAR_ALL, 0, 0, 0)
-    # Of this thread; the sets effective, permitted and inheritable, each in two halves.
+    # Sets of this thread: effective, permitted and inheritable, each in two halves.
     if _LIBC.capset(struct.pack("=Ii", VERSION_3, 0), struct.pack("=6I", *[0] * 6)) != 0:
         number = ctypes.get_errno()
         raise OSError(number, f"capset: {os.strerror(number)}")

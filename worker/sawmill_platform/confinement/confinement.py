@@ -1,7 +1,7 @@
-"""What the process of an attempt may touch: its own input, its own folder, and the installation it is made of.
+"""Confinement of an attempt's process to its own input, its own folder, and the installation that it runs from.
 
-It reads strangers' files with libraries in C. Whoever could make one of these do what he wants would find nothing to
-read, nowhere to write, and nobody to call (docs/decisions/0011-an-attempt-reaches-nothing-but-its-own.md).
+The process reads strangers' files with libraries in C. An attacker who takes over a library finds nothing to read,
+nowhere to write, and nobody to call (docs/decisions/0011-an-attempt-reaches-nothing-but-its-own.md).
 """
 
 import os
@@ -20,7 +20,7 @@ from sawmill_platform.contracts.attempts import AttemptInput
 from sawmill_platform.errors import StorageUnavailable
 from sawmill_platform.workers.settings import ExecutionSettings
 
-# Libraries, the time zones and languages, and what tells how many cores and how much memory there are.
+# Libraries, time zones and languages, and the files that give the number of cores and the amount of memory.
 SYSTEM = (
     "/usr",
     "/lib",
@@ -33,16 +33,16 @@ SYSTEM = (
     "/sys/fs/cgroup",
 )
 PROC = ("/proc/self", "/proc/meminfo", "/proc/cpuinfo", "/proc/stat", "/proc/sys/vm/overcommit_memory")
-# Where libraries put what they want to keep.
+# Variables of the folders in which libraries store files.
 HOMES = ("HOME", "TMPDIR", "XDG_CACHE_HOME", "XDG_CONFIG_HOME", "XDG_DATA_HOME", "MPLCONFIGDIR")
-# Where Numba keeps compiled kernels of an installation that it may not write to; found before there is another home.
+# Folder where Numba stores compiled kernels of a read-only installation; determined before HOME changes.
 OWN_KERNELS = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "numba"
-# Folders that somebody asks libraries to look into.
+# Variables of folders that a user has libraries search.
 ASKED_FOR = ("NUMBA_CACHE_DIR", "HDF5_PLUGIN_PATH")
 
 
 def move_into(folder: Path) -> None:
-    """Make an empty folder and work there; what libraries write beside the results they write there too."""
+    """Make an empty folder and work there; libraries write their own files there, apart from the results."""
     folder.mkdir()
     os.chdir(folder)
     os.environ.update(dict.fromkeys(HOMES, str(folder)))
@@ -50,12 +50,12 @@ def move_into(folder: Path) -> None:
 
 
 def confine_to(given: AttemptInput, output: Path) -> None:
-    """Keep this thread, and those that it starts, to the job's own files, as far as there is Landlock and seccomp.
+    """Confine this thread, and threads that it starts, to the job's own files, as far as Landlock and seccomp exist.
 
     Raises
     ------
     StorageUnavailable
-        These files can be used by root's capabilities alone, which are gone then.
+        Only root's capabilities give access to these files, and the process has dropped the capabilities.
     """
     if landlock.version() > 0:
         readable = [*installation(), given.kept, *([] if given.file is None else [given.file])]
@@ -75,9 +75,9 @@ def _drop_capabilities(needed: Sequence[tuple[Path, int]]) -> None:
 
 @cache
 def installation() -> Sequence[Path]:
-    """What every attempt reads: the system's libraries, Python, the packages and the compiled kernels.
+    """Return the paths that every attempt reads: the system's libraries, Python, the packages and compiled kernels.
 
-    It takes some milliseconds to find, once for a template and all its children.
+    The search takes some milliseconds, once for a template and all its children.
     """
     prefixes = (sys.prefix, sys.base_prefix, sys.exec_prefix, sys.base_exec_prefix)
     asked_for = (os.environ.get(name, "") for name in ASKED_FOR)
@@ -90,13 +90,13 @@ def installation() -> Sequence[Path]:
         str(OWN_KERNELS),
         *asked_for,
     )
-    # One that is relative, or empty, is the folder in which somebody happened to start the worker.
+    # A relative or empty path is the folder in which somebody happened to start the worker.
     there = {Path(path).resolve() for path in named if Path(path).is_absolute() and Path(path).exists()}
     return [path for path in there if not there.intersection(path.parents)]
 
 
 def say_if_unconfined(settings: ExecutionSettings) -> None:
-    """Warn of root, and where nothing keeps attempts to their own files or the kernel's Landlock leaves a gap."""
+    """Warn of the user root, of attempts not confined to their own files, and of a gap in the kernel's Landlock."""
     if os.geteuid() == 0:
         structlog.get_logger().warning(
             "run-as-root", remedy="run the service as a user of its own: see docs/install.md"

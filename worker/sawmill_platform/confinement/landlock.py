@@ -1,6 +1,7 @@
-"""Linux's Landlock: a process takes from itself, for good, all files but those that it names, and the network.
+"""Linux's Landlock: a process gives up, for good, all files except those that it names, and the network.
 
-Numbers and structures are those of <linux/landlock.h>; what a kernel lacks by its version of the interface is left out.
+Numbers and structures are from <linux/landlock.h>; rights that the kernel's version of the interface lacks are left
+out.
 """
 
 import ctypes
@@ -10,7 +11,7 @@ import struct
 from collections.abc import Iterable
 from pathlib import Path
 
-# System calls, of the same number on every architecture that Python has wheels for.
+# System calls, with the same number on every architecture that Python has wheels for.
 CREATE_RULESET, ADD_RULE, RESTRICT_SELF = 444, 445, 446
 ASK_VERSION, PATH_BENEATH = 1, 1
 NO_NEW_PRIVILEGES = 38
@@ -22,8 +23,8 @@ READ = READ_FILE | READ_DIR
 WRITE = READ | WRITE_FILE | TRUNCATE | REMOVE_DIR | REMOVE_FILE | MAKE_DIR | MAKE_REG
 OF_FILES = WRITE_FILE | READ_FILE | TRUNCATE
 
-# From a version on: how many of the rights to files there are, of those to TCP (to bind, to connect), and of the scopes
-# beyond which nothing is reached (abstract Unix sockets, signals).
+# Numbers by version: rights to files, rights to TCP (to bind, to connect), and scopes beyond which nothing is reached
+# (abstract Unix sockets, signals).
 _FILE_RIGHTS = {1: 13, 2: 14, 3: 15, 5: 16}
 _TCP_RIGHTS = {4: 2}
 _SCOPES = {6: 2}
@@ -34,21 +35,22 @@ _LIBC.syscall.restype = ctypes.c_long
 
 
 def version() -> int:
-    """Of the kernel's interface; 0 where there is none, or where it is switched off."""
+    """Return the version of the kernel's interface; 0 if there is none, or Landlock is switched off."""
     return max(_call(CREATE_RULESET, None, 0, ASK_VERSION), 0)
 
 
 def confine(readable: Iterable[Path], writable: Iterable[Path], *, held: Iterable[Path] = ()) -> None:
-    """Leave this thread, and those that it starts, nothing but these files and folders with all below them.
+    """Restrict this thread, and threads that it starts, to these files and to these folders with their content.
 
-    There must be a version. Descriptors that are open keep their rights.
+    The kernel must have a version of the interface. Open descriptors keep their rights.
 
     Parameters
     ----------
     readable, writable
-        What is not there is left out.
+        Paths; missing ones are left out.
     held
-        Readable too, and kept open: /proc makes what nobody holds anew, and a rule holds for what there was.
+        Paths that are readable too, and kept open: /proc makes files that nobody holds again at each access, and a rule
+        applies to the file that existed.
 
     Raises
     ------
@@ -72,7 +74,7 @@ def confine(readable: Iterable[Path], writable: Iterable[Path], *, held: Iterabl
 def _allow(ruleset: int, path: Path, rights: int, *, keep: bool) -> None:
     try:
         descriptor = os.open(path, os.O_PATH | os.O_CLOEXEC)
-    except (FileNotFoundError, NotADirectoryError, PermissionError):  # what is not reached now is not reached then
+    except (FileNotFoundError, NotADirectoryError, PermissionError):  # what is out of reach now stays out of reach
         return
     try:
         if not path.is_dir():

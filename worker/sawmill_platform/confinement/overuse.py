@@ -1,4 +1,4 @@
-"""What an attempt takes beyond its limits where the system does not count it: shared memory, and its files together."""
+"""Limits of an attempt that the system does not enforce: shared memory, and all files together."""
 
 import os
 import shutil
@@ -15,37 +15,38 @@ from sawmill_platform.files.file_store import checkpoints_of
 
 # Files and folders in the folder of an attempt, and folders in each other: many times what any job writes.
 MOST_FILES, DEEPEST = 10_000, 8
-# Many times what libraries start on all cores; looking at more would keep the supervisor from its heartbeats.
+# Many times the threads that libraries start on all cores; reading more would keep the supervisor from heartbeats.
 MOST_THREADS = 2048
-# What an attempt may share or write without being looked at: pages of libraries, the log of a small job.
+# What an attempt may share or write without a check: pages of libraries, the logs of a small job.
 SMALL_BYTES = 16 * 2**20
 # The unit of `st_blocks` (stat(2)).
 BLOCK_BYTES = 512
 
 
 def overuse(process_id: int | None, output: Path, limits: Begun, *, reserve_bytes: int) -> Failure | None:
-    """Compare what an attempt takes with its limits.
+    """Compare an attempt's memory, threads and files with its limits.
 
-    The files of its result together may take what one of them may, and so may the checkpoints that nobody has taken.
+    The files of the result together may have the size that one file may have, and so may the checkpoints that have not
+    been taken yet.
 
     Parameters
     ----------
     process_id
-        Of the attempt, which has one process; null: it is not known any more.
+        Id of the attempt, which has one process; null: the id is not known any more.
     output
-        Its folder.
+        Folder of the attempt.
     reserve_bytes
-        What should stay free on the disk.
+        Bytes that should stay free on the disk.
 
     Returns
     -------
     Failure or None
-        None where it takes no more than it may.
+        None if the attempt exceeds no limit.
 
     Raises
     ------
     StorageFull
-        Less is free on the disk than should be, and the attempt has written some of what is missing.
+        Less than the reserve is free on the disk, and the attempt has written some of what is missing.
     FolderUnavailable
         The attempt's folder is gone, or its disk fails.
     """
@@ -87,16 +88,19 @@ def _overuse_of_disk(nameless_bytes: int, output: Path, limits: Begun, reserve_b
 
 
 def _threads(process_id: int | None) -> list[Path]:
-    """What the kernel tells of each thread: of a process whose first thread has ended, the others tell of it."""
+    """Return a process's threads, as folders in /proc: when the first thread has ended, other ones have the data."""
     with suppress(FileNotFoundError, ProcessLookupError):
         return list(Path(f"/proc/{process_id}/task").iterdir())
     return []
 
 
 def _memory(threads: list[Path]) -> tuple[int, int, list[str]]:
-    """The memory of a process: private, as RLIMIT_DATA counts it, shared, which that leaves out, and what is mapped."""
+    """Return a process's memory in bytes, private (as RLIMIT_DATA counts) and shared, and its mappings.
+
+    RLIMIT_DATA does not count the shared memory.
+    """
     for thread in threads:
-        # A thread that has ended has none; for the rest as in `_removed_and_open`.
+        # An ended thread has no memory; the other exceptions are as in `_removed_and_open`.
         with suppress(FileNotFoundError, ProcessLookupError, PermissionError):
             lines = (thread / "status").read_text().splitlines()
             status = dict(line.split(":", 1) for line in lines)
@@ -107,10 +111,10 @@ def _memory(threads: list[Path]) -> tuple[int, int, list[str]]:
 
 
 def _removed_and_open(threads: list[Path]) -> int:
-    """The bytes of the files that have no name any more and take their room until they are closed."""
+    """Return the bytes of the files that have no name any more and use room until they are closed."""
     found = {}
-    for thread in threads:  # each may have descriptors of its own
-        # A process that has ended has none; another security module may keep even the process's own user out.
+    for thread in threads:  # threads may have descriptors that are not shared
+        # An ended process has no descriptors; another security module may refuse even the process's own user.
         with suppress(FileNotFoundError, ProcessLookupError, PermissionError):
             for descriptor in (thread / "fd").iterdir():
                 with suppress(FileNotFoundError):
@@ -121,14 +125,14 @@ def _removed_and_open(threads: list[Path]) -> int:
 
 
 def _below(folder: Path) -> Iterator[tuple[Path, int | None]]:
-    """What lies below a folder, with its bytes, while somebody works there; None for what is too deep or closed."""
+    """Yield each path below a folder that may be changing, with its bytes; None if it is too deep or closed."""
     waiting = [(folder, 0)]
     while waiting:
         parent, depth = waiting.pop()
         try:
             with os.scandir(parent) as found:
                 entries = list(islice(found, MOST_FILES + 1))
-        except FileNotFoundError:  # removed meanwhile
+        except FileNotFoundError:  # removed since
             continue
         except PermissionError:
             entries, depth = [], DEEPEST + 1

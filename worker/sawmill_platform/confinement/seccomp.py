@@ -1,7 +1,7 @@
-"""Linux's seccomp: system calls that a process will not need any more fail from now on, for good and in all threads.
+"""Linux's seccomp: system calls that a process no longer needs fail from now on, for good and in all threads.
 
-It complements `landlock`, which knows TCP alone of all ways to talk to others, and of files not their modes and times.
-Numbers are those of <asm/unistd.h>, the program is classic BPF as in <linux/filter.h> and <linux/seccomp.h>.
+The filter complements `landlock`, which restricts only TCP among the ways to communicate, and not the modes and times
+of files. Numbers are from <asm/unistd.h>, the program is classic BPF as in <linux/filter.h> and <linux/seccomp.h>.
 """
 
 import ctypes
@@ -16,11 +16,11 @@ from typing import NamedTuple
 SET_FILTER, ALL_THREADS, NO_SPECULATION_CHANGE = 1, 1, 4
 NO_NEW_PRIVILEGES = 38
 ALLOW, FAIL = 0x7FFF0000, 0x00050000
-# Load a word of the call's description; jump if it equals, is at least, or has a bit of, a number; return.
+# Load a word of the call's description; jump if the word equals, is at least, or has a bit of, a number; return.
 LOAD, JUMP_EQUAL, JUMP_AT_LEAST, JUMP_BIT, RETURN = 0x20, 0x15, 0x35, 0x45, 0x06
-# The last is the lower half of the first argument, where both kinds of machine have it: no call below takes more of it.
+# The last is the lower half of the first argument, at the same place on both machines: calls below use only this half.
 NUMBER, ARCHITECTURE, FIRST_ARGUMENT = 0, 4, 16
-# Beyond it x86-64 has the same calls under other numbers, for another ABI.
+# From this number on, x86-64 has the same calls with other numbers, for another ABI.
 OTHER_ABI = 0x40000000
 
 
@@ -31,10 +31,10 @@ class _Machine(NamedTuple):
 
 
 _MACHINES = MappingProxyType({"x86_64": _Machine(0, 0xC000003E, 317), "aarch64": _Machine(1, 0xC00000B7, 277)})
-# By architecture; None where it has no such call.
+# Numbers by architecture; None if the architecture has no such call.
 _CALLS: Mapping[str, tuple[int | None, int | None]] = MappingProxyType(
     {
-        # To talk to others.
+        # Communication.
         "socket": (41, 198),
         "socketpair": (53, 199),
         "sendto": (44, 206),
@@ -45,25 +45,25 @@ _CALLS: Mapping[str, tuple[int | None, int | None]] = MappingProxyType(
         "listen": (50, 201),
         "accept": (43, 202),
         "accept4": (288, 242),
-        # To look into other processes.
+        # Access to other processes.
         "ptrace": (101, 117),
         "process_vm_readv": (310, 270),
         "process_vm_writev": (311, 271),
         "pidfd_getfd": (438, 438),
-        # To run programs, and to have other processes, which would outlive this one or leave its group.
+        # Programs, and other processes, which would outlive this one or leave its group.
         "execve": (59, 221),
         "execveat": (322, 281),
         "fork": (57, None),
         "vfork": (58, None),
         "setsid": (112, 157),
         "setpgid": (109, 154),
-        # To slow others of the same user down; its own affinity is among the conditions below.
+        # Changes that slow other processes of the same user down; own affinity is among the conditions below.
         "setpriority": (141, 140),
         "ioprio_set": (251, 30),
         "sched_setparam": (142, 118),
         "sched_setscheduler": (144, 119),
         "sched_setattr": (314, 274),
-        # To change what a file is beside its content.
+        # Changes to a file's metadata.
         "chmod": (90, None),
         "fchmod": (91, 52),
         "fchmodat": (268, 53),
@@ -82,7 +82,7 @@ _CALLS: Mapping[str, tuple[int | None, int | None]] = MappingProxyType(
         "removexattr": (197, 14),
         "lremovexattr": (198, 15),
         "fremovexattr": (199, 16),
-        # What else leads out, or into the kernel.
+        # Other ways out, or into the kernel.
         "mount": (165, 40),
         "unshare": (272, 97),
         "setns": (308, 268),
@@ -105,7 +105,7 @@ _CALLS: Mapping[str, tuple[int | None, int | None]] = MappingProxyType(
 
 
 class _Condition(NamedTuple):
-    """A call that is allowed by its first argument: where the jump's test of it is as it should be."""
+    """A call that is allowed by its first argument: if the jump's test of the argument has the given outcome."""
 
     numbers: tuple[int, int]
     jump: int
@@ -121,7 +121,7 @@ _CONDITIONS = (
     _Condition((302, 261), JUMP_EQUAL, 0, allowed_if=True),  # prlimit64: its own limits, not the service's
     _Condition((203, 122), JUMP_EQUAL, 0, allowed_if=True),  # sched_setaffinity: the calling thread's, as TBB does
 )
-# Its flags lie in memory, which no filter reads; where it is not implemented, the C library calls clone.
+# The flags of clone3 are in memory, which no filter reads; if clone3 is not implemented, the C library calls clone.
 _CLONE3 = 435
 
 _LIBC = ctypes.CDLL(None, use_errno=True)
@@ -133,14 +133,14 @@ class _Program(ctypes.Structure):
 
 
 def refuse_calls() -> bool:
-    """Let the calls fail with EACCES, as one that may not be made; those of other architectures too.
+    """Let the calls fail with EACCES, as calls that are not permitted; calls of other architectures too.
 
-    From then on this process has threads alone: it is one process for good.
+    From then on this process can start threads alone: it stays one process for good.
 
     Returns
     -------
     bool
-        False where neither the machine nor the kernel is known to know them: then nothing has changed.
+        False if the machine or the kernel is not supported: then nothing has changed.
 
     Raises
     ------
@@ -157,7 +157,7 @@ def refuse_calls() -> bool:
     if _LIBC.syscall(*map(ctypes.c_long, words), ctypes.byref(program)) == 0:
         return True
     number = ctypes.get_errno()
-    if number in {errno.ENOSYS, errno.EINVAL}:  # it is switched off, or older than its flags
+    if number in {errno.ENOSYS, errno.EINVAL}:  # seccomp is switched off, or older than the flags
         return False
     raise OSError(number, f"seccomp: {os.strerror(number)}")
 
@@ -183,7 +183,7 @@ def _instructions(machine: _Machine) -> bytes:
     places = {name: len(lines) + number for number, name in enumerate(returns)}
 
     def skipped(target: int | str, place: int) -> int:
-        """Count the instructions that a jump leaves out."""
+        """Count the instructions that a jump skips."""
         return target if isinstance(target, int) else places[target] - place - 1
 
     jumps = [(code, skipped(yes, at), skipped(no, at), word) for at, (code, yes, no, word) in enumerate(lines)]

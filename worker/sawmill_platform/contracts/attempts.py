@@ -1,4 +1,4 @@
-"""What an attempt works on, and how it fails."""
+"""Input of an attempt at a job, and its failure."""
 
 from pathlib import Path
 
@@ -7,14 +7,14 @@ from sawmill_platform.contracts.jobs import FailureKind
 
 
 class AttemptInput(Contract):
-    """What a worker hands to the process of an attempt; packages that own kinds of jobs add fields.
+    """Input that a worker passes to the process of an attempt; packages that own kinds of jobs add fields.
 
     Attributes
     ----------
     file
         The only file that the job may read; null: the job reads none.
     kept
-        The folder with checkpoints of earlier attempts, if there is one.
+        The folder with checkpoints of earlier attempts; it may be missing.
     """
 
     file: Path | None = None

@@ -21,7 +21,7 @@ class EventKind(RegisteredWord):
         Parameters
         ----------
         word
-            Its name.
+            Name of the kind.
         is_decision
             True if somebody decides it: the audit keeps such events for ever, with who decided and from where.
         is_public
@@ -82,4 +82,4 @@ CLOCK_OFF = EventKind.register("clock-off")
 RESTORED = EventKind.register("restored")
 
 JOB_ENDS = frozenset({SUCCEEDED, FAILED, CANCELLED})
-"""How jobs end."""
+"""Kinds of events that end a job."""

@@ -1,4 +1,4 @@
-"""Events and their times: of scanners and what belongs to them, of jobs and attempts at them, and of the clock."""
+"""Events and their times: of groups and what belongs to them, of jobs and attempts at them, and of the clock."""
 
 from typing import Any
 

@@ -18,8 +18,7 @@ from pydantic_core import InitErrorDetails, PydanticCustomError
 from sawmill_platform.contracts import patterns
 from sawmill_platform.contracts.base import Contract
 
-# Characters that are not shown: the patterns' and half surrogates, and format characters of the planes beyond the
-# first.
+# Characters that are not shown: the patterns' characters, half surrogates, format characters beyond the first plane.
 _NOT_SHOWN = re.compile(
     rf"[{patterns.NOT_SHOWN}\ud800-\udfff\U000110bd\U000110cd\U00013430-\U0001343f\U0001bca0-\U0001bca3"
     r"\U0001d173-\U0001d17a\U000e0001\U000e0020-\U000e007f]"

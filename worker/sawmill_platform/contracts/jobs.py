@@ -24,7 +24,7 @@ class JobKind(RegisteredWord):
         Parameters
         ----------
         name, plural
-            Of the kind, and of what its jobs work on: both are part of addresses and folders.
+            Name of the kind, and plural of the subjects of its jobs: both are part of addresses and folders.
         declared_in
             The module that has its `DECLARATION` (`contracts/kinds.py`), imported when it is first needed.
         """

@@ -17,7 +17,7 @@ class Scope(StrEnum):
     SUBMIT = "submit"
     """Upload, request work, and cancel it."""
     ACTIVATE = "activate"
-    """Decide what a scanner uses: activate, roll back, describe scanners, schedule."""
+    """Decide what a group uses: activate, roll back, describe groups, schedule."""
     ADMIN = "admin"
     """Delete, make keys, read the audit."""
 

@@ -1,4 +1,4 @@
-"""What a kind of job declares: how it is answered, stored and limited, in one value a kind."""
+"""Declarations of the kinds of jobs, one value a kind: how jobs are answered, stored and limited."""
 
 from dataclasses import dataclass
 from importlib import import_module
@@ -6,37 +6,38 @@ from importlib import import_module
 from sawmill_platform.contracts.base import Contract
 from sawmill_platform.contracts.jobs import JobKind
 
-# Read in 5 s where 1.4 GB take 27 s (docs/performance.md); a packed one may hold several times as many samples.
+# A file of this size is read in 5 s, one of 1.4 GB in 27 s (docs/performance.md); a packed one may hold several times
+# as many samples.
 SHORT_UPLOAD_BYTES = 256 * 2**20
 
 
 @dataclass(frozen=True, kw_only=True)
 class KindDeclaration:
-    """What every kind declares.
+    """Declaration of a kind of job.
 
     Attributes
     ----------
     kind : JobKind
-        Its line of the table.
+        The kind.
     noun : str
-        What a job of this kind works on, in sentences and codes: `plan` gives `plan-not-found`.
+        The thing that a job of this kind works on, in sentences and codes: `plan` gives `plan-not-found`.
     label : str
-        What people call the work, marked for the catalogues.
+        Name of the work for people, marked for the catalogues.
     result : type of Contract
-        What `run` answers with.
+        Type of the answer of `run`.
     processor_s : int
         Seconds of processor time for each core that a job may use.
     time_limit_s : int
         Seconds that an attempt may take.
     stall_s : int
-        Seconds for which its progress may stand still: several times the longest honest silence on a slow machine
+        Seconds for which progress may pause: several times the longest regular pause on a slow machine
         (`docs/operations.md#time-and-progress`).
     lighter : str
-        What to do about a job that takes too long.
+        Remedy for a job that takes too long.
     upload : str or None
-        The name in sentences of the file that somebody sent and the job reads. None: there is none.
+        Name, in sentences, of the uploaded file that the job reads. None: there is none.
     topic : str or None
-        The heading under which the history of a job's group keeps the ends of such jobs. None: no history does.
+        Heading under which the history of a job's group keeps the ends of such jobs. None: no history keeps them.
     result_file : str or None
         The file for downloads that each success leaves in its folder. None: there is none.
     """
@@ -56,7 +57,7 @@ class KindDeclaration:
 
 @dataclass(frozen=True, kw_only=True)
 class UploadedKind(KindDeclaration):
-    """A job that reads a file that somebody sent, into a row of a table of its own."""
+    """Declaration of a kind of job that reads an uploaded file into a row of the kind's own table."""
 
     upload: str
     processor_s: int = 3600
@@ -65,7 +66,7 @@ class UploadedKind(KindDeclaration):
     lighter: str = "give a smaller file"
 
     def is_short(self, size_bytes: int) -> bool:
-        """Whether reading a file of this size takes seconds."""
+        """Return whether reading a file of this size takes seconds."""
         return size_bytes <= SHORT_UPLOAD_BYTES
 
 

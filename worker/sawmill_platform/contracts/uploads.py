@@ -1,4 +1,4 @@
-"""Uploads that can be resumed: a file that arrives in parts before it becomes a scan, a picture or an inspection."""
+"""Uploads that can be resumed: a file that arrives in parts before a job reads it."""
 
 from datetime import timedelta
 from enum import StrEnum

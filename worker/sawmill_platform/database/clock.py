@@ -1,9 +1,9 @@
-"""The time that decides: of the database's server, or of the one process that owns it where the database is a file.
+"""The time that decides: the database server's, or, if the database is a file, the time of the one owner process.
 
-On SQLite a row says what the time was when this machine started; CLOCK_BOOTTIME, which all its processes share and
-which nobody can step, says how long ago that was. The row is written by whoever opens the store first after a start
-of the machine, and from then on by the owner alone, the `sawmill serve` of that store. On PostgreSQL the server's clock
-is asked now and then.
+On SQLite a row contains the time at which this machine started; CLOCK_BOOTTIME, which all processes of the machine
+share and which nobody can step, gives the time since then. The row is written by the first process that opens the store
+after a start of the machine, and from then on by the owner alone, the `sawmill serve` of that store. On PostgreSQL the
+server's clock is read now and then.
 """
 
 import threading
@@ -20,7 +20,7 @@ from sawmill_platform.database.tables import ClockRow
 from sawmill_platform.errors import StorageUnavailable
 
 Clock = Callable[[], datetime]
-# How long an answer of the database is used: the monotonic clock has hardly drifted by then.
+# Time for which an answer of the database is used: the monotonic clock has hardly drifted by then.
 _REFRESH_S = 5.0
 _THE_ROW = 1
 _SERVER_S = "SELECT extract(epoch FROM clock_timestamp())::double precision"
@@ -28,27 +28,27 @@ _BOOT = Path("/proc/sys/kernel/random/boot_id")
 
 
 def since_boot_s() -> float:
-    """Seconds since this machine started, suspensions included; no step of the clock moves it."""
+    """Return the seconds since this machine started, suspensions included; a step of the clock does not change them."""
     return time.clock_gettime(time.CLOCK_BOOTTIME)
 
 
 def machine_offset_s() -> float:
-    """Seconds since 1970 at the start of this machine, by its own clock."""
+    """Return the seconds from 1970 to the start of this machine, by the machine's clock."""
     return time.time() - since_boot_s()
 
 
 def this_boot() -> str:
-    """What tells this run of the machine from any other."""
+    """Return the id of this run of the machine."""
     return _BOOT.read_text().strip()
 
 
 class SharedClock:
-    """The time by which rows are stamped and due times are judged, the same for all processes on one database.
+    """Clock for the time stamps of rows and for due times, the same for all processes on one database.
 
     Parameters
     ----------
     read
-        Begins a transaction that reads.
+        Function that begins a transaction that reads.
     """
 
     def __init__(self, read: Callable[[], AbstractContextManager[Session]]) -> None:
@@ -58,7 +58,7 @@ class SharedClock:
         self._read_at_s = 0.0
 
     def __call__(self) -> datetime:
-        """Now, in UTC.
+        """Return the present time, in UTC.
 
         Raises
         ------
@@ -68,11 +68,11 @@ class SharedClock:
         return datetime.fromtimestamp(self._current_offset_s() + since_boot_s(), UTC)
 
     def off_s(self) -> float:
-        """By how much this machine's own clock is ahead."""
+        """Return the seconds by which this machine's own clock is ahead."""
         return machine_offset_s() - self._current_offset_s()
 
     def refresh(self) -> None:
-        """Ask the database at once."""
+        """Read the database's time at once."""
         self._offset_s, self._read_at_s = self._read(), since_boot_s()
 
     def _current_offset_s(self) -> float:
@@ -82,7 +82,7 @@ class SharedClock:
                 if self._offset_s is None:
                     self.refresh()
         elif since_boot_s() - self._read_at_s > _REFRESH_S and self._reading.acquire(blocking=False):
-            # One thread asks, the others go on with what is known; so does this one where there is no answer.
+            # One thread asks, the other ones use the value that is known; so does this one if there is no answer.
             try:
                 self.refresh()
             except StorageUnavailable:
@@ -99,12 +99,12 @@ class SharedClock:
                 server_s: float = session.execute(text(_SERVER_S)).scalar_one()
                 return server_s - 0.5 * (asked_at_s + since_boot_s())
             row = session.get(ClockRow, _THE_ROW)
-            # After a start of the machine the row is of an earlier one until a store is opened.
+            # After a start of the machine the row is from an earlier start until a store is opened.
             return row.offset_s if row is not None and row.boot == this_boot() else machine_offset_s()
 
 
 def set_if_new(session: Session) -> None:
-    """On SQLite: write the machine's time once after each start of the machine."""
+    """Write the machine's time once after each start of the machine; on SQLite alone."""
     if session.get_bind().dialect.name != "sqlite":
         return
     row = session.get(ClockRow, _THE_ROW)
@@ -115,7 +115,7 @@ def set_if_new(session: Session) -> None:
 
 
 def set_to(session: Session, offset_s: float) -> None:
-    """On SQLite: a new time, from its owner."""
+    """Set a new time, as its owner; on SQLite alone."""
     row = session.get(ClockRow, _THE_ROW)
     assert row is not None  # noqa: S101 - written when the store was opened
     row.offset_s = offset_s

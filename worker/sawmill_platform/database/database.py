@@ -23,13 +23,13 @@ from sawmill_vocabulary.version import VERSION
 _MIGRATION_LOCK = 0x5A3111  # any number that only this product takes
 _FILES_LOCK = 0x5A3112
 _CHAIN = ('^revision = "(\\w+)"$', '^down_revision = "(\\w+)"$')
-# In `info` of a session: what is called after its commit.
+# Key in `info` of a session: functions that are called after its commit.
 AFTER_COMMIT = "after commit"
 
 
 @dataclass
 class _Whole:
-    """A transaction of which those that begin within it are parts."""
+    """A transaction that contains the transactions which begin within it."""
 
     database: "Database"
     session: Session
@@ -40,7 +40,7 @@ _WHOLE: ContextVar[_Whole | None] = ContextVar("whole", default=None)
 
 
 def after_commit(do: Callable[[], None]) -> None:
-    """Do it now, or once the transaction is committed of which whatever was written just now is a part."""
+    """Call a function now, or after the commit if this thread is in the block of `write_as_one`."""
     whole = _WHOLE.get()
     if whole is None:
         do()
@@ -54,9 +54,9 @@ class Database:
     Parameters
     ----------
     engine
-        From `storage.engines`.
+        Engine from `database.engines`.
     clock
-        The time for rows and due times; null: the one that all processes on this database share.
+        Clock for rows and due times; null: the clock that all processes on this database share.
     """
 
     def __init__(self, engine: Engine, clock: Clock | None = None) -> None:
@@ -67,13 +67,13 @@ class Database:
         self.spare_room = SpareRoom(Path(file) if one_writer and (file := engine.url.database) else None)
         self._writer = engine.execution_options(writes=True)
         self._reading = Door()
-        # SQLite reads while somebody holds its write lock.
+        # SQLite reads while another transaction holds its write lock.
         self._writing = Door() if one_writer else self._reading
         self._turn = WriterQueue().turn if one_writer else nullcontext
 
     @contextmanager
     def read(self) -> Iterator[Session]:
-        """A transaction that only reads.
+        """Begin a transaction that only reads.
 
         Raises
         ------
@@ -89,7 +89,7 @@ class Database:
 
     @contextmanager
     def write(self) -> Iterator[Session]:
-        """A transaction that commits at the end of the block, or leaves no trace.
+        """Begin a transaction that commits at the end of the block, or leaves no trace.
 
         Raises
         ------
@@ -109,20 +109,21 @@ class Database:
                 log()
 
     def check_writable(self) -> None:
-        """Refuse at once, before work that a transaction ends, while the database is known to be away.
+        """Refuse at once, before work that ends with a transaction, if the database is known to be away.
 
         Raises
         ------
         StorageUnavailable
-            It is.
+            The database is away.
         """
         self._writing.check()
 
     @contextmanager
     def write_as_one(self) -> Iterator[Session]:
-        """As `write`, and what this thread reads and writes otherwise within the block belongs to the transaction.
+        """Begin a transaction as `write` does, with all that this thread reads and writes within the block as parts.
 
-        What is handed to `after_commit` meanwhile is done after the commit, and not at all without one.
+        Functions that are passed to `after_commit` in the block are called after the commit, and not at all without
+        one.
 
         Raises
         ------
@@ -168,20 +169,20 @@ class Database:
             and_then(connection, found is None)
 
     def is_new(self) -> bool:
-        """Whether there are no tables yet, or raise `StorageUnavailable`."""
+        """Return whether there are no tables yet, or raise `StorageUnavailable`."""
         with self.read() as session:
             return revision_of(session.connection()) is None
 
     @contextmanager
     def snapshot(self) -> Iterator[Connection]:
-        """A transaction in which all rows are as they were at one instant, however long they are read.
+        """Begin a transaction in which all rows are as they were at one instant, however long reading takes.
 
         Raises
         ------
         StorageUnavailable
             The database does not answer.
         """
-        # On SQLite every transaction is one.
+        # On SQLite every transaction is a snapshot.
         isolated = {} if self.engine.dialect.name == "sqlite" else {"isolation_level": "REPEATABLE READ"}
         engine = self.engine.execution_options(**isolated)
         with trouble_translated(), engine.connect() as connection, _any_time(connection):
@@ -189,12 +190,12 @@ class Database:
 
     @contextmanager
     def filled(self, revision: str, fill: Callable[[Connection], None]) -> Iterator[Session]:
-        """A transaction that fills a database without tables and brings it up to date; the block ends it.
+        """Begin a transaction that fills a database without tables and brings it up to date; the block ends it.
 
         Parameters
         ----------
         revision
-            Of the tables that `fill` writes rows into.
+            Revision of the tables into which `fill` writes rows.
 
         Raises
         ------
@@ -217,13 +218,13 @@ class Database:
 
     @contextmanager
     def _setting_up(self) -> Iterator[Connection]:
-        """A transaction that makes or changes tables: one of them at a time."""
+        """Begin a transaction that makes or changes tables: one at a time."""
         with trouble_translated(), _one_process_at_a_time(self.engine), self._writer.begin() as connection:
             lock_for_setup(connection)
             yield connection
 
     def start_clock(self) -> None:
-        """Write the machine's time where this is the first process since its start; the tables must be up to date.
+        """Write the machine's time if this is the first process since its start; the tables must be up to date.
 
         Raises
         ------
@@ -235,26 +236,26 @@ class Database:
 
 
 def newest_revision() -> str:
-    """The number of the migration after which none comes: they form a chain, whose order is not that of the numbers."""
+    """Return the number of the last migration of the chain; the chain's order is not the order of the numbers."""
     numbers, before = _chain()
     [newest] = numbers - before
     return newest
 
 
 def is_known(revision: str) -> bool:
-    """Whether there is a migration of this number; later versions and states between two releases have others."""
+    """Return whether there is a migration of this number; other versions and development states have other numbers."""
     return revision in _chain()[0]
 
 
 def _chain() -> tuple[set[str], set[str]]:
-    """The numbers of all migrations, and of those that another one follows."""
+    """Return the numbers of all migrations, and of the migrations that another one follows."""
     texts = "".join(path.read_text() for path in (_migrations() / "versions").glob("*.py"))
     numbers, before = (set[str](re.findall(pattern, texts, re.MULTILINE)) for pattern in _CHAIN)
     return numbers, before
 
 
 def revision_of(connection: Connection) -> str | None:
-    """The number of the migration to which the tables were brought; None: there are none yet."""
+    """Return the number of the migration to which the tables were brought; None: there are no tables yet."""
     if not inspect(connection).has_table("alembic_version"):
         return None
     found: str | None = connection.scalar(text("SELECT version_num FROM alembic_version"))
@@ -262,12 +263,12 @@ def revision_of(connection: Connection) -> str | None:
 
 
 def known_revision(connection: Connection) -> str | None:
-    """As `revision_of`, for whoever reads or changes the tables.
+    """Return the number as `revision_of` does, for code that reads or changes the tables.
 
     Raises
     ------
     StorageMisconfigured
-        They are of a later version of the program, or of a state between two releases.
+        The tables are of a later version of the program, or of a state between two releases.
     """
     reason = why_unreadable(connection)
     if reason is not None:
@@ -276,7 +277,7 @@ def known_revision(connection: Connection) -> str | None:
 
 
 def why_unreadable(connection: Connection) -> str | None:
-    """Describe tables that this version does not know, with both versions; None: it knows them, or there are none."""
+    """Describe tables that this version does not know, with both versions; None: they are known, or there are none."""
     found = revision_of(connection)
     if found is None or is_known(found):
         return None
@@ -290,7 +291,7 @@ def why_unreadable(connection: Connection) -> str | None:
 
 
 def _product_version(connection: Connection) -> str | None:
-    """The version of the program that brought the tables to their revision; None: one before 0.2.0."""
+    """Return the version of the program that brought the tables to their revision; None: one before 0.2.0."""
     if not _notes_product_version(connection):
         return None
     version: str | None = connection.scalar(text("SELECT product_version FROM alembic_version"))
@@ -302,7 +303,7 @@ def _notes_product_version(connection: Connection) -> bool:
 
 
 def has_tables(connection: Connection) -> bool:
-    """Whether any table of ours is there."""
+    """Return whether any table of ours exists."""
     return not {"alembic_version", *Base.metadata.tables}.isdisjoint(inspect(connection).get_table_names())
 
 
@@ -321,7 +322,7 @@ def _migrate(connection: Connection, revision: str) -> None:
 
 
 def _bring_up_to_date(connection: Connection, revision: str) -> None:
-    """Migrate rows that nobody has read yet."""
+    """Migrate rows that no program has read yet."""
     try:
         _migrate(connection, "head")
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError, IntegrityError) as error:
@@ -335,19 +336,21 @@ def _any_time(connection: Connection) -> AbstractContextManager[None]:
 
 
 def lock_for_setup(connection: Connection | Session) -> None:
-    """Keep others from setting up the same database until the transaction ends; on SQLite any writer does."""
+    """Prevent other processes from setting up the database until the transaction ends; on SQLite any writer does."""
     bind: Any = connection.get_bind() if isinstance(connection, Session) else connection
     if bind.dialect.name == "postgresql":
         connection.execute(text("SELECT pg_advisory_xact_lock(:number)"), {"number": _MIGRATION_LOCK})
 
 
 def lock_files_of(session: Session, subject_id: str, *, wait: bool = True) -> bool:
-    """Keep others from naming or removing a subject's files until the write transaction ends; on SQLite any does.
+    """Prevent other transactions from naming or removing a subject's files until the write transaction ends.
+
+    On SQLite any write transaction does so.
 
     Returns
     -------
     bool
-        False: somebody else does so at the moment, and the caller did not want to wait.
+        False: another transaction holds the lock, and the caller did not want to wait.
     """
     if session.get_bind().dialect.name != "postgresql":
         return True
@@ -374,6 +377,6 @@ def _file_lock(path: Path) -> Iterator[None]:
 
 
 def _migrations() -> Path:
-    """Return the folder of the migrations, which the package names that completes the tables."""
+    """Return the folder of the migrations, which is named by the package that completes the tables."""
     folder: Path = Base.metadata.info["migrations"]
     return folder

@@ -1,4 +1,4 @@
-"""Engines on SQLite and PostgreSQL: how many connections there are, and how long one waits for an answer."""
+"""Engines on SQLite and PostgreSQL: number of connections, and time limits for an answer."""
 
 import sqlite3
 from pathlib import Path
@@ -9,11 +9,11 @@ from sqlalchemy.exc import ArgumentError
 
 from sawmill_platform.errors import StorageMisconfigured
 
-# A request that has to write answers within five seconds, and it may wait for this alone: the rest is for a machine
-# whose cores are all busy.
+# A request that has to write answers within five seconds, and may wait only this long for the lock: the rest is reserve
+# for a machine whose cores are all busy.
 _BUSY_TIMEOUT_MS = 2_500
 _KEPT_CONNECTIONS = 10
-# One for each of the API's threads, of which FastAPI has 40, and one for whoever reads the time meanwhile.
+# One for each of the API's threads, of which FastAPI has 40, and one for a thread that reads the time.
 _MOST_CONNECTIONS = 41
 _POOL_WAIT_S = 3.0
 _POSTGRESQL = {"postgresql", "postgres", "postgresql+psycopg"}
@@ -21,26 +21,26 @@ _FORMS = "sqlite:////path/to/file or postgresql://user:password@host/database"
 
 
 def make_engine(url: str, password_file: Path | None = None) -> Engine:
-    """An engine whose transactions give up in a few seconds, and on SQLite are serialised where they write.
+    """Return an engine whose transactions give up in a few seconds, and whose writes are serialised on SQLite.
 
     Parameters
     ----------
     password_file
-        Holds the password of the URL's user; null: the URL itself does, or none is needed.
+        File with the password of the URL's user; null: the URL itself contains the password, or none is needed.
 
     Raises
     ------
     StorageMisconfigured
-        The URL is none of a database that is supported, there is no driver for it, or the file gives no password.
+        The URL is not of a supported database, there is no driver for it, or the file gives no password.
     """
     parsed = _parsed(url)
     if password_file is not None:
         parsed = _with_password(parsed, password_file)
-    # A statement's values, other people's data among them, are kept out of what errors say, and so out of the log.
+    # A statement's values, which include other people's data, are kept out of error messages, and so out of logs.
     options = {"pool_size": _KEPT_CONNECTIONS, "pool_timeout": _POOL_WAIT_S, "hide_parameters": True}
     if parsed.drivername in _POSTGRESQL:
         return _on_postgresql(parsed.set(drivername="postgresql+psycopg"), options)
-    # Without a limit of its own, the pool has one connection at most for each of the process's threads.
+    # Without a limit on connections, the pool has at most one for each of the process's threads.
     engine = create_engine(parsed, max_overflow=-1, **options)
     event.listen(engine, "connect", _configure_sqlite)
     event.listen(engine, "begin", _begin_sqlite)

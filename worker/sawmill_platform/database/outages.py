@@ -1,4 +1,4 @@
-"""Which of a database's errors mean that it does not answer now, and how threads are spared meanwhile."""
+"""Errors of a database that does not answer now, and limits on the threads that wait for the database."""
 
 import math
 import re
@@ -16,15 +16,15 @@ from sqlalchemy.orm import Session
 from sawmill_platform.errors import StorageError, StorageFull, StorageMisconfigured, StorageUnavailable
 
 _PAUSE_S = 1.0
-# Longer than the first of a queue waits for another process's lock: its failure is the answer to the others as well.
+# Longer than the first thread of a queue waits for another process's lock: its failure answers the other threads too.
 _TURN_S = 3.0
-# Files that cannot be opened, are not writable, or hold something else.
+# Files that cannot be opened, are not writable, or contain something else.
 _SQLITE_REFUSALS = {sqlite3.SQLITE_PERM, sqlite3.SQLITE_READONLY, sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_CANTOPEN}
 _SQLITE_REFUSALS |= {sqlite3.SQLITE_AUTH, sqlite3.SQLITE_NOTADB}
 _PG_DISK_FULL = "53100"
-_PG_CROSSED = {"23505"}  # unique_violation: ids that are taken are refused before, and so by the next attempt
+_PG_CROSSED = {"23505"}  # unique_violation: taken ids are refused before, and so by the next attempt
 _PG_READ_ONLY = {"25006"}  # a server that has become a standby
-# libpq gives no codes for what happens before it is connected.
+# libpq gives no codes for errors before it is connected.
 _PG_REFUSALS = re.compile(
     r"authentication failed|no password supplied|(database|role) \".*\" does not exist|no pg_hba\.conf entry"
     r"|permission denied for database|invalid (port|connection option|URI)|SSL was required|does not support SSL"
@@ -33,7 +33,7 @@ _PG_REFUSALS = re.compile(
 
 @contextmanager
 def trouble_translated() -> Iterator[None]:
-    """Raise a `StorageError` for what SQLAlchemy raises when a database cannot serve now."""
+    """Raise a `StorageError` for an error of SQLAlchemy that means that a database cannot serve now."""
     try:
         yield
     except (DBAPIError, PoolTimeoutError) as error:
@@ -46,8 +46,8 @@ def trouble_translated() -> Iterator[None]:
 class Door:
     """The beginning of transactions of one sort: the only part that waits for long when a database is away.
 
-    For one that was found away, one transaction at a time waits, a second later at the earliest. The others do not:
-    they may have waited for their threads already.
+    While the database is away, one transaction at a time waits, a second later at the earliest. The other ones do not
+    wait: they may have waited for their threads already.
     """
 
     def __init__(self) -> None:
@@ -61,9 +61,9 @@ class Door:
         Raises
         ------
         StorageUnavailable
-            It was away a moment ago, and whether it still is will be known soon.
+            The database was away a moment ago, and whether it still is will be known soon.
         DBAPIError, sqlalchemy.exc.TimeoutError
-            It did not begin one.
+            The database did not begin a transaction.
         """
         away = self._away
         if away is None:
@@ -77,12 +77,12 @@ class Door:
             raise StorageUnavailable(away)
 
     def check(self) -> None:
-        """Refuse what would only be refused later, after more work: it asks nothing of the database.
+        """Refuse work that would only be refused later, without a query to the database.
 
         Raises
         ------
         StorageUnavailable
-            It was away a moment ago, and whether it still is will be known soon.
+            The database was away a moment ago, and whether it still is will be known soon.
         """
         if self._away is not None and (time.monotonic() < self._wait_again_at or self._waiting.locked()):
             raise StorageUnavailable(self._away)
@@ -100,8 +100,8 @@ class Door:
 class WriterQueue:
     """The threads of a process that write to SQLite, one at a time in the order in which they came.
 
-    SQLite has one write lock. A connection that finds it taken tries again now and then, in no order: of many, some
-    never get it. So one thread of the process tries at a time, and only other processes can keep it waiting.
+    SQLite has one write lock. A connection that finds the lock taken tries again now and then, in no order: of many,
+    some never get it. So one thread of the process tries at a time, and only other processes can keep it waiting.
     """
 
     def __init__(self) -> None:
@@ -141,7 +141,7 @@ class WriterQueue:
 
 
 def _translated(error: DBAPIError | PoolTimeoutError) -> StorageError | None:
-    """What an error means; None where it is a defect."""
+    """Return the storage error that a database error means; None if the error is a defect."""
     original = getattr(error, "orig", None)
     number, state = getattr(original, "sqlite_errorcode", None), getattr(original, "sqlstate", None)
     if number == sqlite3.SQLITE_FULL or state == _PG_DISK_FULL:

@@ -24,17 +24,17 @@ LARGEST_NUMBER = 2**31 - 1
 
 
 def new_id() -> str:
-    """An identifier nobody can guess."""
+    """Return an identifier that nobody can guess."""
     return uuid4().hex
 
 
 def found(session: Session, table: type[Row], kind: str, identifier: str, *, lock: bool = False) -> Row:
-    """The row with this id.
+    """Return the row with this id.
 
     Raises
     ------
     NotFound
-        There is none.
+        There is no such row.
     """
     row = session.get(table, identifier, with_for_update=lock or None)
     if row is None:
@@ -43,12 +43,14 @@ def found(session: Session, table: type[Row], kind: str, identifier: str, *, loc
 
 
 def hold(session: Session, table: type[Row], kind: str, identifier: str) -> None:
-    """Keep a row from being deleted until the transaction ends, as what will refer to it needs; others may too.
+    """Keep a row from being deleted until the transaction ends, for rows that will refer to it.
+
+    Several transactions may hold the same row.
 
     Raises
     ------
     NotFound
-        There is none, or no longer.
+        There is no such row, or no longer.
     """
     there = select(table.id).where(table.id == identifier).with_for_update(read=True, key_share=True)
     if session.scalar(there) is None:
@@ -61,21 +63,21 @@ def refuse_taken(session: Session, table: type[Resource], kind: str, identifier:
     Raises
     ------
     Conflict
-        With code `<kind>-exists`.
+        The id is in use; the code is `<kind>-exists`.
     """
     if session.get(table, identifier) is not None:
         raise Conflict(f"{kind}-exists", f"there is a {kind} {identifier!r} already; choose another id")
 
 
 def narrowed(statement: Select[Row], wanted: Mapping[InstrumentedAttribute[Any], str | None]) -> Select[Row]:
-    """The rows whose columns have the values wanted; None wants any."""
+    """Select the rows whose columns have these values; None matches any value."""
     return statement.where(*(column == value for column, value in wanted.items() if value is not None))
 
 
 def created_between(
     statement: Select[Row], table: type[Row], first: datetime | None, end: datetime | None
 ) -> Select[Row]:
-    """The rows made from `first` on and before `end`; None does not narrow."""
+    """Select the rows made from `first` on and before `end`; None sets no bound."""
     bounds = (None if first is None else table.created_at >= first, None if end is None else table.created_at < end)
     return statement.where(*(bound for bound in bounds if bound is not None))
 
@@ -94,7 +96,7 @@ def read_page(
     Raises
     ------
     Invalid
-        `after` is not a cursor that an earlier page gave.
+        `after` is not a cursor from an earlier page.
     """
     rows, following = rows_of_page(session, statement, table, after=after, limit=limit)
     return Page[Any](items=[read(row) for row in rows], next=following)
@@ -103,13 +105,13 @@ def read_page(
 def rows_of_page(
     session: Session, statement: Select[Row], table: type[Row], *, after: str | None, limit: int
 ) -> tuple[Sequence[Row], str | None]:
-    """The rows of a page, and the cursor of the next one if there is one; the rest as in `read_page`."""
+    """Return the rows of a page, and the cursor of the next page or None; parameters as in `read_page`."""
     if after is not None:
         moment, identifier = parse_cursor(after)
         older = or_(table.created_at < moment, and_(table.created_at == moment, table.id < identifier))
         statement = statement.where(older)
     order = (table.created_at.desc(), table.id.desc())
-    # The ids of the page first: where no index has this order, the whole table is sorted, without what its rows hold.
+    # The ids of the page first: if no index has this order, the whole table is sorted, without the rows' content.
     ids = statement.with_only_columns(table.id, maintain_column_froms=True).order_by(*order).limit(limit + 1).subquery()
     rows: Sequence[Row] = session.scalars(select(table).join(ids, ids.c.id == table.id).order_by(*order)).all()
     shown = rows[:limit]
@@ -125,12 +127,12 @@ def read_numbered_page(
     after: str | None,
     limit: int,
 ) -> Page[Item]:
-    """As `read_page`, of rows that have a number: the cursor is the last number of the page before.
+    """Run a statement as `read_page` does, for numbered rows: the cursor is the last number of the page before.
 
     Raises
     ------
     Invalid
-        `after` is not a cursor that an earlier page gave.
+        `after` is not a cursor from an earlier page.
     """
     if after is not None:
         if re.fullmatch(r"[0-9]{1,18}", after) is None or int(after) > LARGEST_NUMBER:
@@ -143,27 +145,27 @@ def read_numbered_page(
 
 
 def microseconds_of(moment: datetime) -> int:
-    """Since 1970."""
+    """Return the microseconds since 1970."""
     return (moment - _EPOCH) // _MICROSECOND
 
 
 def moment_of(microseconds: int) -> datetime:
-    """That many microseconds after the beginning of 1970, UTC."""
+    """Return the time that number of microseconds after the beginning of 1970, UTC."""
     return _EPOCH + microseconds * _MICROSECOND
 
 
 def cursor_of(moment: datetime, identifier: str) -> str:
-    """Of a page whose last row has this time, and this id among those of one time."""
+    """Return the cursor of a page whose last row has this time, and this id among rows of the same time."""
     return f"{microseconds_of(moment)}.{identifier}"
 
 
 def parse_cursor(cursor: str) -> tuple[datetime, str]:
-    """What `cursor_of` was made of.
+    """Return the time and the id of a cursor from `cursor_of`.
 
     Raises
     ------
     Invalid
-        It is not a cursor that an earlier page gave.
+        The text is not a cursor from an earlier page.
     """
     if re.fullmatch(CURSOR, cursor) is None:
         raise Invalid("invalid-cursor", f"after must be the next of an earlier page, not {cursor!r}")

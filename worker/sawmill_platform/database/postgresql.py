@@ -1,4 +1,4 @@
-"""Connections to PostgreSQL that give up on a server that is silent: libpq waits for ever on one that was paused."""
+"""Connections to PostgreSQL that give up on a silent server: libpq waits for ever for one that was paused."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -11,16 +11,16 @@ from psycopg.waiting import READY_NONE
 from sqlalchemy import Engine, event
 from sqlalchemy.exc import InvalidatePoolError
 
-# A request answers within five seconds, whichever of these it meets: a ping and then an attempt to connect, a
-# statement, or a row that another transaction has locked.
+# A request answers within five seconds, whichever of these happens: a ping and then an attempt to connect, a statement,
+# or a row that another transaction has locked.
 _PING_S = 1.5
-_CONNECT_S = 2  # psycopg knows no shorter one
+_CONNECT_S = 2  # psycopg has no shorter one
 _ANSWER_S = 4.0
 _LOOK_S = 0.1
 PARAMETERS: Mapping[str, Any] = {
     "connect_timeout": _CONNECT_S,
     "application_name": "sawmill",
-    # The server too gives up a statement of which nobody will read the answer, and the locks of a paused worker.
+    # The server too gives up a statement whose answer nobody will read, and the locks of a paused worker.
     "options": "-c statement_timeout=3500 -c lock_timeout=3000 -c idle_in_transaction_session_timeout=60000"
     " -c timezone=UTC",
     "keepalives_idle": 10,
@@ -32,18 +32,18 @@ T = TypeVar("T")
 
 
 class PatientConnection(psycopg.Connection[Any]):
-    """A connection that is closed when the server has not answered for `patience_s` (null: it waits for ever)."""
+    """A connection that is closed when the server has not answered for `patience_s` (null: no limit)."""
 
     patience_s: float | None = _ANSWER_S
     fresh = True
 
     def wait(self, gen: PQGen[T], interval: float = _LOOK_S, timeout: float | None = None) -> T:
-        """Wait for an answer; psycopg's method for everything that a connection waits for.
+        """Wait for an answer; psycopg calls this method for everything that a connection waits for.
 
         Raises
         ------
         psycopg.OperationalError
-            None came in time.
+            No answer came in time.
         """
         bounded = gen if self.patience_s is None else self._bounded(gen, self.patience_s)
         return super().wait(bounded, interval, timeout)
@@ -63,7 +63,7 @@ class PatientConnection(psycopg.Connection[Any]):
             return answer
 
     def ping(self) -> None:
-        """Find out, outside of any transaction, whether the server answers."""
+        """Check, outside of any transaction, that the server answers."""
         with self._patience(_PING_S):
             self.autocommit = True
             self.execute("SELECT 1")
@@ -71,7 +71,7 @@ class PatientConnection(psycopg.Connection[Any]):
 
     @contextmanager
     def unlimited(self) -> Iterator[None]:
-        """Let the statements of one transaction take any time: those that change tables."""
+        """Let the statements of one transaction take any time, for transactions that change tables."""
         self.execute("SET LOCAL statement_timeout = 0")
         self.execute("SET LOCAL lock_timeout = 0")
         with self._patience(None):
@@ -87,7 +87,7 @@ class PatientConnection(psycopg.Connection[Any]):
 
 
 def make_patient(engine: Engine) -> None:
-    """Have an engine use such connections, and ping those that were used before."""
+    """Have an engine use patient connections, and ping connections that were used before."""
     event.listen(engine, "do_connect", _connect)
     event.listen(engine, "checkout", _ping)
 
@@ -103,4 +103,4 @@ def _ping(connection: PatientConnection, _record: object, _proxy: object) -> Non
     try:
         connection.ping()
     except psycopg.Error as error:
-        raise InvalidatePoolError from error  # all connections of that age, and then connects anew
+        raise InvalidatePoolError from error  # discard all connections of that age, and connect again

@@ -1,4 +1,4 @@
-"""Which database it is, and how fast it answers, for those who run the service."""
+"""Report for operators: the database's system, version, size and response time."""
 
 import sqlite3
 import time
@@ -11,20 +11,20 @@ from sawmill_platform.database.database import Database, newest_revision, revisi
 
 
 class DatabaseReport(NamedTuple):
-    """What a database reports of itself.
+    """Report of a database.
 
     Attributes
     ----------
     system : str
-        Its name and version.
+        Name and version of the database system.
     migration, newest_migration : str or None
-        To which its tables were brought, and the newest that this version knows.
+        Migration to which the tables were brought, and the newest one that this version knows.
     answered_s : float
-        How long these questions took.
+        Time that these queries took.
     size_bytes : int
-        Of its tables and indexes.
+        Size of tables and indexes.
     unreadable : str or None
-        Why this version cannot read its tables; None: it can, or brings them up to date.
+        Reason why this version cannot read the tables; None: it can, or brings them up to date.
     """
 
     system: str
@@ -35,7 +35,7 @@ class DatabaseReport(NamedTuple):
     unreadable: str | None
 
 
-# Version and size, by SQLAlchemy's name of the system.
+# Queries of version and size, by SQLAlchemy's name of the system.
 _ASKED = {
     "sqlite": (
         "SQLite",
@@ -49,12 +49,12 @@ _ASKED = {
 
 
 def report_of(database: Database) -> DatabaseReport:
-    """Ask a database.
+    """Query a database.
 
     Raises
     ------
     StorageUnavailable
-        It does not answer.
+        The database does not answer.
     """
     name, statement = _ASKED[database.engine.dialect.name]
     started = time.perf_counter()
@@ -67,14 +67,14 @@ def report_of(database: Database) -> DatabaseReport:
 
 
 def damage_of(database: Database) -> list[str]:
-    """What SQLite finds wrong with its file, in its own words; a server looks after its own.
+    """Return the defects that SQLite reports in its file, in its own words; none for a database server.
 
-    Reads the whole file: some seconds a gigabyte.
+    SQLite reads the whole file: some seconds a gigabyte.
 
     Raises
     ------
     StorageUnavailable
-        It does not answer.
+        The database does not answer.
     """
     if database.engine.dialect.name != "sqlite":
         return []
@@ -82,7 +82,7 @@ def damage_of(database: Database) -> list[str]:
         try:
             found = session.scalars(text("PRAGMA quick_check(5)")).all()
         except DatabaseError as error:
-            # So damaged that it cannot be checked.
+            # The file is so damaged that it cannot be checked.
             if getattr(error.orig, "sqlite_errorcode", None) != sqlite3.SQLITE_CORRUPT:
                 raise
             return [str(error.orig)]

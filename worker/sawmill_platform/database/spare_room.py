@@ -1,6 +1,6 @@
-"""Room beside SQLite's file that is given up, a piece at a time, for what must be written on a full disk.
+"""Reserve file next to SQLite's file, given up piece by piece for rows that must be written on a full disk.
 
-A cancellation is all of that: without it, the job that fills the disk could not be stopped.
+Only cancellations use the reserve: without it, the job that fills the disk could not be stopped.
 """
 
 import os
@@ -14,19 +14,19 @@ SPARE_BYTES = 16 * PIECE_BYTES
 
 
 class SpareRoom:
-    """A file that holds nothing and takes the room; processes share it.
+    """A file without content that uses disk space; processes share it.
 
     Parameters
     ----------
     database
-        SQLite's file; null: a server looks after its own room.
+        SQLite's file; null: a database server manages its own space.
     """
 
     def __init__(self, database: Path | None) -> None:
         self._path = None if database is None else Path(f"{database}.spare")
 
     def fill(self, reserve_bytes: int) -> None:
-        """Take the room again where the disk leaves this number of bytes free beside it; raise `OSError`."""
+        """Restore the file if the disk then still has this number of bytes free; raise `OSError`."""
         path = self._path
         if path is None or (path.exists() and path.stat().st_size == SPARE_BYTES):
             return
@@ -35,7 +35,7 @@ class SpareRoom:
                 os.posix_fallocate(file.fileno(), 0, SPARE_BYTES)
 
     def give_up_piece(self) -> None:
-        """Leave a piece to the transaction that is under way; where that fails, the transaction reports the disk."""
+        """Release a piece for the current transaction; if that fails, the transaction reports the full disk."""
         if self._path is not None:
             with suppress(OSError):
                 os.truncate(self._path, max(self._path.stat().st_size - PIECE_BYTES, 0))

@@ -1,4 +1,4 @@
-"""The rows of the job service. Specifications and results are JSON; the columns are what is searched by."""
+"""The rows of the job service. Specifications and results are JSON; the columns are for queries."""
 
 from collections.abc import Mapping
 from datetime import UTC, datetime
@@ -36,7 +36,7 @@ Json = dict[str, Any]
 
 
 class UtcDateTime(TypeDecorator[datetime]):
-    """Aware datetimes in, aware UTC datetimes out, on databases with and without time zones."""
+    """Type of aware datetimes, read as UTC, on databases with and without time zones."""
 
     impl = DateTime(timezone=True)
     cache_ok = True
@@ -51,14 +51,14 @@ class UtcDateTime(TypeDecorator[datetime]):
         return value.astimezone(UTC)
 
     def process_result_value(self, value: datetime | None, dialect: Dialect) -> datetime | None:  # noqa: ARG002
-        """Mark it as UTC."""
+        """Return the time as UTC."""
         if value is None:
             return None
         return value.replace(tzinfo=UTC) if value.tzinfo is None else value.astimezone(UTC)
 
 
 def seconds_between(dialect: str, start: Any, end: Any) -> ColumnElement[Any]:  # noqa: ANN401 - columns or times
-    """From one column to another, as a database works it out."""
+    """Return the seconds from one column to another, as an expression of the database."""
     if dialect == "sqlite":
         return (func.julianday(end) - func.julianday(start)) * 86_400.0
     return func.extract("epoch", end - start)
@@ -71,11 +71,11 @@ class Ranked(TypeDecorator[Priority]):
     cache_ok = True
 
     def process_bind_param(self, value: Priority | None, dialect: Dialect) -> int | None:  # noqa: ARG002
-        """The rank."""
+        """Return the rank of a priority."""
         return None if value is None else value.rank
 
     def process_result_value(self, value: int | None, dialect: Dialect) -> Priority | None:  # noqa: ARG002
-        """The priority of a rank."""
+        """Return the priority of a rank."""
         return next((priority for priority in Priority if priority.rank == value), None)
 
 
@@ -90,7 +90,7 @@ class Registered(TypeDecorator[RegisteredWord]):
         self.kind = kind
 
     def process_bind_param(self, value: RegisteredWord | None, dialect: Dialect) -> str | None:  # noqa: ARG002
-        """Return the word; `LookupError` for one that is not registered."""
+        """Return the word, or raise `LookupError` if it is not registered."""
         return None if value is None else str(self.kind.of(value))
 
     def process_result_value(self, value: str | None, dialect: Dialect) -> RegisteredWord | None:  # noqa: ARG002
@@ -99,12 +99,12 @@ class Registered(TypeDecorator[RegisteredWord]):
 
 
 def words(kind: type[StrEnum], length: int = 20) -> Enum:
-    """Stored as its value in a plain text column, so that a new word needs no migration."""
+    """Return the type of an enum stored by value in a plain text column, so that a new word needs no migration."""
     return Enum(kind, native_enum=False, length=length, values_callable=lambda words: [word.value for word in words])
 
 
 class EventClass(StrEnum):
-    """How long an event is kept: a decision for ever, work until the rules of retention reach it."""
+    """Time for which an event is kept: a decision for ever, work until the rules of retention remove it."""
 
     DECISION = "decision"
     WORK = "work"
@@ -136,7 +136,7 @@ class Base(DeclarativeBase):
 
 
 class Resource(Base):
-    """What every resource has."""
+    """Columns of every resource."""
 
     __abstract__ = True
 
@@ -154,7 +154,7 @@ class JobRow(Resource):
         Index(None, "state", "created_at", "id"),
         Index("ix_jobs_queue", "state", "priority", "group_id", "created_at", "id", "short", "kind"),
         Index("ix_jobs_places", "state", "priority", "short", "kind", "created_at", "id"),
-        # Of one key (`sawmill_platform/jobs/queue_limits.py`).
+        # Jobs of one key (`sawmill_platform/jobs/queue_limits.py`).
         Index(
             "ix_jobs_queued_of_key",
             "key_id",
@@ -167,11 +167,11 @@ class JobRow(Resource):
     state: Mapped[JobState]
     subject_id: Mapped[str] = mapped_column(String(64), index=True)
     priority: Mapped[Priority] = mapped_column(default=Priority.WAITED_FOR)
-    # Whether it takes seconds: such jobs have a lane in which none waits for a long one.
+    # Whether the job takes seconds: such jobs have a lane in which none waits for a long one.
     short: Mapped[bool] = mapped_column(default=False)
-    # Groups take turns (`sawmill_platform/jobs/turns.py`); the jobs of none, which is empty, are one as well.
+    # Groups take turns (`sawmill_platform/jobs/turns.py`); the jobs without a group (empty) are a group as well.
     group_id: Mapped[str] = mapped_column(String(64), default="")
-    # Fences: grows with each claim. Attempts that were lost are counted apart, and so are full disks in a row.
+    # Fences attempts: grows with each claim. Losses are counted apart, and so are outages in a row.
     attempt: Mapped[int] = mapped_column(default=0)
     losses: Mapped[int] = mapped_column(default=0)
     outages: Mapped[int] = mapped_column(default=0)
@@ -184,7 +184,7 @@ class JobRow(Resource):
     cancel_requested: Mapped[bool] = mapped_column(default=False)
     progress: Mapped[Json | None]
     failure: Mapped[Json | None]
-    # Whose request queued it; null where none did.
+    # Id of the request that queued the job; null: no request did.
     request_id: Mapped[str | None] = mapped_column(String(64))
     key_id: Mapped[str | None] = mapped_column(String(64))
     asked_by: Mapped[str | None] = mapped_column(String(200))
@@ -204,7 +204,7 @@ class JobTurnRow(Base):
 
 
 class JobDependencyRow(Base):
-    """A job may start only when all the jobs it needs have ended."""
+    """A dependency: a job may start only when all the jobs that it needs have ended."""
 
     __tablename__ = "job_dependencies"
 
@@ -212,7 +212,7 @@ class JobDependencyRow(Base):
     needs_job_id: Mapped[str] = mapped_column(ForeignKey("jobs.id"), primary_key=True, index=True)
 
 
-# The rows that the rules of retention may reach, and the two kinds of rows that they never do.
+# Rows that the rules of retention may remove, and two kinds of rows that they never remove.
 REMOVABLE, IN_HISTORY, DECIDED = "class = 'work' AND topic IS NULL", "topic IS NOT NULL", "class = 'decision'"
 
 
@@ -221,10 +221,10 @@ def _where(name: str, condition: str, *columns: str) -> Index:
 
 
 class EventRow(Base):
-    """The ledger: what happened, written with the change itself; the database refuses to change a decision.
+    """The ledger: events, written with the change itself; the database refuses to change a decision.
 
-    The event feed, webhooks, the audit and the histories of groups are queries on it. `detail` is what is published,
-    `decided` what the audit keeps beside it.
+    The event feed, webhooks, the audit and the histories of groups are queries on this table. `detail` is published,
+    `decided` is kept for the audit in addition.
     """
 
     __tablename__ = "events"
@@ -258,7 +258,7 @@ class EventRow(Base):
 
 
 class ClockRow(Base):
-    """One row, on SQLite alone: seconds since 1970 at the boot of this machine (`storage.clock`)."""
+    """Seconds from 1970 to the boot of this machine, in one row, on SQLite alone (`database.clock`)."""
 
     __tablename__ = "clock"
 
@@ -268,7 +268,7 @@ class ClockRow(Base):
 
 
 class DataFolderRow(Base):
-    """One row: the identity of the data folder that has this database's files (`files/folder_identity.py`)."""
+    """Identity of the data folder that has this database's files, in one row (`files/folder_identity.py`)."""
 
     __tablename__ = "data_folder"
 
@@ -277,7 +277,7 @@ class DataFolderRow(Base):
 
 
 class UploadRow(Resource):
-    """An upload that can be resumed; `offset_bytes` of it are on the disk."""
+    """An upload that can be resumed; its first `offset_bytes` bytes are on the disk."""
 
     __tablename__ = "uploads"
 
@@ -292,7 +292,7 @@ class UploadRow(Resource):
 
 
 class KeyRow(Resource):
-    """A key. Its secret is known by its hash alone, and so is the one before, which a rotation may let live on."""
+    """A key, with the hashes of the secret and the secret before, which stays valid for a while after a rotation."""
 
     __tablename__ = "keys"
 
@@ -310,7 +310,7 @@ class KeyRow(Resource):
 
 
 class SessionRow(Base):
-    """A browser that brought a key, or the token; it ends with what opened it, whose hash it keeps."""
+    """Session of a browser that sent a key or the token, whose hash is kept; the session ends with the key or token."""
 
     __tablename__ = "sessions"
 
@@ -321,7 +321,7 @@ class SessionRow(Base):
 
 
 class WebhookRow(Resource):
-    """Who is sent which events; `after` is the number of the last one with which it is done."""
+    """A webhook with its events; `after` is the number of the last event that is done."""
 
     __tablename__ = "webhooks"
 
@@ -330,7 +330,7 @@ class WebhookRow(Resource):
     events: Mapped[list[str]] = mapped_column(JSON)
     enabled: Mapped[bool]
     paused: Mapped[bool] = mapped_column(default=False)
-    # In the clear: signing needs it.
+    # In plain text: signing needs it.
     secret: Mapped[str] = mapped_column(String(100))
     previous_secret: Mapped[str | None] = mapped_column(String(100))
     previous_secret_until: Mapped[datetime | None]
@@ -345,7 +345,7 @@ class WebhookRow(Resource):
 
 
 class DeliveryRow(Base):
-    """An event that was sent to a webhook; written after the attempt, and forgotten some days later."""
+    """An event that was sent to a webhook; written after the attempt, and removed some days later."""
 
     __tablename__ = "webhook_deliveries"
     __table_args__ = (UniqueConstraint("webhook_id", "event_number"), Index(None, "last_at"))
@@ -364,7 +364,7 @@ class DeliveryRow(Base):
 
 
 class SenderRow(Base):
-    """One row: the process that sends to webhooks, and until when no other one does."""
+    """The process that sends to webhooks, and the time until which no other one does, in one row."""
 
     __tablename__ = "webhook_sender"
 
@@ -374,14 +374,14 @@ class SenderRow(Base):
 
 
 class RepeatRow(Base):
-    """The answer to a request with an `Idempotency-Key`, for its repeats; `answer` is null until it is made."""
+    """The answer to a request with an `Idempotency-Key`, for repeated requests; `answer` is null until then."""
 
     __tablename__ = "repeats"
 
     caller: Mapped[str] = mapped_column(String(200), primary_key=True)
     key: Mapped[str] = mapped_column(String(200), primary_key=True)
     created_at: Mapped[datetime] = mapped_column(index=True)
-    # SHA-256 of method, path, query and JSON; of a file that was sent.
+    # SHA-256 of method, path, query and JSON, and of a file that was sent.
     request_sha256: Mapped[str] = mapped_column(String(64))
     file_sha256: Mapped[str | None] = mapped_column(String(64))
     answer: Mapped[Json | None]

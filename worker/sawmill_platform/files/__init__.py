@@ -1,1 +1,1 @@
-"""The data folder: uploads, results and what is being written."""
+"""The data folder: uploads, results and files in progress."""

@@ -1,7 +1,7 @@
-"""The sha256 of large files, noted beside them: a download begins with it, and need not read the file twice.
+"""The sha256 of large files, noted next to them: a download begins with it, and need not read the file twice.
 
-`.<name>.sha256` holds the digest with the size and the modification time that the file had. While these are the same,
-the file is not read; a file with another digest is not the one that was noted.
+`.<name>.sha256` contains the digest with the size and the modification time that the file had. While these are the
+same, the file is not read; a file with other values is not the one that was noted.
 """
 
 import hashlib
@@ -37,18 +37,18 @@ def note_digests(folder: Path) -> None:
 
 
 class Note(NamedTuple):
-    """The digest of a file, and the size and the time by which the file is known to be the same."""
+    """The digest of a file, with the size and the time by which an unchanged file is recognised."""
 
     digest: bytes
     stamp: str
 
     def is_of(self, status: os.stat_result) -> bool:
-        """Whether a file of this status needs no reading."""
+        """Return whether the digest of a file with this status is known."""
         return self.stamp == _stamp(status)
 
 
 def read_note(path: Path) -> Note | None:
-    """What is noted of a file; a garbled note is none."""
+    """Return the note on a file; None if there is no note, or the note is damaged."""
     try:
         found = _NOTE.fullmatch(note_of(path).read_bytes())
     except FileNotFoundError:
@@ -57,7 +57,7 @@ def read_note(path: Path) -> Note | None:
 
 
 def note_digest(path: Path, status: os.stat_result, digest: bytes) -> None:
-    """Keep a digest beside its file; a note is there whole or not at all."""
+    """Write a digest next to its file; a note is complete or missing."""
     note = note_of(path)
     new = note.with_name(f"{note.name}.{os.getpid()}-{threading.get_ident()}")
     with renamed(new, note):
@@ -65,14 +65,14 @@ def note_digest(path: Path, status: os.stat_result, digest: bytes) -> None:
 
 
 def compute_digest(path: Path, status: os.stat_result) -> bytes:
-    """The digest of a file as it was when `status` was taken; takes as long as reading it.
+    """Compute the digest of a file in its state when `status` was taken; the call takes as long as reading the file.
 
     Raises
     ------
     FileNotFoundError
-        It is gone.
+        The file is gone.
     StorageUnavailable
-        It is another one by now.
+        The file has been replaced by now.
     """
     with path.open("rb") as file:
         digest = hashlib.file_digest(file, "sha256").digest()

@@ -1,23 +1,23 @@
-"""The folders that hold uploads, results and what is being written.
+"""The folders that contain uploads, results and files in progress.
 
-incoming/                       uploads while they arrive; incoming.lock is held by who receives them
+incoming/                       uploads while they arrive; incoming.lock is held by the receiving process
 unfinished/<id>                 uploads that can be resumed, until they are used
-uploads/<plural>/<id>/          what was uploaded for a job of a kind, as it came
-<plural>/<id>/                  what a job of a kind has left, by the plural of what it works on (`contracts/jobs.py`)
-<plural>/<id>/.<name>.sha256    the digest of a large file, while it is as it was (`noted_digests`)
-attempts/<job>-<attempt>-<…>/   where one attempt writes, and nobody else; renamed to one of those above at its success
+uploads/<plural>/<id>/          the file that was uploaded for a job of a kind, unchanged
+<plural>/<id>/                  results of a job of a kind, by the plural of the subject (`contracts/jobs.py`)
+<plural>/<id>/.<name>.sha256    the digest of a large file, while the file does not change (`files/digests.py`)
+attempts/<job>-<attempt>-<…>/   where only one attempt writes; renamed to one of the folders above at its success
 attempts/<…>/kept/              checkpoints that its supervisor has not yet taken
-attempts/<…>/work/              where its process works: what libraries write beside results; never published
+attempts/<…>/work/              working folder of the process, where libraries write their own files; never published
 kept/<job>/                     checkpoints, for the job's next attempt; until the job ends
-removed/                        what is being deleted
-examples/                       what the examples were made of, so that they are made once in a folder's life
-identity                        a random id that the database knows too (`folder_identity`)
+removed/                        files that are being deleted
+examples/                       files of which the examples were made, so that they are made once in a folder's life
+identity                        a random id that the database has too (`folder_identity`)
 serve.lock                      of the process that serves the folder (`workers/sole_service.py`); SQLite alone
-sawmill.db.spare                room that a cancellation is written into when the disk is full (`spare_room`)
-last-backup.json                when and where the last one was taken (`backups/newest.py`)
-restoring/                      what a restore has not put into its place: no store opens (`backups/restoring.py`)
+sawmill.db.spare                reserve for a cancellation when the disk is full (`spare_room`)
+last-backup.json                time and place of the last backup (`backups/newest.py`)
+restoring/                      files that a restore has not put into place: no store opens (`backups/restoring.py`)
 
-What is in none of the rows goes with time (`leftovers`).
+Files that are in no row are removed after a time (`leftovers`).
 """
 
 import asyncio
@@ -64,7 +64,7 @@ _log = structlog.get_logger()
 
 
 class Room(NamedTuple):
-    """Of a disk."""
+    """Free and total space of a disk."""
 
     free_bytes: int
     size_bytes: int
@@ -76,24 +76,24 @@ class FileStore:
     Parameters
     ----------
     folder
-        Everything in it must be on one file system: publishing is a rename. Nothing is made before `make_folders`.
+        Folder on a single file system: publishing is a rename. Nothing is made before `make_folders`.
     """
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder.absolute()
 
     def make_folders(self) -> None:
-        """Make what a data folder has; only where it is known to be the right one."""
+        """Make the folders of a data folder; only in a folder that is known to be the right one."""
         for name in (*_TEMPORARY, *(kind.plural for kind in JobKind.all()), "attempts", _KEPT, UNFINISHED):
             (self.folder / name).mkdir(parents=True, exist_ok=True)
 
     def check_there(self) -> None:
-        """Check that a data folder is in its place, without asking the database which one.
+        """Check that a data folder is in its place, without a query to the database for its identity.
 
         Raises
         ------
         FolderUnavailable
-            It is missing or empty, or its disk fails.
+            The folder is missing or empty, or its disk fails.
         """
         if read_identity(self.folder) is None:
             raise FolderUnavailable(f"the data folder {str(self.folder)!r} is missing, empty or not mounted")
@@ -104,7 +104,7 @@ class FileStore:
         Raises
         ------
         FolderUnavailable
-            The user may not, or its disk is read-only or fails.
+            The user may not, or the disk is read-only or fails.
         """
         refuse_read_only(self.folder)
         if not os.access(self.folder, os.W_OK | os.X_OK):
@@ -113,12 +113,12 @@ class FileStore:
             )
 
     def check_file(self, path: Path) -> None:
-        """Check that a file is there that rows name.
+        """Check that a file exists that rows name.
 
         Raises
         ------
         FolderUnavailable
-            It is not.
+            The file is missing.
         """
         if not path.is_file():
             name = str(path.relative_to(self.folder))
@@ -128,20 +128,20 @@ class FileStore:
             )
 
     def upload(self, kind: JobKind, subject_id: str) -> Path:
-        """Return where the file lies that was uploaded for a job of this kind."""
+        """Return the path of the file that was uploaded for a job of this kind."""
         return self.folder / "uploads" / kind.plural / _checked(subject_id) / UPLOADED_FILE
 
     def results(self, kind: JobKind, subject_id: str) -> Path:
-        """The final folder of a job's subject."""
+        """Return the final folder of a job's subject."""
         return self.folder / kind.plural / _checked(subject_id)
 
     def result(self, kind: JobKind, subject_id: str, name: str) -> Path:
-        """One file of that folder.
+        """Return the path of one file of the subject's folder.
 
         Raises
         ------
         NotFound
-            The job has not written it.
+            The job has not written the file.
         FolderUnavailable
             The data folder is not in its place.
         """
@@ -154,9 +154,9 @@ class FileStore:
     def kept(
         self, kind: JobKind, subject_id: str, name: str, make: Callable[[], bytes], *, one_at_a_time: threading.Lock
     ) -> Path:
-        """A file of that folder which is made when it is first asked for; it is there whole or not at all.
+        """Return a file of the subject's folder that is made at the first request; the file is complete or missing.
 
-        What is there waits for nobody; what is not is made once, however many ask.
+        An existing file is returned without waiting; a missing one is made once, however many callers request it.
 
         Raises
         ------
@@ -174,18 +174,18 @@ class FileStore:
         return path
 
     def make_attempt_folder(self, job_id: str, attempt: int) -> Path:
-        """An empty folder that this attempt alone writes and removes; what others left is not touched."""
+        """Make an empty folder that only this attempt writes and removes; folders of other attempts are not touched."""
         path = self.folder / "attempts" / f"{_checked(job_id)}-{attempt}-{uuid4().hex}"
         with disk_outage_reported("a job's output folder"):
             path.mkdir()
         return path
 
     def kept_with(self, job_id: str) -> Path:
-        """The folder with the checkpoints of earlier attempts at a job, if they kept any."""
+        """Return the folder with the checkpoints of earlier attempts at a job; the folder may be missing."""
         return self.folder / _KEPT / _checked(job_id)
 
     def keep(self, output: Path, job_id: str, names: Sequence[str]) -> None:
-        """Move an attempt's checkpoints to its job, in place of older ones; one that is gone was moved before."""
+        """Move an attempt's checkpoints to its job, in place of older ones; a missing checkpoint was moved before."""
         folder = self.kept_with(job_id)
         with disk_outage_reported("keeping a job's progress"):
             folder.mkdir(exist_ok=True)
@@ -203,16 +203,16 @@ class FileStore:
         self.remove(self.kept_with(job_id))
 
     def publish(self, output: Path, final: Path) -> None:
-        """Rename an attempt's flushed output folder to its final name; an older folder of that name goes."""
+        """Rename an attempt's flushed output folder to its final name; an older folder of that name is removed."""
         with disk_outage_reported("publishing a result"):
             self._remove(final)
             output.rename(final)
             flush(final.parent)
 
     def remove(self, path: Path) -> None:
-        """Remove a file or folder in one step, as others see it; nothing happens if there is none.
+        """Remove a file or folder in one step, as seen by other processes; a missing one is ignored.
 
-        What a disk that fails or is read-only keeps is a leftover: housekeeping removes it later.
+        Files that cannot be removed from a failing or read-only disk are leftovers: housekeeping removes them later.
         """
         try:
             self._remove(path)
@@ -228,12 +228,12 @@ class FileStore:
             self.delete(parting)
 
     def set_aside(self, path: Path) -> Path | None:
-        """Take a file or folder away from its name; `delete` must follow.
+        """Move a file or folder away from its name; `delete` must follow.
 
         Returns
         -------
         Path or None
-            Where it is until then. None: there is none, or somebody else was faster.
+            The path until then. None: the file is missing, or another process was faster.
         """
         parting = self.folder / "removed" / uuid4().hex
         try:
@@ -243,21 +243,21 @@ class FileStore:
         except OSError as error:
             if not isinstance(outage_of(error, "removing files"), StorageFull):
                 raise
-            return path  # a full disk may have no room for one more name: then its files go one by one
+            return path  # a full disk may have no room for one more name: then the files are deleted one by one
         return parting
 
     def delete(self, path: Path) -> None:
-        """Delete what was set aside."""
+        """Delete a file or folder that was set aside."""
         if not path.is_dir():
             path.unlink()
             return
         try:
             shutil.rmtree(path)
-        except (RecursionError, PermissionError):  # made by somebody who wanted it to stay
+        except (RecursionError, PermissionError):  # made by somebody who wanted to prevent the removal
             self._delete_one_by_one(path)
 
     def _delete_one_by_one(self, path: Path) -> None:
-        """Delete a folder however deep its folders lie, and though they are closed to their owner."""
+        """Delete a folder of any depth, also if folders in it are closed to their owner."""
         path.chmod(0o700)
         folders = [path]
         while folders:
@@ -273,22 +273,22 @@ class FileStore:
             folder.rmdir()
 
     def room(self) -> Room:
-        """Return what the data folder's disk has, or raise `FolderUnavailable`."""
+        """Return the space on the data folder's disk, or raise `FolderUnavailable`."""
         self.check_there()
         usage = shutil.disk_usage(self.folder)
         return Room(free_bytes=usage.free, size_bytes=usage.total)
 
     def check_room(self, reserve_bytes: int, *, needed_by: str) -> None:
-        """As the function, where uploads arrive."""
+        """Check that files can be written into the folder of incoming uploads, as the function `check_room` does."""
         check_room(self.folder / "incoming", reserve_bytes, needed_by=needed_by)
 
     def keep_upload(self, received: Received, kind: JobKind, subject_id: str) -> None:
-        """Give an upload its owner.
+        """Move an upload to its owner.
 
         Raises
         ------
         StorageFull, StorageUnavailable
-            The disk is full, or the upload was so long on its way that it was taken for a leftover.
+            The disk is full, or the upload took so long that it was removed as a leftover.
         """
         self.check_there()
         path = self.upload(kind, subject_id)
@@ -302,11 +302,11 @@ class FileStore:
             flush(path.parent.parent)
 
     def receive_again(self, kind: JobKind, subject_id: str, *, size_bytes: int, sha256: str) -> Received | None:
-        """An upload that has an owner, under a second name for another one: no byte is copied. None: it is gone."""
+        """Link an owned upload under a second name for another owner, without a copy; None: the file is gone."""
         return self.second_name(self.upload(kind, subject_id), size_bytes=size_bytes, sha256=sha256)
 
     def second_name(self, file: Path, *, size_bytes: int, sha256: str) -> Received | None:
-        """A file as an upload that belongs to nobody; None: it is gone."""
+        """Link a file as an upload without an owner; None: the file is gone."""
         path = self.folder / "incoming" / uuid4().hex
         with disk_outage_reported("the upload"):
             try:
@@ -317,7 +317,7 @@ class FileStore:
         return Received(path, size_bytes, sha256)
 
     def unfinished(self, upload_id: str) -> Path:
-        """Where an upload lies that can be resumed."""
+        """Return the path of an upload that can be resumed."""
         return self.folder / UNFINISHED / _checked(upload_id)
 
     def remove_upload(self, kind: JobKind, subject_id: str) -> None:
@@ -325,12 +325,12 @@ class FileStore:
         self.remove(self.upload(kind, subject_id).parent)
 
     def discard(self, received: Received) -> None:
-        """Remove an upload that found no owner."""
+        """Remove an upload that no row uses."""
         received.path.unlink(missing_ok=True)
 
     @contextmanager
     def receiving(self) -> Iterator[None]:
-        """While a service receives uploads; where no other one does, what a killed one left goes first."""
+        """Receive uploads during the block; if no other service does, first remove the files that a killed one left."""
         with (self.folder / "incoming.lock").open("w") as lock:
             with suppress(BlockingIOError):
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -340,7 +340,7 @@ class FileStore:
             yield
 
     def receive(self, chunks: Iterable[bytes], *, max_bytes: int) -> Received:
-        """Write an upload to the disk as it comes.
+        """Write an upload to the disk as it arrives.
 
         Parameters
         ----------
@@ -352,12 +352,12 @@ class FileStore:
         Returns
         -------
         Received
-            Complete and flushed; `Scans.accept` or `discard` must follow.
+            The complete, flushed upload; `keep_upload` or `discard` must follow.
 
         Raises
         ------
         UploadTooLarge, StorageFull
-            Nothing is left behind; nor is it when the iterable raises.
+            The upload is too large or the disk is full. No file is left, nor if the iterable raises.
         """
         upload = self._arriving(max_bytes)
         try:
@@ -378,16 +378,16 @@ class FileStore:
         content: Content | None = None,
         executor: Executor | None = None,
     ) -> Received:
-        """As `receive`, for a request's body; a client that goes away leaves nothing behind.
+        """Write a request's body as `receive` does; an upload that is broken off leaves nothing behind.
 
         Parameters
         ----------
         reserve_bytes
-            What must stay free on the disk.
+            Bytes that must stay free on the disk.
         content
-            What the chunks stand for; null: the file's bytes are sent as they are.
+            Decoder of the body; null: the body is the file's bytes.
         executor
-            Whose threads take what comes; null: those of all uploads.
+            Executor whose threads write the upload; null: the executor of all uploads.
         """
         arriving = await asyncio.to_thread(self._arriving, max_bytes, reserve_bytes)
         return await receive_in_threads(arriving, chunks, content or AsSent(), executor)
@@ -407,7 +407,7 @@ class FileStore:
 
 
 def read_identity(folder: Path) -> str | None:
-    """Return the identity in a folder; None: there is none, as where a share is not mounted.
+    """Return the identity in a folder; None: there is none, for example if a share is not mounted.
 
     Raises
     ------
@@ -427,17 +427,17 @@ def read_identity(folder: Path) -> str | None:
 
 
 def is_read_only(folder: Path) -> bool:
-    """Whether a folder's disk is read-only now, as a file system makes itself when the disk has errors.
+    """Return whether a folder's disk is read-only now; a file system makes itself read-only when its disk has errors.
 
     Raises
     ------
     FolderUnavailable
-        The folder is not there, or its disk fails.
+        The folder is missing, or its disk fails.
     """
     with disk_outage_reported("looking at its disk"):
         if os.statvfs(folder).f_flag & os.ST_RDONLY:
             return True
-    # ext4 does not report it by that flag any more, and refuses every new file: also one without a name.
+    # ext4 does not report this by the flag any more, and refuses every new file: also one without a name.
     try:
         os.close(os.open(folder, os.O_WRONLY | os.O_TMPFILE, 0o600))
     except OSError as error:
@@ -451,7 +451,7 @@ def refuse_read_only(folder: Path) -> None:
     Raises
     ------
     FolderUnavailable
-        The disk is mounted read-only or fails, or the folder is not there.
+        The disk is mounted read-only or fails, or the folder is missing.
     """
     if is_read_only(folder):
         raise FolderUnavailable(
@@ -461,12 +461,12 @@ def refuse_read_only(folder: Path) -> None:
 
 
 def refuse_half_restored(folder: Path) -> None:
-    """Refuse a data folder that a restore was putting together when it was ended.
+    """Refuse a data folder whose restore was interrupted.
 
     Raises
     ------
     StorageMisconfigured
-        It is one.
+        The folder's restore was interrupted.
     """
     if (folder / RESTORING).exists():
         msg = f"a restore into {str(folder)!r} goes on, or was ended before its end: wait for it, or give it once more"
@@ -474,12 +474,12 @@ def refuse_half_restored(folder: Path) -> None:
 
 
 def checkpoints_of(output: Path) -> Path:
-    """The folder in an attempt's own where it leaves checkpoints: they are no results."""
+    """Return the folder, within an attempt's own, for checkpoints, which are no results."""
     return output / _KEPT
 
 
 def work_of(output: Path) -> Path:
-    """The folder in an attempt's own where its process works: what libraries write there is no result."""
+    """Return the working folder of an attempt's process; files that libraries write there are no results."""
     return output / "work"
 
 
@@ -489,14 +489,14 @@ def check_room(folder: Path, reserve_bytes: int, *, needed_by: str) -> None:
     Parameters
     ----------
     reserve_bytes, needed_by
-        What must be free, and what needs it, for the sentence.
+        Bytes that must be free, and the purpose of the space, for the sentence.
 
     Raises
     ------
     StorageFull
-        Less than `reserve_bytes` is free, or no room for a small file.
+        Less than `reserve_bytes` is free, or there is no room for a small file.
     FolderUnavailable
-        The folder is not there, or its disk fails or is read-only.
+        The folder is missing, or its disk fails or is read-only.
     """
     check_free(folder, reserve_bytes, needed_by=needed_by)
     trial = folder / uuid4().hex
@@ -522,12 +522,12 @@ def flush_tree(folder: Path) -> None:
 
 
 def note_of(path: Path) -> Path:
-    """Where a large file's digest is noted (`noted_digests`)."""
+    """Return the path of the note with a large file's digest (`files/digests.py`)."""
     return path.with_name(f".{path.name}.sha256")
 
 
 def _checked(identifier: str) -> str:
-    """A name that cannot leave its folder."""
+    """Return a name, or raise `NotFound` if it could lead out of a folder."""
     if not _SAFE_NAME.fullmatch(identifier):
         raise NotFound("file", identifier)
     return identifier

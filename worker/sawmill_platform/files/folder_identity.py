@@ -1,7 +1,7 @@
-"""The identity of a data folder: a random id, in a file of the folder and in a row of its database.
+"""The identity of a data folder: a random id, in a file of the folder and in a row of the database.
 
-A process whose share is not mounted sees an empty folder, or another one. By the identity it knows that, and does
-nothing there. A copied folder keeps its identity; a restore gives folder and database a new one.
+A process whose share is not mounted sees an empty folder, or another one. The process recognises this by the identity,
+and does nothing there. A copied folder keeps its identity; a restore gives folder and database a new one.
 """
 
 from collections.abc import Callable, Sequence
@@ -19,17 +19,17 @@ from sawmill_platform.files.whole_files import flush_names, whole_file
 
 
 def database_expects(identity: str | None) -> ColumnElement[bool]:
-    """Return a condition for statements: the database's identity is this one."""
+    """Return a condition for statements: the database has this identity."""
     return exists().where(DataFolderRow.identity == identity)
 
 
 def check_identity(connection: Connection | Session, folder: Path) -> None:
-    """Check that a folder is the one that its database knows.
+    """Check that a folder is the database's folder.
 
     Raises
     ------
     FolderUnavailable
-        It is missing, empty or another one.
+        The folder is missing, empty or another one.
     """
     expected, found = connection.scalar(select(DataFolderRow.identity)), read_identity(folder)
     if found is None:
@@ -52,18 +52,18 @@ def settle_identity(
     may_begin: bool,
     named: Callable[[Connection], Sequence[Path]],
 ) -> None:
-    """Give a folder and its database one identity where the database has none; otherwise compare them.
+    """Give a folder and its database one identity if the database has none; otherwise compare the two.
 
     Parameters
     ----------
     connection
-        Within the transaction that sets up the tables: one process at a time does.
+        Connection in the transaction that sets up the tables: one process at a time does so.
     is_new
-        Whether the database had no tables. Else they were those of 0.1.0, and the folder must have files of theirs.
+        Whether the database had no tables. Otherwise the tables were of 0.1.0, and the folder must have their files.
     may_begin
-        Whether an empty folder will do where the rows name no files.
+        Whether an empty folder is accepted if the rows name no files.
     named
-        Returns some folders that the rows name.
+        Function that returns some folders that the rows name.
 
     Raises
     ------
@@ -84,12 +84,12 @@ def settle_identity(
     if is_new:
         refuse_used(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    # One that was killed before its commit has left a file.
+    # A process that was killed before its commit has left a file.
     write_identity(connection, folder, read_identity(folder) or uuid4().hex)
 
 
 def refuse_used(folder: Path) -> None:
-    """Refuse a folder with files for a new database, or raise `StorageMisconfigured`."""
+    """Refuse a folder with files for a new database: raise `StorageMisconfigured`."""
     used = ("uploads", UNFINISHED, *(kind.plural for kind in JobKind.all()))  # what has files after an upload
     if any(any((folder / name).glob("*")) for name in used):
         raise StorageMisconfigured(

@@ -1,4 +1,4 @@
-"""A file that is being written as it arrives: bounded, counted, hashed, and never into the disk's reserve."""
+"""A file that is written as it arrives: limited in size, counted, hashed, and never in the disk's reserve."""
 
 import asyncio
 import contextvars
@@ -14,11 +14,11 @@ from typing import BinaryIO, Protocol, TypeVar
 
 from sawmill_platform.errors import StorageFull, UploadTooLarge, disk_outage_reported
 
-# What goes to a thread at once: as much for each upload is in memory twice at most.
+# Bytes passed to a thread at once: for each upload at most twice this number is in memory.
 PART_BYTES = 256 * 2**10
-# On a slow line what has come goes there all the same.
+# On a slow line, bytes are passed to the thread after this time at the latest.
 _PART_S = 1.0
-# Between two looks at the disk. What lies there then is flushed, so that no other write waits long for that.
+# Bytes between two checks of the disk. They are flushed then, so that no other write waits long for them.
 STEP_BYTES = 16 * 2**20
 
 Done = TypeVar("Done")
@@ -26,7 +26,7 @@ Done = TypeVar("Done")
 
 @dataclass(frozen=True)
 class Received:
-    """An upload that is complete and durable, but belongs to nobody yet; `upload_id`: that which can be resumed."""
+    """An upload that is complete and durable, but has no owner yet; `upload_id` is set if it was sent in parts."""
 
     path: Path
     size_bytes: int
@@ -35,24 +35,24 @@ class Received:
 
 
 class Content(Protocol):
-    """What the bytes that were sent stand for; its methods are called in a thread."""
+    """Decoder of the bytes that were sent; its methods are called in a thread."""
 
     def take(self, part: bytes) -> Iterable[bytes]:
-        """The file's bytes in a part of what was sent."""
+        """Return the file's bytes in a part of the body."""
 
     def end(self) -> None:
-        """Refuse what did not come whole."""
+        """Refuse a body that is not complete."""
 
 
 class AsSent:
-    """The file's bytes themselves."""
+    """Decoder of a body that is the file's bytes."""
 
     def take(self, part: bytes) -> Iterable[bytes]:
-        """That part."""
+        """Return the part itself."""
         return (part,)
 
     def end(self) -> None:
-        """Nothing can be missing."""
+        """Accept the end: nothing can be missing."""
 
 
 class Arriving:
@@ -61,11 +61,11 @@ class Arriving:
     Parameters
     ----------
     path
-        Of no file yet.
+        Path at which there is no file yet.
     max_bytes
         The largest upload allowed.
     reserve_bytes
-        What must stay free on the disk.
+        Bytes that must stay free on the disk.
     """
 
     def __init__(self, path: Path, *, max_bytes: int, reserve_bytes: int = 0) -> None:
@@ -77,12 +77,12 @@ class Arriving:
             self._file: BinaryIO = path.open("xb")
 
     def write(self, chunk: bytes) -> None:
-        """Write on.
+        """Write the next bytes.
 
         Raises
         ------
         UploadTooLarge, StorageFull
-            It may not, or cannot, become so long.
+            The file would exceed the largest upload, or the disk's space.
         """
         self._size += len(chunk)
         if self._size > self._max_bytes:
@@ -97,7 +97,7 @@ class Arriving:
         self._hash.update(chunk)
 
     def take(self, content: Content, part: bytes) -> None:
-        """Write what a part stands for."""
+        """Decode a part and write it."""
         for chunk in content.take(part):
             self.write(chunk)
 
@@ -107,7 +107,7 @@ class Arriving:
         return self.finish(content)
 
     def finish(self, content: Content) -> Received:
-        """Make it durable, if it came whole."""
+        """Make the file durable, if it is complete."""
         content.end()
         with disk_outage_reported("the upload"):
             self._file.flush()
@@ -116,7 +116,7 @@ class Arriving:
         return Received(self._path, self._size, self._hash.hexdigest())
 
     def abandon(self) -> None:
-        """Leave nothing behind."""
+        """Remove the file."""
         with disk_outage_reported("the upload"):
             self._path.unlink(missing_ok=True)
             self._file.close()
@@ -125,8 +125,8 @@ class Arriving:
 async def receive_in_threads(
     arriving: Arriving, chunks: AsyncIterable[bytes], content: Content, executor: Executor | None = None
 ) -> Received:
-    """Write what comes, in threads: neither the disk nor the sums keep other requests waiting."""
-    last = b""  # with its end it takes one thread, not two: most bodies are one part
+    """Write an upload in threads: neither the disk nor the digests keep other requests waiting."""
+    last = b""  # written together with the end, it takes one thread, not two: most bodies are one part
     try:
         async for part in in_parts(chunks):
             if last:
@@ -136,19 +136,19 @@ async def receive_in_threads(
     except Exception:
         await asyncio.to_thread(arriving.abandon)
         raise
-    except BaseException:  # cancelled: it may not wait for a thread
+    except BaseException:  # a cancelled upload may not wait for a thread
         arriving.abandon()
         raise
 
 
 async def in_thread(executor: Executor | None, call: Callable[..., Done], *given: object) -> Done:
-    """As `asyncio.to_thread`, in an executor's thread; null: the event loop's own executor."""
+    """Call a function as `asyncio.to_thread` does, in an executor's thread; null: the event loop's own executor."""
     run = contextvars.copy_context().run
     return await asyncio.get_running_loop().run_in_executor(executor, run, call, *given)
 
 
 async def in_parts(chunks: AsyncIterable[bytes]) -> AsyncIterator[bytes]:
-    """The same bytes in parts of about `PART_BYTES`, or of what comes in a second; the last one as it is."""
+    """Yield the same bytes in parts of about `PART_BYTES`, or of what arrives in a second; the last part as it is."""
     part, given_s = bytearray(), time.monotonic()
     try:
         async for chunk in chunks:
@@ -157,7 +157,7 @@ async def in_parts(chunks: AsyncIterable[bytes]) -> AsyncIterator[bytes]:
                 yield bytes(part)
                 part.clear()
                 given_s = time.monotonic()
-    except Exception:  # they broke off: what came before that is not lost
+    except Exception:  # the upload was broken off: the bytes before that are not lost
         yield bytes(part)
         raise
     if part:
@@ -165,14 +165,14 @@ async def in_parts(chunks: AsyncIterable[bytes]) -> AsyncIterator[bytes]:
 
 
 def check_free(folder: Path, reserve_bytes: int, *, needed_by: str) -> None:
-    """Check that so much is free where a folder is.
+    """Check that this number of bytes is free on a folder's disk.
 
     Raises
     ------
     StorageFull
-        Less is.
+        Less is free.
     FolderUnavailable
-        The folder is not there, or its disk fails.
+        The folder is missing, or its disk fails.
     """
     with disk_outage_reported("measuring the disk"):
         free = shutil.disk_usage(folder).free

@@ -1,4 +1,4 @@
-"""Files that are whole on their disk, or not there: for every room, and of the standard library alone."""
+"""Files that are complete on the disk or missing; for every package, with the standard library alone."""
 
 import ctypes
 import errno
@@ -11,9 +11,9 @@ from typing import BinaryIO, TypeVar
 
 File = TypeVar("File", bound=BinaryIO)
 
-# No room, or an exhausted quota.
+# No space, or an exhausted quota.
 DISK_FULL = frozenset({errno.ENOSPC, errno.EDQUOT})
-# A disk that has errors or was made read-only for them; a share whose server is away or has lost the folder.
+# A disk that has errors or was made read-only because of errors; a share whose server is away or has lost the folder.
 DISK_AWAY = frozenset(
     {errno.EROFS, errno.EIO, errno.EUCLEAN, errno.ESTALE, errno.ENOTCONN, errno.EHOSTDOWN, errno.ETIMEDOUT}
 )
@@ -23,12 +23,12 @@ _LIBC = ctypes.CDLL(None, use_errno=True)
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[BinaryIO]:
-    """A new file, to write and to read, that has its name when the block ends well, and is not there otherwise.
+    """Open a new file, to write and to read, that gets its name when the block ends well, and is removed otherwise.
 
     Raises
     ------
     OSError
-        It cannot be written, as on a full disk; an older file stays as it was.
+        The file cannot be written, for example on a full disk; an older file stays unchanged.
     """
     part = path.with_name(f".{path.name}.part"[:255])
     with renamed(part, path), flushed(part.open("w+b")) as file:
@@ -37,7 +37,7 @@ def whole_file(path: Path) -> Iterator[BinaryIO]:
 
 @contextmanager
 def renamed(part: Path, path: Path) -> Iterator[None]:
-    """Give what the block writes its name when the block ends well, and remove it otherwise."""
+    """Rename the file that the block writes when the block ends well, and remove it otherwise."""
     try:
         yield
         part.replace(path)
@@ -48,7 +48,7 @@ def renamed(part: Path, path: Path) -> Iterator[None]:
 
 @contextmanager
 def flushed(file: File) -> Iterator[File]:
-    """Close a file at the end of the block; when that ends well, the file is on its disk."""
+    """Close a file at the end of the block; when closing succeeds, the file is on its disk."""
     with file:
         yield file
         file.flush()
@@ -77,7 +77,7 @@ def flushed_file_system(folder: Path) -> Iterator[None]:
 
 
 def flush(path: Path) -> None:
-    """Make a file durable, or of a folder the names in it."""
+    """Make a file durable, or the names in a folder."""
     descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)
@@ -86,9 +86,9 @@ def flush(path: Path) -> None:
 
 
 def flush_names(folder: Path) -> None:
-    """Make the names in a folder durable, where its file system knows how to.
+    """Make the names in a folder durable, if its file system supports that.
 
-    Some network shares have no such thing for folders: their server writes names as it sees fit.
+    Some network shares do not support this for folders: their server writes names when it chooses.
     """
     try:
         flush(folder)
@@ -98,12 +98,12 @@ def flush_names(folder: Path) -> None:
 
 
 def open_regular(path: Path) -> BinaryIO:
-    """Open a file to read, and nothing else: no link is followed and no pipe waited for.
+    """Open a regular file to read: no link is followed and no pipe waited for.
 
     Raises
     ------
     OSError
-        It cannot be opened, or is no file.
+        The file cannot be opened, or is not regular.
     """
     file = open(path, "rb", opener=_without_following)  # noqa: SIM115 - the caller's; Path has no opener
     if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):

@@ -1,8 +1,8 @@
 """The job store: claims, leases, ends (docs/architecture.md#jobs).
 
-A claim is one conditional UPDATE of the job whose turn it is (`turns`). The attempt number fences: whatever an attempt
-reports counts only while the row is still running that attempt. Losses are counted apart from it, for a worker that
-stops cleanly loses nothing.
+A claim is one conditional UPDATE of the job that is next in turn (`turns`). The attempt number fences: reports of an
+attempt count only while the row is still running that attempt. Losses are counted apart from the number, because a
+worker that stops cleanly loses nothing.
 """
 
 import random
@@ -36,8 +36,8 @@ from sawmill_platform.jobs.wait_estimate import NOTHING_KNOWN, WaitEstimate, Wai
 from sawmill_platform.ledger.events import PEAK_MEMORY, announce, record
 from sawmill_vocabulary import Progress
 
-_JITTER = 0.25  # what failed together is not tried again together
-# Not the job's fault nor its attempt's: waited out as long as they last. `disk-full`: a job's own check beforehand.
+_JITTER = 0.25  # jobs that failed together are not retried together
+# Neither the job's fault nor its attempt's: the job waits as long as they last. `disk-full`: a job's own check.
 _OUTAGES = {StorageFull.code, StorageUnavailable.code, "disk-full"}
 _ENDED_HERE = "jobs ended in this session"
 _CANCELLED = "its job was cancelled before it ended"
@@ -47,7 +47,7 @@ RETRIES = Retries()
 
 
 class Pulse(NamedTuple):
-    """How often a running attempt has sent a heartbeat: what an observer compares with what it saw before."""
+    """Number of heartbeats of a running attempt, for comparison with the number that an observer saw before."""
 
     job_id: str
     attempt: int
@@ -62,9 +62,9 @@ class Claim:
     Attributes
     ----------
     job : Job
-        As it was claimed.
+        The job in the state in which it was claimed.
     selection : Selection
-        Which jobs the worker that claimed it takes.
+        Jobs that the claiming worker takes.
     """
 
     job: Job
@@ -72,17 +72,17 @@ class Claim:
 
     @property
     def job_id(self) -> str:
-        """The job's id."""
+        """Id of the job."""
         return self.job.id
 
     @property
     def attempt(self) -> int:
-        """The number that fences this attempt off from earlier and later ones."""
+        """Number that fences this attempt off from earlier and later ones."""
         return self.job.attempt
 
 
 class Jobs:
-    """Every method is one transaction."""
+    """Store of jobs; every method is one transaction."""
 
     def __init__(self, database: Database, files: FileStore, subjects: Subjects) -> None:
         self._database = database
@@ -91,7 +91,7 @@ class Jobs:
         self._estimates = WaitEstimates()
 
     def get(self, job_id: str) -> Job:
-        """One job, or `NotFound`."""
+        """Return one job, or raise `NotFound`."""
         with self._database.read() as session:
             return self._described(session, [found(session, JobRow, "job", job_id)])[0]
 
@@ -103,34 +103,34 @@ class Jobs:
         after: str | None = None,
         limit: int = 50,
     ) -> Page[Job]:
-        """Jobs, newest first."""
+        """Return a page of jobs, newest first."""
         statement = narrowed(select(JobRow), {JobRow.state: state, JobRow.kind: kind})
         with self._database.read() as session:
             rows, following = rows_of_page(session, statement, JobRow, after=after, limit=limit)
             return Page[Job](items=self._described(session, rows), next=following)
 
     def waiting_in_line(self, *, kind: JobKind | None = None, limit: int = 50) -> list[Job]:
-        """Queued jobs, those first whose turn is next."""
+        """Return queued jobs, in the order of their turns."""
         with self._database.read() as session:
             first = [place.job_id for place in places(session) if kind in {None, place.kind}][:limit]
             rows = {row.id: row for row in session.scalars(select(JobRow).where(JobRow.id.in_(first)))}
             return self._described(session, [rows[job_id] for job_id in first])
 
     def ended_page(self, *, kind: JobKind | None = None, after: str | None = None, limit: int = 50) -> Page[Job]:
-        """Jobs that have ended however they did, those asked for last first."""
+        """Return a page of jobs that have ended in any state, the newest request first."""
         statement = narrowed(select(JobRow).where(JobRow.state.in_(ENDED)), {JobRow.kind: kind})
         with self._database.read() as session:
             rows, following = rows_of_page(session, statement, JobRow, after=after, limit=limit)
             return Page[Job](items=self._described(session, rows), next=following)
 
     def counts(self) -> dict[JobState, int]:
-        """How many jobs are in each state, none included."""
+        """Return the number of jobs in each state, zeros included."""
         with self._database.read() as session:
             counted = session.execute(select(JobRow.state, func.count().label("number")).group_by(JobRow.state))
             return dict.fromkeys(JobState, 0) | {row.state: row.number for row in counted}
 
     def request_cancel(self, job_id: str) -> Job:
-        """Cancel a queued job at once; ask the worker of a running one to stop; on a full disk too.
+        """Cancel a queued job at once; request the worker of a running job to stop; on a full disk too.
 
         Raises
         ------
@@ -163,21 +163,21 @@ class Jobs:
             return self._described(session, [row])[0]
 
     def claim(self, worker: str, selection: Selection = ANY) -> Claim | None:
-        """Take the job whose turn it is: of those that could start and come first by priority, the oldest of its group.
+        """Claim the next job: of the jobs that can start and have the highest priority, the oldest of the group.
 
-        Of several groups the one that was served longest ago has its turn.
+        Among several groups, the group that was served longest ago is next.
 
         Parameters
         ----------
         worker
-            Who takes it, for people to read.
+            Name of the claiming worker, for people.
         selection
-            Which jobs it takes.
+            Jobs that the worker takes.
 
         Returns
         -------
         Claim or None
-            None when there is nothing to do. Of many callers at once, one gets a job.
+            None if there is no job. Of many callers at once, one gets a job.
 
         Raises
         ------
@@ -220,12 +220,12 @@ class Jobs:
             return None
 
     def heartbeat(self, claim: Claim, progress: Progress | None = None) -> bool:
-        """Say that the attempt is alive, and carry progress out.
+        """Report that the attempt is alive, with its progress.
 
         Returns
         -------
         bool
-            Whether somebody asked for the job to be cancelled.
+            Whether the cancellation of the job was requested.
 
         Raises
         ------
@@ -248,12 +248,12 @@ class Jobs:
         return cancel
 
     def handed_over(self, job_id: str) -> AttemptInput:
-        """What a job works on.
+        """Return the input of a job.
 
         Raises
         ------
         NotFound
-            What it refers to was deleted since it was asked for, as a plan's phantom, which a plan does not keep.
+            A resource that the job refers to, and does not keep, was deleted since the job was queued.
         StorageUnavailable
             The database does not answer.
         """
@@ -261,37 +261,37 @@ class Jobs:
             return self._subjects.handed_over(session, found(session, JobRow, "job", job_id))
 
     def check_output(self, kind: JobKind, given: AttemptInput, result: dict[str, Any], folder: Path) -> None:
-        """Refuse a folder with other files than a job of its kind leaves.
+        """Refuse a folder with other files than a job of the kind leaves.
 
         Raises
         ------
         InvalidOutput
-            One sentence tells what is wrong.
+            One sentence states what is wrong.
         pydantic.ValidationError
-            The result is not what jobs of this kind answer with.
+            The result is not of the type that jobs of this kind answer with.
         """
         self._subjects.check_output(kind, given, result, folder)
 
     def keep(self, claim: Claim, output: Path, names: Sequence[str]) -> None:
-        """Keep an attempt's checkpoints with the job: it has made progress, so that its losses are counted anew.
+        """Keep an attempt's checkpoints with the job, and reset the count of losses: the job has made progress.
 
         Parameters
         ----------
         claim
-            The attempt's.
+            Claim of the attempt.
         output
-            Its folder.
+            Folder of the attempt.
         names
-            Of the checkpoints in it.
+            Names of the checkpoints in the folder.
 
         Raises
         ------
         LeaseLost
-            The attempt no longer holds the job: what was kept stays as it is.
+            The attempt no longer holds the job: earlier checkpoints do not change.
         """
         with self._database.write() as session:
             row = _held(session, claim)
-            # Moved while the row is locked: a late attempt cannot replace what a newer one has kept.
+            # Moved while the row is locked: a late attempt cannot replace checkpoints of a newer one.
             self._files.keep(output, claim.job_id, names)
             row.losses = row.outages = 0
 
@@ -308,20 +308,20 @@ class Jobs:
         Parameters
         ----------
         claim
-            The attempt's.
+            Claim of the attempt.
         result
-            What jobs of its kind answer with; stored with the job's subject.
+            Answer of the job; stored with the job's subject.
         output
-            The attempt's folder, flushed (`flush_tree`) by whoever wrote it; renamed to its subject's.
+            Folder of the attempt, flushed (`flush_tree`) by its writer; renamed to the subject's folder.
         peak_memory_bytes
-            The most memory that the attempt's process held, for its event.
+            The largest memory that the attempt's process held, for its event.
 
         Raises
         ------
         LeaseLost
             The attempt no longer holds the job: nothing was published.
         pydantic.ValidationError
-            The result is not what jobs of this kind answer with.
+            The result is not of the type that jobs of this kind answer with.
         """
         kind, subject_id = claim.job.kind, claim.job.subject_id
         checked = declaration_of(kind).result.model_validate(result).model_dump(mode="json")
@@ -350,18 +350,18 @@ class Jobs:
         Parameters
         ----------
         claim
-            The attempt's.
+            Claim of the attempt.
         failure
-            Why it ended.
+            Reason of the end.
         retries
-            When it is tried again.
+            Number of losses allowed, and waits before retries.
         peak_memory_bytes
-            The most memory that the attempt's process held, for its event.
+            The largest memory that the attempt's process held, for its event.
 
         Returns
         -------
         JobState
-            `queued`, `failed`, or `cancelled` where that was asked for meanwhile.
+            `queued`, `failed`, or `cancelled` if a cancellation was requested.
 
         Raises
         ------
@@ -374,17 +374,17 @@ class Jobs:
             return row.state
 
     def cancelled(self, claim: Claim) -> None:
-        """End a running job as asked by `request_cancel`, or raise `LeaseLost`."""
+        """End a running job whose cancellation was requested (`request_cancel`), or raise `LeaseLost`."""
         with self._ending() as session:
             self._cancel(session, _held(session, claim))
 
     def release(self, claim: Claim) -> JobState:
-        """Give a running job back to the queue because its worker stops or others go first, or raise `LeaseLost`.
+        """Return a running job to the queue because its worker stops or other jobs go first, or raise `LeaseLost`.
 
         Returns
         -------
         JobState
-            `queued`, or `cancelled` where that was asked for meanwhile.
+            `queued`, or `cancelled` if a cancellation was requested.
         """
         with self._ending() as session:
             row = _held(session, claim)
@@ -396,13 +396,15 @@ class Jobs:
             return row.state
 
     def pulses(self) -> Sequence[Pulse]:
-        """Of all running jobs."""
+        """Return the pulses of all running jobs."""
         columns = (JobRow.id, JobRow.attempt, JobRow.beats, JobRow.cancel_requested)
         with self._database.read() as session:
             return [Pulse(*row) for row in session.execute(select(*columns).where(JobRow.state == JobState.RUNNING))]
 
     def is_silent_still(self, pulse: Pulse) -> bool:
-        """Whether no heartbeat has come since, asked by a write: where nobody can write, silence says nothing.
+        """Return whether no heartbeat has come since the pulse.
+
+        The query is a write: while nobody can write, silence has no meaning.
 
         Raises
         ------
@@ -419,8 +421,8 @@ class Jobs:
         Returns
         -------
         Job or None
-            As it stands now: queued again, failed at the last loss (`worker-lost`), or cancelled if asked. None: the
-            attempt has ended, or a heartbeat has come.
+            The job in its new state: queued again, failed at the last loss (`worker-lost`), or cancelled on request.
+            None: the attempt has ended, or a heartbeat has come.
         """
         with self._ending() as session:
             row = session.scalar(select(JobRow).where(_silent(pulse)).with_for_update())
@@ -433,27 +435,27 @@ class Jobs:
     def queued_job_ids(
         self, *, older_than_s: float = 0.0, short: bool | None = None, limit: int | None = None
     ) -> Sequence[str]:
-        """Jobs that could have started that long ago, first come first: their wake-up may be lost."""
+        """Return jobs that could have started that long ago, the first come first: their wake-up may be lost."""
         since = self._database.now() - timedelta(seconds=older_than_s)
-        # Not the column itself, by which SQLite would find them and then sort them all.
+        # An expression instead of the column, by which SQLite would find the rows and then sort all of them.
         ready = _claimable(since, Selection(short=short)).where(func.coalesce(JobRow.created_at, since) <= since)
         with self._database.read() as session:
             return session.scalars(ready.with_only_columns(JobRow.id).order_by(*FIRST_COME).limit(limit)).all()
 
     def could_start(self, selection: Selection) -> bool:
-        """Whether a job of a selection waits that could start now."""
+        """Return whether a job of a selection waits that could start now."""
         ready = _claimable(self._database.now(), selection).with_only_columns(JobRow.id).limit(1)
         with self._database.read() as session:
             return session.scalar(ready) is not None
 
     def is_short(self, job_id: str) -> bool:
-        """Whether there is such a job, and it takes seconds."""
+        """Return whether the job exists and takes seconds."""
         with self._database.read() as session:
             return bool(session.scalar(select(JobRow.short).where(JobRow.id == job_id)))
 
     def short_job_is_held_up(self, workers: int) -> bool:
-        """Whether a short job could start, were it not for long ones that keep all of some workers busy."""
-        foreground = JobRow.priority < Priority.BACKGROUND  # others give way, or have time
+        """Return whether a short job could start now and long jobs keep this number of workers busy."""
+        foreground = JobRow.priority < Priority.BACKGROUND  # background jobs give way, or have time
         long = select(func.count()).where(JobRow.state == JobState.RUNNING, ~JobRow.short, foreground)
         waiting = _claimable(self._database.now(), Selection(short=True)).where(foreground).with_only_columns(JobRow.id)
         with self._database.read() as session:
@@ -461,9 +463,9 @@ class Jobs:
             return busy and session.scalar(waiting.limit(1)) is not None
 
     def is_in_the_way(self, claim: Claim) -> bool:
-        """Whether an attempt's job is for idle times, as its row stands now, and one could start there that is not."""
+        """Return whether an attempt's job is a background job by its row, and a more urgent job could start instead."""
         others = JobRow.priority < Priority.BACKGROUND
-        # Who took a long job now may take a short one next.
+        # A worker that took a long job now may take a short one next.
         takes = replace(claim.selection, short=claim.selection.short or None)
         other = _claimable(self._database.now(), takes).with_only_columns(JobRow.id).where(others).limit(1)
         itself = select(JobRow.id).where(_held_by(claim), ~others)
@@ -471,7 +473,7 @@ class Jobs:
             return session.scalar(other) is not None and session.scalar(itself) is not None
 
     def waiting_for(self, job_id: str) -> Sequence[str]:
-        """Queued jobs that needed this one and could start now."""
+        """Return queued jobs that needed this one and could start now."""
         needs_it = JobRow.id.in_(select(JobDependencyRow.job_id).where(JobDependencyRow.needs_job_id == job_id))
         with self._database.read() as session:
             ready = _claimable(self._database.now()).with_only_columns(JobRow.id)
@@ -479,14 +481,14 @@ class Jobs:
 
     @contextmanager
     def _ending(self) -> Iterator[Session]:
-        """A transaction that may end jobs; what these kept goes when that is committed."""
+        """Begin a transaction that may end jobs; after its commit, the checkpoints of these jobs are removed."""
         with self._database.write() as session:
             yield session
         for job_id in session.info.pop(_ENDED_HERE, ()):
             after_commit(partial(self._files.forget_kept, job_id))
 
     def _described(self, session: Session, rows: Sequence[JobRow]) -> list[Job]:
-        """Jobs with their places and the time that they may take."""
+        """Return jobs with their places in the queue and estimated times."""
         estimates = self._estimates.of(session, rows, self._database.now())
         return [read_job(row, estimates.get(row.id, NOTHING_KNOWN)) for row in rows]
 
@@ -543,7 +545,7 @@ class Jobs:
 
 
 def _claimable(at: datetime, selection: Selection = ANY) -> Select[JobRow]:
-    """The jobs of a selection that could start at a time."""
+    """Select the jobs of a selection that could start at a time."""
     needed = aliased(JobRow)
     unfinished = exists().where(
         JobDependencyRow.job_id == JobRow.id,
@@ -580,7 +582,7 @@ def requeue(row: JobRow) -> None:
 
 
 def _wait(row: JobRow, now: datetime, failure: Json, first_wait_s: float, time: int) -> None:
-    """Put a job back into the queue until its wait is over: the first one, the second one, and so on."""
+    """Put a job back into the queue until its wait is over: the first wait, the second one, and so on."""
     requeue(row)
     wait_s = min(first_wait_s * 2.0 ** min(time - 1, 30), LONGEST_WAIT_S)
     row.not_before_s = now.timestamp() + wait_s * random.uniform(1.0 - _JITTER, 1.0 + _JITTER)  # noqa: S311
@@ -596,7 +598,7 @@ def _worker_lost(row: JobRow) -> Failure:
 
 
 def read_job(row: JobRow, estimate: WaitEstimate = NOTHING_KNOWN) -> Job:
-    """The job of a row."""
+    """Return the job of a row."""
     return Job.model_validate(
         {
             "id": row.id,

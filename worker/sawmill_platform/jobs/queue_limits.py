@@ -1,8 +1,9 @@
-"""Places in the queue: how many jobs may wait in all, and how many that were asked for with one key.
+"""Places in the queue: limits on the number of waiting jobs, in all and for each key.
 
-Whoever asks takes the place in the transaction that queues the job, one after the other on PostgreSQL too. So of many
-at once no more get places than there are. What the service itself queues, as for a schedule, and what is put back into
-the queue to be tried again is never refused: it waits beside the places and is counted with those who ask next.
+A request takes its place in the transaction that queues the job, one request after the other on PostgreSQL too. So many
+requests at once cannot take more places than there are. Jobs that the service itself queues, for example for a
+schedule, and jobs that are queued again for a retry are never refused: they need no place, and count for later
+requests.
 """
 
 import math
@@ -21,16 +22,16 @@ from sawmill_platform.jobs.wait_estimate import WaitEstimates
 from sawmill_platform.settings import StorageSettings
 
 _LOCK = "places in the queue"
-# Until the next place, as refusals give it: nobody should ask every moment, nor sleep while places are free.
+# Largest time until the next place in a refusal: clients should not retry all the time, nor wait while places are free.
 LONGEST_RETRY_S = 300
 RETRY_IF_UNKNOWN_S = 60
 
-# Written out: both databases take the index of such rows only where the statement has its words.
+# Written as a literal: both databases use the partial index of such rows only if the statement contains it.
 _QUEUED = JobRow.state == literal_column("'queued'")
 
 
 class Waiting(NamedTuple):
-    """How many jobs wait, in all and of the key that has most: its name, none where no key has any."""
+    """Number of waiting jobs, in all and of the key with most of them; the name is None if no key has any."""
 
     in_all: int
     most_of_a_key: int
@@ -38,7 +39,7 @@ class Waiting(NamedTuple):
 
 
 class _Full(NamedTuple):
-    """What has no place left."""
+    """A limit that is reached."""
 
     waits: int
     most: int
@@ -53,14 +54,14 @@ class _Full(NamedTuple):
 
 
 class Places:
-    """Places as the settings bound them.
+    """Places within the limits of the settings.
 
     Parameters
     ----------
     database
-        Where jobs wait.
+        Database with the waiting jobs.
     settings
-        `max_queued_jobs` and `max_queued_jobs_per_key`.
+        Settings with `max_queued_jobs` and `max_queued_jobs_per_key`.
     """
 
     def __init__(self, database: Database, settings: StorageSettings) -> None:
@@ -69,12 +70,12 @@ class Places:
         self._estimates = WaitEstimates()
 
     def check(self) -> None:
-        """Refuse before a file is sent what would be refused after it.
+        """Refuse before a file is sent, if the job would be refused after it.
 
         Raises
         ------
         QueueFull
-            There is no place for whoever acts.
+            There is no place for the actor.
         """
         with self._database.read() as session:
             full = self._full(session, actor().key_id)
@@ -82,14 +83,15 @@ class Places:
                 raise self._refusal(session, full)
 
     def take(self, session: Session, job: JobRow) -> None:
-        """Take a place for a job that was queued in this transaction: last of all, for others wait until its end.
+        """Take a place for a job that was queued in this transaction.
 
-        A job of the service itself waits beside the places, and its event says so.
+        Take the place last: other requests wait for the end of the transaction. A job of the service itself needs no
+        place, and its event states so.
 
         Raises
         ------
         QueueFull
-            There is none.
+            There is no place.
         """
         if actor().of_service:
             full = self._full(session, None, own=1)
@@ -105,7 +107,7 @@ class Places:
             raise self._refusal(session, full)
 
     def waiting(self) -> Waiting:
-        """As it stands."""
+        """Return the present number of waiting jobs."""
         by_key = select(func.count(), JobRow.key_id).where(_QUEUED).group_by(JobRow.key_id)
         with self._database.read() as session:
             numbers = [(number, key_id) for number, key_id in session.execute(by_key)]
@@ -117,7 +119,7 @@ class Places:
         return Waiting(sum(number for number, _ in numbers), most, name)
 
     def _full(self, session: Session, key_id: str | None, *, own: int = 0) -> _Full | None:
-        """What is full, the key's own places first; `own` of those that are counted ask for a place themselves."""
+        """Return the limit that is reached, the key's own first; `own` of the counted jobs request a place now."""
         in_all, of_a_key = self._settings.max_queued_jobs, self._settings.max_queued_jobs_per_key
         waits = _number(session) - own
         of_key = 0 if key_id is None else _number(session, key_id) - own
@@ -126,7 +128,7 @@ class Places:
         return _Full(waits, in_all, None) if waits >= in_all else None
 
     def _refusal(self, session: Session, full: _Full) -> QueueFull:
-        """With the time until the first of those that wait is likely to start."""
+        """Return the refusal, with the time until the first waiting job is likely to start."""
         first = select(JobRow).where(_QUEUED, JobRow.not_before_s.is_(None)).order_by(*FIRST_COME).limit(1)
         if full.key_id is not None:
             first = first.where(JobRow.key_id == full.key_id)

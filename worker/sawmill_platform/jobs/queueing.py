@@ -26,9 +26,9 @@ def queue_job(
     job_id: str | None = None,
     priority: Priority = Priority.WAITED_FOR,
 ) -> JobRow:
-    """Queue a job that starts only when the jobs it needs have ended.
+    """Queue a job that starts only when the jobs that it needs have ended.
 
-    Jobs that it needs are brought forward where they stand behind it.
+    Needed jobs that are behind it in the queue are brought forward.
     """
     job_id = job_id or new_id()
     refuse_taken(session, JobRow, "job", job_id)

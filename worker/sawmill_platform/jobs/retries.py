@@ -1,4 +1,4 @@
-"""When jobs are tried again: known to settings as well, and so to processes that open no database."""
+"""Rules for retries of jobs; the module is for settings as well, and so for processes that open no database."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ LONGEST_WAIT_S = 60.0
 
 @dataclass(frozen=True)
 class Retries:
-    """When a job is tried again after a passing failure. Waits double from one to the next, up to a minute.
+    """Waits before retries after passing failures. Waits double from one to the next, up to a minute.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What the job store asks of the package that owns the kinds of jobs."""
+"""The job store's interface to the package that owns the kinds of jobs."""
 
 from datetime import datetime
 from pathlib import Path
@@ -15,12 +15,12 @@ class Subjects(Protocol):
     """Rows that jobs work on; every method but the last is called within the job store's transaction."""
 
     def handed_over(self, session: Session, job: JobRow) -> AttemptInput:
-        """Return what an attempt at a job works on.
+        """Return the input of an attempt at a job.
 
         Raises
         ------
         NotFound
-            What it refers to was deleted since it was asked for.
+            A resource that the job refers to was deleted since the job was queued.
         """
 
     def record_success(
@@ -34,12 +34,12 @@ class Subjects(Protocol):
         """Write to the job's subject that its job failed or was cancelled."""
 
     def check_output(self, kind: JobKind, given: AttemptInput, result: dict[str, Any], folder: Path) -> None:
-        """Refuse a folder with other files than a job of its kind leaves.
+        """Refuse a folder with other files than a job of the kind leaves.
 
         Raises
         ------
         InvalidOutput
-            One sentence tells what is wrong.
+            One sentence states what is wrong.
         pydantic.ValidationError
-            The result is not what jobs of this kind answer with.
+            The result is not of the type that jobs of this kind answer with.
         """

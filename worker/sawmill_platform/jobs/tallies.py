@@ -1,7 +1,7 @@
-"""Jobs as they stand, and what has become of attempts, counted for whoever watches from outside.
+"""Numbers of jobs by state, and of attempts by outcome, for monitoring.
 
 Counts come from the rows, so that they are right with any number of workers and outlive every process. Attempts are
-counted by their events, which are only added: what was counted once is not read again.
+counted by their events, which are only added: an event that was counted is not read again.
 """
 
 import threading
@@ -21,15 +21,15 @@ from sawmill_platform.database.database import Database
 from sawmill_platform.database.tables import EventRow, JobRow, seconds_between
 from sawmill_platform.ledger.events import PEAK_MEMORY
 
-# Ends of classes of durations: from a drift check of an empty queue to a reconstruction over night.
+# Ends of classes of durations: from a short job on an empty queue to a job over night.
 DURATIONS_S = (0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0, 10_000.0, 30_000.0)
-# Transactions give up after seconds: whatever has a smaller number than an event of this age is there, or never comes.
+# Transactions give up after seconds: every smaller event number than one of this age is written, or never will be.
 SETTLED = timedelta(minutes=10)
 _ALL = 2**62
 
 
 class Fate(NamedTuple):
-    """What became of some attempts: `fault` and `code` are those of a failure, `duration` a class of `DURATIONS_S`."""
+    """Outcome of some attempts: `fault` and `code` of a failure, and `duration`, a class of `DURATIONS_S`."""
 
     what: EventKind
     kind: JobKind
@@ -39,7 +39,7 @@ class Fate(NamedTuple):
 
 
 class Amount(NamedTuple):
-    """Of one fate: the number of attempts, their seconds, and of how many the memory is known, its sum and most."""
+    """Totals of one fate: attempts, their seconds, attempts with known memory, and its sum and maximum."""
 
     number: int
     seconds: float
@@ -48,7 +48,7 @@ class Amount(NamedTuple):
     most_bytes: float
 
     def with_more(self, more: "Amount") -> "Amount":
-        """Both together."""
+        """Return the sum of both amounts."""
         return Amount(
             number=self.number + more.number,
             seconds=self.seconds + more.seconds,
@@ -63,20 +63,20 @@ NONE = Amount(0, 0.0, 0, 0.0, 0.0)
 
 @dataclass(frozen=True)
 class Tally:
-    """At one time.
+    """Counts at one time.
 
     Attributes
     ----------
     at : datetime
-        By the store's clock.
+        Time by the store's clock.
     jobs : mapping
-        How many there are, by kind and state.
+        Number of jobs, by kind and state.
     queued_s, running_s : mapping
-        By kind: seconds since the oldest queued job came, and since the first of those that run was started.
+        Seconds, by kind, since the oldest queued job was created, and since the earliest start of a running job.
     workers : int
-        That have begun or ended an attempt within `SETTLED`, or hold one.
+        Number of workers that have started or ended an attempt within `SETTLED`, or are running one.
     fates : mapping
-        What has become of attempts so far.
+        Outcomes of attempts so far.
     """
 
     at: datetime
@@ -88,7 +88,7 @@ class Tally:
 
 
 class Tallies:
-    """Counts, adding what is new to what was counted before."""
+    """Counts, which add new events to events that were counted before."""
 
     def __init__(self, database: Database) -> None:
         self._database = database
@@ -97,7 +97,7 @@ class Tallies:
         self._settled: dict[Fate, Amount] = {}
 
     def read(self) -> Tally:
-        """Count.
+        """Count jobs and attempts.
 
         Raises
         ------
@@ -128,7 +128,7 @@ class Tallies:
 
 
 def _jobs(session: Session, now: datetime) -> tuple[Counter[tuple[JobKind, JobState]], dict[JobKind, float]]:
-    """By one walk through an index (`ix_jobs_places`) in its own order."""
+    """Count jobs in one pass through an index (`ix_jobs_places`) in the index's order."""
     columns = (JobRow.state, JobRow.priority, JobRow.short, JobRow.kind)
     counted = select(*columns, func.count(), func.min(JobRow.created_at)).group_by(*columns)
     jobs: Counter[tuple[JobKind, JobState]] = Counter()
@@ -159,7 +159,7 @@ def _fates(session: Session, *which: ColumnElement[bool]) -> dict[Fate, Amount]:
 
 
 def _ended(dialect: str, *which: ColumnElement[bool]) -> Select[Any]:
-    """A row an attempt that a worker has ended; its seconds are known where it ended the job with a result."""
+    """Select a row for each attempt that a worker has ended; its seconds are known if the job ended with a result."""
     succeeded = EventRow.what == event_kinds.SUCCEEDED
     seconds = case((succeeded, seconds_between(dialect, JobRow.started_at, JobRow.finished_at)))
     return (
@@ -173,7 +173,7 @@ def _ended(dialect: str, *which: ColumnElement[bool]) -> Select[Any]:
         )
         .join(JobRow, JobRow.id == EventRow.job_id)
         .where(EventRow.what != event_kinds.STARTED, EventRow.worker.is_not(None), *which)
-        .limit(_ALL)  # else SQLite works out the seconds anew for each class of durations
+        .limit(_ALL)  # otherwise SQLite computes the seconds again for each class of durations
     )
 
 

@@ -1,7 +1,8 @@
-"""Whose turn it is in the queue: within a priority groups take turns, and within a group the oldest job goes first.
+"""Turns in the queue: within a priority groups take turns, and within a group the oldest job goes first.
 
-A group's jobs do not wait behind another one's thousands. Each claim notes that its group was served, apart for workers
-that take short jobs only: a group whose short jobs are served all the time still has its turn with a long one.
+A group's jobs do not wait behind thousands of another group's jobs. Each claim notes that its group was served, apart
+for workers that take short jobs only: a group whose short jobs are served all the time still has its turn with a long
+one.
 """
 
 from dataclasses import dataclass
@@ -18,19 +19,19 @@ from sawmill_platform.contracts.jobs import JobKind, JobState, Priority
 from sawmill_platform.database.tables import JobRow, JobTurnRow
 
 QUEUED = JobRow.state == JobState.QUEUED
-# Where turns do not count: the highest priority, and there the oldest job.
+# Order without turns: the highest priority first, then the oldest job.
 FIRST_COME = (JobRow.priority, JobRow.created_at, JobRow.id)
 _GROUP = (JobRow.priority, JobRow.group_id)
 
 
 @dataclass(frozen=True)
 class Selection:
-    """Which jobs a worker takes; null takes any.
+    """Jobs that a worker takes; null takes any.
 
     Attributes
     ----------
     short : bool or None
-        Short jobs only, or long ones only.
+        True: short jobs only; False: long jobs only.
     kinds, group_ids : frozenset or None
         Jobs of these kinds, and of these groups.
     """
@@ -40,7 +41,7 @@ class Selection:
     group_ids: frozenset[str] | None = None
 
     def conditions(self) -> list[ColumnElement[bool]]:
-        """Conditions that rows of such jobs fulfil."""
+        """Return the conditions that rows of such jobs fulfil."""
         chosen = [] if self.short is None else [JobRow.short == self.short]
         sets = ((JobRow.kind, self.kinds), (JobRow.group_id, self.group_ids))
         return chosen + [column.in_(values) for column, values in sets if values is not None]
@@ -56,12 +57,12 @@ class Turn(NamedTuple):
     group_id: str
 
     def conditions(self) -> list[ColumnElement[bool]]:
-        """Conditions that rows of these jobs fulfil."""
+        """Return the conditions that rows of these jobs fulfil."""
         return [column == value for column, value in zip(_GROUP, self, strict=True)]
 
 
 class Place(NamedTuple):
-    """A queued job, as far as others wait for it."""
+    """A queued job, with the fields that matter to jobs that wait for it."""
 
     job_id: str
     kind: str
@@ -69,9 +70,9 @@ class Place(NamedTuple):
 
 
 def turns(session: Session, selection: Selection) -> list[Turn]:
-    """List the groups with jobs that wait: by priority, and then those first that were served longest ago.
+    """List the groups with jobs that wait, by priority, then the group that was served longest ago first.
 
-    On PostgreSQL two claims at the same moment may see the same turn; no job is claimed twice for that.
+    On PostgreSQL two claims at the same moment may see the same turn; still no job is claimed twice.
     """
     waiting = select(*_GROUP, func.min(JobRow.created_at).label("oldest")).where(QUEUED, *selection.conditions())
     groups = waiting.group_by(*_GROUP).subquery()
@@ -84,7 +85,7 @@ def turns(session: Session, selection: Selection) -> list[Turn]:
 
 
 def note_served(session: Session, selection: Selection, turn: Turn) -> None:
-    """Put a group behind all others, in the transaction that claims its job."""
+    """Put a group behind all other groups, in the transaction that claims its job."""
     insert = insert_on_sqlite if session.get_bind().dialect.name == "sqlite" else insert_on_postgresql
     following = select(func.coalesce(func.max(JobTurnRow.turn), 0) + 1).scalar_subquery()
     served = insert(JobTurnRow).values(**turn._asdict(), short_only=selection.short is True, turn=following)
@@ -93,8 +94,8 @@ def note_served(session: Session, selection: Selection, turn: Turn) -> None:
 
 
 def places(session: Session, selection: Selection = ANY) -> list[Place]:
-    """List the queued jobs in the order in which they will be claimed, if none comes and each can start."""
-    # Plain values: of thousands of rows no enums are made.
+    """List the queued jobs in the order in which they will be claimed, if no job is added and each can start."""
+    # Plain values: making enums of thousands of rows takes time.
     plain = (JobRow.id, type_coerce(JobRow.kind, String), type_coerce(JobRow.short, Boolean), JobRow.group_id)
     queued = select(*plain, type_coerce(JobRow.priority, Integer)).where(QUEUED, *selection.conditions())
     in_groups = session.connection().execute(queued.order_by(*_GROUP, JobRow.created_at, JobRow.id))

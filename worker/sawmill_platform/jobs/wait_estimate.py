@@ -1,4 +1,4 @@
-"""Places in the queue, and how long jobs may still take by the median of the last jobs of their kind."""
+"""Places in the queue, and estimates of the time that jobs may still take, by the median of the last jobs of a kind."""
 
 import time
 from collections import Counter, defaultdict
@@ -14,22 +14,22 @@ from sawmill_platform.contracts.jobs import JobKind, JobState, Priority
 from sawmill_platform.database.tables import JobRow
 from sawmill_platform.jobs.turns import ANY, Selection, places
 
-_RECENT = 1000  # ended jobs among which those of a kind are looked for
-_ENOUGH = 20  # of a kind: its median changes little by more
+_RECENT = 1000  # ended jobs that are searched for jobs of a kind
+_ENOUGH = 20  # jobs of a kind: more of them change the median little
 _REFRESH_S = 5.0
-# Share of a job that must be done before its pace says more than other jobs of its kind.
+# Share of a job that must be done before its own pace predicts more than other jobs of the kind.
 _TELLING = 0.1
 
 
 class Line(NamedTuple):
-    """Jobs that take about as long as one another: of one kind, in one lane."""
+    """Jobs that take about the same time: of one kind, in one lane."""
 
     kind: JobKind
     short: bool
 
 
 class WaitEstimate(NamedTuple):
-    """Jobs before one in the queue, and seconds until it succeeds; null where there is none, or nothing is known."""
+    """Number of jobs before one in the queue, and seconds until it succeeds; null where there is none, or unknown."""
 
     queue_position: int | None
     seconds_left: float | None
@@ -40,14 +40,14 @@ NOTHING_KNOWN = WaitEstimate(None, None)
 
 
 class WaitEstimates:
-    """Estimates for jobs in a transaction that reads, in at most six statements however many jobs these are."""
+    """Estimates for jobs in a transaction that reads, in at most six statements for any number of jobs."""
 
     def __init__(self) -> None:
         self._durations: Durations = {}
         self._read_at_s: float | None = None
 
     def of(self, session: Session, rows: Sequence[JobRow], now: datetime) -> dict[str, WaitEstimate]:
-        """Estimate by the jobs' ids; those that have ended are left out."""
+        """Return estimates by the jobs' ids; ended jobs are left out."""
         running = [row for row in rows if row.state is JobState.RUNNING]
         queued = {row.id: row for row in rows if row.state is JobState.QUEUED}
         if not running and not queued:
@@ -72,7 +72,7 @@ class WaitEstimates:
         return _wait_s(row, before, at_work, self._typical(session), now)
 
     def _typical(self, session: Session) -> Durations:
-        """Read the seconds from start to success: medians of the last jobs, of a few seconds ago at most."""
+        """Read the seconds from start to success: medians of the last jobs, at most a few seconds old."""
         if self._read_at_s is None or time.monotonic() - self._read_at_s > _REFRESH_S:
             self._durations, self._read_at_s = _durations(session), time.monotonic()
         return self._durations
@@ -94,7 +94,7 @@ def _at_work(session: Session) -> Sequence[JobRow]:
 
 
 def _before(session: Session, rows: Iterable[JobRow]) -> dict[str, Counter[Line]]:
-    """Count what each queued job waits for: long jobs for all before them, short ones for short ones."""
+    """Count the jobs that each queued job waits for: long jobs for all before them, short ones for short ones."""
     short = {row.id for row in rows if row.short}
     long = {row.id for row in rows if not row.short}
     return _before_in(session, Selection(short=True), short) | _before_in(session, ANY, long)
@@ -117,7 +117,7 @@ def _line(row: JobRow) -> Line:
 def _wait_s(
     row: JobRow, before: Counter[Line], at_work: Iterable[JobRow], durations: Durations, now: datetime
 ) -> float | None:
-    """Estimate when a queued job may start: after those before it, which share as many workers as there are now."""
+    """Estimate when a queued job may start: after the jobs before it, shared by the workers that run its lane now."""
     running = [
         job
         for job in at_work
@@ -131,7 +131,7 @@ def _wait_s(
 
 
 def _remaining_s(row: JobRow, durations: Durations, now: datetime) -> float | None:
-    """Estimate by what the job says itself, else by its pace, else by how long others took."""
+    """Estimate by the job's own report, otherwise by its pace, otherwise by the durations of other jobs."""
     progress = row.progress or {}
     if progress.get("seconds_left") is not None:
         return float(progress["seconds_left"])
@@ -144,7 +144,7 @@ def _remaining_s(row: JobRow, durations: Durations, now: datetime) -> float | No
 
 
 def _sum(parts: Iterable[float | None]) -> float | None:
-    """Add up; null where a part is unknown."""
+    """Add up the parts; null if a part is unknown."""
     known = list(parts)
     return None if None in known else sum(part for part in known if part is not None)
 

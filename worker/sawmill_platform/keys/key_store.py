@@ -1,6 +1,6 @@
-"""Keys: made, found by their secrets, rotated, revoked. Of a secret only its SHA-256 is stored.
+"""Keys: made, found by their secrets, rotated, revoked. Only the SHA-256 of a secret is stored.
 
-A secret has 256 random bits: nobody can try them, so a slow hash would protect nothing and cost every request.
+A secret has 256 random bits: nobody can try them all, so a slow hash would protect nothing and delay every request.
 """
 
 import hashlib
@@ -20,20 +20,20 @@ from sawmill_platform.database.tables import Json, KeyRow
 from sawmill_platform.errors import Conflict, Invalid
 from sawmill_platform.ledger.events import announce
 
-# By which a scanner for leaked secrets can know one.
+# Prefix by which search programs for leaked secrets recognise a secret.
 PREFIX = "sawmill_"
 RANDOM_BYTES = 32
-# How exactly `last_used_at` is kept: each step is a write.
+# Precision of `last_used_at`: each step is a write.
 USE_STEP = timedelta(minutes=1)
 
 
 def hash_of(secret: str) -> str:
-    """What is stored of a secret."""
+    """Return the hash of a secret, which is stored."""
     return hashlib.sha256(secret.encode()).hexdigest()
 
 
 class KeyStore:
-    """Every method is one transaction."""
+    """Store of keys; every method is one transaction."""
 
     def __init__(self, database: Database) -> None:
         self._database = database
@@ -44,7 +44,7 @@ class KeyStore:
         Raises
         ------
         Invalid
-            It would have expired already.
+            The key would have expired already.
         """
         now, secret = self._database.now(), _new_secret()
         if ask.expires_at is not None and ask.expires_at <= now:
@@ -60,18 +60,18 @@ class KeyStore:
             return _with_secret(row, secret)
 
     def all(self) -> Keys:
-        """Every key, the newest first."""
+        """Return all keys, the newest first."""
         with self._database.read() as session:
             rows = session.scalars(select(KeyRow).order_by(KeyRow.created_at.desc(), KeyRow.id))
             return Keys(keys=[read_key(row) for row in rows])
 
     def rotate(self, key_id: str, *, grace_s: int = 0) -> NewKey:
-        """Replace a key's secret; the old one opens for `grace_s` seconds more.
+        """Replace a key's secret; the old secret is valid for `grace_s` seconds more.
 
         Raises
         ------
         NotFound, Conflict
-            There is none, or it is revoked or expired.
+            There is no such key, or it is revoked or expired.
         """
         now, secret = self._database.now(), _new_secret()
         with self._database.write() as session:
@@ -85,12 +85,12 @@ class KeyStore:
             return _with_secret(row, secret)
 
     def revoke(self, key_id: str) -> Key:
-        """End a key at once, and the sessions that it opened; one that is revoked already stays as it is.
+        """End a key at once, and the sessions that it opened; a revoked key does not change.
 
         Raises
         ------
         NotFound
-            There is none.
+            There is no such key.
         """
         now = self._database.now()
         with self._database.write() as session:
@@ -101,7 +101,7 @@ class KeyStore:
             return read_key(row)
 
     def good(self, secret_hash: str) -> Key | None:
-        """The key that a secret of this hash opens now, if there is one."""
+        """Return the valid key that has a secret of this hash, or None."""
         now = self._database.now()
         with self._database.read() as session:
             row = session.scalar(select(KeyRow).where(opened_by(secret_hash, now)))
@@ -116,13 +116,13 @@ class KeyStore:
             session.execute(update(KeyRow).where(KeyRow.id == key.id).values(last_used_at=now))
 
     def any_good(self) -> bool:
-        """Whether there is a key that opens something."""
+        """Return whether there is a valid key."""
         with self._database.read() as session:
             return _any_good(session, self._database.now())
 
 
 def _announce(session: Session, now: datetime, what: EventKind, key_id: str, decided: Json) -> None:
-    """Tell followers, who need not be administrators, no more than the id."""
+    """Announce no more than the id to followers, who need not be administrators."""
     announce(session, now, what, "key", key_id, decided=decided)
 
 
@@ -131,7 +131,7 @@ def _any_good(session: Session, now: datetime) -> bool:
 
 
 def opened_by(secret_hash: str | QueryableAttribute[str], now: datetime) -> ColumnElement[bool]:
-    """Whether a secret of this hash is a key's own, or the one before it within its grace."""
+    """Select keys with a secret of this hash: the present one, or the one before it within its grace."""
     still = and_(KeyRow.previous_hash == secret_hash, KeyRow.previous_until > now)
     return or_(KeyRow.secret_hash == secret_hash, still)
 
@@ -145,7 +145,7 @@ def _new_secret() -> str:
 
 
 def read_key(row: KeyRow) -> Key:
-    """The key of a row."""
+    """Return the key of a row."""
     return Key.model_validate({name: getattr(row, name) for name in Key.model_fields})
 
 

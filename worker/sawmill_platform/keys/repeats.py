@@ -1,7 +1,7 @@
-"""Answers to requests that may be sent again: kept in the transaction that makes what is answered (migration 0010).
+"""Answers to requests that may be repeated, kept in the transaction of the request's changes (migration 0010).
 
-A key is claimed before anything is made, so of many requests at once the others wait for the first one's commit and
-find its answer. When what is made is refused, or the process is killed, the claim goes with the rest.
+A key is claimed before any change, so of many requests at once all except one wait for the first one's commit and find
+its answer. When the change is refused, or the process is killed, the claim is rolled back with the rest.
 """
 
 from collections.abc import Callable
@@ -25,18 +25,18 @@ Made = TypeVar("Made")
 
 @dataclass(frozen=True)
 class KeyedRequest:
-    """A request that may be sent again.
+    """A request that may be repeated.
 
     Attributes
     ----------
     caller : str
-        Whose keys are told apart from others'.
+        The client, whose keys are separate from other clients' keys.
     key : str
-        What the caller calls the request.
+        The client's name of the request.
     request_sha256 : str
-        Of everything that makes it the same request, but for a file.
+        Digest of everything that identifies the request, except a file.
     file_sha256 : str or None
-        Of the file that was sent with it, of a form of the fields beside it too; null: none was.
+        Digest of the uploaded file, and of the fields that a form sent with it; null: no file was sent.
     """
 
     caller: str
@@ -47,14 +47,14 @@ class KeyedRequest:
 
 @dataclass(frozen=True)
 class Answer:
-    """What a request was answered with.
+    """The answer to a request.
 
     Attributes
     ----------
     status : int
-        Of HTTP.
+        HTTP status.
     headers : dict
-        Those that the route has set.
+        Headers that the route has set.
     body : str
         JSON.
     whole : bool
@@ -76,12 +76,12 @@ class Kept:
     answer: Answer
 
     def answer_to(self, again: KeyedRequest) -> Answer:
-        """The answer, where it is the same request.
+        """Return the answer if the repeated request is the same request.
 
         Raises
         ------
         Invalid
-            The key is that of another request.
+            The key belongs to another request.
         """
         if again == self.request:
             return self.answer
@@ -93,32 +93,32 @@ class Kept:
 
 
 class Repeats:
-    """Every method is one transaction."""
+    """Store of answers; every method is one transaction."""
 
     def __init__(self, database: Database) -> None:
         self._database = database
 
     def once(self, request: KeyedRequest, make: Callable[[], Made], kept_as: Callable[[Made], Answer]) -> Made | Answer:
-        """Make something and keep what is answered, in one transaction with all that this thread writes meanwhile.
+        """Make a change and keep the answer, in one transaction with all that this thread writes in between.
 
         Parameters
         ----------
         request
-            With its key.
+            Request with its key.
         make
-            Does what was asked for. It is not called when the request has been answered before.
+            Function that does the requested work. It is not called when the request has been answered before.
         kept_as
-            From what was made to the answer that repeats get.
+            Function from the result to the answer that repeated requests get.
 
         Returns
         -------
         Made or Answer
-            What was made, or the answer from before.
+            The result, or the answer from before.
 
         Raises
         ------
         Invalid
-            The key is that of another request.
+            The key belongs to another request.
         """
         with self._database.write_as_one() as session:
             if not self._claim(session, request):
@@ -128,13 +128,13 @@ class Repeats:
             return made
 
     def find(self, request: KeyedRequest) -> Kept | None:
-        """What has been answered under a request's key."""
+        """Return the answered request with this request's key, or None."""
         with self._database.read() as session:
             row = session.scalar(select(RepeatRow).where(_named(request), ~_old(self._database.now())))
             return None if row is None else read_kept(row)
 
     def forget_old(self) -> None:
-        """Remove the answers that have been kept for their time."""
+        """Remove the answers whose time is over."""
         old = _old(self._database.now())
         with self._database.read() as session:
             if session.scalar(select(RepeatRow.key).where(old).limit(1)) is None:
@@ -143,7 +143,7 @@ class Repeats:
             session.execute(delete(RepeatRow).where(old))
 
     def _claim(self, session: Session, request: KeyedRequest) -> bool:
-        """Whether the key is new; whoever else brings it waits for the end of the transaction."""
+        """Claim the key and return whether it is new; other requests with it wait for the end of the transaction."""
         now = self._database.now()
         session.execute(delete(RepeatRow).where(_named(request), _old(now)))
         insert = insert_on_sqlite if session.get_bind().dialect.name == "sqlite" else insert_on_postgresql
@@ -164,7 +164,7 @@ def _row(session: Session, request: KeyedRequest) -> RepeatRow:
 
 
 def read_kept(row: RepeatRow) -> Kept:
-    """What a row keeps."""
+    """Return the answered request of a row."""
     request = KeyedRequest(row.caller, row.key, row.request_sha256, row.file_sha256)
     assert row.answer is not None  # noqa: S101 - written before the claim is committed
     return Kept(request, row.created_at, Answer(**row.answer))

@@ -1,6 +1,6 @@
-"""Browsers that brought a key: each has a secret of its own, and ends with the key whose hash it keeps.
+"""Sessions of browsers that sent a key: each has its own secret, and ends with the key whose hash it keeps.
 
-Whether that key still opens anything is for whoever finds a session to ask, at every request.
+The code that finds a session must check, at every request, that the key is still valid.
 """
 
 import secrets
@@ -18,22 +18,22 @@ from sawmill_platform.ledger.events import announce
 
 # A shift and its overtime without a request in between; a display's session lasts as long as its key.
 LASTS = timedelta(hours=12)
-# How exactly the last request is kept: each step is a write.
+# Precision of the time of the last request: each step is a write.
 RENEWAL_STEP = timedelta(hours=1)
-# Of one key: a newer one takes the place of the oldest.
+# Sessions of one key: a newer one replaces the oldest.
 MOST_OF_A_KEY = 20
 
 
 @dataclass(frozen=True)
 class BrowserSession:
-    """A session that has not run out.
+    """A session that has not ended.
 
     Attributes
     ----------
     secret_hash, opened_by_hash : str
-        Of its own secret, and of the key or the token that opened it.
+        Hashes of the session's own secret, and of the key or the token that opened it.
     expires_at : datetime or None
-        Unless it is renewed; None: with what opened it.
+        End of the session unless it is renewed; None: the session ends with its key or token.
     """
 
     secret_hash: str
@@ -42,22 +42,22 @@ class BrowserSession:
 
 
 class Sessions:
-    """Every method is one transaction."""
+    """Store of sessions; every method is one transaction."""
 
     def __init__(self, database: Database) -> None:
         self._database = database
 
     def open(self, opened_by_hash: str, *, lasting: bool, in_place_of: str = "") -> str:
-        """Log whoever acts in, and remove the sessions that have ended.
+        """Log the actor in, and remove the sessions that have ended.
 
         Parameters
         ----------
         opened_by_hash
-            Of a key or token that was found good.
+            Hash of a key or token that is valid.
         lasting
-            Whether it ends with the key alone.
+            Whether the session ends only with the key.
         in_place_of
-            The secret of the browser's session until now, if it has one: it ends.
+            Secret of the browser's present session, which ends; empty: there is none.
 
         Returns
         -------
@@ -83,7 +83,7 @@ class Sessions:
         return secret
 
     def find(self, secret: str) -> BrowserSession | None:
-        """The session of a secret, if it has not run out."""
+        """Return the session of a secret, or None if it has ended."""
         now = self._database.now()
         with self._database.read() as session:
             row = session.get(SessionRow, hash_of(secret))
@@ -92,7 +92,7 @@ class Sessions:
             return BrowserSession(row.secret_hash, row.opened_by_hash, row.expires_at)
 
     def renew(self, found: BrowserSession) -> None:
-        """Have a session that is used last `LASTS` from now on; at most one write an hour."""
+        """Extend a session in use to `LASTS` from now; at most one write an hour."""
         now = self._database.now()
         if found.expires_at is None or found.expires_at > now + LASTS - RENEWAL_STEP:
             return
@@ -101,7 +101,7 @@ class Sessions:
             session.execute(update(SessionRow).where(this).values(expires_at=now + LASTS))
 
     def end(self, secret: str) -> None:
-        """Log whoever acts out; a session that has gone already stays gone."""
+        """Log the actor out; a session that has ended already stays ended."""
         now = self._database.now()
         with self._database.write() as session:
             row = session.get(SessionRow, hash_of(secret))
@@ -115,7 +115,7 @@ def _who() -> str:
 
 
 def _has_ended(now: datetime) -> ColumnElement[bool]:
-    """Run out, or a display's whose key opens nothing any more."""
+    """Select sessions that have expired, and sessions of displays whose key is no longer valid."""
     good = and_(KeyRow.revoked_at.is_(None), or_(KeyRow.expires_at.is_(None), KeyRow.expires_at > now))
     opener = select(KeyRow.id).where(good, opened_by(SessionRow.opened_by_hash, now))
     return or_(SessionRow.expires_at <= now, and_(SessionRow.expires_at.is_(None), ~opener.exists()))

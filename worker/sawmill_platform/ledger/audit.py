@@ -12,29 +12,29 @@ from sawmill_platform.database.paging import read_numbered_page
 from sawmill_platform.database.tables import DECIDED, EventRow
 
 _BATCH = 500
-# As the partial index has it.
+# Condition of the partial index, in its words.
 _DECIDED = text(DECIDED)
 
 
 def changed(before: Mapping[str, Any], after: Mapping[str, Any]) -> dict[str, Any]:
-    """What differs, as [before, after] by name."""
+    """Return the values that differ, as [before, after] by name."""
     names = {**before, **after}
     return {name: [before.get(name), after.get(name)] for name in names if before.get(name) != after.get(name)}
 
 
 class Audit:
-    """The entries; nothing here changes one."""
+    """Entries of the audit; no method changes an entry."""
 
     def __init__(self, database: Database) -> None:
         self._database = database
 
     def page(self, *, after: str | None = None, limit: int = 50) -> Page[AuditEntry]:
-        """Newest first.
+        """Return a page of entries, newest first.
 
         Raises
         ------
         Invalid
-            `after` is not a cursor that an earlier page gave.
+            `after` is not a cursor from an earlier page.
         """
         with self._database.read() as session:
             return read_numbered_page(
@@ -42,14 +42,14 @@ class Audit:
             )
 
     def all(self) -> Iterator[AuditEntry]:
-        """Every entry, the oldest first; a transaction for each few hundred."""
+        """Yield every entry, the oldest first, with a transaction for each few hundred."""
         last = 0
         while entries := self._following(last):
             yield from entries
             last = entries[-1].number
 
     def extent(self) -> tuple[int, int]:
-        """How many entries there are, and the newest one's number: the same as long as none is added."""
+        """Return the number of entries and the newest entry's number: the same as long as no entry is added."""
         statement = select(func.count(), func.coalesce(func.max(EventRow.number), 0)).where(_DECIDED)
         with self._database.read() as session:
             count, newest = session.execute(statement).one()

@@ -1,9 +1,9 @@
-"""Reading events in the order of their numbers, without missing one that is committed late.
+"""Events in the order of their numbers, including events that are committed late.
 
 SQLite has one writer at a time: numbers are committed in their order. On PostgreSQL each transaction takes its numbers
-when it writes, and a later number may be committed first. A number that is missing belongs to a transaction that is
-open still, or to one that was rolled back; the reader waits at it until every transaction that was open when it was
-missed has ended.
+when it writes, and a later number may be committed first. A missing number belongs to a transaction that is still open,
+or that was rolled back; the reader waits at the gap until every transaction that was open when the gap was found has
+ended.
 """
 
 import time
@@ -19,47 +19,47 @@ from sawmill_platform.database.database import Database
 from sawmill_platform.database.tables import EventRow
 
 _BATCH = 500
-# A number is taken just before its transaction gets the id by which the server knows it as open.
+# A number is taken just before the server lists the transaction's id as open.
 _SHORTEST_WAIT_S = 0.5
-# The server ends transactions that stand still for 60 s (`sawmill_platform/database/postgresql.py`).
+# The server ends transactions that are idle for 60 s (`sawmill_platform/database/postgresql.py`).
 _LONGEST_TRANSACTION = timedelta(seconds=90)
-# The oldest transaction that is open, and the first that has not begun: equal where none is open.
+# Id of the oldest open transaction, and of the next new one: equal if none is open.
 _OPEN = text("SELECT txid_snapshot_xmin(now), txid_snapshot_xmax(now) FROM txid_current_snapshot() AS now")
 _NEWEST = text(
     "SELECT (SELECT max(number) FROM events), txid_snapshot_xmin(now), txid_snapshot_xmax(now)"
     " FROM txid_current_snapshot() AS now"
 )
-_LOOKED_THROUGH = 5000  # rows of a minute and a half in a busy mill
+_LOOKED_THROUGH = 5000  # rows of a minute and a half on a busy service
 
 
 class EventReader:
-    """Reads on from where it stands; not for several threads at once.
+    """Reader that continues from its last event; not for several threads at once.
 
     Attributes
     ----------
     number : int
-        Through which all events are written: nothing will appear before it.
+        Number through which all events are written: nothing will be added before it.
     """
 
     def __init__(self, database: Database) -> None:
         self._database = database
-        self._missed: int | None = None  # the number before the gap at which it waits
+        self._missed: int | None = None  # the number before the gap at which the reader waits
         self._missed_at_s = 0.0
-        self._settled_by = 0  # the first transaction that had not begun when the gap was found
+        self._settled_by = 0  # the first transaction that had not started when the gap was found
         with database.read() as session:
             self._sequential = session.get_bind().dialect.name == "sqlite"
             self.number = self._newest(session)
 
     def read(self) -> list[Event]:
-        """The next events, the oldest first; a few hundred at most.
+        """Return the next events, the oldest first; a few hundred at most.
 
         Raises
         ------
         StorageUnavailable
-            The database does not answer; the next call reads on.
+            The database does not answer; the next call continues.
         """
         with self._database.read() as session:
-            # Before the rows: what has ended by then shows its rows to the next statement.
+            # Before the rows: transactions that have ended by then show their rows to the next statement.
             open_since, _ = (0, 0) if self._sequential else _transactions(session)
             following = select(EventRow).where(EventRow.number > self.number).order_by(EventRow.number).limit(_BATCH)
             rows = session.scalars(following).all()
@@ -76,24 +76,24 @@ class EventReader:
         return there
 
     def _is_settled(self, before: int, open_since: int) -> bool:
-        """Whether nothing will appear any more in the gap that follows a number."""
+        """Return whether no event will be added any more in the gap that follows a number."""
         if self._sequential:
             return True
         waited_s = time.monotonic() - self._missed_at_s
         return self._missed == before and open_since >= self._settled_by and waited_s >= _SHORTEST_WAIT_S
 
     def _miss(self, before: int, session: Session) -> None:
-        """Wait at a gap, from now on where it is a new one."""
+        """Wait at a gap; for a new gap, from now on."""
         if self._missed != before:
             self._missed, self._missed_at_s = before, time.monotonic()
             self._settled_by = _transactions(session)[1]
 
     def _newest(self, session: Session) -> int:
-        """The newest number before which nothing is missing that may still appear."""
+        """Return the newest number through which all events are written."""
         newest = select(func.max(EventRow.number))
         if self._sequential:
             return session.scalar(newest) or 0
-        # One statement: it sees the rows of what had ended by then, and no others.
+        # One statement: it sees the rows of transactions that had ended by then, and no other rows.
         last, open_since, not_begun = session.execute(_NEWEST).one()
         if open_since == not_begun:
             return last or 0
@@ -116,6 +116,6 @@ def published() -> ColumnElement[bool]:
 
 
 def read_event(row: EventRow) -> Event:
-    """Return the event of a row, as it is published."""
+    """Return the published event of a row."""
     names = Event.model_fields.keys() - {"scanner_id"}
     return Event.model_validate({name: getattr(row, name) for name in names} | {"scanner_id": row.group_id})

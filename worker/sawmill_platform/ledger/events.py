@@ -1,4 +1,4 @@
-"""Events, written in the transaction of the change itself; `ledger/event_reader.py` follows them."""
+"""Events, written in the transaction of the change itself; `ledger/event_reader.py` reads new ones."""
 
 from collections.abc import Mapping
 from datetime import datetime
@@ -20,17 +20,17 @@ from sawmill_platform.database.paging import found
 from sawmill_platform.database.tables import EventClass, EventRow, JobRow, Json
 from sawmill_platform.ledger.event_reader import EventReader, published, read_event
 
-# In the detail of an attempt's end, where the attempt could tell it.
+# Key in the detail of an attempt's end, if the attempt reported the value.
 PEAK_MEMORY = "peak_memory_bytes"
-# Among which a worker's last is looked for: a busy machine writes about as many in ten minutes.
+# Number of newest events that are searched for a worker's last one: a busy machine writes as many in ten minutes.
 _NEWEST = 2000
-# By a restore. A mill with 2 000 logs a day writes some 30 000 events a day, and a backup is younger than a month.
+# Skipped by a restore. A busy service writes some 30 000 events a day, and a backup is younger than a month.
 NUMBERS_SKIPPED = 1_000_000
 _OF_NO_ATTEMPT = (event_kinds.QUEUED, event_kinds.CANCEL_REQUESTED, event_kinds.JOB_CANCELLED)
 
 
 def record(session: Session, now: datetime, what: EventKind, job: JobRow, detail: Json | None = None) -> EventRow:
-    """Add an event of a job or of its attempt; its end is by whoever asked for the job, or cancelled it.
+    """Add an event of a job or an attempt; the actor of a job's end is its client, or the actor that cancelled it.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ def record(session: Session, now: datetime, what: EventKind, job: JobRow, detail
     job
         The job.
     detail
-        More about it, of few words; the sentence of a failure is in `detail`.
+        Further data, short; the sentence of a failure is in `detail`.
     """
     declared = declaration_of(job.kind)
     row = EventRow(
@@ -62,7 +62,7 @@ def record(session: Session, now: datetime, what: EventKind, job: JobRow, detail
 
 
 def _canceller(session: Session, job: JobRow) -> tuple[str | None, str | None]:
-    """Return the name and the key's id of whoever cancelled a job."""
+    """Return the name and the key's id of the actor that cancelled a job."""
     decisions = select(EventRow.who, EventRow.key_id).where(
         EventRow.job_id == job.id, EventRow.what == event_kinds.JOB_CANCELLED
     )
@@ -71,7 +71,7 @@ def _canceller(session: Session, job: JobRow) -> tuple[str | None, str | None]:
 
 
 def record_restored(session: Session, now: datetime, detail: dict[str, Any]) -> None:
-    """Add that a backup was restored, under a number that no event had that was written after the backup."""
+    """Add that a backup was restored, under a number that no event after the backup had."""
     newest = session.scalar(select(func.max(EventRow.number))) or 0
     session.add(EventRow(number=newest + NUMBERS_SKIPPED, at=now, what=event_kinds.RESTORED, detail=detail))
     session.flush()
@@ -90,7 +90,7 @@ def announce(
     decided: Mapping[str, Any] | None = None,
     why: str | None = None,
 ) -> None:
-    """Add an event of anything but an attempt at a job, by whoever acts.
+    """Add an event of anything but an attempt at a job, by the actor.
 
     Parameters
     ----------
@@ -99,17 +99,17 @@ def announce(
     what
         The kind of event.
     subject, subject_id
-        What it happened to: `key` and its id.
+        The object of the event: `key` and its id, for example.
     group_id
-        The group that it concerns.
+        The group that the event concerns.
     job_id
-        The job that it concerns.
+        The job that the event concerns.
     detail
-        More about it, of few words: events are sent to whoever follows them.
+        Further data, short: events are sent to all followers.
     decided
-        What the audit keeps of a decision, and administrators alone read.
+        Data of a decision for the audit, which only administrators read.
     why
-        For the history: a sentence, by default the `reason` of the detail.
+        Sentence for the history; by default the `reason` of the detail.
     """
     by = actor()
     row = EventRow(
@@ -140,7 +140,7 @@ def _write(session: Session, row: EventRow) -> EventRow:
 
 
 def _log(row: EventRow) -> None:
-    """Log an event; commands, which print their answer, have no log."""
+    """Log an event; commands, which print their answer, do not log."""
     if (
         row.what.is_public and structlog.is_configured() and inspect(row).persistent
     ):  # a part of the transaction may have been undone
@@ -148,14 +148,14 @@ def _log(row: EventRow) -> None:
 
 
 class JobNumbers(NamedTuple):
-    """Of a job's newest events.
+    """Numbers of a job's newest events.
 
     Attributes
     ----------
     latest : int
-        Of the last one before the job's end; 0: there is none.
+        Number of the last event before the job's end; 0: there is none.
     end : int or None
-        Of the one that ended it; None: it has not ended, or ended when events were not written yet.
+        Number of the event that ended the job; None: it has not ended, or ended when events were not written yet.
     """
 
     latest: int
@@ -163,20 +163,20 @@ class JobNumbers(NamedTuple):
 
 
 class Events:
-    """Every method is one transaction."""
+    """Store of events; every method is one transaction."""
 
     def __init__(self, database: Database) -> None:
         self._database = database
 
     def of_job(self, job_id: str) -> list[Event]:
-        """What happened to a job's attempts, the oldest first, or `NotFound`."""
+        """Return the events of a job's attempts, the oldest first, or raise `NotFound`."""
         with self._database.read() as session:
             found(session, JobRow, "job", job_id)
             of_attempts = select(EventRow).where(EventRow.job_id == job_id, EventRow.what.not_in(_OF_NO_ATTEMPT))
             return [read_event(row) for row in session.scalars(of_attempts.order_by(EventRow.number))]
 
     def numbers_of_job(self, job_id: str) -> JobNumbers:
-        """Of a job's newest events; a job that is read after them is as new as they are, or newer."""
+        """Return the numbers of a job's newest events; a job that is read afterwards is as new as these, or newer."""
         newest = select(EventRow.number, EventRow.what).where(EventRow.job_id == job_id, published())
         with self._database.read() as session:
             rows = list(session.execute(newest.order_by(EventRow.number.desc()).limit(2)))
@@ -186,18 +186,18 @@ class Events:
     def following(
         self, number: int, *, through: int | None = None, group_id: str | None = None, limit: int = 500
     ) -> list[Event]:
-        """Events behind a number, the oldest first; `EventReader` tells through which one all of them are written.
+        """Return events behind a number, the oldest first; `EventReader` has the number through which all are written.
 
         Parameters
         ----------
         number
-            Of the last event before them.
+            Number of the last event before the first one.
         through
-            The last number that is wanted; null: no last one.
+            Number of the last event; null: no last one.
         group_id
-            Those that concern this group; null: all.
+            Group that the events concern; null: all events.
         limit
-            How many at most.
+            Largest number of events.
         """
         wanted = select(EventRow).where(EventRow.number > number, published()).order_by(EventRow.number).limit(limit)
         if through is not None:
@@ -208,16 +208,16 @@ class Events:
             return [read_event(row) for row in session.scalars(wanted)]
 
     def newest_number(self) -> int:
-        """Of the newest event that is written; 0: there is none."""
+        """Return the number of the newest written event; 0: there is none."""
         with self._database.read() as session:
             return session.scalar(select(func.max(EventRow.number))) or 0
 
     def reader(self) -> EventReader:
-        """Reads what happens from now on."""
+        """Return a reader of the events that are added from now on."""
         return EventReader(self._database)
 
     def workers_since(self, since: datetime) -> dict[str, datetime]:
-        """Workers that began or ended an attempt since then, each with the last time; the latest first."""
+        """Return workers that started or ended an attempt since then, each with the last time; the latest first."""
         newest = select(EventRow.worker, EventRow.at, EventRow.job_id).order_by(EventRow.number.desc()).limit(_NEWEST)
         lately = newest.subquery()
         named = and_(lately.c.at >= since, lately.c.worker.is_not(None), lately.c.job_id.is_not(None))
@@ -227,19 +227,19 @@ class Events:
             return {row.worker: row.last for row in session.execute(by_worker)}
 
     def clock_off(self, worker: str, off_s: float) -> None:
-        """Say that a process's clock is ahead (or behind, below 0) by this."""
+        """Add that a process's clock is ahead (or behind, below 0) by this number of seconds."""
         with self._database.write() as session:
             self._add_of_clock(session, event_kinds.CLOCK_OFF, worker, off_s)
 
     def step_clock(self, worker: str, off_s: float) -> None:
-        """Take over a lasting step of the clock of the process that owns the time."""
+        """Adopt a lasting step of the clock of the process that owns the time."""
         with self._database.write() as session:
             self._add_of_clock(session, event_kinds.CLOCK_STEPPED, worker, off_s)
             clock.set_to(session, clock.machine_offset_s())
         self._database.clock.refresh()
 
     def of_clock(self) -> list[Event]:
-        """What happened to clocks, the oldest first."""
+        """Return the events of clocks, the oldest first."""
         kinds = [event_kinds.CLOCK_OFF, event_kinds.CLOCK_STEPPED]
         with self._database.read() as session:
             rows = session.scalars(select(EventRow).where(EventRow.what.in_(kinds)).order_by(EventRow.number))

@@ -1,4 +1,4 @@
-"""One part of an upload that can be resumed: written, flushed, and only then counted in its row."""
+"""Part of an upload that can be resumed: written, flushed, and only then counted in the upload's row."""
 
 import fcntl
 import hashlib
@@ -22,28 +22,28 @@ from sawmill_platform.files.upload_stream import STEP_BYTES, Content, check_free
 from sawmill_platform.files.whole_files import flush
 from sawmill_platform.ledger.events import announce
 
-# A service that is killed loses what came in this time, or `STEP_BYTES`, whichever is less.
+# A service that is killed loses the bytes of this time, or `STEP_BYTES`, whichever is less.
 _STEP_S = 1.0
 _PIECE_BYTES = 2**20
 
 
 class Part:
-    """The file of an upload, locked: by the system, so that it is free again however its writer ends.
+    """The file of an upload, locked by the system, so that it is free again however its writer ends.
 
     Parameters
     ----------
     path
-        Of the file, which is made if it is missing.
+        Path of the file, which is made if it is missing.
 
     Raises
     ------
     Busy
-        Another part of it is coming.
+        Another part of the upload is being received.
     """
 
     def __init__(self, path: Path, upload_id: str, database: Database) -> None:
         self._path, self._id, self._database = path, upload_id, database
-        # Who is cancelled closes the file while a thread may still write to it.
+        # A cancelled receiver closes the file while a thread may still write to it.
         self._writing = threading.Lock()
         self._closed = False
         with disk_outage_reported("the upload"):
@@ -56,12 +56,12 @@ class Part:
             raise Busy("upload-busy", msg) from None
 
     def begin(self, upload: Upload, *, reserve_bytes: int = 0) -> None:
-        """Go on where the row says.
+        """Continue at the row's offset.
 
         Raises
         ------
         Conflict
-            The file has lost what the row says has come.
+            The file has lost bytes that the row counts.
         """
         self.upload, self._reserve_bytes = upload, reserve_bytes
         self._committed = self._written = upload.offset_bytes
@@ -73,11 +73,11 @@ class Part:
 
     @property
     def missing_bytes(self) -> int:
-        """What must still come before the file is whole."""
+        """Bytes that must still arrive before the file is complete."""
         return self.upload.size_bytes - self._written
 
     def take(self, content: Content, part: bytes, *, commits: bool) -> None:
-        """Write on, and now and then flush what has come; it is counted where it may before the part has come whole.
+        """Write the next bytes, and flush now and then; if `commits`, bytes are counted before the part is complete.
 
         Raises
         ------
@@ -97,31 +97,31 @@ class Part:
                 self._flush()
 
     def commit(self) -> None:
-        """Make what has come durable, then count it."""
+        """Make the received bytes durable, then count them."""
         self._flush()
         with self._database.write() as session:
             self._change(session, offset_bytes=self._written)
         self._committed = self._written
 
     def finish(self, content: Content) -> None:
-        """Count the rest of a part that has come whole."""
+        """Count the rest of a part that is complete."""
         content.end()
         self.commit()
 
     def complete(self) -> None:
-        """Make the upload complete; for a large file the sum takes long.
+        """Make the upload complete; for a large file the digest takes long.
 
         Raises
         ------
         Damaged
             The file is another one than declared: nothing of it is kept.
         NotFound
-            It has been deleted.
+            The upload has been deleted.
         """
         self._complete(self._sha256())
 
     def close(self) -> None:
-        """Let others write."""
+        """Release the file for other writers."""
         with self._open():
             self._closed = True
             os.close(self._file)
@@ -134,7 +134,7 @@ class Part:
             yield
 
     def _flush(self) -> None:
-        """Make what has come durable, at first with the file's name."""
+        """Make the received bytes durable, at first with the file's name."""
         with self._open(), disk_outage_reported("the upload"):
             os.fdatasync(self._file)
             if not self._committed:
@@ -149,7 +149,10 @@ class Part:
         self._written += len(chunk)
 
     def _sha256(self) -> str:
-        """Of what lies on the disk: the parts may have come to several processes. Ends when the part is closed."""
+        """Return the digest of the file on the disk: several processes may have received its parts.
+
+        The computation ends when the part is closed.
+        """
         computed = hashlib.sha256()
         for begin in range(0, self.upload.size_bytes, _PIECE_BYTES):
             with self._open():
@@ -170,7 +173,7 @@ class Part:
             announce(session, now, event_kinds.UPLOAD_COMPLETE, "upload", self._id)
 
     def _change(self, session: Session, **values: object) -> datetime:
-        """Change the row, which is as this part knows it or gone; when."""
+        """Change the row if it is as this part knows it, and return the time of the change; raise if it is gone."""
         now = self._database.now()
         mine = (UploadRow.id == self._id, UploadRow.offset_bytes == self._committed)
         changed = session.execute(update(UploadRow).where(*mine).values(changed_at=now, **values))
@@ -180,10 +183,10 @@ class Part:
 
 
 def lost(upload_id: str) -> Conflict:
-    """The disk does not have what the row says has come."""
+    """Return the conflict for a file that has lost bytes which the row counts."""
     return Conflict("upload-lost", f"the bytes of upload {upload_id!r} are gone: delete it, and send them again")
 
 
 def announce_deleted(session: Session, now: datetime, upload_id: str, reason: str) -> None:
-    """Tell followers that an upload has gone, and why."""
+    """Announce to followers that an upload has gone, and why."""
     announce(session, now, event_kinds.UPLOAD_DELETED, "upload", upload_id, detail={"reason": reason})

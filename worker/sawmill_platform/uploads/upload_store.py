@@ -1,4 +1,7 @@
-"""Uploads that can be resumed. What their rows say has come is on the disk; what a file has beyond that never came."""
+"""Uploads that can be resumed.
+
+The bytes that rows count are on the disk; further bytes of a file are ignored.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -25,14 +28,14 @@ _QUOTA_LOCK = "uploads"
 
 @dataclass(frozen=True)
 class UploadQuota:
-    """What may wait for its end, or for its use, at once.
+    """Limits on uploads that are not complete or not used yet.
 
     Attributes
     ----------
     number, size_bytes
-        Of uploads of one key, and of their bytes as declared.
+        Number of uploads of one key, and sum of their declared bytes.
     all_bytes
-        Of those of everybody.
+        Sum of the declared bytes of all keys.
     """
 
     number: int
@@ -41,19 +44,19 @@ class UploadQuota:
 
 
 class Uploads:
-    """Every method is one transaction. An upload is its key's: for every other one it does not exist."""
+    """Store of uploads; every method is one transaction. An upload is visible to its own key only."""
 
     def __init__(self, database: Database, files: FileStore) -> None:
         self._database = database
         self._files = files
 
     def create(self, ask: UploadAsk, quota: UploadQuota, *, identifier: str | None = None) -> Upload:
-        """Expect a file.
+        """Add an upload, whose bytes follow.
 
         Raises
         ------
         Conflict
-            More bytes are awaited already than the quota allows, or the id is taken.
+            The declared bytes exceed the quota, or the id is taken.
         """
         now = self._database.now()
         row = UploadRow(
@@ -74,7 +77,7 @@ class Uploads:
             return read_upload(row)
 
     def get(self, upload_id: str) -> Upload:
-        """One upload of the actor's key, or `NotFound`."""
+        """Return one upload of the actor's key, or raise `NotFound`."""
         with self._database.read() as session:
             row = found(session, UploadRow, "upload", upload_id)
             if row.key_id != actor().key_id:
@@ -82,24 +85,24 @@ class Uploads:
             return read_upload(row)
 
     def begin_part(self, upload_id: str, offset_bytes: int, *, part_bytes: int = 0, reserve_bytes: int = 0) -> Part:
-        """Open an upload for its next part, which nobody else writes meanwhile; `close` must follow.
+        """Open an upload for its next part, which no other writer writes in this time; `close` must follow.
 
         Parameters
         ----------
         offset_bytes
-            Where the part begins.
+            Offset of the part.
         part_bytes
-            Its length, as far as declared.
+            Declared length of the part; 0 if it is not declared.
         reserve_bytes
-            What must stay free on the disk.
+            Bytes that must stay free on the disk.
 
         Raises
         ------
         NotFound, WrongOffset, Conflict
-            There is no such upload, it goes on elsewhere, it is complete or would become too long, or another part of
-            it is coming.
+            There is no such upload, it continues at another offset, it is complete or would become too long, or another
+            part is being received.
         StorageUnavailable
-            The database does not answer, or could not take the part.
+            The database does not answer, or could not write the part.
         """
         self._database.check_writable()
         self._awaited(upload_id, offset_bytes, part_bytes)  # before a file of this name is made
@@ -113,7 +116,7 @@ class Uploads:
         return part
 
     def received(self, upload_id: str) -> Received:
-        """A complete file under a second name; `accept` or `discard` must follow, as after an upload.
+        """Link a complete upload under a second name; its use or `discard` must follow, as after a whole upload.
 
         Raises
         ------
@@ -131,23 +134,23 @@ class Uploads:
         return Received(again.path, again.size_bytes, again.sha256, upload_id)
 
     def promised_bytes(self) -> int:
-        """Of all uploads, what is still to come."""
+        """Return the number of bytes that all uploads have still to receive."""
         missing = func.sum(UploadRow.size_bytes - UploadRow.offset_bytes)
         with self._database.read() as session:
             return int(session.scalar(select(missing).where(UploadRow.state == UploadState.RECEIVING)) or 0)
 
     def delete(self, upload_id: str, *, of_all_keys: bool = False) -> None:
-        """Remove an upload and its file; what was made of it stays.
+        """Remove an upload and its file; resources that were made of it stay.
 
         Parameters
         ----------
         of_all_keys
-            Whether it may be another key's.
+            Whether the upload may belong to another key.
 
         Raises
         ------
         NotFound
-            There is none.
+            There is no such upload.
         """
         chosen = UploadRow.id == upload_id
         if not of_all_keys:
@@ -155,7 +158,7 @@ class Uploads:
         self._remove(chosen, "deleted", or_else=NotFound("upload", upload_id))
 
     def remove_expired(self) -> Sequence[str]:
-        """Remove those that have stood still for a day; their ids."""
+        """Remove uploads without a change for a day, and return their ids."""
         return self._remove(UploadRow.changed_at < self._database.now() - UPLOAD_KEPT, "expired")
 
     def _awaited(self, upload_id: str, offset_bytes: int, part_bytes: int) -> Upload:
@@ -185,7 +188,7 @@ class Uploads:
 
 
 class WrongOffset(Conflict):
-    """A part begins where the upload does not go on."""
+    """Refusal of a part that does not begin at the upload's offset."""
 
     def __init__(self, upload: Upload, offset_bytes: int) -> None:
         msg = (
@@ -196,12 +199,12 @@ class WrongOffset(Conflict):
 
 
 def use_up(session: Session, now: datetime, received: Received, kind: JobKind, subject_id: str) -> None:
-    """Note within the transaction that makes a resource what became of the upload; nothing where it was none.
+    """Note the use of an upload within the transaction that makes its resource; ignore a file that was not resumable.
 
     Raises
     ------
     Conflict
-        Somebody else was faster, or it has gone.
+        Another request was faster, or the upload has gone.
     """
     if received.upload_id is None:
         return
@@ -230,7 +233,7 @@ def _check_quota(session: Session, row: UploadRow, quota: UploadQuota) -> None:
 
 
 def _not_usable(upload: Upload) -> Conflict:
-    """Why nothing can be made of it; of one that is complete, that its file is gone."""
+    """Return the conflict for an upload that cannot be used; if it is complete, its file is gone."""
     if upload.state is UploadState.USED:
         return Conflict("upload-used", f"upload {upload.id!r} has become {upload.used_by}: send the file again")
     if upload.state is UploadState.COMPLETE:
@@ -243,7 +246,7 @@ def _not_usable(upload: Upload) -> Conflict:
 
 
 def read_upload(row: UploadRow) -> Upload:
-    """The upload of a row."""
+    """Return the upload of a row."""
     return Upload(
         id=row.id,
         created_at=row.created_at,

@@ -1,4 +1,4 @@
-"""An upload and its rows become durable together, or not at all."""
+"""Uploads and their rows, which become durable together or not at all."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -21,13 +21,13 @@ def kept_upload(
 ) -> Iterator[Callable[[Session, datetime], None]]:
     """Yield the function that gives the upload its owner; call it last in the transaction that writes the rows.
 
-    An upload that can be resumed is used up in the same transaction. After the commit its own name goes, with the
-    `leftovers` where the process was killed between the two.
+    An upload that can be resumed is used up in the same transaction. After the commit its own name is removed, or with
+    the `leftovers` if the process was killed between the two.
 
-    When the block raises before that call, the upload is discarded; a file that an older subject of the same id owns is
-    not touched. After it, only the commit is left to fail. A full disk is the database's own answer: there are no rows,
-    and the upload is removed. A connection that was lost may have committed: then the upload stays where its row will
-    look for it, and goes with the `leftovers` if there is no row.
+    If the block raises before that call, the upload is discarded; a file that an older subject of the same id owns is
+    not touched. After the call, only the commit can fail. A full disk is the database's own answer: there are no rows,
+    and the upload is removed. After a lost connection the commit may have succeeded: then the upload stays at the place
+    that its row names, and is removed with the `leftovers` if there is no row.
     """
     named = False
 

@@ -1,7 +1,7 @@
-"""What is to be sent to webhooks: the table of events itself, behind the number with which each webhook is done.
+"""Events to be sent to webhooks: the rows of the event table after the number that each webhook has reached.
 
-Nothing is copied, so an event cannot be there and its message not. A webhook's number moves on in the transaction that
-notes a delivery: who is killed between sending and noting sends again, with the same id.
+Events are not copied, so an event cannot exist without its message. A webhook's number advances in the transaction that
+notes a delivery: a process that is killed between sending and noting sends again, with the same id.
 """
 
 import hashlib
@@ -21,28 +21,28 @@ from sawmill_platform.ledger.event_reader import EventReader, read_event
 from sawmill_platform.ledger.events import announce
 from sawmill_platform.webhooks.webhook_store import read_events, secret_of
 
-# How long another process waits for one that was killed; each renews it after half of that.
+# Time for which a process waits after another one was killed; a holder renews its lease after half of the time.
 LEASE = timedelta(seconds=30)
 _THE_ROW = 1
 _BATCH = 100
-# No wait is longer: what lies farther ahead is of a clock that was put back.
+# Longest wait: a time farther ahead is from a clock that was put back.
 _LONGEST_WAIT = timedelta(hours=36)
 
 
 @dataclass(frozen=True)
 class Pending:
-    """A webhook and the events that it is sent next.
+    """A webhook and the events to send to it next.
 
     Attributes
     ----------
     webhook_id, url : str
-        The webhook.
+        Id and URL of the webhook.
     secrets : tuple of str
-        With which its messages are signed.
+        Secrets that sign the webhook's messages.
     failures : int
         Attempts at the first event that have failed.
     events : list of Event
-        The oldest first.
+        Events, the oldest first.
     """
 
     webhook_id: str
@@ -59,11 +59,11 @@ class Attempt:
     Attributes
     ----------
     status : int or None
-        Of the answer; None: there was none.
+        HTTP status of the answer; None: there was no answer.
     reason : str or None
-        Why it failed; None: it did not.
+        Reason of the failure; None: the attempt succeeded.
     wait_s : float or None
-        Until the next one; None: there is none, the webhook is paused.
+        Seconds until the next attempt; None: there is none, and the webhook is paused.
     """
 
     status: int | None
@@ -72,29 +72,30 @@ class Attempt:
 
 
 class Outbox:
-    """Every method is one transaction."""
+    """Store of the events to send; every method is one transaction."""
 
     def __init__(self, database: Database) -> None:
         self._database = database
-        self._holder = new_id()  # by which this process holds the right to send
-        # Of webhooks that want none of the events so far: where they stood, and through which event that is known.
+        self._holder = new_id()  # the id under which this process holds the right to send
+        # Webhooks without an event so far: their number and event names, and the event number through which that is
+        # certain.
         self._without: dict[str, tuple[int, list[str], int]] = {}
 
     def reader(self) -> EventReader:
-        """Tells through which number all events are written."""
+        """Return a reader, which has the number through which all events are written."""
         return EventReader(self._database)
 
     def now(self) -> datetime:
-        """The time by which attempts are made."""
+        """Return the time for attempts."""
         return self._database.now()
 
     def is_wanted(self) -> bool:
-        """Whether any webhook is enabled."""
+        """Return whether any webhook is enabled."""
         with self._database.read() as session:
             return session.scalar(select(WebhookRow.id).where(WebhookRow.enabled).limit(1)) is not None
 
     def hold(self) -> bool:
-        """Whether this process may send from now on, for the time of a lease; no other one does meanwhile."""
+        """Claim the right to send, exclusive for the time of a lease; return whether this process holds it."""
         now = self._database.now()
         with self._database.read() as session:
             row = session.get(SenderRow, _THE_ROW)
@@ -114,18 +115,18 @@ class Outbox:
             return True
 
     def release(self) -> None:
-        """Let another process send at once."""
+        """Release the right to send at once, for another process."""
         mine = SenderRow.number == _THE_ROW, SenderRow.holder == self._holder
         with self._database.write() as session:
             session.execute(update(SenderRow).where(*mine).values(held_until=self._database.now()))
 
     def due(self, through: int) -> list[str]:
-        """The webhooks to which something can be sent now.
+        """Return the webhooks to which an event can be sent now.
 
         Parameters
         ----------
         through
-            Number of the last event that counts: `EventReader` tells through which one all of them are written.
+            Number of the last event that counts: `EventReader` has the number through which all are written.
         """
         with self._database.read() as session:
             rows = session.scalars(select(WebhookRow).where(WebhookRow.enabled).order_by(WebhookRow.id)).all()
@@ -133,7 +134,10 @@ class Outbox:
             return [row.id for row in rows if _is_due(row, now) and self._has_events(session, row, through)]
 
     def _has_events(self, session: Session, row: WebhookRow, through: int) -> bool:
-        """Whether any is to be sent; asked again only once there are new ones: nothing appears among earlier ones."""
+        """Return whether any event is to be sent.
+
+        The query is repeated only after new events: no event is added among earlier ones.
+        """
         looked_through = row.after, row.events, through
         if self._without.get(row.id) == looked_through:
             return False
@@ -143,7 +147,7 @@ class Outbox:
         return False
 
     def pending(self, webhook_id: str, through: int) -> Pending | None:
-        """What a webhook is sent next; None: nothing, or not now. `through` as for `due`."""
+        """Return the next events of a webhook; None: there are none, or none now. `through` is as for `due`."""
         now = self._database.now()
         with self._database.read() as session:
             row = session.get(WebhookRow, webhook_id)
@@ -153,12 +157,12 @@ class Outbox:
             return Pending(row.id, row.url, secret_of(row, now), row.failures, events) if events else None
 
     def note(self, pending: Pending, event: Event, attempt: Attempt) -> bool:
-        """Enter an attempt's outcome; the last one that fails pauses the webhook and announces it.
+        """Enter an attempt's outcome; the last one that fails pauses the webhook and announces that.
 
         Returns
         -------
         bool
-            Whether the next event may follow at once: it was delivered, and nobody has changed the webhook meanwhile.
+            Whether the next event may follow at once: this one was delivered, and nobody has changed the webhook since.
         """
         with self._database.write() as session:
             row = session.get(WebhookRow, pending.webhook_id, with_for_update=True)
@@ -167,7 +171,7 @@ class Outbox:
             now = self._database.now()
             _enter(session, row, event, attempt, now)
             unchanged = row.enabled and row.url == pending.url and row.secret == pending.secrets[0]
-            # Somebody who moved it back wants the events again, and somebody who moved it on wants none of them.
+            # A user who moved the number back wants the events again, and one who moved it forward wants none of them.
             is_next = row.after < event.number and not read_events(session, row, event.number - 1, 1)
             if attempt.reason is None:
                 row.last_success_at, row.delivered = now, row.delivered + 1
@@ -181,16 +185,16 @@ class Outbox:
 
 
 def message_id(webhook_id: str, event: Event) -> str:
-    """The id of an event's message to a webhook: the same in every attempt, and another after a database was put back.
+    """Return the id of an event's message to a webhook: equal in all attempts, and different after a restore.
 
-    Numbers alone would come again then.
+    Numbers alone would repeat after a restore.
     """
     what = f"{webhook_id} {event.number} {event.at.isoformat()} {event.what} {event.subject_id}"
     return f"msg_{hashlib.sha256(what.encode()).hexdigest()[:32]}"
 
 
 def _holds(row: SenderRow, now: datetime) -> bool:
-    """Whether its time has not run out; one that lies farther ahead is of a clock that was put back."""
+    """Return whether the lease is valid; one that ends farther ahead is from a clock that was put back."""
     return now < row.held_until <= now + LEASE
 
 
@@ -213,7 +217,7 @@ def _enter(session: Session, row: WebhookRow, event: Event, attempt: Attempt, no
     entry = session.scalar(select(DeliveryRow).where(*mine))
     identifier = message_id(row.id, event)
     if entry is None or entry.message_id != identifier:
-        if entry is not None:  # of a database that was put back
+        if entry is not None:  # from a database that was restored
             session.delete(entry)
             session.flush()
         entry = DeliveryRow(webhook_id=row.id, event_number=event.number, message_id=identifier)

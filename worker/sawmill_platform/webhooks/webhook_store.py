@@ -1,6 +1,6 @@
-"""Webhooks: made, changed, listed. Their events are found in the table of events (`webhooks/outbox.py`).
+"""Webhooks: made, changed, listed. Their events are rows of the event table (`webhooks/outbox.py`).
 
-A secret is stored as it is: each message is signed with it.
+A secret is stored in plain text: each message is signed with it.
 """
 
 import secrets
@@ -33,29 +33,29 @@ from sawmill_platform.ledger.events import announce
 PREFIX = "whsec_"
 RANDOM_BYTES = 32  # the specification has 24 to 64
 MOST = 50
-# Of events that wait: who was away for a year must not make every look at the webhooks count all of them.
+# Most waiting events that are counted: after a year without contact, a list of webhooks must not count all of them.
 COUNTED = 10_000
-# Deliveries, after the last attempt.
+# Time for which deliveries are kept after the last attempt.
 KEPT = timedelta(days=7)
 _FORGOTTEN_AT_ONCE = 1000
 _AUDITED = ("url", "description", "events", "enabled")
 
 
 def secret_of(row: WebhookRow, now: datetime) -> tuple[str, ...]:
-    """With what its messages are signed now: its own secret, and the one before within its grace."""
+    """Return the secrets that sign a webhook's messages now: its own, and the one before within its grace."""
     if row.previous_secret is None or row.previous_secret_until is None or row.previous_secret_until <= now:
         return (row.secret,)
     return row.secret, row.previous_secret
 
 
 def wanted_by(row: WebhookRow) -> ColumnElement[bool]:
-    """Whether an event is one of those that it is sent and has not been."""
+    """Select the events that are to be sent to a webhook and have not been sent."""
     behind = EventRow.number > row.after
     return behind if "*" in row.events else behind & EventRow.what.in_(sorted(kinds_of(row.events)))
 
 
 class WebhookStore:
-    """Every method is one transaction."""
+    """Store of webhooks; every method is one transaction."""
 
     def __init__(self, database: Database) -> None:
         self._database = database
@@ -66,7 +66,7 @@ class WebhookStore:
         Raises
         ------
         Conflict
-            `too-many-webhooks`.
+            There are too many; the code is `too-many-webhooks`.
         """
         now = self._database.now()
         with self._database.write() as session:
@@ -84,38 +84,38 @@ class WebhookStore:
             return _with_secret(session, row)
 
     def all(self) -> Webhooks:
-        """Every one, the newest first."""
+        """Return all webhooks, the newest first."""
         with self._database.read() as session:
             rows = session.scalars(select(WebhookRow).order_by(WebhookRow.created_at.desc(), WebhookRow.id))
             return Webhooks(webhooks=[read_webhook(session, row) for row in rows.all()])
 
     def get(self, webhook_id: str) -> Webhook:
-        """One webhook, or `NotFound`."""
+        """Return one webhook, or raise `NotFound`."""
         with self._database.read() as session:
             return read_webhook(session, found(session, WebhookRow, "webhook", webhook_id))
 
     def signing(self, webhook_id: str) -> tuple[Webhook, tuple[str, ...]]:
-        """One webhook and its secrets, or `NotFound`."""
+        """Return one webhook and its secrets, or raise `NotFound`."""
         with self._database.read() as session:
             row = found(session, WebhookRow, "webhook", webhook_id)
             return read_webhook(session, row), secret_of(row, self._database.now())
 
     def update(self, webhook_id: str, ask: WebhookAsk) -> Webhook:
-        """Replace a webhook; where it is enabled, the next attempt comes at once."""
+        """Replace a webhook; if it is enabled, the next attempt is made at once."""
         with self._database.write() as session:
             row = found(session, WebhookRow, "webhook", webhook_id, lock=True)
             _replace(session, self._database.now(), row, ask)
             return read_webhook(session, row)
 
     def enable(self, webhook_id: str, *, enabled: bool) -> None:
-        """Turn it on or off, or `NotFound`."""
+        """Enable or disable a webhook, or raise `NotFound`."""
         with self._database.write() as session:
             row = found(session, WebhookRow, "webhook", webhook_id, lock=True)
             ask = WebhookAsk(url=row.url, description=row.description, events=row.events, enabled=enabled)
             _replace(session, self._database.now(), row, ask)
 
     def rotate(self, webhook_id: str, *, grace_s: int) -> NewWebhook:
-        """Replace its secret, or `NotFound`; messages are signed with the old one too for `grace_s` seconds."""
+        """Replace a webhook's secret, or raise `NotFound`; the old one signs messages too for `grace_s` seconds."""
         now = self._database.now()
         with self._database.write() as session:
             row = found(session, WebhookRow, "webhook", webhook_id, lock=True)
@@ -126,7 +126,7 @@ class WebhookStore:
             return _with_secret(session, row)
 
     def note_test(self, test: WebhookTest) -> WebhookTest:
-        """Enter that somebody sent a test, and why it was not delivered; the webhook stands as before."""
+        """Enter that somebody sent a test, and why it was not delivered; the webhook does not change."""
         now, detail = self._database.now(), {} if test.reason is None else {"reason": test.reason}
         with self._database.write() as session:
             announce(
@@ -135,19 +135,19 @@ class WebhookStore:
         return test
 
     def delete(self, webhook_id: str) -> None:
-        """Remove a webhook and the list of what it was sent, or `NotFound`."""
+        """Remove a webhook and its list of deliveries, or raise `NotFound`."""
         with self._database.write() as session:
             row, now = found(session, WebhookRow, "webhook", webhook_id, lock=True), self._database.now()
             announce(session, now, event_kinds.WEBHOOK_DELETED, "webhook", webhook_id, decided=_audited(row))
             session.delete(row)
 
     def deliveries(self, webhook_id: str, *, after: str | None = None, limit: int = 50) -> Page[Delivery]:
-        """What it was sent, the newest first.
+        """Return a page of a webhook's deliveries, the newest first.
 
         Raises
         ------
         NotFound, Invalid
-            There is no such webhook, or `after` is not a cursor that an earlier page gave.
+            There is no such webhook, or `after` is not a cursor from an earlier page.
         """
         statement = select(DeliveryRow).where(DeliveryRow.webhook_id == webhook_id)
         with self._database.read() as session:
@@ -155,7 +155,7 @@ class WebhookStore:
             return read_numbered_page(session, statement, DeliveryRow.number, read_delivery, after=after, limit=limit)
 
     def forget_deliveries(self) -> None:
-        """Remove entries of deliveries that are older than is kept, some at a time."""
+        """Remove entries of deliveries that are older than `KEPT`, some at a time."""
         old = select(DeliveryRow.number).where(DeliveryRow.last_at < self._database.now() - KEPT)
         with self._database.read() as session:
             numbers = session.scalars(old.limit(_FORGOTTEN_AT_ONCE)).all()
@@ -176,7 +176,7 @@ def _replace(session: Session, now: datetime, row: WebhookRow, ask: WebhookAsk) 
 def _describe(session: Session, row: WebhookRow, ask: WebhookAsk) -> None:
     row.url, row.description, row.events, row.enabled = ask.url, ask.description, ask.events, ask.enabled
     if ask.after is not None:
-        row.after = min(ask.after, _newest(session))  # what has not happened yet is not passed over
+        row.after = min(ask.after, _newest(session))  # later events are not skipped
 
 
 def _newest(session: Session) -> int:
@@ -198,7 +198,7 @@ def _state(row: WebhookRow) -> WebhookState:
 
 
 def read_webhook(session: Session, row: WebhookRow) -> Webhook:
-    """The webhook of a row as it stands, with what waits for it."""
+    """Return the webhook of a row in its present state, with its waiting events counted."""
     oldest = session.scalar(select(EventRow.at).where(wanted_by(row)).order_by(EventRow.number).limit(1))
     some = select(EventRow.number).where(wanted_by(row)).limit(COUNTED).subquery()
     waiting = session.scalar(select(func.count()).select_from(some))
@@ -212,11 +212,11 @@ def _with_secret(session: Session, row: WebhookRow) -> NewWebhook:
 
 
 def read_delivery(row: DeliveryRow) -> Delivery:
-    """The delivery of a row."""
+    """Return the delivery of a row."""
     return Delivery.model_validate({name: getattr(row, name) for name in Delivery.model_fields})
 
 
 def read_events(session: Session, row: WebhookRow, through: int, limit: int) -> Sequence[EventRow]:
-    """The events that it is sent next, the oldest first, none behind a number."""
+    """Return the next events of a webhook, the oldest first, through a number at most."""
     wanted = select(EventRow).where(wanted_by(row), EventRow.number <= through)
     return session.scalars(wanted.order_by(EventRow.number).limit(limit)).all()

@@ -1,1 +1,1 @@
-"""Workers: who claims jobs, by the built-in queue or by Celery, and the housekeeping beside them."""
+"""Workers, which claim jobs by the built-in queue or by Celery, and their housekeeping."""

@@ -1,4 +1,4 @@
-"""Whether the broker answers, for those who run the service."""
+"""Report for operators: whether the broker answers."""
 
 import time
 from typing import NamedTuple
@@ -7,21 +7,21 @@ from urllib.parse import urlsplit
 from redis import Redis
 from redis.exceptions import AuthenticationError, NoPermissionError, RedisError
 
-# A page waits for it.
+# A page waits for the answer.
 PATIENCE_S = 0.5
 
 
 class BrokerReport(NamedTuple):
-    """Redis, which carries wake-ups: without it jobs begin a few seconds later.
+    """Report on Redis, which carries wake-ups: without Redis jobs start a few seconds later.
 
     Attributes
     ----------
     host : str
-        Where it is, without its password.
+        Host and port, without the password.
     answered_s : float or None
-        How long it took to answer; None: it did not.
+        Time until the answer; None: there was no answer.
     refused : bool
-        Whether it answered that the user or the password is wrong.
+        Whether Redis answered that the user or the password is wrong.
     """
 
     host: str
@@ -30,14 +30,14 @@ class BrokerReport(NamedTuple):
 
     @property
     def trouble(self) -> str | None:
-        """What is wrong, without the host, for anybody may read it; None: nothing is."""
+        """Sentence on what is wrong, without the host, so that anybody may read it; None: nothing is wrong."""
         if self.refused:
             return "Redis refuses the user or the password in SAWMILL_BROKER_URL"
         return "Redis (SAWMILL_BROKER_URL) does not answer" if self.answered_s is None else None
 
 
 def report_of(broker_url: str) -> BrokerReport:
-    """Ask it."""
+    """Query the broker."""
     host = urlsplit(broker_url).hostname or "?"
     started = time.perf_counter()
     try:
@@ -45,6 +45,6 @@ def report_of(broker_url: str) -> BrokerReport:
             redis.ping()
     except (AuthenticationError, NoPermissionError):
         return BrokerReport(host, None, refused=True)
-    except (RedisError, ValueError):  # it is away, or the address is none of Redis's
+    except (RedisError, ValueError):  # Redis is away, or the address is not one of Redis
         return BrokerReport(host, None)
     return BrokerReport(host, time.perf_counter() - started)

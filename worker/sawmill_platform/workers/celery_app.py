@@ -1,9 +1,8 @@
-"""The cluster's engine: Redis carries wake-ups, Celery workers claim jobs when they are woken.
+"""Celery workers for a cluster: Redis carries wake-ups, and workers claim jobs when they are woken.
 
 A message announces only that there may be a job, not which one is next: it is acknowledged at once, and losing or
-repeating it does no harm.
-A worker serves both lanes, one after the other as messages come; one with `-Q sawmill-short` serves short jobs alone,
-so that these wait for no long one.
+repeating it does no harm. A worker serves both lanes, one after the other as messages come. A worker with
+`-Q sawmill-short` serves short jobs alone, so that these do not wait for a long job.
 """
 
 import queue
@@ -40,11 +39,11 @@ from sawmill_platform.workers.sharing import say_if_crowded
 RUN_JOB = "sawmill.run_job"
 _QUEUE = "sawmill"
 _SHORT_QUEUE = "sawmill-short"
-_LANES = {False: _QUEUE, True: _SHORT_QUEUE}  # by whether a job is short
+_LANES = {False: _QUEUE, True: _SHORT_QUEUE}  # queues by whether a job is short
 _CONNECT_TIMEOUT_S = 1.0
-_ANSWER_TIMEOUT_S = 2.0  # of a server that does little but move a few bytes
-_HEALTH_CHECK_S = 5.0  # a worker's waiting for messages is begun anew 6 to 11 s after Redis fell silent
-_MOST_WAITING = 100  # wake-ups; more of them add nothing
+_ANSWER_TIMEOUT_S = 2.0  # time for an answer of a server that does little but move a few bytes
+_HEALTH_CHECK_S = 5.0  # a worker starts to wait for messages again 6 to 11 s after Redis fell silent
+_MOST_WAITING = 100  # wake-ups; further ones add nothing
 _CLOSE_S = 2.0
 
 
@@ -54,7 +53,7 @@ def make_celery(settings: ExecutionSettings) -> Celery:
     Parameters
     ----------
     settings
-        With a broker.
+        Settings that name a broker.
 
     Raises
     ------
@@ -98,11 +97,11 @@ def serve(app: Celery, settings: ExecutionSettings, storage: StorageSettings, pr
     Parameters
     ----------
     app, settings
-        From `make_celery`, and its settings.
+        Application from `make_celery`, and its settings.
     storage
-        The store that all machines share.
+        Settings of the store that all machines share.
     program
-        What the workers run.
+        Program of the workers.
     """
     engine = _Engine(app, settings, storage, program)
     app.task(engine.run_job, name=RUN_JOB)
@@ -115,14 +114,14 @@ def serve(app: Celery, settings: ExecutionSettings, storage: StorageSettings, pr
 
 
 class Waker:
-    """Sends wake-ups from a thread of its own, best effort: whoever wakes a worker never waits for Redis.
+    """Sender of wake-ups from its own thread, best effort: the caller never waits for Redis.
 
     Parameters
     ----------
     app
-        From `make_celery`.
+        Application from `make_celery`.
     is_short
-        Which lane a job waits in.
+        Function that returns whether a job waits in the short lane.
     """
 
     def __init__(self, app: Celery, is_short: Callable[[str], bool]) -> None:
@@ -133,19 +132,19 @@ class Waker:
         self._thread = threading.Thread(target=self._send_until_closed, name="wake-ups", daemon=True)
 
     def start(self) -> None:
-        """Begin to send."""
+        """Start the thread."""
         self._thread.start()
 
     def __call__(self, job_id: str) -> None:
-        """Announce a job soon. What Redis does not take is dropped: the sweep sends it again later."""
+        """Announce a job soon. A wake-up that Redis does not take is dropped: the sweep sends it again later."""
         try:
             self._waiting.put_nowait(job_id)
         except queue.Full:
             structlog.get_logger().warning("wake-up-dropped", job_id=job_id, reason=f"{_MOST_WAITING} wait to be sent")
 
     def close(self) -> None:
-        """Send what waits, for two seconds at most; the sweep sends the rest."""
-        with suppress(queue.Full):  # then Redis does not answer, and waiting for it would be in vain
+        """Send the wake-ups that wait, for two seconds at most; the sweep sends the rest."""
+        with suppress(queue.Full):  # in that case Redis does not answer, and waiting for it would be in vain
             self._waiting.put_nowait(None)
             self._thread.join(_CLOSE_S)
         self._given_up.set()
@@ -162,7 +161,7 @@ class Waker:
 
 
 class _Engine:
-    """What a Celery worker process holds while it runs."""
+    """State of a Celery worker process while it runs."""
 
     def __init__(
         self, app: Celery, settings: ExecutionSettings, storage: StorageSettings, program: WorkerProgram[Any]
@@ -178,10 +177,10 @@ class _Engine:
         pool = str(sender.pool_cls)
         if "prefork" in pool:
             raise SystemExit("use the threads or the solo pool: each job has a process of its own already")
-        # Nobody listens to the messages among workers, and Celery sends its heartbeat again for ever, in the thread
-        # that has to end the worker, when Redis is silent.
+        # No worker listens to messages among workers, and when Redis is silent Celery sends its heartbeat again for
+        # ever, in the thread that has to end the worker.
         sender.options |= {"without_heartbeat": True, "without_gossip": True, "without_mingle": True}
-        # As many as Celery runs at once, whatever `--concurrency` says.
+        # As many jobs as Celery runs at once, whatever `--concurrency` says.
         slots = 1 if "solo" in pool else int(sender.concurrency)
         self._settings = self._settings.model_copy(update={"workers": slots})
         say_if_crowded(self._settings)
@@ -195,15 +194,15 @@ class _Engine:
         self._housekeeping = self._program.housekeeping(self._store, self._settings, self._stop)
         self._housekeeping.start()
         self._wake.start()
-        # Apart from the housekeeping, which goes on whatever Redis does.
+        # Apart from the housekeeping, which continues whatever Redis does.
         threading.Thread(target=self._sweep_until_stopped, name="sweep", daemon=True).start()
 
     def _opened(self) -> JobServiceStore:
-        # Celery listens to signals later, and the first process of a container hears none that it does not handle.
+        # Celery handles signals later, and the first process of a container receives no signal that it does not handle.
         before = signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
         try:
             store: JobServiceStore | None = open_store(partial(self._program.open_store, self._storage), self._stop)
-        except (StorageError, OSError) as error:  # Celery would log it and go on without a store
+        except (StorageError, OSError) as error:  # Celery would log the error and continue without a store
             raise SystemExit(f"this worker cannot start: {error}") from error
         finally:
             signal.signal(signal.SIGTERM, before)
@@ -211,13 +210,13 @@ class _Engine:
         return store
 
     def stop_on_signals(self, **_: Any) -> None:  # noqa: ANN401
-        """Give jobs back from the first signal on: in a cold shutdown Celery tells of it only when it has waited."""
+        """Return jobs to the queue from the first signal on: in a cold shutdown Celery reports it after waiting."""
         for number in (signal.SIGTERM, signal.SIGQUIT):
             signal.signal(number, self._stopping_before(signal.getsignal(number)))
 
     def _stopping_before(self, handler: Any) -> Callable[[int, FrameType | None], None]:  # noqa: ANN401
         def stop_and_handle(number: int, frame: FrameType | None) -> None:
-            if not self._stop.is_set():  # whoever is being interrupted may be setting it
+            if not self._stop.is_set():  # the interrupted thread may be setting the event
                 self._stop.set()
             handler(number, frame)
 
@@ -234,7 +233,7 @@ class _Engine:
         self._store.close()
 
     def run_job(self, _job_id: str, short: bool | None = None) -> None:  # noqa: FBT001 - Celery's argument
-        """Run the job whose turn it is in a lane: the queue's order is the database's, not that of the messages."""
+        """Run the next job in turn in a lane: the database decides on the order, not the messages."""
         try:
             self._runner.run_next(Selection(short=short))
         except (StorageFull, StorageUnavailable) as error:
@@ -265,7 +264,7 @@ class _Engine:
                 structlog.get_logger().exception("sweep-put-off")
 
     def _sweep(self) -> None:
-        """Send the wake-ups of waiting jobs again, once no message of their lane is on its way: they cannot pile up."""
+        """Send the wake-ups of waiting jobs again if no message of their lane is on its way: they cannot pile up."""
         for short, name in _LANES.items():
             lost = self._store.jobs.queued_job_ids(
                 older_than_s=self._settings.sweep_s, short=short, limit=_MOST_WAITING // len(_LANES)

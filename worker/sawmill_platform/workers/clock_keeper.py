@@ -1,7 +1,7 @@
-"""The one process that owns the time of a store whose database is a file: it takes over what lasts of its own clock.
+"""Clock of a store whose database is a file: the one process that owns the time adopts lasting steps in its own clock.
 
-That is the service, of which there is one on such a store (`sole_service`). On PostgreSQL the server's clock counts,
-and there is nothing to own.
+The owner is the service, of which there is one on such a store (`sole_service`). On PostgreSQL the server's clock
+counts, and no process owns the time.
 """
 
 import threading
@@ -17,22 +17,22 @@ from sawmill_platform.store import JobServiceStore
 from sawmill_platform.workers.housekeeping import TOLERABLE_S
 from sawmill_platform.workers.naming import process_name
 
-# A step of the machine's clock counts when it has lasted this long: one that is put right at once moves no due time.
+# A step of the machine's clock counts after this time: one that is corrected at once moves no due time.
 LASTING_S = 60.0
 _LOOK_S = 1.0
 
 
 class ClockKeeper:
-    """Watches this machine's clock from a thread, as a context manager.
+    """Watcher of this machine's clock in a thread, as a context manager.
 
     Parameters
     ----------
     store
-        Whose time is kept.
+        Store whose time is kept.
     lasting_s
-        How long a step must last.
+        Seconds that a step must last.
     look_s
-        How often the clock is looked at.
+        Seconds between two readings of the clock.
     """
 
     def __init__(self, store: JobServiceStore, *, lasting_s: float = LASTING_S, look_s: float = _LOOK_S) -> None:
@@ -59,7 +59,7 @@ class ClockKeeper:
         first = True
         while not self._stop.is_set():
             try:
-                # What the clock of the service says at its start counts at once.
+                # An offset of the service's clock at its start counts at once.
                 self._look(lasting_s=0.0 if first else self._lasting_s)
             except (StorageError, OSError) as error:
                 structlog.get_logger().warning("clock-not-kept", reason=str(error))
@@ -74,7 +74,7 @@ class ClockKeeper:
 
 
 class _Step:
-    """For how long a clock has been off by the same."""
+    """Time for which a clock has been off by the same amount."""
 
     def __init__(self, monotonic: Callable[[], float]) -> None:
         self._monotonic = monotonic

@@ -1,4 +1,4 @@
-"""What has to be done now and then, whichever engine runs the jobs."""
+"""Periodic duties, with any engine that runs the jobs."""
 
 import threading
 import time
@@ -14,9 +14,9 @@ from sawmill_platform.workers.logs import going_on
 from sawmill_platform.workers.naming import process_name
 from sawmill_platform.workers.settings import ExecutionSettings
 
-# Seconds by which a clock may be off unmentioned: far more than clocks that are set over a network differ by.
+# Seconds by which a clock may be off without a message: far more than the difference of clocks set over a network.
 TOLERABLE_S = 5.0
-# Seconds between two looks at what has limits of hours and days.
+# Seconds between two rounds of the duties whose limits are hours and days.
 SELDOM_S = 60.0
 
 
@@ -24,23 +24,23 @@ Duty = Callable[[], object]
 
 
 class Housekeeping:
-    """A thread that sees to leases, clocks, uploads and what is old; other packages add duties to those of a round.
+    """Thread that handles leases, clocks, uploads and old data; other packages add duties of a round.
 
     Parameters
     ----------
     store
-        Several processes may look after the same one.
+        Store; several processes may look after the same one.
     settings
-        How often.
+        Settings with the periods.
     stop
-        Ends the thread.
+        Event that ends the thread.
     """
 
     def __init__(self, store: JobServiceStore, settings: ExecutionSettings, stop: threading.Event) -> None:
         self._store = store
         self._settings = settings
         self._stop = stop
-        # A worker that lives hears of a cancellation with its next heartbeat.
+        # A live worker receives a cancellation with its next heartbeat.
         cancel_s = settings.heartbeat_s + settings.housekeeping_s
         self._leases = LeaseObserver(settings.lease_s, cancel_s, settings.housekeeping_s)
         self._clock_is_off = self._folder_is_away = False
@@ -49,17 +49,17 @@ class Housekeeping:
         self._thread = threading.Thread(target=self._loop, name="housekeeping", daemon=True)
 
     def start(self) -> None:
-        """Begin."""
+        """Start the thread."""
         self._thread.start()
 
     def join(self) -> None:
-        """Wait for the end, after `stop` was set."""
+        """Wait for the end of the thread, after `stop` was set."""
         self._thread.join()
 
     def once(self) -> None:
-        """Everything that is due now; what cannot be done does not keep the rest from being done.
+        """Do everything that is due now; a duty that fails does not prevent the other duties.
 
-        An outage has a line in the log for the first duty that it puts off, once in `SELDOM_S`.
+        An outage is logged for the first duty that it delays, once in `SELDOM_S`.
         """
         duties = self.duties()
         if self._folder_is_ours():
@@ -82,7 +82,7 @@ class Housekeeping:
         ]
 
     def duties_with_files(self) -> list[Duty]:
-        """Return the duties of each round in which the data folder is in its place."""
+        """Return the duties of each round that need the data folder in its place."""
         return [self._remove_uploads]
 
     def seldom_duties(self) -> list[Duty]:
@@ -90,7 +90,10 @@ class Housekeeping:
         return [self._store.webhooks.forget_deliveries]
 
     def _folder_is_ours(self) -> bool:
-        """Whether files may be looked at and removed: in another folder all would be leftovers. Said once if not."""
+        """Return whether files may be examined and removed, and log once if not.
+
+        In another data folder all files would be leftovers.
+        """
         try:
             self._store.check_folder()
             self._store.files.check_writable()
@@ -103,10 +106,10 @@ class Housekeeping:
         return True
 
     def _take_back_silent(self) -> None:
-        """Give up on workers without heartbeats; not on those that could not write any in an outage."""
+        """Take jobs from workers without heartbeats; not from workers that could not write a heartbeat in an outage."""
         try:
             silent = list(self._leases.silent(self._store.jobs.pulses()))
-            # A look that can only read would count the silence of an outage.
+            # A check that can only read would count the silence of an outage.
             suspect = next(self._leases.suspects(), None)
             if suspect is not None:
                 self._store.jobs.is_silent_still(suspect)
@@ -124,7 +127,7 @@ class Housekeeping:
             )
 
     def _compare_clocks(self) -> None:
-        """Say once that this machine's clock is off, and again after it was right; no decision goes by it."""
+        """Log once that this machine's clock is off, and again after it was right; no decision uses this clock."""
         off_s = self._store.clock_off_s()
         was_off, self._clock_is_off = self._clock_is_off, abs(off_s) > TOLERABLE_S
         if self._clock_is_off and not was_off:
@@ -132,7 +135,7 @@ class Housekeeping:
             self._store.events.clock_off(process_name(), off_s)
 
     def _remove_uploads(self) -> None:
-        """Those that nobody goes on with."""
+        """Remove uploads that nobody continues."""
         for upload_id in self._store.uploads.remove_expired():
             structlog.get_logger().info("upload-expired", upload_id=upload_id)
 

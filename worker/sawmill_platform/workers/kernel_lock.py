@@ -1,4 +1,4 @@
-"""A lock on a file that the kernel frees however its holder ends; the file has the holder's process id."""
+"""A lock on a file that the kernel frees however its holder ends; the file contains the holder's process id."""
 
 import fcntl
 import os
@@ -19,16 +19,16 @@ class HeldByAnother(Exception):  # noqa: N818 - no error of this process
 
 @contextmanager
 def kernel_lock(path: Path) -> Iterator[TextIO]:
-    """Hold the lock on a file for the block; the file is made where there is none, and stays.
+    """Hold the lock on a file for the block; the file is made if it is missing, and stays.
 
     Raises
     ------
     HeldByAnother
-        At once.
+        Another process holds the lock; the call does not wait.
     OSError
         The file cannot be written, or its file system has no locks.
     """
-    # Not emptied before it is held: it has the holder's id.
+    # Not emptied before the lock is held: the file contains the holder's id.
     with path.open("a+") as lock:
         try:
             fcntl.fcntl(lock, fcntl.F_OFD_SETLK, _WHOLE_FILE)
@@ -41,7 +41,7 @@ def kernel_lock(path: Path) -> Iterator[TextIO]:
 
 
 def holder_of(path: Path) -> str | None:
-    """The id of the process that holds a lock; None: none does. It is asked for and not taken.
+    """Return the id of the process that holds a lock, without taking the lock; None: no process holds it.
 
     Raises
     ------

@@ -15,10 +15,10 @@ from sawmill_platform.errors import StorageFull, StorageUnavailable, outage_of
 def configure_logs(log_format: Literal["console", "json"]) -> None:
     """Send this process's log to standard error, for people or as one JSON object a line.
 
-    What libraries warn of is shaped in the same way, unless somebody else, as Celery, has seen to it. Tracebacks come
-    without local variables, which hold requests' headers and other people's data.
+    Warnings of libraries get the same form, unless another package, such as Celery, has configured them. Tracebacks do
+    not show local variables, which contain requests' headers and other people's data.
     """
-    stream = cast("TextIO", _BestEffort(sys.stderr))  # nobody asks for more of a file than that has
+    stream = cast("TextIO", _BestEffort(sys.stderr))  # these methods of a file are the only ones that are used
     common: list[structlog.typing.Processor] = [
         structlog.contextvars.merge_contextvars,
         structlog.processors.add_log_level,
@@ -46,7 +46,7 @@ def _rendering(log_format: Literal["console", "json"]) -> list[structlog.typing.
 
 @contextmanager
 def about_attempt(job: Job) -> Iterator[None]:
-    """Name the job, its attempt and who asked for it in every line that this thread logs inside the block."""
+    """Add the job, its attempt and its client to every line that this thread logs inside the block."""
     asked_by = {name: value for name in ("request_id", "key_id") if (value := getattr(job, name)) is not None}
     with structlog.contextvars.bound_contextvars(job_id=job.id, attempt=job.attempt, kind=job.kind, **asked_by):
         yield
@@ -54,21 +54,21 @@ def about_attempt(job: Job) -> Iterator[None]:
 
 @contextmanager
 def going_on(event: str, *, said: set[str] | None = None, **details: object) -> Iterator[None]:
-    """Log whatever the block raises, an outage in one line, and go on: for a thread that nobody would start again.
+    """Log an exception of the block, an outage in one line, and continue: for a thread that nobody would restart.
 
     Parameters
     ----------
     event
-        Its name in the log.
+        Name of the event in the log.
     said
-        The caller's, of outages that need no further line; this one is put in.
+        The caller's set of outages that need no further line; this outage is added.
     details
-        Beside the reason.
+        Further values for the line, besides the reason.
     """
     try:
         yield
     except Exception as error:  # noqa: BLE001 - the next round comes whatever happens in this one
-        with suppress(Exception):  # out of memory, say: then there is nothing left to say it with
+        with suppress(Exception):  # for example out of memory: then there is no memory left to log it
             outage = outage_of(error, "the work") if isinstance(error, OSError) else error
             if isinstance(outage, StorageFull | StorageUnavailable):
                 if said is None or str(outage) not in said:
@@ -80,7 +80,7 @@ def going_on(event: str, *, said: set[str] | None = None, **details: object) -> 
 
 
 class _BestEffort:
-    """A log's stream: what a full disk or a reader that is gone does not take is lost, and nothing else is."""
+    """Stream of a log: lines that a full disk or a closed reader does not take are lost, without an exception."""
 
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream

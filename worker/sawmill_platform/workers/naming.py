@@ -1,9 +1,9 @@
-"""What a process is called where people read of it."""
+"""Name of a process for people."""
 
 import os
 import socket
 
 
 def process_name() -> str:
-    """Host and process id."""
+    """Return the host and the process id."""
     return f"{socket.gethostname()}-{os.getpid()}"

@@ -1,4 +1,4 @@
-"""Opening the store at a process's start, however long its database is away."""
+"""Opening of the store at a process's start, however long its database is away."""
 
 import threading
 from collections.abc import Callable
@@ -16,19 +16,19 @@ _LONGEST_WAIT_S = 10.0
 
 
 def open_store(open_once: Callable[[], S], stop: threading.Event) -> S | None:
-    """Open a store, waiting for a database that does not answer yet and for a data folder that is not there yet.
+    """Open a store; wait for a database that does not answer yet and for a data folder that is not there yet.
 
     Parameters
     ----------
     open_once
-        Opens the store, or raises `StorageUnavailable`.
+        Function that opens the store, or raises `StorageUnavailable`.
     stop
-        Ends the waiting.
+        Event that ends the waiting.
 
     Returns
     -------
     store or None
-        None when `stop` was set before.
+        None if `stop` was set before.
 
     Raises
     ------

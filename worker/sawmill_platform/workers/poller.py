@@ -20,7 +20,7 @@ from sawmill_platform.workers.opening import open_store
 from sawmill_platform.workers.program import S, WorkerProgram
 from sawmill_platform.workers.settings import ExecutionSettings
 
-# Of the short lane: its memory is worth keeping while somebody works at a scan, and no longer.
+# Idle time of the short lane: its memory is worth keeping while somebody works with short jobs, and no longer.
 SHORT_IDLE_S = 60.0
 
 
@@ -35,20 +35,20 @@ def run_worker(
     selection: Selection = ANY,
     idle_s: float = math.inf,
 ) -> None:
-    """Claim and run jobs until `stop` is set; a job that is running then is finished or given back.
+    """Claim and run jobs until `stop` is set; a job that is running then is finished or returned to the queue.
 
     Parameters
     ----------
     program, store, settings
-        What the worker runs, where it claims jobs, and how.
+        Program of the worker, store of the jobs, and settings.
     wake
-        Set by whoever knows of a new job, or has set `stop`: an idle worker then looks before its time.
+        Event that is set by code that adds a job or sets `stop`: an idle worker then looks before its time.
     on_able
-        As for `Runner`.
+        Function as for `Runner`.
     selection
-        Which jobs it takes; the others are left to other workers.
+        Jobs that the worker takes; other jobs are left to other workers.
     idle_s
-        End after so long without a job.
+        Time without a job after which the worker ends.
 
     Raises
     ------
@@ -94,25 +94,25 @@ def run(
     kinds: Collection[str] = (),
     groups: Callable[[S], Collection[str]] = lambda _: (),
 ) -> None:
-    """Run one embedded worker, set up by the environment.
+    """Run one embedded worker, configured by the environment.
 
     Parameters
     ----------
     program
-        What the worker runs.
+        Program of the worker.
     watch_parent
         Look for a job at each byte on standard input, and stop at its end.
     short_only
         Take short jobs only, and end after `SHORT_IDLE_S` without any.
     kinds
-        Take jobs of these kinds only; empty: of all.
+        Take jobs of these kinds only; empty: of all kinds.
     groups
-        From the store to the ids of the groups whose jobs it takes only; empty: of all, and those of no group.
+        Function from the store to the ids of the groups whose jobs are taken; empty: all jobs, also without a group.
 
     Raises
     ------
     SystemExit
-        The worker cannot start, in one sentence.
+        The worker cannot start; the message is one sentence.
     """
     settings = ExecutionSettings()
     configure_logs(settings.log_format)
@@ -144,13 +144,16 @@ def run(
 
 
 def report_to_parent() -> None:
-    """Tell the process that started this one that it works (`supervise`): a byte on standard input, a socket."""
-    with suppress(OSError):  # the parent is gone: `_listen_to_parent` sees to that
+    """Report to the parent process (`supervise`) that this worker can run jobs: a byte on standard input, a socket."""
+    with suppress(OSError):  # the parent is gone: `_listen_to_parent` handles that
         os.write(0, b"\n")
 
 
 def _end_on_signals(stop: threading.Event, wake: threading.Event) -> None:
-    """Set both at the first signal to stop; in a thread, for a handler interrupts whoever holds an event's lock."""
+    """Set both events at the first signal to stop.
+
+    A thread does so: a signal handler may interrupt the holder of an event's lock.
+    """
     reading, writing = os.pipe()
     os.set_blocking(writing, False)
     signal.set_wakeup_fd(writing)

@@ -1,4 +1,4 @@
-"""What a worker runs, as the package has it that owns the kinds of jobs."""
+"""The program of a worker, defined by the package that owns the kinds of jobs."""
 
 import threading
 from collections.abc import Callable, Sequence
@@ -20,11 +20,11 @@ class WorkerProgram(Generic[S]):
     Attributes
     ----------
     open_store : callable
-        From the settings to a store that has been set up; raises `StorageUnavailable` until it has.
+        Function from the settings to a store that has been set up; raises `StorageUnavailable` until it has.
     housekeeping : callable
-        From a store, settings and an event that ends it to the housekeeping.
+        Function from a store, settings and an event that ends the housekeeping, to the housekeeping.
     attempt_command : sequence of str
-        Starts the process of an attempt, which speaks `sawmill_platform.attempts.protocol`.
+        Command of the process of an attempt, which speaks `sawmill_platform.attempts.protocol`.
     """
 
     open_store: Callable[[StorageSettings], S]

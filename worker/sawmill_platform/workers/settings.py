@@ -1,4 +1,4 @@
-"""How jobs are run."""
+"""Settings of the execution of jobs."""
 
 from typing import Annotated, Literal, Self
 
@@ -12,7 +12,7 @@ Wait = Annotated[float, Field(ge=0, le=LONGEST_WAIT_S)]
 
 
 class ExecutionSettings(BaseSettings):
-    """Read from the environment, prefix SAWMILL_."""
+    """Settings of the execution, read from environment variables with the prefix SAWMILL_."""
 
     model_config = SettingsConfigDict(env_prefix="SAWMILL_", extra="ignore", frozen=True)
 
@@ -105,7 +105,7 @@ class ExecutionSettings(BaseSettings):
 
     @property
     def retries(self) -> Retries:
-        """When a job is tried again."""
+        """Rules for retries of jobs."""
         return Retries(self.max_attempts, self.loss_wait_s, self.outage_wait_s)
 
     @model_validator(mode="after")

@@ -1,4 +1,4 @@
-"""How the attempts that run at once share the cores of a machine."""
+"""Division of a machine's cores among concurrent attempts."""
 
 import os
 from collections.abc import Mapping
@@ -12,7 +12,7 @@ VARIABLE = "NUMBA_NUM_THREADS"
 
 
 def threads_each(settings: ExecutionSettings, environment: Mapping[str, str] = os.environ) -> int:
-    """The threads of each attempt: as many as somebody asked for, or a share of the cores for each of the workers."""
+    """Return the number of threads of each attempt: the configured number, or a worker's share of the cores."""
     if settings.numba_num_threads is not None:
         return settings.numba_num_threads
     asked = environment.get(VARIABLE, "")
@@ -20,7 +20,7 @@ def threads_each(settings: ExecutionSettings, environment: Mapping[str, str] = o
 
 
 def say_if_crowded(settings: ExecutionSettings) -> None:
-    """Warn where the attempts that can run at once have more threads together than there are cores."""
+    """Warn if the concurrent attempts can have more threads together than there are cores."""
     threads = threads_each(settings)
     if settings.workers * threads > max(cores(), settings.workers):
         structlog.get_logger().warning(

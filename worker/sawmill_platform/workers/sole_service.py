@@ -1,4 +1,4 @@
-"""One service on a data folder whose database is a file."""
+"""Lock for the only service on a data folder whose database is a file."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -17,7 +17,7 @@ def sole_service(settings: StorageSettings) -> Iterator[None]:
     Raises
     ------
     StorageMisconfigured
-        Another process serves it; the sentence has its id.
+        Another process serves the folder; the sentence has its id.
     OSError
         The data folder cannot be used.
     """
@@ -38,7 +38,7 @@ def refuse_second(settings: StorageSettings) -> None:
     Raises
     ------
     StorageMisconfigured, OSError
-        As `sole_service`.
+        Reasons as for `sole_service`.
     """
     process = serving_process(settings)
     if process is not None:
@@ -46,9 +46,9 @@ def refuse_second(settings: StorageSettings) -> None:
 
 
 def serving_process(settings: StorageSettings) -> str | None:
-    """The id of the process that serves a data folder; None: none does, or the database is a server.
+    """Return the id of the process that serves a data folder; None: no process does, or the database is a server.
 
-    The lock is asked for its holder and not taken: a service that starts meanwhile must not find it taken.
+    The holder of the lock is read without taking the lock: a service that starts in this moment must not find it taken.
 
     Raises
     ------

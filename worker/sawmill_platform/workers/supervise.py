@@ -1,4 +1,4 @@
-"""Embedded worker processes for a service on one machine: started, watched, started again."""
+"""Embedded worker processes for a service on one machine: start, supervision and restart."""
 
 import socket
 import subprocess
@@ -20,30 +20,31 @@ from sawmill_platform.workers.settings import ExecutionSettings
 from sawmill_platform.workers.sharing import say_if_crowded
 
 _LOOK_S = 0.2
-_LANE_LOOK_S = 1.0  # for a short job that nobody announced, as one that waited for another
+_LANE_LOOK_S = 1.0  # period of checks for a short job that nobody announced, such as one that waited for another job
 _FIRST_BACK_OFF_S = 0.5
 _LONGEST_BACK_OFF_S = 30.0
 
 
 class WorkerSupervisor:
-    """Keeps `settings.workers` worker processes running, as a context manager, and one more while it is needed.
+    """Supervisor of `settings.workers` worker processes, as a context manager, and of one more while it is needed.
 
-    That one is the short lane: it takes short jobs only, is started while long ones keep all the others busy, and ends
-    by itself when it has had none for a minute. It has all cores too: the system shares them out.
+    The additional process is the short lane: it takes short jobs only, is started while long jobs keep all other
+    workers busy, and ends by itself after a minute without a job. It uses all cores too: the system divides them.
 
-    Each one's standard input announces jobs, and ends with this process, however that ends. A worker that had been able
-    to run jobs is replaced at once, one that never was ever more slowly.
+    Each worker's standard input announces jobs, and ends with this process, however it ends. A worker that was able to
+    run jobs is replaced at once; one that never was is replaced after longer and longer waits.
 
     Parameters
     ----------
     storage
-        The store that the workers share.
+        Settings of the store that the workers share.
     settings
-        How many there are, and how they run jobs.
+        Settings with the number of workers, and of the execution of jobs.
     command
-        Starts one worker, with `--short` one of the short lane.
+        Command of one worker, with `--short` for the short lane.
     held_up
-        Whether a short job waits while this number of workers are busy with long ones; null: there is no short lane.
+        Function that returns whether a short job waits while this number of workers are busy with long jobs; null:
+        there is no short lane.
     """
 
     def __init__(
@@ -62,7 +63,7 @@ class WorkerSupervisor:
         self._general, self._workers = general, [*general, self._short]
         self._held_up = held_up
         self._look_at = 0.0
-        # A worker needs its own grace, and then its child's.
+        # A worker needs its own grace time, and then its child's.
         self._patience_s = settings.stop_grace_s + settings.kill_grace_s + 3.0
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._watch, name="worker-supervisor", daemon=True)
@@ -87,14 +88,14 @@ class WorkerSupervisor:
             worker.end(max(0.0, deadline - time.monotonic()))
 
     def wake(self, _job_id: str) -> None:
-        """Announce a job to the workers; one that misses it finds the job at its next look."""
+        """Announce a job to the workers; a worker that misses it finds the job at its next look."""
         self._look_at = 0.0
         for worker in self._workers:
             worker.wake()
 
     @property
     def process_ids(self) -> list[int]:
-        """Of the workers that run at the moment."""
+        """Ids of the worker processes that run at the moment."""
         return [worker.process.pid for worker in self._workers if worker.process and worker.is_running]
 
     def _watch(self) -> None:
@@ -119,9 +120,10 @@ class WorkerSupervisor:
 
 
 class _WatchedWorker:
-    """One place for a worker process, and how patient to be before it is filled again.
+    """A slot for a worker process, with the wait before it is filled again.
 
-    A socket is the process's standard input: bytes down announce jobs, one byte up reports that it works.
+    A socket is the process's standard input: bytes to the process announce jobs, one byte from it reports that it can
+    run jobs.
     """
 
     def __init__(self, command: Sequence[str], environment: dict[str, str]) -> None:
@@ -138,12 +140,12 @@ class _WatchedWorker:
         return self.process is not None and self.process.poll() is None
 
     def start(self) -> None:
-        """Start the process; one that the system does not start now is tried again like one that ended."""
+        """Start the process; if the system does not start it now, the start is retried as after its end."""
         self._restart_at = None
         ours, theirs = socket.socketpair()
         try:
             with theirs:
-                # In a session of its own, so that Ctrl-C reaches the service alone, which then stops it in order.
+                # In its own session, so that Ctrl-C reaches the service alone, which then stops the process in order.
                 self.process = subprocess.Popen(  # noqa: S603 - our own command
                     self._command, stdin=theirs.fileno(), stdout=2, start_new_session=True, env=self._environment
                 )
@@ -151,12 +153,12 @@ class _WatchedWorker:
             ours.close()
             self._put_off("worker-not-started", reason=str(error))
             return
-        ours.settimeout(0.0)  # a worker that hangs and reads nothing must not make a request wait
+        ours.settimeout(0.0)  # a worker that hangs and does not read must not make a request wait
         with self._speaking:
             self._line = ours
 
     def wake(self) -> None:
-        with self._speaking, suppress(OSError):  # it is full of announcements, or the worker has ended
+        with self._speaking, suppress(OSError):  # the socket is full of announcements, or the worker has ended
             if self._line is not None:
                 self._line.send(b"\n")
 
@@ -172,7 +174,7 @@ class _WatchedWorker:
             self.start()
 
     def start_if_due(self) -> None:
-        """Start a process that ends by itself when it is no longer needed."""
+        """Start a process that ends by itself when no longer needed."""
         if self._restart_at is None and (self.process is None or self.process.poll() == 0):
             self._hang_up()
             self._back_off_s = 0.0
@@ -195,14 +197,14 @@ class _WatchedWorker:
         self._hang_up()
 
     def _has_worked(self) -> bool:
-        """Whether the process that has ended reported that it could run jobs."""
+        """Return whether the ended process reported that it could run jobs."""
         try:
             return self._line is not None and bool(self._line.recv(1))
         except OSError:
             return False
 
     def _put_off(self, event: str, **details: object) -> None:
-        """Wait before the next start: the first time, then twice as long as the last time until a worker has worked."""
+        """Delay the next start: the wait doubles from the last time until a worker has been able to run jobs."""
         self._back_off_s = min(max(2 * self._back_off_s, _FIRST_BACK_OFF_S), _LONGEST_BACK_OFF_S)
         self._restart_at = time.monotonic() + self._back_off_s
         structlog.get_logger().error(event, restart_in_s=self._back_off_s, **details)

@@ -1,6 +1,6 @@
-"""Environment variables named like settings: one that nothing reads is refused, as an unknown field of a request is.
+"""Environment variables named like settings: an unknown one is refused, as an unknown field of a request is.
 
-So is one that holds what its setting cannot be.
+A variable whose value its setting does not accept is refused as well.
 """
 
 import difflib
@@ -17,7 +17,7 @@ from sawmill_platform.settings import StorageSettings
 from sawmill_platform.workers.settings import ExecutionSettings
 
 PREFIX = "SAWMILL_"
-# The API's settings, which workers share an environment with and do not import; a test compares the two.
+# The API's settings: workers share its environment and do not import it; a test compares the two lists.
 OF_THE_SERVICE = frozenset(
     {
         "SAWMILL_HOST",
@@ -65,12 +65,12 @@ class WrongVariableError(Exception):
 
 
 class UnknownVariableError(WrongVariableError):
-    """It is named like a setting and is none."""
+    """A variable named like a setting that does not exist."""
 
 
 @contextmanager
 def variables_checked() -> Iterator[None]:
-    """For the block in which settings are read.
+    """Check the variables for the block in which settings are read.
 
     Raises
     ------
@@ -88,12 +88,12 @@ def variables_checked() -> Iterator[None]:
 
 
 def check_variables(environment: Mapping[str, str] = os.environ) -> None:
-    """Refuse a misspelt setting, which would otherwise leave the default in force unseen.
+    """Refuse a misspelt setting, which would otherwise leave the default in force without notice.
 
     Raises
     ------
     UnknownVariableError
-        It names the variable and the known one nearest to it.
+        The error names the variable and the nearest known one.
     """
     unknown = sorted(name for name in environment if name.upper().startswith(PREFIX) and name.upper() not in KNOWN)
     if unknown:
