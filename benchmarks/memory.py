@@ -30,7 +30,7 @@ from sawmill_contracts.scans import ScanSpec
 from sawmill_platform.settings import StorageSettings
 from sawmill_store.store import Store
 from sawmill_vocabulary import DataKind
-from sawmill_worker.jobs.attempt import Attempt
+from sawmill_worker.jobs.attempt import MillAttempt
 from sawmill_worker.jobs.running import run
 
 VIEWS, CELLS = 360, SCANNER.num_detector_pixels
@@ -124,7 +124,7 @@ def ingest(path: Path, kind: DataKind) -> None:
         upload.symlink_to(path)
         output = Path(folder) / "output"
         output.mkdir()
-        run(Attempt(job, store.jobs.handed_over(job.id), output, report=lambda _: None, announce=lambda _: None))
+        run(MillAttempt(job, store.jobs.handed_over(job.id), output, report=lambda _: None, announce=lambda _: None))
         store.close()
 
 

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 from sawmill_platform.contracts.jobs import JobKind
 from sawmill_store.store import Store
-from sawmill_worker.jobs.attempt import Attempt
+from sawmill_worker.jobs.attempt import MillAttempt
 from sawmill_worker.jobs.running import run
 
 
@@ -25,7 +25,7 @@ def do_waiting_job(store: Store, kind: JobKind) -> Done:
     assert claim.job.kind is kind
     output = store.files.make_attempt_folder(claim.job_id, claim.attempt)
     given = store.jobs.handed_over(claim.job_id)
-    attempt = Attempt(claim.job, given, output, report=lambda _: None, announce=lambda _: None)
+    attempt = MillAttempt(claim.job, given, output, report=lambda _: None, announce=lambda _: None)
     started = time.perf_counter(), time.process_time(), time.thread_time()
     result = run(attempt)
     ended = time.perf_counter(), time.process_time(), time.thread_time()

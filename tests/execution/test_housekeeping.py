@@ -21,7 +21,7 @@ from sawmill_platform.contracts.webhooks import WebhookAsk
 from sawmill_platform.database.tables import REMOVABLE, DeliveryRow, EventRow, JobRow
 from sawmill_platform.errors import StorageUnavailable
 from sawmill_platform.jobs.job_store import Pulse
-from sawmill_platform.webhooks.outbox import Attempt
+from sawmill_platform.webhooks.outbox import DeliveryAttempt
 from sawmill_platform.webhooks.webhook_store import KEPT
 from sawmill_platform.workers.logs import configure_logs
 from sawmill_store.retention import retention_runner as retiring
@@ -121,7 +121,7 @@ def test_old_deliveries_are_forgotten_each_minute(store, settings, monkeypatch):
     store.webhooks.rotate(webhook.id, grace_s=0)
     outbox = store.outbox()
     pending = outbox.pending(webhook.id, store.events.newest_number())
-    outbox.note(pending, pending.events[0], Attempt(200))
+    outbox.note(pending, pending.events[0], DeliveryAttempt(200))
     housekeeping = MillHousekeeping(store, settings, threading.Event())
     housekeeping.once()
     assert len(store.webhooks.deliveries(webhook.id).items) == 1

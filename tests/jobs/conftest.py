@@ -19,7 +19,7 @@ from sawmill_platform.contracts.jobs import Job, JobKind
 from sawmill_platform.settings import StorageSettings
 from sawmill_store.store import Store
 from sawmill_vocabulary import DataKind, Progress
-from sawmill_worker.jobs.attempt import Attempt
+from sawmill_worker.jobs.attempt import MillAttempt
 from sawmill_worker.jobs.running import run
 
 
@@ -32,24 +32,26 @@ def store(tmp_path: Path, empty_data: Path) -> Iterator[Store]:
 
 
 @pytest.fixture
-def attempt(store: Store, tmp_path: Path) -> Callable[..., Attempt]:
+def attempt(store: Store, tmp_path: Path) -> Callable[..., MillAttempt]:
     """An attempt at the newest job of a kind, and what it reported."""
 
-    def at(kind: JobKind, reported: list[Progress] | None = None) -> Attempt:
+    def at(kind: JobKind, reported: list[Progress] | None = None) -> MillAttempt:
         (job,) = store.jobs.page(kind=kind, limit=1).items
         output = tmp_path / f"output-{job.id}"
         output.mkdir()
         report = [].append if reported is None else reported.append
-        return Attempt(job=job, given=store.jobs.handed_over(job.id), output=output, report=report, announce=[].append)
+        return MillAttempt(
+            job=job, given=store.jobs.handed_over(job.id), output=output, report=report, announce=[].append
+        )
 
     return at
 
 
 @pytest.fixture
-def finish(store: Store) -> Callable[[Attempt, dict[str, Any]], Job]:
+def finish(store: Store) -> Callable[[MillAttempt, dict[str, Any]], Job]:
     """Commit what an attempt made."""
 
-    def commit(attempt: Attempt, result: dict[str, Any]) -> Job:
+    def commit(attempt: MillAttempt, result: dict[str, Any]) -> Job:
         claim = store.jobs.claim("test")
         assert claim is not None
         output = store.files.make_attempt_folder(claim.job_id, claim.attempt)
@@ -86,8 +88,8 @@ def upload(store: Store, spec: Callable[..., ScannerSpec]) -> Callable[[NDArray[
 @pytest.fixture
 def ingested(
     upload: Callable[[NDArray[np.float64], str], Scan],
-    attempt: Callable[..., Attempt],
-    finish: Callable[[Attempt, dict[str, Any]], Job],
+    attempt: Callable[..., MillAttempt],
+    finish: Callable[[MillAttempt, dict[str, Any]], Job],
 ) -> Callable[[NDArray[np.float64], str], Scan]:
     """The same, read and ready."""
 

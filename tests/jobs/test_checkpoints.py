@@ -16,7 +16,7 @@ from sawmill_contracts.reconstructions import ReconstructionAsk
 from sawmill_platform.errors import StorageFull
 from sawmill_vocabulary import CalibrationMethod
 from sawmill_worker.jobs import checkpoints
-from sawmill_worker.jobs.attempt import Attempt
+from sawmill_worker.jobs.attempt import MillAttempt
 from sawmill_worker.jobs.checkpoints import PAUSE_S, AttemptKeeper
 from sawmill_worker.jobs.running import run
 
@@ -40,7 +40,7 @@ def hours_go_by(monkeypatch):
 def run_killed(store, tmp_path) -> Callable[..., tuple[dict[str, Any], int]]:
     """Run a job; each attempt dies at an announcement of its progress, after a number of others."""
 
-    def killed(first: Attempt, announcements: int) -> tuple[dict[str, Any], int]:
+    def killed(first: MillAttempt, announcements: int) -> tuple[dict[str, Any], int]:
         for number in range(1, 200):
             output = tmp_path / f"killed-{first.job.id}-{number}"
             output.mkdir()

@@ -33,7 +33,7 @@ from sawmill_platform.database.tables import (
     UtcDateTime,
 )
 from sawmill_platform.errors import Damaged
-from sawmill_platform.keys.repeats import Answer
+from sawmill_platform.keys.repeats import KeptAnswer
 from sawmill_platform.settings import StorageSettings
 from sawmill_store.backups.manifest import read_manifest
 from sawmill_store.backups.restoring import restore
@@ -65,7 +65,7 @@ def fill_the_other_tables(store: Store) -> None:
         look.pooled_tilt_deg = look.pooled_tilt_standard_deviation_deg = 0.1
         about = {"scanner_id": "example", "method": "view-pairs", "activation_number": active.number, "looks": 1}
         found = {"changed_at": now, "finding": FINDING, "alarm": {"at": now.isoformat(), "finding": FINDING}}
-        answer = Answer(status=201, headers={}, body="{}")
+        answer = KeptAnswer(status=201, headers={}, body="{}")
         removed = {"log-scans": [1, 10]}
         session.add_all(
             [

@@ -9,7 +9,7 @@ from documented import check_documented
 from write_lock import write_lock
 
 from sawmill_platform.contracts.keys import KeyAsk, Scope
-from sawmill_platform.uploads.upload_parts import Part
+from sawmill_platform.uploads.upload_parts import UploadPart
 
 CONTENT = bytes(range(256)) * 40
 SCANS = "/v1/scans?scanner_id=example&data=counts&upload_id="
@@ -181,7 +181,7 @@ def test_the_sum_of_a_large_file_keeps_no_other_part_waiting(seeded, monkeypatch
         assert go_on.wait(60)
         return hashlib.sha256(CONTENT).hexdigest()
 
-    monkeypatch.setattr(Part, "_sha256", slow_sum)
+    monkeypatch.setattr(UploadPart, "_sha256", slow_sum)
     paths = [begin(seeded) for _ in range(3)]
     with ThreadPoolExecutor(2) as pool:
         whole = [pool.submit(patch, seeded, path, 0, CONTENT) for path in paths[:2]]

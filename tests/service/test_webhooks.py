@@ -15,7 +15,7 @@ from sawmill_contracts import mill_events
 from sawmill_platform.contracts.events import Event
 from sawmill_platform.contracts.webhooks import WebhookAsk, destination_of
 from sawmill_platform.ledger.events import announce
-from sawmill_platform.webhooks.outbox import Attempt
+from sawmill_platform.webhooks.outbox import DeliveryAttempt
 from sawmill_service.app import create_app
 from sawmill_service.settings import ServiceSettings
 from sawmill_service.webhooks.destinations import AllowedDestinations, RefusedDestinationError
@@ -32,7 +32,7 @@ def happen(store) -> Event:
 def fail(store, webhook_id: str, wait_s: float | None) -> None:
     outbox = store.outbox()
     pending = outbox.pending(webhook_id, 10**6)
-    outbox.note(pending, pending.events[0], Attempt(500, "it answered 500", wait_s))
+    outbox.note(pending, pending.events[0], DeliveryAttempt(500, "it answered 500", wait_s))
 
 
 def test_a_webhook_is_made_listed_replaced_given_another_secret_and_deleted(client):

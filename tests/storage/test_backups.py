@@ -44,7 +44,7 @@ from sawmill_platform.settings import StorageSettings
 from sawmill_platform.uploads.upload_store import UploadQuota
 from sawmill_store.backups import restoring, taking
 from sawmill_store.backups.checking import check_backup
-from sawmill_store.backups.errors import Refused
+from sawmill_store.backups.errors import BackupRefused
 from sawmill_store.backups.folders import backups_in, remove_older
 from sawmill_store.backups.laying import Laying
 from sawmill_store.backups.manifest import FILES, MANIFEST, MANIFEST_SUM, read_entries, read_manifest
@@ -472,7 +472,7 @@ def test_a_path_that_two_files_cannot_have_is_refused(backup, elsewhere, more):
 def test_a_backup_of_a_later_version_is_refused(backup, elsewhere):
     sign(backup, lambda manifest: manifest.update(revision="9999", version="7.0.0"))
     with pytest.raises(
-        Refused, match=f"version 7.0.0 .* 9999, and this .*{VERSION}, knows .*{newest_revision()}: install"
+        BackupRefused, match=f"version 7.0.0 .* 9999, and this .*{VERSION}, knows .*{newest_revision()}: install"
     ):
         restore(backup, elsewhere, silent)
     sign(backup, lambda manifest: manifest.update(format=2))
@@ -515,18 +515,18 @@ def test_rows_of_0_1_0_are_restored_and_one_that_cannot_be_brought_up_to_date_le
 
 
 def test_what_must_not_be_done_is_refused_in_a_sentence(store, settings, upload, backup, into, elsewhere, monkeypatch):
-    with pytest.raises(Refused, match="lies in the data folder"):
+    with pytest.raises(BackupRefused, match="lies in the data folder"):
         take_backup(settings, settings.data_folder / "scans", silent)
-    with pytest.raises(Refused, match=r"there is no folder .*: make it once"):
+    with pytest.raises(BackupRefused, match=r"there is no folder .*: make it once"):
         take_backup(settings, into / "none", silent)
-    with pytest.raises(Refused, match="there is no service's data in"):
+    with pytest.raises(BackupRefused, match="there is no service's data in"):
         take_backup(elsewhere, into, silent)
-    with pytest.raises(Refused, match=r"is not empty .*: a backup is restored into an empty folder alone"):
+    with pytest.raises(BackupRefused, match=r"is not empty .*: a backup is restored into an empty folder alone"):
         restore(backup, settings, silent)
     with pytest.raises(Damaged, match=r"is no backup of this product: it has no manifest.json"):
         restore(into, elsewhere, silent)
     if settings.database_url is not None:
-        with pytest.raises(Refused, match="the database of SAWMILL_DATABASE_URL is not empty"):
+        with pytest.raises(BackupRefused, match="the database of SAWMILL_DATABASE_URL is not empty"):
             restore(backup, elsewhere.model_copy(update={"database_url": settings.database_url}), silent)
     free = SimpleNamespace(free=3)
     monkeypatch.setattr("sawmill_store.backups.copying.shutil.disk_usage", lambda _: free)
@@ -600,7 +600,7 @@ def test_a_killed_restore_leaves_nothing_that_starts(one_backup, target, monkeyp
             Store.open(target)
         if name == "_copy" and target.database_file is not None:
             target.database_file.touch()
-            with pytest.raises(Refused, match="is not empty: a backup is restored into an empty database alone"):
+            with pytest.raises(BackupRefused, match="is not empty: a backup is restored into an empty database alone"):
                 restore(one_backup, target, silent)
             target.database_file.unlink()
     assert restore(one_backup, target, silent) is None, "what was killed last had only its mark left to take away"

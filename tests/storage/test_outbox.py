@@ -17,10 +17,10 @@ from sawmill_platform.database.tables import DeliveryRow
 from sawmill_platform.errors import Conflict, NotFound
 from sawmill_platform.ledger.events import announce
 from sawmill_platform.webhooks import webhook_store as webhooks
-from sawmill_platform.webhooks.outbox import LEASE, Attempt, message_id
+from sawmill_platform.webhooks.outbox import LEASE, DeliveryAttempt, message_id
 
 URL = "https://alarms.mill.example/sawmill"
-DELIVERED = Attempt(200)
+DELIVERED = DeliveryAttempt(200)
 
 
 @pytest.fixture
@@ -48,13 +48,13 @@ def waiting(outbox, webhook, through: int = 10**6) -> list[int]:
     return [] if pending is None else [event.number for event in pending.events]
 
 
-def deliver(outbox, webhook, attempt: Attempt = DELIVERED) -> bool:
+def deliver(outbox, webhook, attempt: DeliveryAttempt = DELIVERED) -> bool:
     pending = outbox.pending(webhook.id, 10**6)
     return outbox.note(pending, pending.events[0], attempt)
 
 
-def failed(wait_s: float | None = 5.0) -> Attempt:
-    return Attempt(500, "it answered 500", wait_s)
+def failed(wait_s: float | None = 5.0) -> DeliveryAttempt:
+    return DeliveryAttempt(500, "it answered 500", wait_s)
 
 
 def test_a_webhook_is_sent_what_it_asked_for_in_order_from_now_on(store, outbox):

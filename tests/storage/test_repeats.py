@@ -13,7 +13,7 @@ from sawmill_contracts.scans import ScanSpec
 from sawmill_platform.contracts.keys import KeyAsk, Scope
 from sawmill_platform.database.database import after_commit
 from sawmill_platform.errors import Conflict, Invalid
-from sawmill_platform.keys.repeats import KEPT, Answer, KeyedRequest
+from sawmill_platform.keys.repeats import KEPT, KeptAnswer, KeyedRequest
 from sawmill_store.store import Store
 from sawmill_vocabulary import DataKind
 
@@ -23,7 +23,7 @@ SPEC = ScannerSpec(name="Line 3", constants=ScannerConstants(**CONSTANTS))
 
 
 def kept_as(scanner):
-    return Answer(201, {"location": scanner.id}, scanner.model_dump_json())
+    return KeptAnswer(201, {"location": scanner.id}, scanner.model_dump_json())
 
 
 def made(store, request=ASKED):
@@ -44,9 +44,9 @@ def test_of_forty_at_once_one_is_made_and_all_get_it(store):
 
     with ThreadPoolExecutor(40) as pool:
         answers = list(pool.map(ask, range(40)))
-    first = [answer for answer in answers if not isinstance(answer, Answer)]
+    first = [answer for answer in answers if not isinstance(answer, KeptAnswer)]
     assert len(first) == 1
-    assert {answer.body for answer in answers if isinstance(answer, Answer)} == {first[0].model_dump_json()}
+    assert {answer.body for answer in answers if isinstance(answer, KeptAnswer)} == {first[0].model_dump_json()}
     assert scanners(store) == [first[0].id]
 
 
@@ -116,7 +116,7 @@ def test_a_kill_leaves_both_or_neither(store, settings, scanner, moment):
                 os._exit(9)
             return accepted
 
-        return store.repeats.once(ASKED, make, lambda scan: Answer(202, {}, scan.model_dump_json()))
+        return store.repeats.once(ASKED, make, lambda scan: KeptAnswer(202, {}, scan.model_dump_json()))
 
     child = os.fork()
     if child == 0:
@@ -126,7 +126,7 @@ def test_a_kill_leaves_both_or_neither(store, settings, scanner, moment):
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 9
     kept = store.repeats.find(ASKED)
     again = accept(store)
-    assert isinstance(again, Answer) is (moment == "committed") is (kept is not None)
+    assert isinstance(again, KeptAnswer) is (moment == "committed") is (kept is not None)
     scan, *others = store.scans.page().items
     assert others == []
     assert len(store.jobs.page().items) == 1
@@ -138,8 +138,8 @@ def test_a_secret_is_made_once(store):
         return store.keys.create(KeyAsk(name="line 2", scope=Scope.READ))
 
     answers = [
-        store.repeats.once(ASKED, create, lambda key: Answer(201, {}, f'{{"id": "{key.id}"}}', whole=False))
+        store.repeats.once(ASKED, create, lambda key: KeptAnswer(201, {}, f'{{"id": "{key.id}"}}', whole=False))
         for _ in range(2)
     ]
-    assert answers[1] == Answer(201, {}, f'{{"id": "{answers[0].id}"}}', whole=False)
+    assert answers[1] == KeptAnswer(201, {}, f'{{"id": "{answers[0].id}"}}', whole=False)
     assert len(store.keys.all().keys) == 1

@@ -11,7 +11,7 @@ from sawmill_platform.acting import Actor, acting_as
 from sawmill_platform.contracts.uploads import Upload, UploadAsk, UploadState
 from sawmill_platform.errors import Conflict, Damaged, NotFound, StorageFull
 from sawmill_platform.files.upload_stream import AsSent
-from sawmill_platform.keys.repeats import Answer, KeyedRequest
+from sawmill_platform.keys.repeats import KeptAnswer, KeyedRequest
 from sawmill_platform.uploads.upload_store import UploadQuota, WrongOffset
 from sawmill_store.store import Store
 from sawmill_vocabulary import DataKind
@@ -151,7 +151,7 @@ def test_the_bytes_of_a_used_upload_have_one_name_after_the_commit_and_its_own_w
         raise Conflict("scan-in-use", "something that comes after it in the same transaction")
 
     with pytest.raises(Conflict, match="after it"):
-        store.repeats.once(KeyedRequest("somebody", "once", "0" * 64), refused, lambda _: Answer(202, {}, ""))
+        store.repeats.once(KeyedRequest("somebody", "once", "0" * 64), refused, lambda _: KeptAnswer(202, {}, ""))
     assert store.uploads.get(kept.id).state is UploadState.COMPLETE
     again = store.scans.accept(spec, store.uploads.received(kept.id))
     assert store.files.upload(job_kinds.INGEST, again.id).read_bytes() == CONTENT

@@ -20,7 +20,7 @@ from starlette.exceptions import HTTPException
 from sawmill_platform.contracts.base import Contract
 from sawmill_platform.errors import StorageError
 from sawmill_platform.files.upload_stream import Received
-from sawmill_platform.keys.repeats import Answer, KeyedRequest
+from sawmill_platform.keys.repeats import KeptAnswer, KeyedRequest
 from sawmill_service.access import caller_of
 from sawmill_service.dependencies import TheStore
 from sawmill_service.http.bodies.sent_content import SentContent
@@ -49,7 +49,7 @@ Key = Annotated[
 class AnsweredBefore(Exception):  # noqa: N818 - no error
     """Raised for a repeat, with its answer."""
 
-    def __init__(self, answer: Answer) -> None:
+    def __init__(self, answer: KeptAnswer) -> None:
         super().__init__()
         self.answer = answer
 
@@ -89,7 +89,7 @@ class Repeatable:
             return make()
         keyed = replace(self.keyed, file_sha256=file_sha256)
         made = self.store.repeats.once(keyed, make, self._kept)
-        if isinstance(made, Answer):
+        if isinstance(made, KeptAnswer):
             raise _repeated(made, self.request)
         return made
 
@@ -154,8 +154,8 @@ class Repeatable:
             digest = await body_sha256(self.request, what, max_bytes=max_bytes)
         raise _repeated(kept.answer_to(replace(self.keyed, file_sha256=digest)), self.request)
 
-    def _kept(self, made: Contract) -> Answer:
-        return Answer(
+    def _kept(self, made: Contract) -> KeptAnswer:
+        return KeptAnswer(
             status=self.response.status_code or self.request.scope["route"].status_code or 200,
             headers=dict(self.response.headers),
             body=made.model_dump_json(by_alias=True, exclude={SECRET}),
@@ -210,7 +210,7 @@ def repeatable(endpoint: Callable[..., Made]) -> Callable[..., Made]:
     return once
 
 
-def _repeated(answer: Answer, request: Request) -> AnsweredBefore | Refused:
+def _repeated(answer: KeptAnswer, request: Request) -> AnsweredBefore | Refused:
     if answer.whole:
         return AnsweredBefore(answer)
     # Only keys and webhooks have secrets, and one path pattern replaces them.

@@ -14,7 +14,7 @@ from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.contracts.uploads import Upload, UploadAsk, UploadState
 from sawmill_platform.errors import Busy, UploadTooLarge
 from sawmill_platform.files.upload_stream import in_parts
-from sawmill_platform.uploads.upload_parts import Part
+from sawmill_platform.uploads.upload_parts import UploadPart
 from sawmill_platform.uploads.upload_store import UploadQuota, WrongOffset
 from sawmill_service.dependencies import TheCaller, TheSettings, TheStore, TheTransfers
 from sawmill_service.http.bodies.announced_part import HEADERS, AnnouncedPart, announced_part
@@ -118,7 +118,9 @@ async def delete_upload(upload_id: Identifier, store: TheStore, transfers: TheTr
     await transfers.end(upload_id)
 
 
-async def _receive(part: Part, announced: AnnouncedPart, chunks: AsyncIterator[bytes], content: SentContent) -> None:
+async def _receive(
+    part: UploadPart, announced: AnnouncedPart, chunks: AsyncIterator[bytes], content: SentContent
+) -> None:
     """Write a part in threads; the file is closed in any case, so that the next part can be written."""
     commits = not content.has_digest
     try:
@@ -136,12 +138,12 @@ async def _receive(part: Part, announced: AnnouncedPart, chunks: AsyncIterator[b
         part.close()
 
 
-async def _complete_if_whole(part: Part) -> None:
+async def _complete_if_whole(part: UploadPart) -> None:
     if not part.missing_bytes:
         await asyncio.get_running_loop().run_in_executor(_SUMS, part.complete)
 
 
-def _begin(store: Store, upload_id: str, announced: AnnouncedPart) -> Part:
+def _begin(store: Store, upload_id: str, announced: AnnouncedPart) -> UploadPart:
     try:
         part = store.uploads.begin_part(
             upload_id,

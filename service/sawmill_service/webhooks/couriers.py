@@ -14,7 +14,7 @@ import structlog
 from sawmill_platform.contracts.events import Event
 from sawmill_platform.errors import StorageError
 from sawmill_platform.ledger.event_reader import EventReader
-from sawmill_platform.webhooks.outbox import Attempt, Outbox, Pending, message_id
+from sawmill_platform.webhooks.outbox import DeliveryAttempt, Outbox, Pending, message_id
 from sawmill_platform.workers.logs import going_on
 from sawmill_service.webhooks.messages import body_of_event, headers_of
 from sawmill_service.webhooks.sending import DeliveryAnswer, WebhookSending
@@ -116,7 +116,7 @@ class Couriers:
         for event in pending.events:
             headers, body = await asyncio.to_thread(self._message, pending, event)
             answer = await self._sending.post(pending.url, headers, body)
-            attempt = Attempt(answer.status, answer.reason, self._wait_s(answer, failures))
+            attempt = DeliveryAttempt(answer.status, answer.reason, self._wait_s(answer, failures))
             if attempt.reason is not None:
                 structlog.get_logger().warning(
                     "webhook-failed",

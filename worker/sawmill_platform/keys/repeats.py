@@ -46,7 +46,7 @@ class KeyedRequest:
 
 
 @dataclass(frozen=True)
-class Answer:
+class KeptAnswer:
     """The answer to a request.
 
     Attributes
@@ -68,14 +68,14 @@ class Answer:
 
 
 @dataclass(frozen=True)
-class Kept:
+class KeptRequest:
     """A request that has been answered."""
 
     request: KeyedRequest
     answered_at: datetime
-    answer: Answer
+    answer: KeptAnswer
 
-    def answer_to(self, again: KeyedRequest) -> Answer:
+    def answer_to(self, again: KeyedRequest) -> KeptAnswer:
         """Return the answer if the repeated request is the same request.
 
         Raises
@@ -98,7 +98,9 @@ class Repeats:
     def __init__(self, database: Database) -> None:
         self._database = database
 
-    def once(self, request: KeyedRequest, make: Callable[[], Made], kept_as: Callable[[Made], Answer]) -> Made | Answer:
+    def once(
+        self, request: KeyedRequest, make: Callable[[], Made], kept_as: Callable[[Made], KeptAnswer]
+    ) -> Made | KeptAnswer:
         """Make a change and keep the answer, in one transaction with all that this thread writes in between.
 
         Parameters
@@ -112,7 +114,7 @@ class Repeats:
 
         Returns
         -------
-        Made or Answer
+        Made or KeptAnswer
             The result, or the answer from before.
 
         Raises
@@ -127,7 +129,7 @@ class Repeats:
             _row(session, request).answer = asdict(kept_as(made))
             return made
 
-    def find(self, request: KeyedRequest) -> Kept | None:
+    def find(self, request: KeyedRequest) -> KeptRequest | None:
         """Return the answered request with this request's key, or None."""
         with self._database.read() as session:
             row = session.scalar(select(RepeatRow).where(_named(request), ~_old(self._database.now())))
@@ -163,8 +165,8 @@ def _row(session: Session, request: KeyedRequest) -> RepeatRow:
     return session.get_one(RepeatRow, (request.caller, request.key))
 
 
-def read_kept(row: RepeatRow) -> Kept:
+def read_kept(row: RepeatRow) -> KeptRequest:
     """Return the answered request of a row."""
     request = KeyedRequest(row.caller, row.key, row.request_sha256, row.file_sha256)
     assert row.answer is not None  # noqa: S101 - written before the claim is committed
-    return Kept(request, row.created_at, Answer(**row.answer))
+    return KeptRequest(request, row.created_at, KeptAnswer(**row.answer))

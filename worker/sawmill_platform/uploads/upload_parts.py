@@ -27,7 +27,7 @@ _STEP_S = 1.0
 _PIECE_BYTES = 2**20
 
 
-class Part:
+class UploadPart:
     """The file of an upload, locked by the system, so that it is free again however its writer ends.
 
     Parameters

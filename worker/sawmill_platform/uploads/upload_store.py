@@ -21,7 +21,7 @@ from sawmill_platform.errors import Conflict, NotFound
 from sawmill_platform.files.file_store import FileStore
 from sawmill_platform.files.upload_stream import Received
 from sawmill_platform.ledger.events import announce
-from sawmill_platform.uploads.upload_parts import Part, announce_deleted, lost
+from sawmill_platform.uploads.upload_parts import UploadPart, announce_deleted, lost
 
 _QUOTA_LOCK = "uploads"
 
@@ -84,7 +84,9 @@ class Uploads:
                 raise NotFound("upload", upload_id)
             return read_upload(row)
 
-    def begin_part(self, upload_id: str, offset_bytes: int, *, part_bytes: int = 0, reserve_bytes: int = 0) -> Part:
+    def begin_part(
+        self, upload_id: str, offset_bytes: int, *, part_bytes: int = 0, reserve_bytes: int = 0
+    ) -> UploadPart:
         """Open an upload for its next part, which no other writer writes in this time; `close` must follow.
 
         Parameters
@@ -106,7 +108,7 @@ class Uploads:
         """
         self._database.check_writable()
         self._awaited(upload_id, offset_bytes, part_bytes)  # before a file of this name is made
-        part = Part(self._files.unfinished(upload_id), upload_id, self._database)
+        part = UploadPart(self._files.unfinished(upload_id), upload_id, self._database)
         try:
             # Once more: another part may have ended just now.
             part.begin(self._awaited(upload_id, offset_bytes, part_bytes), reserve_bytes=reserve_bytes)

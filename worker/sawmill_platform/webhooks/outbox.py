@@ -53,7 +53,7 @@ class Pending:
 
 
 @dataclass(frozen=True)
-class Attempt:
+class DeliveryAttempt:
     """The outcome of one attempt.
 
     Attributes
@@ -156,7 +156,7 @@ class Outbox:
             events = [read_event(event) for event in read_events(session, row, through, _BATCH)]
             return Pending(row.id, row.url, secret_of(row, now), row.failures, events) if events else None
 
-    def note(self, pending: Pending, event: Event, attempt: Attempt) -> bool:
+    def note(self, pending: Pending, event: Event, attempt: DeliveryAttempt) -> bool:
         """Enter an attempt's outcome; the last one that fails pauses the webhook and announces that.
 
         Returns
@@ -202,7 +202,7 @@ def _is_due(row: WebhookRow, now: datetime) -> bool:
     return row.next_attempt_at is None or not now < row.next_attempt_at <= now + _LONGEST_WAIT
 
 
-def _fail(session: Session, row: WebhookRow, attempt: Attempt, now: datetime) -> None:
+def _fail(session: Session, row: WebhookRow, attempt: DeliveryAttempt, now: datetime) -> None:
     row.failures += 1
     if attempt.wait_s is not None:
         row.next_attempt_at = now + timedelta(seconds=attempt.wait_s)
@@ -212,7 +212,7 @@ def _fail(session: Session, row: WebhookRow, attempt: Attempt, now: datetime) ->
     announce(session, now, event_kinds.WEBHOOK_PAUSED, "webhook", row.id, detail=detail)
 
 
-def _enter(session: Session, row: WebhookRow, event: Event, attempt: Attempt, now: datetime) -> None:
+def _enter(session: Session, row: WebhookRow, event: Event, attempt: DeliveryAttempt, now: datetime) -> None:
     mine = DeliveryRow.webhook_id == row.id, DeliveryRow.event_number == event.number
     entry = session.scalar(select(DeliveryRow).where(*mine))
     identifier = message_id(row.id, event)

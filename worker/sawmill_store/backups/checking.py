@@ -20,7 +20,7 @@ from sawmill_store.backups.manifest import (
 from sawmill_vocabulary import Progress, ProgressCallback
 
 
-class Checked:
+class CheckedBackup:
     """A backup whose manifest, rows and list of files are intact, and the files in the folder of the backup.
 
     Parameters
@@ -80,7 +80,7 @@ def check_backup(folder: Path, on_progress: ProgressCallback) -> tuple[Manifest,
     Damaged
         The folder is no backup, or manifest, rows or list of files are damaged.
     """
-    backup = Checked(folder)
+    backup = CheckedBackup(folder)
     problems = backup.problems()
     readable = [entry for entry in backup.entries if entry.sha256 and f"{DATA}/{entry.path}" not in problems]
     report = Reporter(readable, on_progress)

@@ -3,5 +3,5 @@
 from sawmill_platform.errors import StorageError
 
 
-class Refused(StorageError):  # noqa: N818 - an outcome
+class BackupRefused(StorageError):  # noqa: N818 - an outcome
     """A backup or a restore is not possible now; the sentence says what to change."""

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from datetime import datetime
 from pathlib import Path
 
-from sawmill_store.backups.errors import Refused
+from sawmill_store.backups.errors import BackupRefused
 
 _NAME = re.compile(r"sawmill-\d{8}T\d{6}Z(-\d+)?")
 _PARTIAL = ".partial"
@@ -21,14 +21,14 @@ def alone_in(into: Path) -> Iterator[None]:
 
     Raises
     ------
-    Refused
+    BackupRefused
         Another process writes a backup.
     """
     with (into / _LOCK).open("w") as lock:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
-            raise Refused(f"another backup into {str(into)!r} is being written: wait for it") from error
+            raise BackupRefused(f"another backup into {str(into)!r} is being written: wait for it") from error
         for remains in into.glob(f".sawmill-*{_PARTIAL}"):
             shutil.rmtree(remains)
         yield
@@ -69,7 +69,7 @@ def remove_older(into: Path, keep: int, taken: Path) -> list[Path]:
 
     Raises
     ------
-    Refused
+    BackupRefused
         Another backup is being written into the folder.
     """
     with alone_in(into):

@@ -29,9 +29,9 @@ from sawmill_platform.files.whole_files import flush, flushed_file_system
 from sawmill_platform.jobs.job_store import requeue
 from sawmill_platform.ledger.events import record, record_restored
 from sawmill_platform.settings import StorageSettings
-from sawmill_store.backups.checking import Checked, Reporter, compare
+from sawmill_store.backups.checking import CheckedBackup, Reporter, compare
 from sawmill_store.backups.copying import check_room_for, copy
-from sawmill_store.backups.errors import Refused
+from sawmill_store.backups.errors import BackupRefused
 from sawmill_store.backups.manifest import DATA, FOLDERS, Entry, Manifest, open_plain
 from sawmill_store.backups.row_contracts import refuse_unfit_row
 from sawmill_store.backups.rows import go_on_counting, read_rows
@@ -53,7 +53,7 @@ def check_empty(settings: StorageSettings) -> bool:
 
     Raises
     ------
-    Refused
+    BackupRefused
         The data folder or the database is not empty.
     StorageUnavailable
         The database does not answer.
@@ -63,11 +63,11 @@ def check_empty(settings: StorageSettings) -> bool:
     names = sorted({path.name for path in folder.iterdir()} - _NOTHING) if folder.is_dir() and not was_started else []
     if names:
         msg = f"{str(folder)!r} is not empty ({', '.join(names[:3])}): a backup is restored into an empty folder alone"
-        raise Refused(msg)
+        raise BackupRefused(msg)
     is_filled = _is_filled(settings)
     if is_filled and not (was_started and _is_emptied(folder / RESTORING / DATA)):
         where = "the database of SAWMILL_DATABASE_URL" if file is None else repr(str(file))
-        raise Refused(f"{where} is not empty: a backup is restored into an empty database alone")
+        raise BackupRefused(f"{where} is not empty: a backup is restored into an empty database alone")
     return is_filled
 
 
@@ -82,7 +82,7 @@ def restore(backup: Path, settings: StorageSettings, on_progress: ProgressCallba
 
     Raises
     ------
-    Refused
+    BackupRefused
         The folder or the database is not empty, another restore is running, or the backup is of a later version.
     Damaged
         The backup is not as it was written: nothing is restored.
@@ -112,11 +112,11 @@ def _alone_in(folder: Path) -> Iterator[None]:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
-            raise Refused(f"another restore into {str(folder)!r} goes on: wait for it") from error
+            raise BackupRefused(f"another restore into {str(folder)!r} goes on: wait for it") from error
         yield
 
 
-def _restore(backup: Checked, folder: Path, settings: StorageSettings, on_progress: ProgressCallback) -> None:
+def _restore(backup: CheckedBackup, folder: Path, settings: StorageSettings, on_progress: ProgressCallback) -> None:
     manifest, decided = backup.manifest, False
     file = settings.database_file
     to_url = settings.url if file is None else f"sqlite:///{_unfinished(file)}"
@@ -153,7 +153,7 @@ def _put_in_place(unfinished: Path, file: Path) -> None:
     with closing(sqlite3.connect(unfinished)) as connection:
         busy, *_ = connection.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()
     if busy or file.exists():
-        raise Refused(f"another process uses {str(file)!r}: end it, and restore once more")
+        raise BackupRefused(f"another process uses {str(file)!r}: end it, and restore once more")
     unfinished.with_name(f"{unfinished.name}.lock").unlink()
     unfinished.rename(file)
     flush(file.parent)
@@ -187,13 +187,13 @@ def _clear(folder: Path, settings: StorageSettings) -> None:
             path.unlink()
 
 
-def _checked(backup: Path) -> Checked:
-    checked = Checked(backup)
+def _checked(backup: Path) -> CheckedBackup:
+    checked = CheckedBackup(backup)
     if not is_known(checked.manifest.revision):
         theirs = f"version {checked.manifest.version} with tables of revision {checked.manifest.revision}"
         ours = f"version {VERSION}, knows revision {newest_revision()}"
         msg = f"the backup was taken by {theirs}, and this program, {ours}: install version {checked.manifest.version}"
-        raise Refused(msg)
+        raise BackupRefused(msg)
     problems = list(checked.problems().values())
     if problems:
         more = f" (and {len(problems) - 1} more: sawmill restore --check names them)" if len(problems) > 1 else ""
@@ -201,7 +201,7 @@ def _checked(backup: Path) -> Checked:
     return checked
 
 
-def _copy_files(backup: Checked, into: Path, reserve_bytes: int, on_progress: ProgressCallback) -> None:
+def _copy_files(backup: CheckedBackup, into: Path, reserve_bytes: int, on_progress: ProgressCallback) -> None:
     into.mkdir()
     check_room_for(into, sum(_sizes(backup).values()), "the restored service", reserve_bytes=reserve_bytes)
     report = Reporter(backup.entries, on_progress)
@@ -223,7 +223,7 @@ def _copy_files(backup: Checked, into: Path, reserve_bytes: int, on_progress: Pr
             names[status.st_ino, entry.sha256] = target
 
 
-def _sizes(backup: Checked) -> dict[object, int]:
+def _sizes(backup: CheckedBackup) -> dict[object, int]:
     """Return the size of every file, once for a file with several names."""
     return {status.st_ino: status.st_size for status in backup.statuses.values()}
 
@@ -233,7 +233,7 @@ def _copy(backup: Path, entry: Entry, target: Path, report: Reporter) -> None:
         compare(entry, copy(reading, target, report, mtime_ns=entry.mtime_ns))
 
 
-def _take_jobs_back(session: Session, backup: Checked) -> None:
+def _take_jobs_back(session: Session, backup: CheckedBackup) -> None:
     """Queue the jobs that were running, because their workers do not exist here."""
     now = datetime.now(UTC)
     record_restored(session, now, {"taken_at": backup.manifest.taken_at.isoformat(), "backup": backup.folder.name})

@@ -42,7 +42,7 @@ from sawmill_platform.due_times import next_due
 from sawmill_platform.errors import Damaged, Invalid
 from sawmill_platform.jobs.job_store import read_job
 from sawmill_platform.keys.key_store import read_key
-from sawmill_platform.keys.repeats import Answer, Kept, read_kept
+from sawmill_platform.keys.repeats import KeptAnswer, KeptRequest, read_kept
 from sawmill_platform.ledger.audit import read_audit_entry
 from sawmill_platform.ledger.event_reader import read_event
 from sawmill_platform.uploads.upload_store import read_upload
@@ -83,7 +83,7 @@ _BATCH = 500
 # Errors of reading a row with a value that does not fit. A database that does not answer raises other errors.
 _UNFIT = (ArithmeticError, AttributeError, LookupError, TypeError, ValueError, NoResultFound, Invalid)
 _OBJECT = TypeAdapter(dict[str, object])
-_ANSWER = TypeAdapter(Answer)
+_ANSWER = TypeAdapter(KeptAnswer)
 _OF_CLOCKS = {event_kinds.CLOCK_OFF, event_kinds.CLOCK_STEPPED}
 
 Read = Callable[[Session, Any], object]
@@ -212,7 +212,7 @@ def _read_schedule(session: Session, row: ScheduleRow) -> Schedule:
     return read_schedule(session, row)
 
 
-def _read_repeat(_: Session, row: RepeatRow) -> Kept:
+def _read_repeat(_: Session, row: RepeatRow) -> KeptRequest:
     _ANSWER.validate_python(row.answer)
     return read_kept(row)
 

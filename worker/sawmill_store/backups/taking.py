@@ -23,7 +23,7 @@ from sawmill_platform.files.file_store import refuse_half_restored
 from sawmill_platform.files.folder_identity import check_identity
 from sawmill_platform.files.whole_files import flush_names, flushed_file_system
 from sawmill_platform.settings import StorageSettings
-from sawmill_store.backups.errors import Refused
+from sawmill_store.backups.errors import BackupRefused
 from sawmill_store.backups.folders import alone_in, backups_in, new_name, partial_of
 from sawmill_store.backups.laying import Laying
 from sawmill_store.backups.manifest import (
@@ -72,7 +72,7 @@ def take_backup(settings: StorageSettings, into: Path, on_progress: ProgressCall
 
     Raises
     ------
-    Refused
+    BackupRefused
         There is nothing to back up, the folder does not exist or is in the data folder, or another backup is running.
     StorageFull, StorageUnavailable
         The disk has no room, the database does not answer, or the data folder belongs to another database.
@@ -103,13 +103,13 @@ def take_backup(settings: StorageSettings, into: Path, on_progress: ProgressCall
 def _check(settings: StorageSettings, folder: Path, into: Path) -> None:
     refuse_half_restored(folder)
     if not settings.is_made:
-        raise Refused(f"there is no service's data in {str(folder)!r}: give its folder with --data")
+        raise BackupRefused(f"there is no service's data in {str(folder)!r}: give its folder with --data")
     if not into.is_dir():
         msg = f"there is no folder {str(into)!r}: make it once, on the disk that is to hold the backups"
-        raise Refused(msg)
+        raise BackupRefused(msg)
     if into.resolve().is_relative_to(folder.resolve()):
         msg = f"{str(into)!r} lies in the data folder {str(folder)!r}: give a folder on another disk"
-        raise Refused(msg)
+        raise BackupRefused(msg)
 
 
 def _earlier(into: Path) -> tuple[Path, Mapping[str, Entry]]:
@@ -161,7 +161,7 @@ def _look(database: Database, part: Path, folder: Path) -> tuple[dict[str, Table
     with database.snapshot() as connection:
         revision = known_revision(connection)
         if revision is None:
-            raise Refused("the database has no tables: a first start of sawmill serve makes them")
+            raise BackupRefused("the database has no tables: a first start of sawmill serve makes them")
         names = inspect(connection).get_table_names()
         if DataFolderRow.__tablename__ in names:
             check_identity(connection, folder)

@@ -10,7 +10,7 @@ from sawmill_platform.contracts.base import Contract
 Asked = TypeVar("Asked", bound=Contract)
 
 
-class Attempt(work.Attempt[HandedOver]):
+class MillAttempt(work.Attempt[HandedOver]):
     """One attempt at a job of the mill."""
 
     @property

@@ -14,7 +14,7 @@ from sawmill_formats.output.scan_reader import read_stored_scan
 from sawmill_platform.attempts.work import Needs
 from sawmill_tomography.sinograms.present_rows import mean_of_rows
 from sawmill_vocabulary import DataKind
-from sawmill_worker.jobs.attempt import Attempt
+from sawmill_worker.jobs.attempt import MillAttempt
 from sawmill_worker.jobs.checkpoints import AttemptKeeper
 from sawmill_worker.jobs.needs import of_averaged_rows
 from sawmill_worker.use_cases.calibration.calibrate import CalibrationInput, calibration_result, run_calibration
@@ -28,7 +28,7 @@ from sawmill_worker.use_cases.scans.prepare import Stack, of_saturation
 from sawmill_worker.use_cases.scans.selection import chosen_rows, chosen_views
 
 
-def run(attempt: Attempt) -> dict[str, Any]:
+def run(attempt: MillAttempt) -> dict[str, Any]:
     """Write result.h5, from which the pictures are drawn, and return the full result."""
     request, scanner = attempt.asked(CalibrationUnfinished), attempt.scanner
     options = request.options.model_copy(
@@ -61,13 +61,13 @@ def run(attempt: Attempt) -> dict[str, Any]:
     return result.model_dump(mode="json")
 
 
-def needs(attempt: Attempt) -> Needs:
+def needs(attempt: MillAttempt) -> Needs:
     """Compute the needs of averaging the rows."""
     scan, options = usable_scan(attempt), attempt.asked(CalibrationUnfinished).options
     return of_averaged_rows(shape_of(scan), options.rows or scan.phantom_rows, scan.usable_rows)
 
 
-def usable_scan(attempt: Attempt) -> Scan:
+def usable_scan(attempt: MillAttempt) -> Scan:
     """Return the scan, which must be ready; the job that reads a scan may have refused it since the request."""
     scan = attempt.given.scan
     assert scan is not None  # noqa: S101 - required by this kind of job
@@ -82,7 +82,7 @@ def shape_of(scan: Scan) -> ScanShape:
     return scan.shape
 
 
-def usable_calibration(attempt: Attempt, purpose: str) -> CalibrationSucceeded:
+def usable_calibration(attempt: MillAttempt, purpose: str) -> CalibrationSucceeded:
     """Return the calibration, which must have succeeded; a refusal's sentence ends with the geometry's purpose."""
     calibration = attempt.given.calibration
     assert calibration is not None  # noqa: S101 - required by this request
@@ -94,7 +94,7 @@ def usable_calibration(attempt: Attempt, purpose: str) -> CalibrationSucceeded:
     return calibration
 
 
-def drawing_of(attempt: Attempt) -> PhantomDrawing:
+def drawing_of(attempt: MillAttempt) -> PhantomDrawing:
     """Return the phantom's drawing; the job that traces a picture may have refused it since the request."""
     phantom = attempt.given.phantom
     assert phantom is not None  # noqa: S101 - required by this kind of job
@@ -103,7 +103,7 @@ def drawing_of(attempt: Attempt) -> PhantomDrawing:
     return phantom.drawing
 
 
-def _load(attempt: Attempt, scan: Scan, options: CalibrationOptions) -> tuple[CalibrationInput, Stack | None]:
+def _load(attempt: MillAttempt, scan: Scan, options: CalibrationOptions) -> tuple[CalibrationInput, Stack | None]:
     """Load the input, and the stack of the rows where the rows that show the phantom are not known."""
     shape, scanner = shape_of(scan), attempt.scanner
     rows = chosen_rows(options.rows or scan.phantom_rows, shape.rows, scan.usable_rows)
@@ -129,7 +129,7 @@ def _load(attempt: Attempt, scan: Scan, options: CalibrationOptions) -> tuple[Ca
     return calibration_input, None if named else stored.line_integrals
 
 
-def _keeper(attempt: Attempt, calibration_input: CalibrationInput, options: CalibrationOptions) -> AttemptKeeper:
+def _keeper(attempt: MillAttempt, calibration_input: CalibrationInput, options: CalibrationOptions) -> AttemptKeeper:
     origin = {
         "input_sha256": calibration_input.input_sha256,
         "options": options.model_dump(mode="json"),
@@ -141,12 +141,12 @@ def _keeper(attempt: Attempt, calibration_input: CalibrationInput, options: Cali
     return AttemptKeeper(attempt, origin)
 
 
-def _active(attempt: Attempt) -> CalibrationSucceeded | None:
+def _active(attempt: MillAttempt) -> CalibrationSucceeded | None:
     active = attempt.given.active
     return active if isinstance(active, CalibrationSucceeded) else None
 
 
-def _row_reader(attempt: Attempt, scan: Scan, options: CalibrationOptions) -> Callable[[int], NDArray[np.float32]]:
+def _row_reader(attempt: MillAttempt, scan: Scan, options: CalibrationOptions) -> Callable[[int], NDArray[np.float32]]:
     """Return a function that reads any row of the scan, (views, detector); NaN in views that lack the row."""
     views = chosen_views(options.views, shape_of(scan).views)
 

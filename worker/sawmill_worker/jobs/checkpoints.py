@@ -10,7 +10,7 @@ import structlog
 from sawmill_formats.output.checkpoint import UnusableCheckpoint, read_checkpoint, write_checkpoint
 from sawmill_platform.errors import FolderUnavailable, StorageFull, disk_outage_reported
 from sawmill_platform.files.file_store import check_room
-from sawmill_worker.jobs.attempt import Attempt
+from sawmill_worker.jobs.attempt import MillAttempt
 from sawmill_worker.software import software
 from sawmill_worker.use_cases.checkpoints import Arrays, MadeWith
 
@@ -35,7 +35,7 @@ class AttemptKeeper:
         Disk space that the attempt's results may need; checkpoints leave it free.
     """
 
-    def __init__(self, attempt: Attempt, origin: Mapping[str, Any], *, still_to_write_bytes: int = 0) -> None:
+    def __init__(self, attempt: MillAttempt, origin: Mapping[str, Any], *, still_to_write_bytes: int = 0) -> None:
         self._attempt = attempt
         self._origin = {**origin, "software": software()}
         self._still_to_write_bytes = still_to_write_bytes

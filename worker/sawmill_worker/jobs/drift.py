@@ -5,7 +5,7 @@ from typing import Any
 from sawmill_contracts.drifts import Drift
 from sawmill_formats.output.scan_reader import read_stored_scan
 from sawmill_platform.attempts.work import Needs
-from sawmill_worker.jobs.attempt import Attempt
+from sawmill_worker.jobs.attempt import MillAttempt
 from sawmill_worker.jobs.calibrate import shape_of, usable_calibration, usable_scan
 from sawmill_worker.jobs.needs import of_averaged_rows
 from sawmill_worker.use_cases.drift.drift_check import (
@@ -17,7 +17,7 @@ from sawmill_worker.use_cases.failures import refused
 from sawmill_worker.use_cases.scans.selection import chosen_rows, chosen_views
 
 
-def run(attempt: Attempt) -> dict[str, Any]:
+def run(attempt: MillAttempt) -> dict[str, Any]:
     """Return what moved since the calibration; no files are written."""
     request, scanner = attempt.asked(Drift), attempt.scanner
     calibration = usable_calibration(attempt, "compare with")
@@ -57,7 +57,7 @@ def run(attempt: Attempt) -> dict[str, Any]:
     return run_drift(drift_input).model_dump(mode="json")
 
 
-def needs(attempt: Attempt) -> Needs:
+def needs(attempt: MillAttempt) -> Needs:
     """Compute the needs of averaging the rows."""
     scan = usable_scan(attempt)
     return of_averaged_rows(shape_of(scan), attempt.asked(Drift).options.rows, scan.usable_rows)

@@ -11,14 +11,14 @@ from sawmill_formats.input.reading import reading_scan
 from sawmill_platform.attempts.work import Needs
 from sawmill_platform.contracts.base import parse_rows
 from sawmill_vocabulary import DataKind, RowAlignment
-from sawmill_worker.jobs.attempt import Attempt
+from sawmill_worker.jobs.attempt import MillAttempt
 from sawmill_worker.jobs.needs import FILE_BYTES, FILE_SHARE
 from sawmill_worker.use_cases.capacity import memory_available
 from sawmill_worker.use_cases.failures import refused
 from sawmill_worker.use_cases.scans.prepare import prepare_scan
 
 
-def run(attempt: Attempt) -> dict[str, Any]:
+def run(attempt: MillAttempt) -> dict[str, Any]:
     """Write scan.h5 and return the properties of the scan."""
     scan, constants = attempt.given.scan, attempt.scanner.constants
     assert scan is not None  # noqa: S101 - required by this kind of job
@@ -56,7 +56,7 @@ def run(attempt: Attempt) -> dict[str, Any]:
     ).model_dump(mode="json")
 
 
-def needs(_: Attempt) -> Needs:
+def needs(_: MillAttempt) -> Needs:
     """Return no needs beyond the common limits: sizes that a file declares are not trusted before it is read."""
     return Needs(0, int(FILE_SHARE * MAX_BYTES) + FILE_BYTES)
 

@@ -5,11 +5,11 @@ from typing import Any
 from sawmill_contracts.inspections import Inspection
 from sawmill_formats.input.angles import parse_angles
 from sawmill_platform.attempts.work import Needs
-from sawmill_worker.jobs.attempt import Attempt
+from sawmill_worker.jobs.attempt import MillAttempt
 from sawmill_worker.use_cases.scans.inspect import InspectionInput, inspect_file
 
 
-def run(attempt: Attempt) -> dict[str, Any]:
+def run(attempt: MillAttempt) -> dict[str, Any]:
     """Return what the file holds; a file that cannot be read does not make the job fail."""
     options = attempt.asked(Inspection).options
     attempt.report_stage(0.1, "inspect")
@@ -24,6 +24,6 @@ def run(attempt: Attempt) -> dict[str, Any]:
     return inspect_file(source).model_copy(update={"file": options.name}).model_dump(mode="json")
 
 
-def needs(_: Attempt) -> Needs:
+def needs(_: MillAttempt) -> Needs:
     """Return no needs beyond the common limits."""
     return Needs(0, 0)

@@ -4,13 +4,13 @@ from typing import Any
 
 from sawmill_contracts.plans import Plan
 from sawmill_platform.attempts.work import Needs
-from sawmill_worker.jobs.attempt import Attempt
+from sawmill_worker.jobs.attempt import MillAttempt
 from sawmill_worker.jobs.calibrate import drawing_of
 from sawmill_worker.jobs.needs import PROCESS_BYTES, SINOGRAMS
 from sawmill_worker.use_cases.calibration.plan import PlanInput, run_plan
 
 
-def run(attempt: Attempt) -> dict[str, Any]:
+def run(attempt: MillAttempt) -> dict[str, Any]:
     """Return the precision to expect; no files are written."""
     request = attempt.asked(Plan)
     assert request.options.theta is not None  # noqa: S101 - set when the job was accepted
@@ -19,7 +19,7 @@ def run(attempt: Attempt) -> dict[str, Any]:
     return run_plan(plan_input, request.options).model_dump(mode="json")
 
 
-def needs(attempt: Attempt) -> Needs:
+def needs(attempt: MillAttempt) -> Needs:
     """Compute the needs of the phantom's sinogram."""
     cells = attempt.scanner.constants.num_detector_pixels
     return Needs(PROCESS_BYTES + SINOGRAMS * 8 * attempt.asked(Plan).options.views * cells, 0)

@@ -19,7 +19,7 @@ from sawmill_tomography.reconstruction.object_extent import seen_radius_mm
 from sawmill_tomography.warm_up import load_iterative_methods
 from sawmill_vocabulary import DataKind, Handedness, Rotation, Theta
 from sawmill_vocabulary.scattered_radiation import NOTHING_FOUND, BeamCorrection
-from sawmill_worker.jobs.attempt import Attempt
+from sawmill_worker.jobs.attempt import MillAttempt
 from sawmill_worker.jobs.calibrate import shape_of, usable_calibration, usable_scan
 from sawmill_worker.jobs.checkpoints import AttemptKeeper
 from sawmill_worker.jobs.needs import FILE_BYTES, FILE_SHARE, PROCESS_BYTES
@@ -32,7 +32,7 @@ from sawmill_worker.use_cases.scans.selection import chosen_rows, chosen_views
 LINES_A_SLICE = 40
 
 
-def run(attempt: Attempt) -> dict[str, Any]:
+def run(attempt: MillAttempt) -> dict[str, Any]:
     """Write volume.h5 and return the result."""
     options = attempt.asked(Reconstruction).options
     scan = usable_scan(attempt)
@@ -60,7 +60,9 @@ def run(attempt: Attempt) -> dict[str, Any]:
     return result.model_dump(mode="json")
 
 
-def _keeper(attempt: Attempt, reconstruction_input: ReconstructionInput, options: ReconstructionAsked) -> AttemptKeeper:
+def _keeper(
+    attempt: MillAttempt, reconstruction_input: ReconstructionInput, options: ReconstructionAsked
+) -> AttemptKeeper:
     slices = len(range(*reconstruction_input.rows, reconstruction_input.row_step))
     origin = {
         "input_sha256": reconstruction_input.input_sha256,
@@ -76,14 +78,14 @@ def _keeper(attempt: Attempt, reconstruction_input: ReconstructionInput, options
     return AttemptKeeper(attempt, origin, still_to_write_bytes=cost.volume_bytes(options.size, slices))
 
 
-def make_ready(attempt: Attempt) -> None:
+def make_ready(attempt: MillAttempt) -> None:
     """Compile the uncached kernels of a fitted method: the attempt could not write to the kernel cache later."""
     if may_fit(attempt.asked(Reconstruction).options.method):
         attempt.report_stage(0.0, "prepare")
         load_iterative_methods()
 
 
-def needs(attempt: Attempt) -> Needs:
+def needs(attempt: MillAttempt) -> Needs:
     """Compute the needs of rows reconstructed together, images fitted together, and the volume."""
     options, scan = attempt.asked(Reconstruction).options, usable_scan(attempt)
     shape = shape_of(scan)
@@ -97,7 +99,7 @@ def needs(attempt: Attempt) -> Needs:
     return Needs(PROCESS_BYTES + int(at_work / MEMORY_SHARE), file_bytes)
 
 
-def _fitting(attempt: Attempt, options: ReconstructionAsked, shape: ScanShape) -> int:
+def _fitting(attempt: MillAttempt, options: ReconstructionAsked, shape: ScanShape) -> int:
     """Compute the need of the method that needs most, on a grid that holds all that the detector can see."""
     theta, *_ = _geometry_of(attempt, options)
     geometry = FanBeamGeometry(attempt.scanner.constants, theta, np.zeros(1))
@@ -110,7 +112,9 @@ def _fitting(attempt: Attempt, options: ReconstructionAsked, shape: ScanShape) -
     return 4 * (images * pixels + lines)
 
 
-def _geometry_of(attempt: Attempt, options: ReconstructionAsked) -> tuple[Theta, Rotation, Handedness, BeamCorrection]:
+def _geometry_of(
+    attempt: MillAttempt, options: ReconstructionAsked
+) -> tuple[Theta, Rotation, Handedness, BeamCorrection]:
     """Return the given theta, or the calibration's with its beam correction; refuse a calibration without theta."""
     if options.theta is not None:
         rotation, handedness = options.rotation or Rotation.AS_GIVEN, options.handedness or Handedness.AS_DRAWN

@@ -26,14 +26,14 @@ from sawmill_tomography import warm_up as science
 from sawmill_tomography.kernel_cache import only_read
 from sawmill_vocabulary import ProgressCallback
 from sawmill_worker.jobs import reconstruct
-from sawmill_worker.jobs.attempt import Attempt
+from sawmill_worker.jobs.attempt import MillAttempt
 from sawmill_worker.use_cases.failures import input_errors_translated
 
 
 class _JobModule(Protocol):
-    def run(self, attempt: Attempt) -> dict[str, Any]: ...
+    def run(self, attempt: MillAttempt) -> dict[str, Any]: ...
 
-    def needs(self, attempt: Attempt) -> Needs: ...
+    def needs(self, attempt: MillAttempt) -> Needs: ...
 
 
 def _module_of(kind: JobKind) -> _JobModule:
@@ -56,12 +56,12 @@ def attempt(
     output: Path,
     report: ProgressCallback,
     announce: Callable[[Sequence[str]], None],
-) -> Attempt:
+) -> MillAttempt:
     """Return the attempt, with the rows that it was handed."""
-    return Attempt(job, HandedOver.model_validate_json(given_json), output, report, announce)
+    return MillAttempt(job, HandedOver.model_validate_json(given_json), output, report, announce)
 
 
-def run(attempt: Attempt) -> dict[str, Any]:
+def run(attempt: MillAttempt) -> dict[str, Any]:
     """Do the job.
 
     Raises
@@ -73,14 +73,14 @@ def run(attempt: Attempt) -> dict[str, Any]:
         return _MODULES[attempt.job.kind].run(attempt)
 
 
-def make_ready(attempt: Attempt) -> None:
+def make_ready(attempt: MillAttempt) -> None:
     """Compile kernels that `run` needs beyond `warm_up`: afterwards the process may not write to the kernel cache."""
     if attempt.job.kind is job_kinds.RECONSTRUCT:
         reconstruct.make_ready(attempt)
     only_read()
 
 
-def needs_of(attempt: Attempt) -> Needs:
+def needs_of(attempt: MillAttempt) -> Needs:
     """Return the memory and the file size that the job may need.
 
     Raises

@@ -3,11 +3,11 @@
 from typing import Any
 
 from sawmill_platform.attempts.work import Needs
-from sawmill_worker.jobs.attempt import Attempt
+from sawmill_worker.jobs.attempt import MillAttempt
 from sawmill_worker.use_cases.phantom_drawings import traced_drawing
 
 
-def run(attempt: Attempt) -> dict[str, Any]:
+def run(attempt: MillAttempt) -> dict[str, Any]:
     """Return the drawing."""
     picture = attempt.given.picture
     assert picture is not None  # noqa: S101 - required by this kind of job
@@ -16,6 +16,6 @@ def run(attempt: Attempt) -> dict[str, Any]:
     return drawing.model_dump(mode="json")
 
 
-def needs(_: Attempt) -> Needs:
+def needs(_: MillAttempt) -> Needs:
     """Return no needs beyond the common limits."""
     return Needs(0, 0)
