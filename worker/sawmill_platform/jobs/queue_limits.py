@@ -1,7 +1,7 @@
 """Places in the queue: limits on the number of waiting jobs, in all and for each key.
 
-A request takes its place in the transaction that queues the job, one request after the other on PostgreSQL too. So many
-requests at once cannot take more places than there are. Jobs that the service itself queues, for example for a
+A request takes its place in the transaction that queues the job, one request after the other on PostgreSQL too:
+requests that come at once take no more places than there are. Jobs that the service itself queues, for example for a
 schedule, and jobs that are queued again for a retry are never refused: they need no place, and count for later
 requests.
 """
