@@ -80,7 +80,7 @@ class _Matrix(NamedTuple):
 
 @contextmanager
 def _matrix(projector: Projector) -> Iterator[_Matrix]:
-    """The line projector's rays as a sparse matrix, of a field around the COR."""
+    """Yield the line projector's rays as a sparse matrix, for a field around the COR."""
     half, grid = 0.5 * projector.grid.field_mm, projector.grid
     volumes = astra.create_vol_geom(grid.size, grid.size, -half, half, -half, half)
     views, cells = projector.geometry.sinogram_shape
@@ -107,7 +107,7 @@ class _Step(NamedTuple):
 
 
 def _course(algorithm: str, matrix: _Matrix, line: Image, stops: Sequence[int]) -> Generator[_Step, None, None]:
-    """One slice, stop by stop."""
+    """Reconstruct one slice, stop by stop."""
     with _run(algorithm, matrix, line) as (run, volume):
         cpu, wall, done = 0.0, 0.0, 0
         for stop in stops:
@@ -120,7 +120,7 @@ def _course(algorithm: str, matrix: _Matrix, line: Image, stops: Sequence[int]) 
 
 @contextmanager
 def _run(algorithm: str, matrix: _Matrix, line: Image) -> Iterator[tuple[int, int]]:
-    """The numbers of ASTRA's algorithm and of its image."""
+    """Yield the numbers of ASTRA's algorithm and image."""
     data, image = astra.data2d.create("-sino", matrix.rays, line), astra.data2d.create("-vol", matrix.volumes, 0.0)
     settings = astra.astra_dict(algorithm)
     settings |= {"ProjectorId": matrix.kernel, "ProjectionDataId": data, "ReconstructionDataId": image}

@@ -1,4 +1,4 @@
-"""How well Cauchy MAP and total variation choose by themselves: simulated logs against the best, truth in hand.
+"""Cauchy MAP and total variation with their chosen settings: simulated logs against the best, the truth known.
 
 Logs of three kinds (thin bright rings, broad zones, smooth rings), other scanners than the published one, 17 to 90
 views, 1 to 4 % noise, a third of the scans at irregular angles, in units that differ by a factor of thirty. The data
@@ -55,7 +55,7 @@ Found = TypeVar("Found")
 
 
 def ellipse(x: float, y: float, long_mm: float, short_mm: float, turn: float, density: float) -> Polygon:
-    """A polygon of 60 corners."""
+    """Return an ellipse as a polygon of 60 corners."""
     t = np.linspace(0.0, TAU, 61)[:-1]
     a, b = long_mm * np.cos(t), short_mm * np.sin(t)
     c, s = math.cos(turn), math.sin(turn)
@@ -100,7 +100,7 @@ def smooth_log(rng: np.random.Generator) -> Phantom:
 
 
 def random_log(rng: np.random.Generator) -> Phantom:
-    """One log with thin rings or broad zones, in a unit of its own."""
+    """Draw one log with thin rings or broad zones, in a random unit."""
     if rng.uniform() < 0.5:
         model = LogModel.random(int(rng.integers(1000)), radius_mm=rng.uniform(100.0, 165.0))
         log = model.slice_at(rng.uniform(150.0, 250.0))
@@ -110,7 +110,7 @@ def random_log(rng: np.random.Generator) -> Phantom:
 
 
 def random_geometry(rng: np.random.Generator, views: int, cells: int) -> FanBeamGeometry:
-    """A scanner whose detector sees the whole log; every third at irregular angles."""
+    """Draw a scanner whose detector sees the whole log; every third at irregular angles."""
     theta = Theta(
         rng.uniform(0.0, TAU), rng.uniform(550.0, 800.0), rng.uniform(-250.0, 250.0), rng.uniform(-60.0, 60.0), 0.0
     )
@@ -185,7 +185,7 @@ class Reference:
         return float(errors[best]), float(sigmas[best]), float(betas[best])
 
     def cauchy(self, betas: Floats) -> CauchyPrior:
-        """With shares of the wood's attenuation."""
+        """Return the prior with shares of the wood's attenuation."""
         return CauchyPrior(betas * self.wood, np.full(betas.size, STRENGTH), betas * self.wood)
 
     def best_weight(self) -> tuple[float, float]:
@@ -205,7 +205,7 @@ def scores(image: Image, truth: Image) -> str:
 
 
 def row(seed: int, index: int, size: int) -> tuple[str, float, float]:
-    """One log: what is printed, and the ratios to the best of the Cauchy MAP and of total variation."""
+    """Compute one log: its printed row, and the ratios to the best of the Cauchy MAP and of total variation."""
     noise, log, geometry = random_scan(seed, index, size)
     projector = Projector(geometry, ImageGrid(size, FIELD_MM))
     sinogram = simulate_sinogram(log, geometry, noise=noise, seed=index)
@@ -231,7 +231,7 @@ def row(seed: int, index: int, size: int) -> tuple[str, float, float]:
 
 
 def timed(method: Callable[..., Found], *arguments: object, **options: object) -> tuple[Found, float]:
-    """What a method answers, and its processor seconds."""
+    """Return what a method returns, and its processor seconds."""
     started = time.process_time()
     found = method(*arguments, **options)
     return found, time.process_time() - started

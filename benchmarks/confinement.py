@@ -1,4 +1,4 @@
-"""What it costs an attempt to be kept to its own files: processor time in a process forked for it, as attempts are.
+"""The cost of confining an attempt to its own files: processor time in a process forked for it, as attempts are.
 
 python benchmarks/confinement.py [--times 50]
 """

@@ -1,4 +1,4 @@
-"""What coupling along the axis gains and costs: simulated logs that change along it (`whole_logs.py`), truth in hand.
+"""Gain and cost of coupling along the axis: simulated logs that change along it (`whole_logs.py`), the truth known.
 
 For each log: the coupling that is chosen, the coupled error as a share of the uncoupled one, the coupled contrast of
 the nail of 8 mm and of the knot of 12 mm along the axis as a share of the uncoupled one, and the ratio of processor

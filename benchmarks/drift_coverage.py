@@ -54,7 +54,7 @@ class Tally:
         self.quiet.append(quiet)
 
     def line(self) -> str:
-        """What is printed of the class."""
+        """Format the printed line of the class."""
         refused = self.refused.total()
         tried = len(self.errors) + refused
         if not self.errors:
@@ -125,7 +125,7 @@ class Study:
 
 
 def _absolute(fit: DetectorFit) -> FloatArray:
-    """The covariance (2, 2) with what the calibration's SDD adds."""
+    """Return the covariance (2, 2), with the contribution of the calibration's SDD."""
     by_distance = DISTANCE_ERROR_MM * fit.distance_sensitivity
     covariance: FloatArray = fit.covariance[:2, :2] + np.outer(by_distance, by_distance)
     return covariance

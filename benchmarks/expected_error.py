@@ -1,4 +1,4 @@
-"""What error each reconstruction method leaves, by views and noise: the table that `auto` chooses by.
+"""Expected error of each reconstruction method, by views and noise: the table that `auto` chooses by.
 
 Simulated logs of three kinds (thin bright rings, broad zones, smooth rings; choosing.py), analytic data averaged over
 the detector's cells, three cells a pixel, the published scanner's theta, equal steps all round. Each method chooses
@@ -89,7 +89,7 @@ def measure(methods: Sequence[ReconstructionMethod], all_views: Sequence[int], l
 
 
 def check_published(methods: Sequence[ReconstructionMethod], all_views: Sequence[int]) -> None:
-    """The published log beside what the table expects of it."""
+    """Compare the error on the published log with the table's."""
     truth = log_truth("published")
     for views in all_views:
         step = 360 // views

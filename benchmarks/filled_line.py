@@ -76,7 +76,7 @@ class Line:
             session.execute(insert(PlanRow), plans)
 
     def finished_per_s(self, jobs: int, length: int) -> float:
-        """From the first end on to the last that is waited for, by the events' own times."""
+        """Measure jobs finished a second, from the first end to the last awaited one, by the events' own times."""
         begun = self.store.events.newest_number()
         ended = select(func.count(), func.min(EventRow.at), func.max(EventRow.at))
         ended = ended.where(EventRow.number > begun, EventRow.what == event_kinds.SUCCEEDED)
@@ -93,14 +93,14 @@ class Line:
             time.sleep(0.02)
 
     def accepted_per_s(self, asks: int) -> float:
-        """By some clients at once."""
+        """Measure jobs accepted a second from several concurrent clients."""
         started = time.perf_counter()
         with ThreadPoolExecutor(CLIENTS) as clients:
             list(clients.map(lambda _: self.ask(), range(CLIENTS * asks)))
         return CLIENTS * asks / (time.perf_counter() - started)
 
     def claim_ms(self, asks: int) -> float:
-        """Of one more worker, which gives back what it gets; the claim alone counts."""
+        """Measure the claim of one more worker, which gives its jobs back; the claim alone counts."""
         taken = []
         for _ in range(asks):
             started = time.perf_counter()
@@ -111,7 +111,7 @@ class Line:
         return 1e3 * median(taken)
 
     def page_ms(self, asks: int, length: int, depth: float) -> float:
-        """Of a page of jobs behind this share of the queue."""
+        """Measure a page of jobs behind this share of the queue."""
         after = {}
         if depth:
             with self.store._database.read() as session:  # noqa: SLF001 - as above

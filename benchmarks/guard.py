@@ -63,16 +63,16 @@ class Tree:
 
     @property
     def project(self) -> dict[str, Any]:
-        """What its pyproject.toml says of it."""
+        """The project's table in pyproject.toml."""
         return tomllib.loads((self.folder / "pyproject.toml").read_text())["project"]
 
     @property
     def dependencies(self) -> tuple[list[str], str]:
-        """What an environment is made of."""
+        """The specification of an environment: dependencies and pinned versions."""
         return self.project["dependencies"], (self.folder / "constraints.txt").read_text()
 
     def command(self, *arguments: str) -> list[str]:
-        """The program `sawmill` of this checkout."""
+        """Return the command line of the program `sawmill` of this checkout."""
         module, _, function = self.project["scripts"]["sawmill"].partition(":")
         return [str(self.python), "-c", f"from {module} import {function}; {function}()", *arguments]
 
@@ -115,7 +115,7 @@ def _git(*arguments: str) -> str:
 
 @contextmanager
 def warm_process(tree: Tree, scans: Path) -> Iterator[Callable[[str], Seconds]]:
-    """A process that measures rows by their names."""
+    """Start a process that measures rows by their names."""
     own = tree.folder / "benchmarks" / "guard_rows.py"
     script = own if own.is_file() else Path(guard_rows.__file__)
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
@@ -132,7 +132,7 @@ def warm_process(tree: Tree, scans: Path) -> Iterator[Callable[[str], Seconds]]:
 
 @contextmanager
 def short_job(tree: Tree, folder: Path) -> Iterator[Measure]:
-    """A service at rest, and what a calibration of 20 views costs it."""
+    """Measure a service at rest, and its cost of a calibration of 20 views."""
     folder.mkdir()
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
@@ -169,7 +169,7 @@ def _wait_until_ready(client: httpx.Client, log: Path) -> None:
 
 
 def rows_of(tree: Tree, folder: Path, scans: Path, resources: ExitStack) -> dict[str, Measure]:
-    """Every row's measurement of one checkout."""
+    """Measure every row of one checkout."""
     tree.run("compile")
     in_process = resources.enter_context(warm_process(tree, scans))
     phantom = (str(scans / "phantom.h5"), "--data", "counts", "--source-to-cor-mm", str(guard_rows.SOURCE_TO_COR_MM))
@@ -200,7 +200,7 @@ def slower(here: Mapping[str, Measure], other: Mapping[str, Measure]) -> list[st
 
 
 def red(here: Mapping[str, Measure], other: Mapping[str, Measure]) -> list[str]:
-    """The rows that are slower twice in a row."""
+    """Select the rows that are slower twice in a row."""
     suspects = slower(here, other)
     return slower({row: here[row] for row in suspects}, other) if suspects else []
 

@@ -1,4 +1,4 @@
-"""How much later than the core's own time an answer is there over HTTP, on the embedded default.
+"""Latency of an answer over HTTP, compared with the core's own time, on the embedded default.
 
     python benchmarks/http_latency.py [--repeats 15] [--views 360]
 
@@ -61,12 +61,12 @@ def answered(client: httpx.Client, scan_id: str, wait: Wait) -> Json:
 
 
 def print_seconds(name: str, seconds: Sequence[float]) -> None:
-    """One line of the table."""
+    """Print one line of the table."""
     print(f"  {name:<34} median {statistics.median(seconds):6.3f} s   max {max(seconds):6.3f} s", flush=True)
 
 
 def measure(client: httpx.Client, scan_id: str, name: str, wait: Wait, repeats: int) -> None:
-    """The times of a number of calibrations."""
+    """Print the times of a number of calibrations."""
     rows = []
     for _ in range(repeats):
         time.sleep(PAUSE_S)
@@ -81,7 +81,7 @@ def measure(client: httpx.Client, scan_id: str, name: str, wait: Wait, repeats: 
 
 
 def pictures(client: httpx.Client, scan_id: str) -> None:
-    """The report's picture: drawn on the first request, kept for the next."""
+    """Print the times of the report's picture: drawn on the first request, kept for the next."""
     report = answered(client, scan_id, by_events)["report"]
     for name in ("report drawn", "report kept"):
         started = time.perf_counter()
@@ -90,7 +90,7 @@ def pictures(client: httpx.Client, scan_id: str) -> None:
 
 
 def scan_of(client: httpx.Client, folder: Path, views: int) -> str:
-    """A scanner, and a stack of it with the phantom on a log's end, read and ready."""
+    """Create a scanner, and a stack of it with the phantom on a log's end, read and ready; return the scan's id."""
     stack = folder / "stack.h5"
     examples.write_mill_stack(stack, views, examples.mill_slices())
     spec = {"name": "line", "constants": vars(examples.SCANNER)}

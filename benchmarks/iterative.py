@@ -74,16 +74,16 @@ class AstraProjector(Projector):
         object.__setattr__(self, "operator", astra.OpTomo(astra.create_projector("line_fanflat", rays, volumes)))
 
     def forward(self, image: Images) -> Images:
-        """As ours."""
+        """Project an image like our projector."""
         return self.operator.FP(image[0])[None]
 
     def adjoint(self, sinogram: Images) -> Images:
-        """As ours."""
+        """Back-project a sinogram like our projector."""
         return self.operator.BP(sinogram[0])[None]
 
 
 def tracked(call: Callable[[Images, Indices], tuple[Floats, Images]], track: Track, started: float) -> Callable:
-    """The objective, writing down (seconds, value) of each call."""
+    """Wrap the objective so that (seconds, value) of each call is recorded."""
 
     def evaluate(vector: FloatArray) -> tuple[float, FloatArray]:
         value, gradient = call(vector.reshape(1, SIZE, SIZE).astype(np.float32), np.array([0]))
@@ -119,7 +119,7 @@ def peer(objective: Objective, start: Images, iterations: int) -> Track:
 
 
 def seconds_to(track: Track, level: float) -> float:
-    """When the level was first reached."""
+    """Return the time at which the level was first reached."""
     return next(seconds for seconds, value in track if value <= level)
 
 
@@ -130,7 +130,7 @@ def settings_of(projector: Projector, lines: Images) -> dict[str, float]:
 
 
 def unlike_slices(projector: Projector) -> Images:
-    """A simulated log at 16 heights, with noise."""
+    """Simulate a log at 16 heights, with noise."""
     log = LogModel.random(5)
     slices = [
         simulate_sinogram(log.slice_at(100.0 + 50.0 * n), projector.geometry, noise=0.02, seed=n) for n in range(BLOCK)
@@ -157,7 +157,7 @@ RIVALS: dict[str, Callable[[Objective, Images], Tracked]] = {
 
 
 def compare(objective: Objective, start: Images) -> dict[str, Tracked]:
-    """Each rival from the image of the continuation."""
+    """Run each rival from the image of the continuation."""
     near = continuation(objective, start, non_negative=True, tolerance=LONG["tolerance"])
     found = {}
     for label, rival in RIVALS.items():

@@ -1,4 +1,4 @@
-"""What a short job costs: processor seconds a calibration, and the memory of a service at rest.
+"""The price of a short job: processor seconds a calibration, and the memory of a service at rest.
 
     python benchmarks/job_price.py [--jobs 10] [--against TREE]
 
@@ -36,7 +36,7 @@ VIEWS, REST_S, QUIET_S, QUEUED = 20, 10.0, 1.5, 40
 
 
 def processes(root: int | None = None) -> list[int]:
-    """A process and every descendant of it; those of this process, without itself, by default: the service's."""
+    """List a process and all its descendants; by default the service's: this process's descendants without itself."""
     parents = {}
     for folder in Path("/proc").glob("[0-9]*"):
         try:
@@ -54,14 +54,14 @@ def _stat(folder: Path) -> list[str]:
 
 
 def name_of(process_id: int) -> str:
-    """Its part in the service, from its command line."""
+    """Name the process's part in the service, from its command line."""
     command = Path(f"/proc/{process_id}/cmdline").read_bytes().replace(b"\0", b" ").decode()
     parts = {"execution.attempt": "attempt", "execution.poller": "worker", " serve ": "API"}
     return next((part for words, part in parts.items() if words in command), command)
 
 
 def pss_mib(process_id: int) -> float:
-    """Its memory, what it shares with others divided among them."""
+    """Return the process's memory, shared pages divided among their users."""
     lines = Path(f"/proc/{process_id}/smaps_rollup").read_text().splitlines()
     return sum(int(line.split()[1]) for line in lines if line.startswith("Pss:")) / 1024
 
@@ -110,7 +110,7 @@ def jobs_per_s(client: httpx.Client, scan_id: str, jobs: int) -> float:
 
 
 def measured(tree: Path, jobs: int) -> Json:
-    """The figures of the service of one checkout."""
+    """Measure the figures of the service of one checkout."""
     os.environ["PYTHONPATH"] = f"{tree / 'service'}:{tree / 'worker'}"
     # What an installation compiles once is no part of the price, nor of the memory.
     subprocess.run([sys.executable, "-m", "sawmill_command.commands", "compile"], check=True, capture_output=True)
@@ -150,7 +150,7 @@ def measured(tree: Path, jobs: int) -> Json:
 
 
 def memory_by_part() -> dict[str, float]:
-    """The proportional set size of the service's parts; a template and its spare child are attempts both."""
+    """Return the proportional set size of the service's parts; a template and its spare child are attempts both."""
     parts: dict[str, float] = defaultdict(float)
     for each in processes():
         parts[name_of(each)] += pss_mib(each)
@@ -158,7 +158,7 @@ def memory_by_part() -> dict[str, float]:
 
 
 def print_row(name: str, figures: Json) -> None:
-    """One checkout's figures as a line of the table."""
+    """Print one checkout's figures as a line of the table."""
     parts = ", ".join(f"{part} {mib:.0f}" for part, mib in figures["parts_pss_mib"].items())
     print(
         f"{name:6} {figures['job_processor_s']:5.2f} s ({figures['least_processor_s']:.2f} to "

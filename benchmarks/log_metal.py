@@ -74,7 +74,7 @@ class NailedLog:
 def image_of(
     lines: Image, fan: FanBeamGeometry, method: ReconstructionMethod, metal: MetalHandling, size: int
 ) -> Image:
-    """A slice (size, size), as the command reconstructs it."""
+    """Reconstruct a slice (size, size) as the command does."""
     given = ReconstructionInput(
         read=lambda start, stop: lines[:, None][:, start:stop],
         angles_rad=fan.angles_rad,

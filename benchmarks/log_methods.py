@@ -74,14 +74,14 @@ Method = Callable[[LogScan, Settings | None], Outcome]
 
 
 def _timed(work: Callable[[], Rows]) -> tuple[Rows, float, float]:
-    """What it answers, and the seconds of processors and of the clock, a slice."""
+    """Return the work's rows, and the seconds of processors and of the clock, a slice."""
     cpu, wall = time.process_time(), time.perf_counter()
     found = work()
     return found, (time.process_time() - cpu) / len(found), (time.perf_counter() - wall) / len(found)
 
 
 def reconstruct_rows(scan: LogScan, lines: Rows, **options: object) -> tuple[Rows, ReconstructionResult]:
-    """Some rows of it, as the job, the command line and Python users do it."""
+    """Reconstruct some rows of a scan, as the job, the command line and Python users do it."""
     grid = scan.projector.grid
     given = ReconstructionInput(
         read=lambda start, stop: np.ascontiguousarray(lines[start:stop].transpose(1, 0, 2)),
@@ -100,7 +100,7 @@ def reconstruct_rows(scan: LogScan, lines: Rows, **options: object) -> tuple[Row
 
 
 def ours(method: str, open_settings: tuple[str, ...] = (), *, judged_only: bool = False, **options: object) -> Method:
-    """By its own choice, as it is made for the whole log; then with the settings, which is the price of a slice.
+    """Return our method: its settings chosen as for the whole log, then the price of a slice with these settings.
 
     A choice is of the middle row, that of a coupling of those around it as well; so these rows are all that is
     reconstructed to learn it. Tikhonov has no choice for a log: each slice chooses.
@@ -108,7 +108,7 @@ def ours(method: str, open_settings: tuple[str, ...] = (), *, judged_only: bool 
     chosen_from = SLICES_AROUND if "coupling" in open_settings else 1
 
     def choice(scan: LogScan) -> tuple[Settings, float, int]:
-        """The settings, seconds of processors a slice, and the number of slices."""
+        """Choose the settings; return them, seconds of processors, and the number of slices."""
         found: list[ReconstructionResult] = []
         first = max(len(scan.lines) // 2 - chosen_from // 2, 0)
         lines = scan.lines[first : first + chosen_from]
@@ -134,7 +134,7 @@ def ours(method: str, open_settings: tuple[str, ...] = (), *, judged_only: bool 
 
 
 def astra_rival(algorithm: str) -> Method:
-    """Of the judged rows alone; the number of iterations by the truth."""
+    """Return ASTRA's method for the judged rows alone, its number of iterations chosen by the truth."""
 
     def run(scan: LogScan, settings: Settings | None) -> Outcome:
         judged = scan.judged
@@ -148,7 +148,7 @@ def astra_rival(algorithm: str) -> Method:
 
 
 def tuned_fbp(scan: LogScan, settings: Settings | None) -> Outcome:
-    """Its cut-off frequency chosen by the truth of the judged rows, the image clipped at 0."""
+    """Return FBP with its cut-off frequency chosen by the truth of the judged rows, the image clipped at 0."""
     judged = scan.judged
 
     def image(lines: Rows, cut_off: float) -> Rows:
@@ -204,7 +204,7 @@ def tuned_along_the_axis(scan: LogScan, settings: Settings | None) -> Outcome:
         return support.embedded(objective.minimum(start[:, *support.part]))
 
     def near(lines: Rows, weight: float, axis: float) -> Rows:
-        """A stack to start from."""
+        """Compute a stack to start from."""
         return total_variation(scan.projector, lines, weight=weight, coupling=0.5 * axis).image
 
     def choice() -> Settings:
@@ -230,7 +230,7 @@ def tuned_along_the_axis(scan: LogScan, settings: Settings | None) -> Outcome:
 
 
 def lowest_neighbour(error: Callable[[tuple[int, int]], float], start: tuple[int, int]) -> tuple[int, int]:
-    """Where no neighbour of four is lower."""
+    """Search for the place where no neighbour of four is lower."""
     cached, at = cache(error), start
     while True:
         best = min((at, *((at[0] + i, at[1] + j) for i, j in ((0, -1), (0, 1), (-1, 0), (1, 0)))), key=cached)

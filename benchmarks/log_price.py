@@ -66,7 +66,7 @@ def price_of_a_log(rows: int, few_rows: tuple[int, int], few: ReconstructionMeth
 
 
 def _scan(store: Store, file: Path, rows: int) -> tuple[str, float, int]:
-    """Its id, the processor seconds of reading it, and its file's bytes."""
+    """Store a scan; return its id, the processor seconds of reading it, and its file's bytes."""
     make_counts(file, rows, number=VIEWS, fields=1)
     scanner = store.scanners.create(ScannerSpec(name="line", constants=ScannerConstants(**vars(SCANNER))))
     with file.open("rb") as content:

@@ -47,7 +47,7 @@ class LogScan:
         return list(range(min(len(self.truth) // 2, JUDGED_STEP // 2), len(self.truth), JUDGED_STEP))
 
     def errors(self, images: Rows, rows: list[int]) -> list[float]:
-        """The relative error of each of these rows' images, all pixels of it."""
+        """Compute the relative error of each of these rows' images, over all pixels."""
         return [relative_error(image, self.truth[row]) for image, row in zip(images, rows, strict=True)]
 
     def error(self, images: Rows, rows: list[int]) -> float:
@@ -74,7 +74,7 @@ class LogScan:
 
 
 def published_scan(views: int, noise: float) -> LogScan:
-    """The published log, which has 2 % noise itself: more is added, less cannot be.
+    """Return the published log, which has 2 % noise itself: more is added, less cannot be.
 
     Raises
     ------
@@ -95,7 +95,7 @@ def published_scan(views: int, noise: float) -> LogScan:
 
 
 def whole_scan(log: WholeLog, truth: Rows, views: int, noise: float, grid: ImageGrid) -> LogScan:
-    """A whole log by the published scanner, equal steps all round; the truth on the grid is the caller's to keep."""
+    """Simulate a whole log by the published scanner, equal steps all round; the caller keeps the truth on the grid."""
     geometry = FanBeamGeometry(SCANNER, TRUE_THETA, (np.arange(views) + 0.5) * TAU / views)
     lines = log.sinograms(geometry, noise=noise)
     return LogScan(str(log.seed), Projector(geometry, grid), lines, truth, log)

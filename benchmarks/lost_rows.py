@@ -67,7 +67,7 @@ def exposed(lines: Stack, rng: np.random.Generator) -> Stack:
 
 
 def lose_rows(stack: Stack, rng: np.random.Generator) -> tuple[Stack, FloatArray]:
-    """A third of the views without 1 to 6 rows, moved up; and by how many."""
+    """Remove 1 to 6 rows from a third of the views and move these views up; return the stack and the shifts."""
     lost, shift = stack.copy(), np.zeros(len(stack))
     for view in rng.permutation(len(stack))[: len(stack) // 3]:
         gone = int(rng.integers(1, MOST_LOST + 1))
@@ -78,7 +78,7 @@ def lose_rows(stack: Stack, rng: np.random.Generator) -> tuple[Stack, FloatArray
 
 
 def move_by_parts(lines: Stack, rng: np.random.Generator) -> tuple[Stack, FloatArray]:
-    """A third of the views moved along the log by parts of a row, which mix two of them; and by how much."""
+    """Move a third of the views along the log by parts of a row, which mix two rows; return stack and shifts."""
     moved, shift = lines.copy(), np.zeros(len(lines))
     for view in rng.permutation(len(lines))[: len(lines) // 3]:
         shift[view] = rng.uniform(0.0, 1.0)
@@ -88,7 +88,7 @@ def move_by_parts(lines: Stack, rng: np.random.Generator) -> tuple[Stack, FloatA
 
 
 def reported(name: str, way: str, stack: Stack, angles: FloatArray, truth: FloatArray) -> str:
-    """How far off a way is."""
+    """Report the error of a way."""
     try:
         found = WAYS[way](stack, angles)
     except RowsError as error:
@@ -103,7 +103,7 @@ def reported(name: str, way: str, stack: Stack, angles: FloatArray, truth: Float
 
 
 def shifts() -> None:
-    """Both ways, on stacks that lost whole rows and on stacks whose views moved by parts of a row."""
+    """Print both ways' errors, on stacks that lost whole rows and on stacks whose views moved by parts of a row."""
     for views in (60, 180):
         angles = full_turn(views)
         for seed in (1, 2):
@@ -120,7 +120,7 @@ def shifts() -> None:
 
 
 def slices() -> None:
-    """A row of the board and one of the log, with fewer views."""
+    """Print the errors of a row of the board and one of the log, with fewer views."""
     for views in (60, 180, 360):
         angles = full_turn(views)
         lines = stack_of(1, angles, BOARD, 2.0)

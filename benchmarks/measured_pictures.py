@@ -69,7 +69,7 @@ def calibration_of(disc: Disc) -> sawmill.Calibration:
 
 
 def outline(disc: Disc) -> Figure:
-    """The disc by FBP with the geometry that was found from it, its outline where the calibration put it."""
+    """Draw the disc by FBP with the geometry that was found from it, its outline where the calibration put it."""
     found = calibration_of(disc)
     assert found.arrays is not None
     arrays = found.arrays()

@@ -72,7 +72,7 @@ def make_counts(path: Path, rows: int, *, packed: bool = False, number: int = VI
 
 
 def make_packed_counts(path: Path, rows: int) -> None:
-    """The same, each view packed by itself: no row can be read alone."""
+    """Write counts with each view packed by itself: no row can be read alone."""
     make_counts(path, rows, packed=True)
 
 
@@ -85,7 +85,7 @@ def make_dataset(path: Path, rows: int) -> None:
 
 
 def make_tiff(path: Path, rows: int) -> None:
-    """A TIFF of one page a view, float32."""
+    """Write a TIFF of one page a view, float32."""
     tifffile.imwrite(path, views(rows), shape=(VIEWS, rows, CELLS), dtype=np.float32, metadata=None)
 
 
@@ -129,7 +129,7 @@ def ingest(path: Path, kind: DataKind) -> None:
 
 
 def reconstruct(path: Path, kind: DataKind) -> tuple[str, ...]:
-    """The command line."""
+    """Return the arguments of the command line."""
     reported = () if kind is DataKind.COUNTS else ANGLES_AND_PITCH
     volume = str(path.with_name("volume.h5"))
     return (

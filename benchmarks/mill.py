@@ -90,12 +90,12 @@ def _answer(scan: StudyScan, found: CalibrationOutcome) -> dict[str, Any]:
 
 
 def _given(physics: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
-    """What is not nothing."""
+    """Select the effects that are not zero."""
     return {group: {name: value for name, value in of.items() if value} for group, of in physics.items()}
 
 
 def effect_mm(scan: StudyScan) -> float | None:
-    """The ray error between plain fits with and without the effect, on noise-free data; None where there is no fit."""
+    """Compute the ray error between plain fits with and without the effect, on noise-free data; None without a fit."""
     try:
         with_it, without = (_plain(scan, physics) for physics in (scan.physics, scan.ideal))
     except CalibrationError:
@@ -104,7 +104,7 @@ def effect_mm(scan: StudyScan) -> float | None:
 
 
 def _plain(scan: StudyScan, physics: Physics) -> CalibrationOutcome:
-    """The fit without remedies, the hypothesis given."""
+    """Calibrate without remedies, the hypothesis given."""
     setting = scan.setting
     lines = -np.log(scan.scanned(physics).signal.clip(LOG_LEAST))
     task = CalibrationTask(
@@ -120,7 +120,7 @@ def _plain(scan: StudyScan, physics: Physics) -> CalibrationOutcome:
 
 
 def wanted(numbers: range, only: str | None, seed: int) -> Iterator[int]:
-    """The scans of a kind or an effect; all by default."""
+    """Yield the scans of a kind or an effect; all by default."""
     for number in numbers:
         place = ("clean", "single", "single", "pair")[number % 4]
         if only is None or only == place or (place == "single" and only in StudyScan.of(number, seed).sizes):

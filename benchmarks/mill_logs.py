@@ -92,18 +92,18 @@ class Mill:
         )
 
     def frame(self, drift: "Drift | None" = None) -> SourceFrame:
-        """The geometry, after a drift perhaps."""
+        """Return the geometry, with a drift applied if there is one."""
         frame = self.theta.source_frame(SCANNER.source_to_cor_mm)
         return frame if drift is None else drift.applied(frame)
 
     def calibrated(self, rng: np.random.Generator) -> SourceFrame:
-        """The geometry as a calibration has it: its SDD is wrong by a little."""
+        """Return the geometry as a calibration has it, with a small error of SDD."""
         truth = self.frame()
         wrong = float(rng.normal(0.0, DISTANCE_ERROR_MM))
         return replace(truth, source_to_detector_mm=truth.source_to_detector_mm + wrong)
 
     def look(self, rng: np.random.Generator, drift: "Drift | None" = None, *, nails: Nails = "none") -> FloatArray:
-        """A log's line integrals (views, cells): the mean of rows, in some of which there may be nails."""
+        """Simulate a log's line integrals (views, cells): the mean of rows, in some of which there may be nails."""
         frame, stated = self.frame(drift), self.angles_rad
         # Where a log is put on the turntable is as random as the phase.
         true = stated + math.radians(self.encoder_deg) * np.cos(stated)
@@ -126,13 +126,13 @@ class Mill:
 
 @dataclass(frozen=True)
 class Drift:
-    """What moved: u_c by mm, tau by rad."""
+    """A drift: u_c moved by mm, tau by rad."""
 
     column_mm: float
     tilt_rad: float
 
     def applied(self, frame: SourceFrame) -> SourceFrame:
-        """The geometry afterwards."""
+        """Return the geometry after the drift."""
         return replace(
             frame, cor_column_mm=frame.cor_column_mm + self.column_mm, tilt_rad=frame.tilt_rad + self.tilt_rad
         )
@@ -161,7 +161,7 @@ def random_sections(rng: np.random.Generator, number: int) -> list[Phantom]:
 
 
 def _theta(rng: np.random.Generator) -> Theta:
-    """A scanner on whose detector any log leaves air at both ends."""
+    """Draw a scanner on whose detector any log leaves air at both ends."""
     while True:
         theta = Theta(*rng.uniform([0.0, 600.0, -300.0, -100.0, -0.3], [TAU, 850.0, 300.0, 100.0, 0.3]))
         if holds_any_log(theta):
@@ -169,14 +169,14 @@ def _theta(rng: np.random.Generator) -> Theta:
 
 
 def holds_any_log(theta: Theta) -> bool:
-    """Whether the largest log, as far off centre as any, leaves air at both ends of the detector."""
+    """Return whether the largest log, at the largest offset, leaves air at both ends of the detector."""
     largest = Phantom("largest", (Disc((0.0, 0.0), 1.1 * (MOST_RADIUS_MM + MOST_BARK_MM) + OFF_CENTRE_MM),))
     frame = theta.source_frame(SCANNER.source_to_cor_mm)
     return leaves_air(project(largest, CELLS, frame, np.zeros(1), rays_per_cell=1), AIR)
 
 
 def _patch(rng: np.random.Generator, radius_mm: float) -> Polygon:
-    """A wet or dry zone, up to 30 % denser or less dense than sapwood."""
+    """Draw a wet or dry zone, up to 30 % denser or less dense than sapwood."""
     turn = np.sort(rng.uniform(0.0, TAU, 7))
     depth, towards = rng.uniform(0.0, 0.6) * radius_mm, rng.uniform(0.0, TAU)
     size = rng.uniform(0.1, 0.35) * radius_mm
@@ -188,7 +188,7 @@ def _patch(rng: np.random.Generator, radius_mm: float) -> Polygon:
 def _of_nails(
     rng: np.random.Generator, rays: FloatArray, row: FloatArray, frame: SourceFrame, true: FloatArray, *, masked: bool
 ) -> FloatArray:
-    """What nails in a few per cent of the rows change in the mean (views, cells) of all."""
+    """Compute the change of the mean (views, cells) of all rows by nails in a few per cent of the rows."""
     places = zip(rng.uniform(0.0, TAU, 3), rng.uniform(20.0, 80.0, 3), rng.uniform(1.0, 4.0, 3), strict=True)
     discs = tuple(Disc((d * math.cos(t), d * math.sin(t)), r, STEEL_PER_MM) for t, d, r in places)
     steel = project(Phantom("nails", discs[: rng.integers(1, 4)]), CELLS, frame, true, rays_per_cell=RAYS)
@@ -201,7 +201,7 @@ def _of_nails(
 
 
 def _angles(rng: np.random.Generator, views: int) -> tuple[str, FloatArray]:
-    """An even turn for the most part; else views lost, at random angles, or over part of the turn."""
+    """Draw angles: mostly an even turn; else views lost, at random angles, or over part of the turn."""
     even = (np.arange(views) + rng.uniform()) * TAU / views
     chance = rng.uniform()
     if chance < 0.6:

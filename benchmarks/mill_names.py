@@ -1,4 +1,4 @@
-"""Which causes an answer's sentences name, and which of them are an effect's own."""
+"""Causes that an answer's sentences name, and the causes that belong to each effect."""
 
 import re
 from collections.abc import Iterable, Mapping
@@ -66,11 +66,11 @@ MOST_CAUSES = 3
 
 
 def causes(sentences: Iterable[str]) -> frozenset[str]:
-    """What the sentences name, each up to its remedy."""
+    """Find the causes that the sentences name, each before its remedy."""
     findings = [re.split(r"[;:]", one)[0] for one in sentences if not re.search(NO_FINDING, one)]
     return frozenset(name for name, said in CAUSES.items() if any(re.search(said, one) for one in findings))
 
 
 def names_it(effect: str, named: frozenset[str]) -> bool:
-    """Whether the effect is named, alone or among few."""
+    """Return whether the effect is named, alone or among few."""
     return bool(NAMED_BY[effect] & named) and len(named) <= MOST_CAUSES

@@ -76,7 +76,7 @@ class Drawn:
 
 
 def _field(group: str, name: str, *, signed: bool = False, towards: tuple[str, ...] = ()) -> Draw:
-    """One field, with a random sign or random directions."""
+    """Return a function that draws one field, with a random sign or random directions."""
 
     def fields(size: float, rng: np.random.Generator) -> Fields:
         sign = rng.choice((-1.0, 1.0)) if signed else 1.0
@@ -102,7 +102,7 @@ def _number(group: str, *names: str, **more: float) -> Draw:
 
 
 def _slip(size: float, rng: np.random.Generator) -> Fields:
-    """A move, a turn of a tenth of as many degrees, or both."""
+    """Draw a move, a turn of a tenth of as many degrees, or both."""
     moves, turns = ((True, False), (False, True), (True, True))[rng.integers(3)]
     turn = 0.1 * size * float(rng.choice((-1.0, 1.0)))
     return {
@@ -184,7 +184,7 @@ class Setting(DrawnScanner):
 
     @classmethod
     def random(cls, rng: np.random.Generator) -> "Setting":
-        """A scanner of the published bounds whose shadow leaves air at both ends of the detector in every view."""
+        """Draw a scanner of the published bounds whose shadow leaves air at both ends of the detector in every view."""
         while True:
             drawn = draw_scanner(rng, PHANTOMS, VIEWS, OFF_CENTRE_MM)
             photons, attenuation = (math.exp(rng.uniform(*np.log(range_))) for range_ in (PHOTONS, ATTENUATION_PER_MM))
@@ -210,7 +210,7 @@ class StudyScan:
 
     @classmethod
     def of(cls, number: int, seed: int) -> "StudyScan":
-        """Of four scans one is clean, two have one effect, each in its turn, and one has a pair."""
+        """Return a scan by its number: of four, one is clean, two have one effect, each in its turn, and one has a pair."""
         rng = np.random.default_rng((seed, number))
         setting = Setting.random(rng)
         names = list(EFFECTS)
@@ -228,11 +228,11 @@ class StudyScan:
 
     @property
     def ideal(self) -> Physics:
-        """Without the effects: the phantom's size alone is off."""
+        """The physics without the effects: the phantom's size alone is off."""
         return Physics(wood=WoodEffects(size_percent=self.physics.wood.size_percent))
 
     def scanned(self, physics: Physics) -> MillScan:
-        """What the scanner records."""
+        """Simulate the scanner's record."""
         setting = self.setting
         body = setting.seen.of_density(setting.attenuation_per_mm)
         turned = setting.rotation.apply(setting.angles_rad)
@@ -240,7 +240,7 @@ class StudyScan:
 
     @cached_property
     def recorded(self) -> MillScan:
-        """With its effects."""
+        """The record with the effects."""
         return self.scanned(self.physics)
 
     @cached_property
@@ -251,11 +251,11 @@ class StudyScan:
 
     @property
     def remarks(self) -> list[str]:
-        """What was read and is reported by a calibration too."""
+        """The remarks of the reader that a calibration reports too."""
         return [remark for remark in self.read.remarks if remark.startswith(SATURATION)]
 
     def task(self) -> CalibrationTask:
-        """The line integrals, their air corrected as the product corrects it."""
+        """Return the line integrals as a task, their air corrected as the product corrects it."""
         stack = self.read.stack.copy()
         RowCorrector(Corrections(AirCorrection.VIEWS), 1, stack.shape[2]).correct(stack)
         lines = stack[:, 0].astype(np.float64)

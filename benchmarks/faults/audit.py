@@ -20,7 +20,7 @@ TEMPORARY = ("attempts", "incoming", "removed")
 
 @dataclass(frozen=True)
 class Ledger:
-    """What the database knows at the end.
+    """The content of the database at the end.
 
     Attributes
     ----------
@@ -65,7 +65,7 @@ class Audit:
             return int(connection.scalar(text(f"SELECT count(*) FROM jobs WHERE state NOT IN {ENDS}")) or 0)  # noqa: S608
 
     def holders(self) -> list[int]:
-        """The process ids of the workers that run a job at this moment."""
+        """List the process ids of the workers that run a job at this moment."""
         with self.reading() as connection:
             names = connection.scalars(text("SELECT worker FROM jobs WHERE state = 'running'")).all()
             endings = [name.rpartition("-")[2] for name in names if name]
@@ -84,7 +84,7 @@ class Audit:
 
     @contextmanager
     def reading(self) -> Iterator[Connection]:
-        """A connection."""
+        """Open a connection."""
         with self._engine.connect() as connection:
             yield connection
 

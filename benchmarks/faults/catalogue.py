@@ -1,4 +1,4 @@
-"""Which faults are tried on which engines."""
+"""The faults that are tried on each engine."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from faults.trial import Trial
 
 @dataclass(frozen=True)
 class Engine:
-    """Who does the work, and where the rows are."""
+    """An engine: the workers' software, and the database."""
 
     name: str
     celery: bool

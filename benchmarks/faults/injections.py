@@ -87,7 +87,7 @@ def postgres_trouble(trial: Trial) -> None:
 
 
 def clock_steps(trial: Trial) -> None:
-    """The clock of one process, or of all of them, hours off in either direction; and back again."""
+    """Set the clock of one process, or of all, hours off in either direction, and back again."""
     clocks = trial.clocks
     assert clocks is not None
     while trial.again(0.5, 3.0):
@@ -104,7 +104,7 @@ def clock_steps(trial: Trial) -> None:
 
 
 def disk_full(trial: Trial) -> None:
-    """The disk filled to the last byte, then with room for rows and none for results, and freed."""
+    """Fill the disk to the last byte, then leave room for rows and none for results, then free the disk."""
     ballast = trial.product.data / "ballast"
     while trial.again(1.0, 4.0):
         for free_bytes in (0, 120_000):
@@ -122,7 +122,7 @@ def kill_services(trial: Trial) -> None:
 
 
 def _victim(trial: Trial, parts: tuple[str, ...]) -> tuple[str, int]:
-    """A part that runs, and a process that plays it, mostly one that has a job."""
+    """Choose a part that runs and one of its processes, mostly one that has a job."""
     while True:
         part = trial.rng.choice(parts)
         processes, holders = playing(trial.product.world, part), trial.holders()

@@ -21,11 +21,11 @@ _NOBODY = 65534  # PostgreSQL refuses to run as root
 
 
 class NotHere(Exception):  # noqa: N818 - why a trial is left out
-    """What a trial needs is not on this machine."""
+    """A program that a trial needs is not on this machine."""
 
 
 def free_port() -> int:
-    """A TCP port of this machine that nobody listens on."""
+    """Return a TCP port of this machine that no process listens on."""
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         return int(free.getsockname()[1])
@@ -62,7 +62,7 @@ class Redis:
 
     @contextmanager
     def paused(self) -> Iterator[None]:
-        """It accepts connections, and does not answer."""
+        """Pause the server: connections are accepted, and not answered."""
         assert self._process is not None
         self._process.send_signal(signal.SIGSTOP)
         try:
@@ -113,7 +113,7 @@ class Postgres:
         _wait_for(lambda: self._connect().close(), psycopg.OperationalError)
 
     def new_database(self, name: str) -> str:
-        """Its URL for SQLAlchemy."""
+        """Create a database and return its URL for SQLAlchemy."""
         with self._connect() as connection:
             connection.execute(f'CREATE DATABASE "{name}"')
         return f"postgresql+psycopg://postgres@127.0.0.1:{self._port}/{name}"
@@ -126,7 +126,7 @@ class Postgres:
 
     @contextmanager
     def paused(self) -> Iterator[None]:
-        """It accepts connections, and does not answer."""
+        """Pause the server: connections are accepted, and not answered."""
         family = self._family()
         send(family, signal.SIGSTOP)
         try:

@@ -20,7 +20,7 @@ _BENCHMARKS = Path(__file__).parents[1]
 
 
 def try_there(folder: Path, request: Request, right: dict[str, str]) -> Outcome:
-    """As `trials.try_one`, with the data folder on a disk of its own."""
+    """Run `trials.try_one` with the data folder on a small disk."""
     names = request.engine.name, request.fault.name
     data = folder / f"{request.engine.name}-{request.fault.name}" / "data"
     tried = subprocess.run([*_OWN_MOUNTS, _MOUNT, str(data)], capture_output=True, text=True, check=False)  # noqa: S603

@@ -1,4 +1,4 @@
-"""One trial: the product on an engine, jobs that are asked for, faults meanwhile, and the counts at the end."""
+"""A trial: the product on an engine, requested jobs, faults while they run, and the counts at the end."""
 
 import threading
 import time
@@ -25,7 +25,7 @@ SETTLED_S = 45.0  # for what is left over to be noticed, watched for its grace o
 
 @dataclass
 class Trial:
-    """What faults are made with.
+    """The state that faults use and change.
 
     Attributes
     ----------
@@ -74,7 +74,7 @@ class Trial:
 
 @dataclass(frozen=True)
 class Counts:
-    """What a trial came to; the first four must be 0."""
+    """The counts of a trial; the first four must be 0."""
 
     lost: int
     double: int
@@ -88,7 +88,7 @@ class Counts:
 
     @property
     def sound(self) -> bool:
-        """Whether nothing is wrong."""
+        """True if nothing is wrong."""
         return not (self.lost or self.double or self.unequal or self.orphans or self.details)
 
 
@@ -131,7 +131,7 @@ def settle(trial: Trial) -> None:
 
 
 def count(trial: Trial, right: dict[str, str], started: float) -> Counts:
-    """The four counts, and what they are of."""
+    """Count lost, double, unequal and orphaned work, with the details."""
     ledger = trial.audit.ledger()
     lost = _lost(ledger, trial.asker.accepted)
     ended = [accepted for accepted in trial.asker.accepted if ledger.states.get(accepted.job_id) == "succeeded"]
@@ -157,7 +157,7 @@ def count(trial: Trial, right: dict[str, str], started: float) -> Counts:
 
 
 def _lost(ledger: Ledger, accepted: Sequence[Accepted]) -> list[str]:
-    """What was accepted and did not succeed: jobs whose 202 a fault has swallowed are in the database alone."""
+    """List the accepted jobs that did not succeed; a job whose 202 a fault swallowed is in the database alone."""
     states = {one.job_id: "not in the database" for one in accepted} | ledger.states
     return [f"job {job_id} {state}" for job_id, state in states.items() if state != "succeeded"]
 

@@ -41,7 +41,7 @@ def before(data: Path, url: str) -> None:
 
 
 def begin(trial: Trial) -> None:
-    """What was accepted before the upgrade must come to the same answers."""
+    """Add the jobs that were accepted before the upgrade: their answers must be the same."""
     for row in json.loads(ROWS.read_text())["jobs"]:
         work = Work(_NAMES[row["subject_id"]], _PLURALS.get(row["kind"], "plans"))
         trial.asker.accepted.append(Accepted(work, row["subject_id"], row["id"]))

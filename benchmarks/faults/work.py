@@ -31,7 +31,7 @@ _DIFFERS = {"id", "created_at", "links", "at", "timing_s", "time_s", "sha256", "
 
 @dataclass(frozen=True)
 class Work:
-    """One way to ask.
+    """A kind of request.
 
     Attributes
     ----------
@@ -47,7 +47,7 @@ class Work:
 
 @dataclass(frozen=True)
 class Accepted:
-    """What the service answered 202 to."""
+    """A request that the service answered with 202."""
 
     work: Work
     subject_id: str
@@ -92,13 +92,13 @@ class Asker:
         self._base: dict[str, str] = {}
 
     def prepare(self) -> None:
-        """A scanner, and what the other jobs need."""
+        """Create a scanner, and what the other jobs need."""
         self._base["scanner"] = self._post("/v1/scanners", json={"name": "line", "constants": vars(SCANNER)})["id"]
         for name in BASE:
             self._base[name] = self.ask(name).subject_id
 
     def schedule(self, scanner: str, cron: str) -> None:
-        """A scanner of its own, a scan of it, and a schedule that calibrates it."""
+        """Create another scanner, a scan of it, and a schedule that calibrates it."""
         scanner_id = self._post("/v1/scanners", json={"name": scanner, "constants": vars(SCANNER)})["id"]
         base, self._base = self._base, {**self._base, "scanner": scanner_id}
         self.ask("phantom scan")
@@ -171,7 +171,7 @@ def _without_names(value: Any) -> Any:  # noqa: ANN401 - JSON
 
 
 def _numbers(path: Path) -> dict[str, str]:
-    """The digests of a file's arrays."""
+    """Return the digests of a file's arrays."""
     found: dict[str, str] = {}
 
     def note(name: str, item: Any) -> None:  # noqa: ANN401 - a group or a dataset

@@ -33,7 +33,7 @@ class Places:
 
 
 def one_thread() -> None:
-    """Each process of the pool computes with one thread: as many processes as cores are faster than more threads."""
+    """Limit a process of the pool to one thread: as many processes as cores are faster than more threads."""
     numba.set_num_threads(1)
 
 
@@ -42,7 +42,7 @@ def _execute(unit: Unit) -> Result:
 
 
 def distinct(experiments: Sequence[Experiment], plan: Plan) -> list[Unit]:
-    """All units, each once: experiments share some."""
+    """List all units, each once: experiments share some."""
     return list({unit.name: unit for experiment in experiments for unit in experiment.units(plan)}.values())
 
 
@@ -91,7 +91,7 @@ def _feed(
 
 
 def gather(units: Sequence[Unit], work: Path) -> dict[str, Result]:
-    """The results by unit name.
+    """Collect the results by unit name.
 
     Raises
     ------

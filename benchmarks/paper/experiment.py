@@ -1,4 +1,4 @@
-"""What an experiment is: units of work whose results are kept, and the figures of a section of the page."""
+"""Experiments: units of work whose results are kept, and the figures of a section of the page."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -13,7 +13,7 @@ Values = dict[str, str]
 
 @dataclass(frozen=True)
 class Plan:
-    """How much of everything: the defaults take about seven minutes on two idle cores, `FULL` takes hours.
+    """The size of everything: the defaults take about seven minutes on two idle cores, `FULL` takes hours.
 
     Attributes
     ----------
@@ -67,7 +67,7 @@ FULL = Plan(in_odl=True, sparse_image_size=256, dense_image_size=256, dense_binn
 
 @dataclass(frozen=True)
 class Unit:
-    """One run of something: it is done once, and its result is kept under its name.
+    """A run that is done once; its result is kept under its name.
 
     Attributes
     ----------
@@ -87,7 +87,7 @@ class Unit:
 
 @dataclass(frozen=True)
 class Experiment:
-    """One section of docs/paper.md.
+    """A section of docs/paper.md.
 
     Attributes
     ----------

@@ -80,7 +80,7 @@ def anneal(objective: Counted, rng: np.random.Generator) -> None:
 
 
 def anneal_and_descend(objective: Counted, rng: np.random.Generator) -> None:
-    """The same with SciPy's local search after each better point."""
+    """Minimise by dual annealing with SciPy's local search after each better point."""
     dual_annealing(objective, UNIT_CUBE, maxiter=10**6, maxfun=1e9, rng=rng)
 
 
@@ -94,7 +94,7 @@ STYLES = ((pictures.BLUE, "-"), (pictures.ORANGE, "--"), (pictures.GREEN, "-."),
 
 
 def run(optimiser: str, seed: int, budget: int, views: int, image_size: int, made_of: MadeOf) -> Result:
-    """One run to the end of its budget; starts again from elsewhere if the optimiser ends by itself."""
+    """Run an optimiser to the end of the budget; start again from elsewhere if the optimiser ends by itself."""
     take = every_so_many(views)
     task = CalibrationTask(SCANNER, L_SHAPE, phantom_scan("l-shape", made_of, 0)[take], ANGLES[take])
     objective = Counted(PaperObjective(task, Rotation.AS_GIVEN, PaperSettings(image_size=image_size)), budget)
@@ -113,7 +113,7 @@ def run(optimiser: str, seed: int, budget: int, views: int, image_size: int, mad
 
 
 def optimiser_units(plan: Plan, optimiser: str) -> list[Unit]:
-    """The runs of one optimiser."""
+    """List the runs of one optimiser."""
     settings = {
         "optimiser": optimiser,
         "budget": plan.optimiser_budget,
@@ -128,12 +128,12 @@ def optimiser_units(plan: Plan, optimiser: str) -> list[Unit]:
 
 
 def _default(plan: Plan) -> Unit:
-    """The product's calibration of the same scan."""
+    """Return the unit of the product's calibration of the same scan."""
     return default_unit("l-shape", default_source(), plan.sparse_views, 0)
 
 
 def units(plan: Plan) -> list[Unit]:
-    """All of them."""
+    """List all units."""
     return [_default(plan), *(unit for optimiser in OPTIMISERS for unit in optimiser_units(plan, optimiser))]
 
 

@@ -1,4 +1,4 @@
-"""What the paper prints (arXiv 2206.14444), digit by digit, and what its rounded theta is worth here."""
+"""The paper's printed results (arXiv 2206.14444), digit by digit, and the errors of its rounded theta here."""
 
 import itertools
 from dataclasses import dataclass
@@ -62,7 +62,7 @@ def errors_of(theta: FloatArray) -> tuple[float, float]:
 
 
 def judge(theta: list[float]) -> Result:
-    """A printed theta against the truth: as printed, and at the 32 corners of what rounds to it."""
+    """Compare a printed theta with the truth: as printed, and at the 32 corners of its rounding interval."""
     printed = np.array(theta)
     corners = [errors_of(printed + HALF_DIGIT * np.array(signs)) for signs in itertools.product((-1.0, 1.0), repeat=5)]
     rays, psi = errors_of(printed)
