@@ -98,7 +98,7 @@ class _Majorant:
 
 
 def reweighted(objective: Objective, start: Images, *, iterations: int, inner: int) -> Tracked:
-    """Minimise by iteratively reweighted least squares, each solved by preconditioned conjugate gradients (`inner`)."""
+    """Minimise by iteratively reweighted least squares, each in at most `inner` preconditioned conjugate gradients."""
     call, preconditioner = Tracked(objective), InverseCurvature(objective)
     call.started = time.perf_counter()
 
@@ -155,7 +155,7 @@ def memory_gradient(objective: Objective, start: Images, *, iterations: int, mem
 def _descend(
     call: Tracked, start: Images, iterations: int, step: Callable[[Images, Images, Images, Images], Images]
 ) -> None:
-    """Take steps bent along the bound 0 and shortened until they gain enough; free pixels are 1, those at the bound 0."""
+    """Take steps bent along the bound 0 and shortened until they gain enough; free pixels are 1, at the bound 0."""
     x = start
     value, gradient, residual = call.with_residual(x)
     for _ in range(iterations):

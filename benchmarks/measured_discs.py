@@ -43,7 +43,7 @@ FULL_TURN = "-720views.npz"
 
 @dataclass(frozen=True)
 class Disc:
-    """A disc: a full turn of equal steps, its outline, and COR and tilt from a measurement independent of the product."""
+    """A disc: a full turn of equal steps, its outline, and its independently measured COR and tilt."""
 
     name: str
     sinogram: NDArray[np.float32]

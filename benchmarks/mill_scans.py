@@ -210,7 +210,7 @@ class StudyScan:
 
     @classmethod
     def of(cls, number: int, seed: int) -> "StudyScan":
-        """Return a scan by its number: of four, one is clean, two have one effect, each in its turn, and one has a pair."""
+        """Return a scan by its number: of four, one is clean, two have one effect in turn, and one has a pair."""
         rng = np.random.default_rng((seed, number))
         setting = Setting.random(rng)
         names = list(EFFECTS)

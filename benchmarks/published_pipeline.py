@@ -48,7 +48,7 @@ class PublishedObjective:
         self._space = odl.uniform_discr([-half] * 2, [half] * 2, (SIZE, SIZE), dtype="float32")
 
     def image(self, theta: Theta) -> FloatArray:
-        """The FBP image [x, y] at theta."""
+        """Compute the FBP image [x, y] at theta."""
         geometry = fan_beam_geometry(self._scanner, theta, len(self._sinogram))
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # ODL recommends a graphics card
@@ -63,7 +63,7 @@ class PublishedObjective:
 
 
 def search(objective: PublishedObjective, seed: int) -> OptimizeResult:
-    """The published search: best/1/bin, crossover 0.7, SciPy's defaults for the rest."""
+    """Run the published search: best/1/bin, crossover 0.7, SciPy's defaults for the rest."""
     return differential_evolution(
         objective,
         bounds_array(ThetaBounds()),

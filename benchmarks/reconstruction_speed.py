@@ -65,7 +65,7 @@ CORES = os.cpu_count() or 1
 
 
 def projector(views: int, cells: int, size: int, *, irregular: bool = False) -> Projector:
-    """A full turn of the published scanner with another detector, or the same with each view off its place."""
+    """Return a full turn of the published scanner with another detector; `irregular` shifts each view's angle."""
     angles = (np.arange(views) + 0.5) * TAU / views
     if irregular:
         angles += np.random.default_rng(1).uniform(-0.3, 0.3, views) * TAU / views
@@ -149,7 +149,7 @@ def one_slice() -> str:
 
 
 def from_counts(project: Projector, slices: int) -> Callable[[], object]:
-    """Counts of some slices to their images."""
+    """Return the reconstruction of images from the counts of some slices."""
     views, cells = project.geometry.sinogram_shape
     counts = np.random.default_rng(2).integers(5_000, 60_000, (views, slices, cells)).astype(np.float32)
 
@@ -296,7 +296,7 @@ def whole_log() -> dict[str, float]:
 
 
 def peaks(child: subprocess.Popen[bytes]) -> Iterator[int]:
-    """The child's high-water mark in bytes, as the system tells it, until it ends."""
+    """Yield the child's high-water mark in bytes, as the system reports it, until the child ends."""
     status = Path(f"/proc/{child.pid}/status")
     while child.poll() is None:
         lines = status.read_text(encoding="ascii").splitlines()

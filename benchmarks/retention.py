@@ -93,7 +93,7 @@ def timed(question: str, do: Callable[[], Any]) -> Any:  # noqa: ANN401 - what i
 
 
 def fill(database: Database, logs: int, queued: int) -> None:
-    """Logs at equal times until now, with their jobs and three events for each job."""
+    """Store logs at equal times until now, with their jobs and three events for each job."""
     apart = timedelta(days=1) / LOGS_A_DAY
     first = database.now() - logs * apart
     with database.write() as session:
@@ -119,7 +119,7 @@ def _job(prefix: str, kind: JobKind, number: int, at: Any, *, done: bool) -> dic
 
 
 def _made(prefix: str, number: int, at: Any, size: int) -> dict[str, Any]:  # noqa: ANN401 - a time
-    """What a job of that prefix made."""
+    """Return the row of a job's product; the prefix is the job's."""
     job_id, identifier = f"{prefix}{number:08d}", f"{number:08d}"
     return {"id": identifier, "created_at": at, "scanner_id": "line", "job_id": job_id, "stored_bytes": size}
 

@@ -112,7 +112,7 @@ class Errors:
 
 @dataclass(frozen=True, eq=False)
 class Change:
-    """What moves u_c.
+    """A change of u_c.
 
     Attributes
     ----------
@@ -130,7 +130,7 @@ class Change:
     at: FloatArray
 
     def of(self, days: FloatArray) -> FloatArray:
-        """In mm, (scanners, looks), at days (looks,)."""
+        """Compute the change, mm, (scanners, looks), at days (looks,)."""
         since = days - self.at[:, None]
         moved: FloatArray = self.size * np.where(self.kind is DriftKind.JUMP, since > 0.0, np.maximum(since, 0.0))
         return moved
@@ -146,7 +146,7 @@ class Simulated:
     looks: tuple[FloatArray, FloatArray]
 
     def finding(self, scanner: int) -> ChartFinding:
-        """What the chart of one of them finds."""
+        """Compute the chart's finding for one scanner."""
         segments = (
             Segment(
                 each.groups,
@@ -168,7 +168,7 @@ class Simulated:
 def simulated(
     errors: Errors, scanner: NDArray[np.intp], days: float, rng: np.random.Generator, change: Change | None = None
 ) -> Iterator[Simulated]:
-    """Each scanner when its baseline is complete and after each later group, for that number of days."""
+    """Simulate each scanner for that number of days: yield it with a complete baseline and after each later group."""
     history, in_all = None, round(days * LOOKS_A_DAY / GROUP_LOOKS) * GROUP_LOOKS
     for first in range(0, in_all, AT_A_TIME * GROUP_LOOKS):
         looks = min(AT_A_TIME * GROUP_LOOKS, in_all - first)
@@ -196,14 +196,14 @@ def simulated(
 
 
 def evidence_of(history: History) -> FloatArray:
-    """The largest (2, scanners): by the looks' errors alone, and with what other logs may do."""
+    """Return the largest evidence (2, scanners): by the looks' errors alone, and with the effects of other logs."""
     models = history.alternatives(QUIET)
     alone = np.max([history.scatter.chi_squared(model.likelihood).max(axis=0) for model in models], axis=0)
     return np.stack([alone, np.max([model.evidence.max(axis=0) for model in models], axis=0)])
 
 
 def false_alarms(errors: Errors, scanners: int, days: float, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-    """First alarms (2, limits), without and with what other logs may do, and the scanner years until them."""
+    """Count first alarms (2, limits), without and with other logs' effects, and the scanner years until the alarms."""
     scanner = rng.integers(len(errors.scatter), size=scanners)
     alarms, looks = np.zeros((2, len(LIMITS))), np.zeros((2, len(LIMITS)))
     largest = np.zeros((2, scanners))
@@ -228,7 +228,7 @@ def alarms_of_baselines(errors: Errors, baselines: int, rng: np.random.Generator
 
 @dataclass(frozen=True)
 class Found:
-    """Of one change: which scanner's, the looks until the alarm, and the finding."""
+    """The alarm on one change: the scanner, the looks until the alarm, and the finding."""
 
     scanner: int
     looks: int
@@ -236,7 +236,7 @@ class Found:
 
 
 def found(errors: Errors, change: Change, rng: np.random.Generator) -> tuple[list[Found], int]:
-    """The findings at the alarms, and the number of false alarms before the change."""
+    """Collect the findings at the alarms, and the number of false alarms before the change."""
     scanners = len(change.at)
     waiting, early, findings = np.ones(scanners, bool), 0, []
     scanner, days = np.arange(scanners) % len(errors.scatter), change.at.max() + LONGEST_DAYS
@@ -266,7 +266,7 @@ def changes(scanners: int) -> Iterator[Change]:
 
 
 def print_delays(errors: Errors, scanners: int, rng: np.random.Generator) -> None:
-    """One line a change."""
+    """Print one line a change."""
     print(f"\nlooks from a change of u_c to its alarm; {scanners} scanners, limit {LIMIT}")
     print(f"{'change':28s}  found  median  90 %   right kind  time in interval  size within 1.96 s.d.  median share")
     for change in changes(scanners):
@@ -289,7 +289,7 @@ def print_delays(errors: Errors, scanners: int, rng: np.random.Generator) -> Non
 
 
 def print_alarms(alarms: FloatArray, years: FloatArray) -> None:
-    """One line a limit."""
+    """Print one line a limit."""
     print(f"{'':6s}  {'by the looks errors alone':>42s}  {'other logs allowed for':>24s}")
     print("limit   alarms  scanner years  a year (95 % interval)       alarms  a year")
     for k, limit in enumerate(LIMITS):
@@ -302,7 +302,7 @@ def print_alarms(alarms: FloatArray, years: FloatArray) -> None:
 
 
 def print_baselines(alarms: FloatArray, baselines: int) -> None:
-    """At the limit of the chart."""
+    """Print the false alarms at the chart's limit."""
     number = alarms[:, int(np.flatnonzero(LIMITS == LIMIT)[0])]
     high: FloatArray = np.asarray(gammaincinv(number + 1.0, 0.975)) / baselines
     for name, count, most in zip(("by the looks' errors alone", "other logs allowed for"), number, high, strict=True):

@@ -1,4 +1,4 @@
-"""How often does a log beside the phantom contradict a good calibration? Simulated scans, nothing of which moved.
+"""How often a log contradicts a good calibration by the phantom in the same scan: simulated scans without movement.
 
     python benchmarks/second_witness.py [--scans 200] [--seed 1] [--views 20]
 
@@ -31,7 +31,7 @@ CELLS = DetectorCells.of(SCANNER)
 
 
 def scan(rng: np.random.Generator, views: int) -> tuple[CalibrationTask, Mill]:
-    """A phantom's noisy scan, and the scanner as it scans a log, both with air at the detector's ends."""
+    """Simulate a phantom's noisy scan, and the scanner as it scans a log, both with air at the detector's ends."""
     while True:
         drawn = draw_scanner(rng, PHANTOMS, (views,), 20.0)
         frame = drawn.theta.source_frame(SCANNER.source_to_cor_mm)

@@ -63,12 +63,12 @@ REPEATS = 15
 
 
 def published_file() -> Path:
-    """Where the published L-phantom lies, if it does."""
+    """Return the path of the published L-phantom, which may be absent."""
     return Path(os.environ.get("SAWMILL_PUBLISHED_DATA", "../shared/data")) / "l-phantom" / "sinogram.mat"
 
 
 def l_phantom() -> tuple[str, FloatArray]:
-    """The published sinogram (360, 768), or a simulated one of the same scanner where it is absent."""
+    """Return the published sinogram (360, 768), or a simulated one of the same scanner where it is absent."""
     path = published_file()
     if path.is_file():
         return "published L-phantom", loadmat(path)["arr"].astype(np.float64)

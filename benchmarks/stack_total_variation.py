@@ -41,7 +41,7 @@ class StackObjective:
     wood: float
 
     def minimum(self, start: Image) -> Image:
-        """The stack (rows, size, size) at rest, from another stack."""
+        """Minimise from another stack; return the stack (rows, size, size) at rest."""
         found = minimise(
             self, start[None], lower=0.0, iterations=ITERATIONS, tolerance=AT_REST, preconditioner=_Curvature(self)
         )
@@ -64,7 +64,7 @@ class StackObjective:
         return (1.0 / noises**2).astype(np.float32)
 
     def penalty(self, images: Image, gradient: Image) -> float:
-        """The weighted sum of differences; its gradient is added."""
+        """Compute the weighted sum of differences, and add its gradient."""
         smoothing, every = SMOOTHING_SHARE * self.wood, (slice(None), slice(None))
         # Along the rows and the two axes of the plane: the weight, and the pixels before and after each difference.
         axes = [

@@ -1,4 +1,4 @@
-"""How long a slice takes from the wish to the pixels on the screen, and how long lists of 10 000 take.
+"""Latency of a slice from the request to the pixels on the screen, and of lists of 10 000.
 
     python benchmarks/viewer.py [--slices 300] [--size 512] [--moves 60]
 
@@ -66,7 +66,7 @@ MOVE = """
 
 
 def slice_of(index: int, slices: int, size: int, rng: np.random.Generator) -> NDArray[np.float32]:
-    """A log with rings, a knot that wanders and noise, (x, y) in 1/mm; nothing in it is symmetric."""
+    """Draw a log with rings, a moving knot and noise, (x, y) in 1/mm, without any symmetry."""
     x, y = np.mgrid[:size, :size] / size - 0.5
     radius = np.hypot(x - 0.03, 1.1 * (y + 0.02))
     wood = 0.02 + 0.004 * np.cos(180 * radius) * (radius < 0.36)
@@ -97,7 +97,7 @@ def write_volume(folder: Path, slices: int, size: int) -> None:
 
 
 def result_of(slices: int, size: int) -> dict[str, object]:
-    """A reconstruction's result, as a job would have stored it."""
+    """Return a reconstruction's result, as a job would have stored it."""
     theta = {
         "source_shift_mm": 0.0,
         "detector_shift_mm": 0.0,
@@ -153,7 +153,7 @@ def fill(store: Store, slices: int, size: int) -> None:
 
 @contextmanager
 def serving(store: Store) -> Iterator[str]:
-    """The address of the service on a store, in a thread."""
+    """Serve a store in a thread; yield the service's address."""
     app = create_app(ServiceSettings(), store, lambda _: None)
     server = uvicorn.Server(uvicorn.Config(app, log_config=None, lifespan="off"))
     with closing(listen("127.0.0.1", 0, guarded=False)) as listening:
@@ -217,7 +217,7 @@ def moved(page: Page, places: Iterable[int], pause_ms: int, what: str = "shown")
 
 @contextmanager
 def looking(browser: Browser, address: str, line: Line | None = None) -> Iterator[Page]:
-    """The page of the log in a browser that has fetched nothing before, at rest."""
+    """Open the log's page in a browser with an empty cache; yield the page at rest."""
     with closing(browser.new_context(base_url=address, viewport={"width": 1280, "height": 800})) as context:
         page = context.new_page()
         page.goto("/logs/r0")

@@ -56,7 +56,7 @@ class Receiver:
         self.refused = 0
 
     async def answer(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        """One request a connection."""
+        """Answer one request a connection."""
         connection, path, identifier = h11.Connection(h11.SERVER), "", ""
         while (event := connection.next_event()) is not h11.PAUSED:
             if event is h11.NEED_DATA:
@@ -79,7 +79,7 @@ class Receiver:
 
 @contextmanager
 def listening(receiver: Receiver) -> Iterator[int]:
-    """In a thread with a loop of its own; its port."""
+    """Start the receiver in a thread with a separate loop; yield its port."""
     with socket.create_server(("127.0.0.1", 0), backlog=100) as server:
         loop = asyncio.new_event_loop()
 
@@ -118,7 +118,7 @@ def main() -> None:
 
 
 async def year(store: Store, clock: GivenClock, receiver: Receiver, events: int) -> tuple[int, int, int]:
-    """The most rows of deliveries, the most events that waited, and the attempts while the receiver was away."""
+    """Send a year's events; return the most delivery rows, the most events waiting, and the failed attempts."""
     couriers = Couriers(store.outbox(), WebhookSending(AllowedDestinations(["127.0.0.1"])), lambda: 0.5)
     most_rows = most_waiting = 0
     for day in range(DAYS):
@@ -158,13 +158,13 @@ def happen(store: Store, number: int) -> None:
 
 
 def delivery_rows(store: Store) -> int:
-    """Of the table of deliveries."""
+    """Count the rows of the table of deliveries."""
     with store._database.read() as session:  # noqa: SLF001 - there is no such question to the store
         return session.scalar(select(func.count()).select_from(DeliveryRow)) or 0
 
 
 def all_arrived(store: Store, receiver: Receiver) -> bool:
-    """Whether every event has arrived once, in order: ids are compared with those of the events that there are."""
+    """Return whether every event has arrived once, in order, by comparison with the ids of the stored events."""
     for webhook in store.webhooks.all().webhooks:
         path = webhook.url.rpartition("/")[2]
         wanted, number = [], 0

@@ -40,7 +40,7 @@ def main() -> int:
 
 
 def run(command: list[str], folder: Path) -> None:
-    """One command; its output is shown, and its failure ends the study."""
+    """Run one command; its output is shown, and its failure ends the study."""
     print("$", *command, flush=True)
     done = subprocess.run(command, cwd=folder, check=False)  # noqa: S603 - our own commands
     if done.returncode != 0:

@@ -68,7 +68,7 @@ class Wander:
 
 @dataclass(frozen=True)
 class WholeLog:
-    """One log; equal seeds give equal logs.
+    """A log; equal seeds give equal logs.
 
     Attributes
     ----------
@@ -94,7 +94,7 @@ class WholeLog:
 
     @classmethod
     def random(cls, seed: int, *, rows: int = ROWS, row_pitch_mm: float | None = None) -> "WholeLog":
-        """A log of a kind of rings by the seed, its rows around a whorl; the pitch by default drawn."""
+        """Draw a log by the seed, rings of one kind, its rows around a whorl; the pitch is drawn by default."""
         rng = np.random.default_rng(seed)
         pitch = float(rng.choice(ROW_PITCHES_MM)) if row_pitch_mm is None else row_pitch_mm
         radius = float(rng.uniform(95.0, 150.0))
@@ -126,11 +126,11 @@ class WholeLog:
 
     @property
     def row_pitch_mm(self) -> float:
-        """From row to row."""
+        """Distance from row to row, mm."""
         return self.heights_mm[1] - self.heights_mm[0] if len(self.heights_mm) > 1 else ROW_PITCHES_MM[0]
 
     def slice_at(self, height_mm: float) -> Phantom:
-        """The cross-section at a height, densities in attenuation per mm."""
+        """Return the cross-section at a height, densities in attenuation per mm."""
         radius = self.wood.radius_mm * (1.0 - self.taper * (height_mm - self.heights_mm[0]) / 100.0)
         wander = self.pith.at(height_mm)
         pith = self.wood.pith_mm[0] + wander[0], self.wood.pith_mm[1] + wander[1]
@@ -162,7 +162,7 @@ class WholeLog:
         return np.ascontiguousarray(found.transpose(1, 0, 2))
 
     def inclusion_alone(self, name: str, grid: ImageGrid = GRID) -> Rows:
-        """The share of each pixel that the nail, or the small knot, takes: (rows, size, size) float32."""
+        """Compute the share of each pixel that the nail, or the small knot, takes: (rows, size, size) float32."""
         found = np.zeros((len(self.heights_mm), grid.size, grid.size), np.float32)
         only = next(inclusion for inclusion in self.inclusions if inclusion.name == name)
         for row, height in enumerate(self.heights_mm):

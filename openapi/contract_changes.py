@@ -1,4 +1,4 @@
-"""What changed between two OpenAPI documents, and which version the later one needs.
+"""Changes between two OpenAPI documents, and the version that the later one needs.
 
 Words and examples do not count. Names do, where those of generated clients follow from them: of operations,
 parameters and types. `python openapi/contract_changes.py` lists what changed since the last release.
@@ -25,13 +25,13 @@ Document = Mapping[str, Any]
 
 
 def compare(old: Document, new: Document) -> list[Change]:
-    """Every change that is more than words; what is incompatible first, then by pointers."""
+    """Find every change that is more than words; incompatible ones first, then by pointers."""
     found = _Comparison().of_documents(Place(old, old), Place(new, new))
     return sorted(found, key=lambda change: (-change.kind, change))
 
 
 def needed_version(released: str, changes: Iterable[Change]) -> str:
-    """The lowest version that a contract with these changes may have; a patch never changes it.
+    """Return the lowest version that a contract with these changes may have; a patch never changes the contract.
 
     Semantic Versioning 2.0.0, items 4, 7 and 8. Below 1.0.0 the minor version is raised for both kinds of change.
     """
@@ -43,7 +43,7 @@ def needed_version(released: str, changes: Iterable[Change]) -> str:
 
 
 def version_tuple(version: str) -> tuple[int, int, int]:
-    """A version's three numbers, to be compared; ValueError for anything else."""
+    """Parse a version's three numbers, for comparison; ValueError for anything else."""
     major, minor, patch = (int(part) for part in version.split("."))
     return major, minor, patch
 
@@ -160,18 +160,18 @@ def _parameters(operation: Place) -> dict[str, Place]:
 
 
 def _writing(parameter: Place) -> tuple[str, bool]:
-    """Its style, and whether each value of a list or an object stands apart."""
+    """Return a parameter's style, and whether each value of a list or an object is separate."""
     style = parameter.value.get("style", STYLES[parameter.value["in"]])
     return style, parameter.value.get("explode", style == "form")
 
 
 def _new_status(status: str) -> Kind:
-    """A refusal is one more reason to fail; any other answer is one that programs do not understand."""
+    """Classify a new status: a refusal is one more reason to fail; programs do not understand any other new answer."""
     return Kind.ADDITION if status.startswith(("4", "5")) else Kind.INCOMPATIBLE
 
 
 def _opens(way: Mapping[str, list[str]], held: Mapping[str, list[str]]) -> bool:
-    """Whether a way in takes who holds what another one asked for; the empty one takes everybody."""
+    """Return whether a security requirement admits a client that meets another; an empty one admits everybody."""
     ranks = {scheme: max(map(SCOPES.index, scopes), default=-1) for scheme, scopes in held.items()}
     return all(max(map(SCOPES.index, scopes), default=-1) <= ranks.get(scheme, -2) for scheme, scopes in way.items())
 

@@ -1,4 +1,4 @@
-"""What changed between two JSON schemas of OpenAPI documents, for those who ask and for those who read answers.
+"""Changes between two JSON schemas of OpenAPI documents, for clients that send and for clients that read values.
 
 What a request could hold it can hold still, with the same meaning. What an answer promised still comes. An answer may
 have more fields, and the bounds of its values may move: its readers need not check them. A new word of an enumeration
@@ -165,13 +165,13 @@ class SchemaChanges:
             self.compare(old.at("prefixItems", index), new.at("prefixItems", index), asked=asked)
 
     def _inner(self, old: Place, new: Place, key: str, *, asked: bool) -> None:
-        """A schema within another; none allows everything."""
+        """Compare a schema within another; an absent one allows everything."""
         if key in old.value or key in new.value:
             self.compare(old.at(key), new.at(key), asked=asked)
 
 
 def _as_object(place: Place) -> Place:
-    """`true` allows everything, `false` nothing."""
+    """Return a boolean schema as an object: `true` allows everything, `false` nothing."""
     if isinstance(place.value, bool):
         return Place(place.document, {} if place.value else {"not": {}}, place.pointer)
     return place
@@ -183,12 +183,12 @@ def _named(place: Place) -> str:
 
 
 def _bound(schema: Schema, keys: list[str], sign: int) -> tuple[float, int] | None:
-    """The narrowest of bounds, so that a greater one is narrower: its value times its sign, and which of them it is."""
+    """Return the narrowest bound as (value times sign, index of its key): the greater, the narrower."""
     return max(((sign * schema[key], index) for index, key in enumerate(keys) if key in schema), default=None)
 
 
 def _rules(schema: Schema) -> dict[str, str]:
-    """The keywords that are no more than compared, as text."""
+    """Return the keywords that are only compared, as text."""
     others = without_words({key: value for key, value in schema.items() if key not in UNDERSTOOD})
     return {key: json.dumps(value, sort_keys=True) for key, value in others.items()}
 

@@ -24,7 +24,7 @@ def counted_angles(views: int) -> FloatArray:
 
 
 def run(views: int, angles: str, made_of: MadeOf) -> Result:
-    """Calibrate with every view's own angle or with counted ones, and reconstruct the log with it from all 360 views."""
+    """Calibrate with every view's own angle or with counted ones, and reconstruct the log from all 360 views."""
     take = every_so_many(views)
     given = ANGLES[take] if angles == OWN else counted_angles(views)
     found = calibrate(CalibrationTask(SCANNER, L_SHAPE, phantom_scan("l-shape", made_of, 0)[take], given), seed=0)
