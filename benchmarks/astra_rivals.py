@@ -16,7 +16,7 @@ import numpy as np
 from sawmill_tomography.projection.projector import Image, Projector
 from sawmill_tomography.reconstruction.quality import relative_error
 
-# The iterations after which the error is looked at. SIRT changes slowly, CGLS has passed its best after some.
+# The iterations after which the error is computed. SIRT changes slowly, CGLS has passed its best after some.
 STOPS = {
     "SIRT": (5, 10, 15, 20, 30, 40, 55, 75, 100, 140, 200, 280, 400),
     "CGLS": (2, 3, 4, 5, 6, 7, 8, 10, 12, 15, 20, 25, 30),
@@ -42,7 +42,7 @@ class Tuned:
 
 
 def tuned(algorithm: str, projector: Projector, lines: Image, truth: Image, stops: Sequence[int]) -> Tuned:
-    """SIRT, which keeps to attenuation of at least 0, or CGLS, whose image is clipped there.
+    """Run SIRT, which keeps to attenuation of at least 0, or CGLS, whose image is clipped there.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ def tuned(algorithm: str, projector: Projector, lines: Image, truth: Image, stop
 
 
 class _Matrix(NamedTuple):
-    """ASTRA's volume and projection geometries, and the number of its projector."""
+    """ASTRA's volume and projection geometries, and the number of the projector."""
 
     volumes: dict[str, Any]
     rays: dict[str, Any]
@@ -87,7 +87,7 @@ def _matrix(projector: Projector) -> Iterator[_Matrix]:
     fan = astra.create_proj_geom("fanflat_vec", cells, projector.geometry.astra_vectors())
     tracing = astra.create_projector("line_fanflat", fan, volumes)
     matrix = astra.projector.matrix(tracing)
-    # Width of a cell and angles are not looked at: the matrix holds the rays.
+    # Width of a cell and angles are not used: the matrix holds the rays.
     rays = astra.create_proj_geom("sparse_matrix", 1.0, cells, np.zeros(views), matrix)
     kernel = astra.create_projector("sparse_matrix", rays, volumes)
     try:

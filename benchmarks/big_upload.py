@@ -2,10 +2,10 @@
 
     python benchmarks/big_upload.py [--gb 4] [--part-mb 64] [--only raw parts]
 
-A service with a folder of its own and two processes: one sends random bytes over loopback as fast as they are taken,
+A service with a separate folder and two processes: one sends random bytes over loopback as fast as they are taken,
 as one body or in parts (`/v1/uploads`); the other asks for the scanners, `PAUSE_S` after each answer. Prints, for each
 way and for the same time without an upload, how long these other requests take, and the resident memory of the
-service's own process (its workers read no upload meanwhile). The folder needs twice the size on its disk.
+service's own process (its workers read no other upload). The folder needs twice the size on its disk.
 """
 
 import argparse

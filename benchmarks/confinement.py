@@ -16,7 +16,7 @@ from sawmill_platform.confinement.confinement import confine_to, installation, m
 
 
 def once(folder: Path) -> float:
-    """Milliseconds of a child that is confined to a folder."""
+    """Return the milliseconds of a child that is confined to a folder."""
     reading, writing = os.pipe()
     child = os.fork()
     if child == 0:

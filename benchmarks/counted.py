@@ -141,7 +141,7 @@ class Slip:
 
     @classmethod
     def random(cls, rng: np.random.Generator) -> "Slip":
-        """0.3 to 0.7 mm, and up to a tenth of a degree."""
+        """Draw a slip of 0.3 to 0.7 mm, and up to a tenth of a degree."""
         return cls(rng.uniform(0.3, 0.7), rng.uniform(0.0, TAU), rng.uniform(-0.1, 0.1), rng.uniform(0.15, 0.85))
 
 

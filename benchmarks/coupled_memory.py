@@ -44,12 +44,12 @@ ROWS = 2500
 
 
 def largest_gb() -> float:
-    """VmHWM of this process."""
+    """Return VmHWM of this process."""
     return 1e-9 * peak_memory_bytes()
 
 
 def shared_s(done: Done) -> tuple[float, float]:
-    """Processor seconds that more cores do not shorten, and those that they share; of a run of two threads or more."""
+    """Return the processor seconds that more cores do not shorten, and those shared; from two threads or more."""
     threads = get_num_threads()
     parallel_s = (done.processor_s - done.own_thread_s) * threads / (threads - 1)
     return done.processor_s - parallel_s, parallel_s

@@ -66,7 +66,7 @@ class Tally:
         self.deviations.append(deviation)
 
     def line(self) -> str:
-        """RMS and median errors, coverage, refusals."""
+        """Format RMS and median errors, coverage, refusals."""
         if not self.errors:
             return f"{self.scans:5d}  no answers"
         error, deviation = np.array(self.errors), np.array(self.deviations)

@@ -2,9 +2,9 @@
 
     python benchmarks/drift_over_http.py [--repeats 10] [--views 20] [--rows 2500]
 
-A service with a folder of its own, as users start it, and one simulated scanner, calibrated from a phantom. A log is
+A service with a separate folder, as users start it, and one simulated scanner, calibrated from a phantom. A log is
 sent as the float32 mean of its rows' line integrals, and once as uint16 counts. Of each the scan is posted, the drift
-check is asked for, and its answer is waited for: three requests. The log has 8 different rows,
+check is requested, and its answer is awaited: three requests. The log has 8 different rows,
 over and over with noise of their own.
 """
 

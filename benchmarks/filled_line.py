@@ -1,4 +1,4 @@
-"""A running service whose queue is filled beside it, and what is asked of it meanwhile (`benchmarks/load.py`)."""
+"""A running service whose queue is filled from outside, and its requests in the meantime (`benchmarks/load.py`)."""
 
 import time
 from collections.abc import Callable
@@ -26,7 +26,7 @@ WINDOW_S, NOBODY_WORKS_S = 6.0, 60.0
 
 
 class Line:
-    """A running service whose queue is filled beside it.
+    """A running service whose queue is filled from outside.
 
     Parameters
     ----------
@@ -42,16 +42,16 @@ class Line:
         self._numbers = count()
 
     def ask(self) -> str:
-        """Ask for a plan; the id of its job."""
+        """Request a plan; return the id of the job."""
         body = {"scanner_id": self.scanner_id, "views": 20, "theta": vars(TRUE_THETA)}
         return str(demo_client.post(self.client, "/v1/phantoms/l-shape/plans", json=body)["job_id"])
 
     def queued(self) -> int:
-        """Jobs that wait."""
+        """Count the jobs that wait."""
         return self.store.jobs.counts()[JobState.QUEUED]
 
     def fill(self, length: int) -> None:
-        """Have that number wait: as many rows as are missing, like those of one that was asked for, a second apart."""
+        """Fill the queue to that number: add the missing rows, copies of a requested plan's, a second apart."""
         missing = length - self.queued()
         if missing <= 0:
             return

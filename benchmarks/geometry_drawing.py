@@ -72,7 +72,7 @@ def arc(axes: Axes, radius: float, low_rad: float, high_rad: float, name: str, c
 
 
 def ground(axes: Axes, geometry: FanBeamGeometry, title: str) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Axes, log, source, rays and detector of the one view; its source, detector's middle and detector's axis."""
+    """Draw axes, log, source, rays and detector of the view; return source, detector's middle and detector's axis."""
     source, centre, axis = (vectors[0] for vectors in geometry.vectors())
     cells = centre + cell_borders_mm(SCANNER)[:, None] * axis
     for end in (cells[0], cells[-1]):

@@ -2,7 +2,7 @@
 
     python benchmarks/guard.py [--against COMMIT]
 
-The other commit is checked out in `build/guard`, with this environment, or one of its own where its dependencies
+The other commit is checked out in `build/guard`, with this environment, or a separate one where its dependencies
 differ. Both are measured in turns, five times, on the same scans: calibration, FBP, total variation and a drift check
 in one warm process of each commit, starts of the command line, and a short job of a service at rest. A row is slower
 where the least of five processor seconds, or of five times by the clock, is. Rows that are slower are measured again.
@@ -92,7 +92,7 @@ THIS = Tree(ROOT, Path(sys.executable))
 
 
 def checked_out(commit: str) -> Tree:
-    """Another commit, its kernels compiled; those of earlier runs are removed."""
+    """Check out another commit and compile its kernels; remove the folders of earlier runs."""
     revision = _git("rev-parse", "--verify", f"{commit}^{{commit}}")
     folder = CHECKOUTS / revision[:12]
     for other in CHECKOUTS.glob("*"):

@@ -47,7 +47,7 @@ def rows(folder: Path) -> dict[str, Row]:
 
 
 def fastest(row: Row) -> dict[str, float]:
-    """Seconds of the processor and by the clock, the least of each; the first lap prepares and is not counted."""
+    """Return the least seconds of the processor and by the clock; the first lap prepares and is not counted."""
     row()
     laps, began = [], time.perf_counter()
     while not laps or time.perf_counter() - began < LASTING_S:

@@ -2,10 +2,10 @@
 
     python benchmarks/http_latency.py [--repeats 15] [--views 360]
 
-A service with a folder of its own, one simulated stack, calibrations asked for one after the other, each after a pause
+A service with a separate folder, one simulated stack, calibrations requested one after the other, each after a pause
 in which the service has nothing to do. The time runs from the request to the whole answer in the client's hands, once
 by server-sent events and once by asking every 50 ms; `timing_s.total` is taken off, and what is left is split by the
-job's own times. A request that computes nothing stands beside it, for what the machine is busy with otherwise.
+job's own times. A request that computes nothing is timed too, to show the machine's other load.
 """
 
 import argparse
@@ -34,12 +34,12 @@ def by_events(client: httpx.Client, job_id: str) -> None:
 
 
 def by_asking(client: httpx.Client, job_id: str) -> None:
-    """Ask for the job until it has ended."""
+    """Poll the job until it has ended."""
     demo_client.wait(client, job_id, lambda *_: None)
 
 
 def answered(client: httpx.Client, scan_id: str, wait: Wait) -> Json:
-    """Seconds from the request to the answer, by what they were spent on."""
+    """Measure the seconds from the request to the answer, by what they were spent on."""
     started = time.time()
     asked = demo_client.post(client, "/v1/calibrations", json={"scan_id": scan_id})
     wait(client, asked["job_id"])

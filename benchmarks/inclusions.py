@@ -69,7 +69,7 @@ def _place(rng: np.random.Generator, low_mm: float, high_mm: float) -> tuple[flo
 
 
 def wet_zone(rng: np.random.Generator, radius: float, middle: float, span: float) -> Inclusion:
-    """Near the rows, longer around the centre than outwards."""
+    """Draw a wet zone near the rows, longer around the centre than outwards."""
     turn, at = _place(rng, 0.1 * radius, 0.5 * radius)
     half = rng.uniform(0.12, 0.25) * radius, rng.uniform(0.06, 0.12) * radius, rng.uniform(0.2, 0.8) * span
     height = middle + span * float(rng.uniform(-0.5, 0.5))

@@ -5,7 +5,7 @@ elsewhere; sigma and beta given. The best objective known is the lowest that any
 many minima close together, and solvers end in different ones. Prints
 
 - our descent as `cauchy_map` ends it, for one slice and for a block of 16 unlike ones (a simulated log at 16 heights,
-  each beside the lowest objective that a far longer descent finds), and SciPy's seconds to within 1e-4 of its own end;
+  each against the lowest objective of a far longer descent), and SciPy's seconds to within 1e-4 of its own end;
 - on one projector, from one start, seconds and projections to within 1e-4 of the best objective known: our
   quasi-Newton descent and the majorise-minimise rivals of majorising.py.
 
@@ -52,7 +52,7 @@ Track = list[tuple[float, float]]
 
 
 def scan() -> tuple[str, FanBeamGeometry, FloatArray]:
-    """Name, geometry, sinogram (views, detector)."""
+    """Return name, geometry, sinogram (views, detector)."""
     step = 360 // VIEWS
     geometry = FanBeamGeometry(SCANNER, THETA, ((np.arange(360) + 0.5) * TAU / 360)[::step])
     path = Path(os.environ.get("SAWMILL_PUBLISHED_DATA", "../shared/data")) / "log-phantom" / "sinogram.npy"
@@ -94,7 +94,7 @@ def tracked(call: Callable[[Images, Indices], tuple[Floats, Images]], track: Tra
 
 
 def peer(objective: Objective, start: Images, iterations: int) -> Track:
-    """SciPy's L-BFGS-B with the same continuation; the values of the objective itself."""
+    """Run SciPy's L-BFGS-B with the same continuation; record the values of the objective itself."""
     started = time.perf_counter()
     x, track = start.ravel().astype(np.float64), []
     for factor in (CONTINUATION_FACTOR, 1.0):
@@ -124,7 +124,7 @@ def seconds_to(track: Track, level: float) -> float:
 
 
 def settings_of(projector: Projector, lines: Images) -> dict[str, float]:
-    """Sigma and beta near the best for such logs."""
+    """Return sigma and beta near the best for such logs."""
     wood = np.quantile(mean_along_rays(projector, lines), 0.75, axis=(1, 2))
     return {"sigma": SIGMA_SHARE * float(np.sqrt(np.mean(lines**2))), "beta": BETA_SHARE * float(np.median(wood))}
 
@@ -139,7 +139,7 @@ def unlike_slices(projector: Projector) -> Images:
 
 
 def quasi_newton(objective: Objective, start: Images) -> Tracked:
-    """Our descent with the prior itself, tracked."""
+    """Run our descent with the prior itself, tracked."""
     call, preconditioner = Tracked(objective), InverseCurvature(objective)
     minimise(call, start, lower=0.0, **LONG, preconditioner=preconditioner)
     return call
@@ -225,7 +225,7 @@ def main() -> None:
 
 
 def arrival(found: Tracked, level: float) -> str:
-    """Seconds and projections until the level."""
+    """Format seconds and projections until the level."""
     return next((f"{seconds:.3f} s, {used:4d}" for seconds, used, value in found.track if value <= level), "never")
 
 

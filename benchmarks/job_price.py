@@ -3,10 +3,10 @@
     python benchmarks/job_price.py [--jobs 10] [--against TREE]
 
 `sawmill serve` runs as users start it, with its own workers and an empty data folder. Short jobs are calibrations of a
-small scan of 20 views, asked for one after another over HTTP. The system's own books are read (/proc): the
-proportional set size of all processes of the service, and their processor seconds, those of ended children included.
+small scan of 20 views, requested one after another over HTTP. The system's own books are read (/proc): the
+proportional set size of all processes of the service, and their processor seconds, ended children included.
 What the service at rest spends in the same time is subtracted. Memory is measured after a job, and once a worker that
-had none for long (`SAWMILL_SPARE_IDLE_S`) has ended what it keeps ready. Jobs a second are those of a queue of forty
+had none for long (`SAWMILL_SPARE_IDLE_S`) has ended what it keeps ready. Jobs a second are measured on a queue of forty
 and two workers, from the first one's start to the last one's end. `--against` measures another checkout of this
 repository too, after this one. The figures of this one go to `benchmarks/results/job-price.json`.
 """
@@ -67,7 +67,7 @@ def pss_mib(process_id: int) -> float:
 
 
 def processor_s(root: int | None = None) -> float:
-    """Processor seconds so far of the service's processes and of those of their children that have ended."""
+    """Return the processor seconds so far of the service's processes and their ended children."""
     ticks = 0
     for process_id in processes(root):
         try:
@@ -89,7 +89,7 @@ def settled(root: int | None = None) -> float:
 
 
 def calibrated(client: httpx.Client, scan_id: str, root: int | None = None) -> tuple[float, float]:
-    """Processor seconds of one calibration, and the seconds by the clock that it reports itself."""
+    """Measure the processor seconds of one calibration, and the seconds by the clock that it reports itself."""
     before = settled(root)
     asked = demo_client.post(client, "/v1/calibrations", json={"scan_id": scan_id})
     by_events(client, asked["job_id"])
@@ -99,7 +99,7 @@ def calibrated(client: httpx.Client, scan_id: str, root: int | None = None) -> t
 
 
 def jobs_per_s(client: httpx.Client, scan_id: str, jobs: int) -> float:
-    """Calibrations a second of a queue of them, from the first one's start to the last one's end."""
+    """Measure calibrations a second of a queue of them, from the first one's start to the last one's end."""
     asked = [demo_client.post(client, "/v1/calibrations", json={"scan_id": scan_id})["job_id"] for _ in range(jobs)]
     for job_id in asked:
         by_events(client, job_id)

@@ -2,7 +2,7 @@
 
     python benchmarks/killed.py [--kills 50] [--seed 1] [--only search|volume] [--shortest 1] [--longest 3]
 
-A published search and a reconstruction by total variation run as a worker runs them, each in a process of its own, with
+A published search and a reconstruction by total variation run as a worker runs them, each in a separate process, with
 the product's limit of three losses. Attempts get SIGKILL at a random time of `--shortest` to `--longest` seconds after
 they were claimed; what is left after the last kill runs to its end. Then the same job runs undisturbed, and theta, or
 every value of the volume, is compared bit for bit.

@@ -91,7 +91,7 @@ def day_table(log: Figures) -> list[list[str]]:
 
 
 def stay_table(log: Figures) -> list[list[str]]:
-    """Terabytes of a line's logs and volumes that stay for some days."""
+    """Tabulate the terabytes of a line's logs and volumes that stay for some days."""
     scans = LOGS * (log["upload_bytes"] + log["scan_bytes"]) / TB
     volumes = LOGS * log["volume_bytes"] / TB
     return [[str(days), *(f"{days * each:.1f} TB" for each in (scans, volumes, scans + volumes))] for days in DAYS_KEPT]

@@ -102,7 +102,7 @@ def reconstruct_rows(scan: LogScan, lines: Rows, **options: object) -> tuple[Row
 def ours(method: str, open_settings: tuple[str, ...] = (), *, judged_only: bool = False, **options: object) -> Method:
     """Return our method: its settings chosen as for the whole log, then the price of a slice with these settings.
 
-    A choice is of the middle row, that of a coupling of those around it as well; so these rows are all that is
+    A choice is of the middle row, of a coupling also of the rows around it; so these rows are all that is
     reconstructed to learn it. Tikhonov has no choice for a log: each slice chooses.
     """
     chosen_from = SLICES_AROUND if "coupling" in open_settings else 1
@@ -173,7 +173,7 @@ def _in_the_plane(scan: LogScan, lines: Rows, weight: float) -> Rows:
 
 @lru_cache(maxsize=1)  # the stack's search starts from it
 def _weight_in_the_plane(scan: LogScan) -> float:
-    """Best for the judged rows."""
+    """Search for the best weight for the judged rows."""
     judged, lines = scan.judged, scan.lines[scan.judged]
 
     def best(weights: Floats) -> float:
@@ -184,16 +184,16 @@ def _weight_in_the_plane(scan: LogScan) -> float:
 
 
 def tuned_in_the_plane(scan: LogScan, settings: Settings | None) -> Outcome:
-    """Total variation of each slice alone, converged; one weight for the log, by the truth of the judged rows."""
+    """Run total variation of each slice alone, converged; one weight for the log, by the truth of the judged rows."""
     chosen = {"weight": _weight_in_the_plane(scan)} if settings is None else settings
     found, cpu, wall = _timed(lambda: _in_the_plane(scan, scan.lines, chosen["weight"]))
     return Outcome(found, cpu, wall, settings=chosen)
 
 
 def tuned_along_the_axis(scan: LogScan, settings: Settings | None) -> Outcome:
-    """Isotropic total variation of the stack; weight and axis chosen by the truth of the rows around a judged one.
+    """Run isotropic total variation of the stack; weight and axis by the truth of the rows around a judged one.
 
-    The search goes on to the best neighbour as long as that improves.
+    The search continues at the best neighbour as long as that improves.
     """
     if len(scan.lines) == 1:
         return tuned_in_the_plane(scan, settings)

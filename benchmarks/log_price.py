@@ -31,7 +31,7 @@ UNLIMITED = 2**40
 
 
 def price_of_a_log(rows: int, few_rows: tuple[int, int], few: ReconstructionMethod) -> dict[str, Any]:
-    """Processor seconds and bytes.
+    """Measure processor seconds and bytes of a log.
 
     Parameters
     ----------

@@ -15,7 +15,7 @@ from sawmill_tomography.projection.projector import Projector
 from sawmill_tomography.reconstruction.quality import relative_error
 
 PUBLISHED = "published"
-# Every method's error is that of these rows: some rivals take seconds for each.
+# Every method's error is computed over these rows: some rivals take seconds for each.
 JUDGED_STEP = 16
 # Of the contrast: what surrounds an inclusion, from here to there in pixels.
 NEAR, FAR = 2, 4
@@ -51,13 +51,13 @@ class LogScan:
         return [relative_error(image, self.truth[row]) for image, row in zip(images, rows, strict=True)]
 
     def error(self, images: Rows, rows: list[int]) -> float:
-        """Their mean."""
+        """Compute the mean of the rows' relative errors."""
         return float(np.mean(self.errors(images, rows)))
 
     def contrast(self, images: Rows, name: str) -> float | None:
-        """Contrast of the nail, or the knot, over all its rows, as a share of the truth's; None where there is none.
+        """Compute the contrast of the nail, or the knot, over all its rows, as a share of the truth's; None if absent.
 
-        Of a row: the mean over the inclusion's pixels less that of the ring around them, NEAR to FAR pixels away.
+        In a row: the mean over the inclusion's pixels less the mean of the ring around them, NEAR to FAR pixels away.
         """
         if self.log is None:
             return None

@@ -55,7 +55,7 @@ def contrast(name: str, one: Figures) -> float | None:
 
 
 def pivot(title: str, settings: dict[tuple[int, float], Logs], measure: Measure, digits: int) -> Iterator[str]:
-    """Methods against settings: geometric means over the logs; in brackets their number, if it is not the column's."""
+    """Tabulate methods by settings: geometric means over the logs; their number in brackets, if not the column's."""
     if not settings:
         return
     columns = sorted(settings)
@@ -70,7 +70,7 @@ def pivot(title: str, settings: dict[tuple[int, float], Logs], measure: Measure,
 
 
 def mean(name: str, logs: Logs, measure: Measure, digits: int) -> str:
-    """Empty where no log has it."""
+    """Format a mean; empty where no log has the figure."""
     found = [value for kept in logs.values() if name in kept and (value := measure(kept[name]))]
     if not found:
         return ""

@@ -2,8 +2,8 @@
 
     python benchmarks/lost_rows.py
 
-Counts of 20 000 photons with ten flats; the gain of the detector's rows differs by 5 %. Errors are in rows. Beside the
-errors of shifts stands their root mean square in standard deviations, before they were taken as whole. Of slices the
+Counts of 20 000 photons with ten flats; the gain of the detector's rows differs by 5 %. Errors are in rows. Next to the
+errors of shifts is their root mean square in standard deviations, before they were taken as whole. Of slices the
 relative error by filtered back-projection is given: complete, with a share of the views less at random whose neighbours
 are weighed by the gaps, and with those views interpolated. Takes two minutes.
 """
@@ -40,12 +40,12 @@ WAYS: dict[str, Callable[[Stack, FloatArray], RowShifts]] = {
 
 
 def full_turn(views: int) -> FloatArray:
-    """Equal steps from half a step on."""
+    """Return equal steps from half a step on."""
     return (np.arange(views) + 0.5) * TAU / views
 
 
 def stack_of(seed: int, angles: FloatArray, board: int, row_pitch_mm: float) -> Stack:
-    """Line integrals (views, rows, cells)."""
+    """Simulate line integrals (views, rows, cells)."""
     frame, cells = THETA.source_frame(SCANNER.source_to_cor_mm), DetectorCells.of(SCANNER)
     phantom = to_phantom(drawing_of("l-shape")).moved(12.0, -8.0).of_density(SAPWOOD_PER_MM)
     log = LogModel.random(seed)
@@ -56,7 +56,7 @@ def stack_of(seed: int, angles: FloatArray, board: int, row_pitch_mm: float) -> 
 
 
 def exposed(lines: Stack, rng: np.random.Generator) -> Stack:
-    """Line integrals of counts, with flats that are the mean of all rows: it is not known yet which row is which."""
+    """Simulate line integrals of counts, with flats averaged over all rows: the views' rows are not yet identified."""
     rows, cells = lines.shape[1:]
     gain = PHOTONS * (1.0 + 0.05 * rng.standard_normal((rows, 1)) + 0.03 * rng.standard_normal((rows, cells)))
     counts = rng.poisson(0.98 * gain * np.exp(-lines)).astype(np.float32)

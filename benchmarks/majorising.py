@@ -1,6 +1,6 @@
 """Majorise-minimise rivals of the quasi-Newton descent: both lower the quadratic that touches the objective from above.
 
-At an image the prior is majorised by the quadratic whose curvature over a difference d is that of a reweighted one,
+At an image the prior is majorised by the quadratic whose curvature over a difference d is a reweighted one's,
 stiffest / (1 + |d|^2 / scale^2) (half-quadratic, Geman and Reynolds 1992). Both rivals have the preconditioner
 of the quasi-Newton descent, keep pixels at the bound as it does, and bend and shorten their
 steps as it does; they differ in how the step is found.
@@ -60,7 +60,7 @@ class Tracked:
         return value, gradient
 
     def with_residual(self, images: Images, which: Indices = ONE) -> tuple[Floats, Images, Images]:
-        """Value, gradient, and A x - y."""
+        """Return value, gradient, and A x - y."""
         objective = self.objective
         residual = objective.projector.forward(images) - objective.lines
         weighted = residual * objective.weights
@@ -98,7 +98,7 @@ class _Majorant:
 
 
 def reweighted(objective: Objective, start: Images, *, iterations: int, inner: int) -> Tracked:
-    """Minimise by iteratively reweighted least squares, each in at most `inner` preconditioned conjugate gradients."""
+    """Minimise by iteratively reweighted least squares, each solved in `inner` preconditioned CG steps at most."""
     call, preconditioner = Tracked(objective), InverseCurvature(objective)
     call.started = time.perf_counter()
 

@@ -120,7 +120,7 @@ class Drawn:
 
 
 def calibrated(disc: Disc, views: int) -> Calibrated:
-    """Calibrate a disc from some views of its turn, the outline as the phantom's picture."""
+    """Calibrate a disc from some views of the turn, the outline as the phantom's picture."""
     try:
         found = sawmill.calibrate(disc.scan(views), disc.outline, phantom_width_mm=OUTLINE_WIDTH_MM)
     except sawmill.InputError as error:
@@ -173,13 +173,13 @@ def image_of(disc: Disc, views: int, method: str) -> FloatImage:
 
 
 def acrylic_of(disc: Disc) -> NDArray[np.bool_]:
-    """Give the outline's acrylic (x, y) in the pixels of an image."""
+    """Return the outline's acrylic (x, y) in the pixels of an image."""
     outline = Image.open(disc.outline).convert("L").resize((SIZE, SIZE), Image.Resampling.BOX)
     return np.asarray(outline) > 127
 
 
 def cupping_percent(phantom: Disc, disc: Disc, hardening: str) -> float:
-    """Give by how much a disc's middle is darker than its rim, by FBP with what another disc calibrated."""
+    """Compute how much darker a disc's middle is than its rim, by FBP with another disc's calibration."""
     views = CALIBRATED_VIEWS[0]
     calibration = sawmill.calibrate(phantom.scan(views), phantom.outline, phantom_width_mm=OUTLINE_WIDTH_MM)
     image = sawmill.reconstruct(
@@ -206,7 +206,7 @@ def drawn(disc: Disc, views: int) -> list[Drawn]:
 
 
 def measure(works: Sequence[Callable[[], Answer]], *, processes: int, what: str) -> Iterator[Answer]:
-    """Do all works, the first ones first, in some processes with one thread each, and show how far they are."""
+    """Run all works, the first ones first, in some processes with one thread each, and show the progress."""
     spawn = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(processes, mp_context=spawn, initializer=one_thread) as pool:
         running = [pool.submit(work) for work in works]
@@ -215,7 +215,7 @@ def measure(works: Sequence[Callable[[], Answer]], *, processes: int, what: str)
 
 
 def rms(values: Iterable[float]) -> float:
-    """Root mean square."""
+    """Compute the root mean square."""
     return math.sqrt(np.mean(np.square(list(values))))
 
 

@@ -63,7 +63,7 @@ class Disc:
 
     @property
     def frame(self) -> SourceFrame:
-        """The laboratory's distances, with the independent COR and tilt; x and y are those of the outline."""
+        """The laboratory's distances, with the independent COR and tilt; x and y are the outline's."""
         known = self.independent
         return nominal_frame(known.cor_column_mm, math.radians(known.tilt_deg))
 
@@ -74,7 +74,7 @@ def nominal_frame(cor_column_mm: float = 0.0, tilt_rad: float = 0.0) -> SourceFr
 
 
 def discs_folder() -> Path:
-    """Give the folder with the discs, or end the program with a sentence where there is none."""
+    """Return the folder with the discs, or end the program with a sentence where there is none."""
     folder = Path(os.environ.get("SAWMILL_PUBLISHED_DATA", "../shared/data")) / "measured-discs"
     if not (folder / "independent.json").is_file():
         sys.exit(

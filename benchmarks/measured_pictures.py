@@ -80,7 +80,7 @@ def outline(disc: Disc) -> Figure:
 
 
 def few_views(disc: Disc) -> Figure:
-    """FBP above total variation, from few views on the left to all on the right, in one grey window."""
+    """Draw FBP above total variation, from few views on the left to all on the right, in one grey window."""
     reference = image_of(disc, VIEWS, "fbp")
     window = (0.0, 1.15 * float(np.percentile(reference, 95.0)))
     figure = Figure(figsize=(12.0, 6.2), layout="constrained")
@@ -94,7 +94,7 @@ def few_views(disc: Disc) -> Figure:
 
 
 def hardening(disc: Disc) -> Figure:
-    """FBP of all views without and with the hardening that the calibration found, and the acrylic by its radius."""
+    """Draw FBP of all views without and with the estimated hardening, and the acrylic by its radius."""
     calibration, acrylic = calibration_of(disc), binary_erosion(acrylic_of(disc), iterations=3)
     images = {
         title: sawmill.reconstruct(

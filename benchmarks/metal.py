@@ -2,7 +2,7 @@
 
     python benchmarks/metal.py [--scans 40] [--seed 1] [--wood 0.005]
 
-Scans in counts as those of benchmarks/counted.py, 2 000 to 50 000 photons and 20 to 360 views. The phantom holds one to
+Scans in counts as in benchmarks/counted.py, 2 000 to 50 000 photons and 20 to 360 views. The phantom holds one to
 four screws of 3 to 6 mm, or a bracket of 30 to 60 by 2 to 4 mm, steel 12 to 100 times as dense as the wood; or it is
 sound; or one of that module's other faults is there. The table shows the scans that were refused, those in which metal
 was reported, the median and the largest true ray error, and how often the predicted bound held.

@@ -1,7 +1,7 @@
 """A data folder of a mill whose scanners have been watched for weeks: what pages are shown and measured with.
 
 Nothing in it is invented but the scans: every calibration, drift check and slice is computed from a simulated scan by
-the job that a service would run, at a time of its own in the past. `write_history(store, clock)` takes about a second
+the job that a service would run, at a given time in the past. `write_history(store, clock)` takes about a second
 for each scanner and day.
 """
 
@@ -49,7 +49,7 @@ SEED = 14
 
 @dataclass
 class PastClock:
-    """The store's clock, set by whoever writes the past."""
+    """The store's clock, set by the writer of the past."""
 
     now: datetime = field(default_factory=lambda: datetime.now(UTC))
 
@@ -80,7 +80,7 @@ LINES = (
 
 
 def write_history(store: Store, clock: PastClock, *, lines: Sequence[Line] = LINES, days: int = 60) -> None:
-    """Scanners with a phantom scan a week, calibrated, and a log a day, checked for drift.
+    """Write scanners with a phantom scan a week, calibrated, and a log a day, checked for drift.
 
     The first calibration is the active one. Today each line has a phantom scan, and one that has not moved the slices
     of a longer log.

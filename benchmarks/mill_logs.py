@@ -1,9 +1,9 @@
 """Production scans at random for the study of drift: the mean over a log's rows, as a mill's scanner would send it.
 
 The mean of rows is simulated as one image. Up to `SECTIONS` cross-sections of a log are projected exactly and averaged;
-their noise is that of a row over the square root of the number of rows: white, or of counts with the flat fields' own
+their noise is a row's noise over the square root of the number of rows: white, or of counts with the flat fields' own
 and with the bias of -ln at few counts. What stays in every row (slopes of the flat field, gains of views) is not
-averaged. The physics is that of `analytic.project`: monochromatic, no scatter, no blur; beams harden by a parabola.
+averaged. The physics is `analytic.project`'s: monochromatic, no scatter, no blur; beams harden by a parabola.
 """
 
 import math
@@ -73,7 +73,7 @@ class Mill:
 
     @classmethod
     def random(cls, rng: np.random.Generator, views: int, rows: int, *, encoder_deg: float = 0.0) -> "Mill":
-        """Within the range that the drift check states."""
+        """Draw a scanner within the range that the drift check states."""
         theta = _theta(rng)
         turn, angles = _angles(rng, views)
         across = np.linspace(-0.5, 0.5, SCANNER.num_detector_pixels)
@@ -139,7 +139,7 @@ class Drift:
 
 
 def random_sections(rng: np.random.Generator, number: int) -> list[Phantom]:
-    """Cross-sections of one log: elliptic, with bark, wet zones and knots, off centre, and a little bowed."""
+    """Draw cross-sections of one log: elliptic, with bark, wet zones and knots, off centre, and a little bowed."""
     radius, seed = rng.uniform(80.0, MOST_RADIUS_MM), int(rng.integers(1 << 30))
     log = LogModel.random(seed, radius_mm=radius)
     aspect, shear = rng.uniform(-0.08, 0.08, 2)

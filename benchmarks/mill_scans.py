@@ -71,7 +71,7 @@ class Drawn:
     fields: Draw
 
     def size(self, rng: np.random.Generator) -> float:
-        """Evenly in the logarithm."""
+        """Draw a size, uniform in the logarithm."""
         return math.exp(rng.uniform(math.log(self.low), math.log(self.high)))
 
 
@@ -93,7 +93,7 @@ def _either(*draws: Draw) -> Draw:
 
 
 def _number(group: str, *names: str, **more: float) -> Draw:
-    """Whole numbers of something."""
+    """Return a function that draws a whole number of something."""
 
     def fields(size: float, _: np.random.Generator) -> Fields:
         return {group: {name: round(size) for name in names} | more}
@@ -129,7 +129,7 @@ EFFECTS: Mapping[str, Drawn] = {
     "scatter": Drawn(
         0.01,
         0.2,
-        # Of the light, 1 to 20 %; of the photons that wood takes out, a fourth: a slit stands before the detector.
+        # Of the light, 1 to 20 %; of the photons that wood takes out, a fourth: a slit is in front of the detector.
         _either(
             _field("detector", "glare_share"),
             lambda size, rng: _field("beam", "scatter_share")(0.25 * size, rng),
@@ -287,7 +287,7 @@ def _physics(*all_fields: Fields) -> Physics:
 
 
 def _limited(physics: Physics, angles_rad: FloatArray) -> Physics:
-    """No view exposed over more than a mill would."""
+    """Limit the physics so that no view is exposed over more than a mill would."""
     longest = LONGEST_EXPOSURE_RAD / float(abs(angles_rad[1] - angles_rad[0]))
     share = min(physics.motion.exposure_steps, longest)
     return replace(physics, motion=replace(physics.motion, exposure_steps=share))

@@ -110,7 +110,7 @@ def _share(values: Sequence[bool]) -> str:
 
 
 def _naming(name: str, answered: list[Outcome]) -> str:
-    """Clean: the share that names nothing. One effect that matters: the share that names it."""
+    """Format the share that names nothing (clean), or the share that names the one effect that matters."""
     if name == "clean":
         return f"{np.mean([not one.named for one in answered]):6.1%}"
     return _share([names_it(one.only, one.named) for one in answered if one.must_be_named])

@@ -89,7 +89,7 @@ def knot(scan: RandomScan, rng: np.random.Generator) -> Made:
 
 
 def growth_rings(scan: RandomScan, rng: np.random.Generator) -> Made:
-    """Rings of late wood every 8 mm round a pith inside, denser by a tenth to a fifth where they stay inside."""
+    """Add rings of late wood every 8 mm round a pith inside, denser by a tenth to a fifth where they stay inside."""
     pith = point_inside(scan.task.phantom, rng)
     density = rng.uniform(0.1, 0.2)
     rings = [
@@ -234,7 +234,7 @@ class Tally:
     wrong: int = 0
 
     def add(self, scan: RandomScan, found: CalibrationOutcome) -> None:
-        """Note one answer."""
+        """Record one answer."""
         assert found.error_bars is not None
         predicted = found.error_bars.predicted_ray_error
         error = ray_error(SCANNER, scan.frame, found.frame).rms_mm

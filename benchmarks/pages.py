@@ -3,8 +3,8 @@
     python benchmarks/pages.py [--scanners 50] [--scans 10000] [--checks 1] [--data FOLDER]
 
 On SQLite, in a temporary folder, or in FOLDER, which is kept. One scan in ten is of a phantom and has a calibration;
-the others have drift checks and a reconstruction. Answers are those of the tests; no file is behind a scan.
-Milliseconds are the median of five requests without a network, and beside them those of processor time; kilobytes are
+the others have drift checks and a reconstruction. Answers are the tests'; no file is behind a scan.
+Milliseconds are the median of five requests without a network, and next to them of processor time; kilobytes are
 the page with its styles and scripts, not packed.
 """
 
@@ -88,7 +88,7 @@ def folder_of(given: Path | None) -> Iterator[Path]:
 
 
 def fill(store: Store, database: Database, scanners: int, scans: int, checks: int) -> None:
-    """Scanners in all states, and scans over a year, the same number for each."""
+    """Store scanners in all states, and scans over a year, the same number for each."""
     now = store.now()
     each = scans // scanners
     for number in range(scanners):
@@ -192,7 +192,7 @@ class Measured(NamedTuple):
 
 
 async def measured(store: Store) -> list[Measured]:
-    """Ask for each page and each list in turn."""
+    """Request each page and each list in turn."""
     app = create_app(ServiceSettings(), store, lambda _: None)
     transport = httpx.ASGITransport(app)
     answers = []
@@ -248,7 +248,7 @@ def lists() -> Iterator[str]:
 
 
 async def size_of_parts(client: httpx.AsyncClient, html: str) -> int:
-    """Bytes of the styles and scripts that a page names, and of the scripts that those import."""
+    """Sum the bytes of the styles and scripts that a page names, and of the scripts that those import."""
     wanted = re.findall(r'(?:<script[^>]* src|rel="stylesheet" href)="([^"]+)"', html)
     seen: set[str] = set()
     size = 0

@@ -35,7 +35,7 @@ WAYS: dict[str, Callable[[Stack, FloatArray], RowShifts]] = {
 
 
 def log_stack(seed: int, angles: FloatArray, cells: int) -> Stack:
-    """Line integrals (views, rows, cells)."""
+    """Simulate line integrals (views, rows, cells)."""
     scanner = Scanner(source_to_cor_mm=859.46, num_detector_pixels=cells, detector_pitch_mm=1152.0 / cells)
     log, frame, detector = LogModel.random(seed), THETA.source_frame(859.46), DetectorCells.of(scanner)
     heights = 20.0 + ROW_PITCH_MM * np.arange(ROWS)

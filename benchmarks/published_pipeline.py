@@ -17,7 +17,7 @@ SIZE, FIELD_MM = 256, 400.0
 
 
 def fan_beam_geometry(scanner: Scanner, theta: Theta, views: int) -> tomo.FanBeamGeometry:
-    """ODL's geometry of theta for equidistant views over the full turn, cell-centred as the published data are."""
+    """Return ODL's geometry of theta for equidistant views over the full turn, cell-centred like the published data."""
     c, s = math.cos(theta.initial_angle_rad), math.sin(theta.initial_angle_rad)
     turn = np.array([[c, -s], [s, c]])
     half = 0.5 * scanner.num_detector_pixels * scanner.detector_pitch_mm
@@ -57,7 +57,7 @@ class PublishedObjective:
             return np.asarray(fbp(transform.range.element(self._sinogram)).data)
 
     def __call__(self, vector: FloatArray) -> float:
-        """J at (alpha0, r_D, h_S, h_D, alpha_D)."""
+        """Return J at (alpha0, r_D, h_S, h_D, alpha_D)."""
         image = self.image(Theta.from_vector(vector))
         return -max(float(np.vdot(self._reference, image)), float(np.vdot(self._reference[:, ::-1], image)))
 

@@ -1,4 +1,4 @@
-"""A region of interest over a knot: its error and its price beside those of the whole image, of which it is a part.
+"""A region of interest over a knot: its error and its price compared with the whole image's.
 
 Simulated logs (`whole_logs.py`, three kinds of rings), 2 % noise, one thread. Prints each method's relative error in
 the field, cut out of the whole image and reconstructed as a region, and processor seconds of both, with everything that
@@ -51,7 +51,7 @@ def region_of(grid: ImageGrid, part: tuple[slice, slice]) -> ImageGrid:
 
 
 def back_projection_s(projector: Projector, repeats: int = 5) -> float:
-    """Processor seconds of the back-projection of a block of sixteen slices, the least of some."""
+    """Measure the processor seconds of the back-projection of a block of sixteen slices, the least of some."""
     frame = Preparation.of(projector, "exact", FilterName.HANN, 1.0).frame
     views, cells = projector.geometry.sinogram_shape
     rows, size = np.ones((views, cells + 2, 16), np.float32), projector.grid.size

@@ -69,7 +69,7 @@ def _url(*, on_server: bool) -> Any:  # noqa: ANN401 - a context of a URL or non
 
 
 def ask(store: Store, logs: int) -> None:
-    """Rules that reach half of the logs, and all events but those of a day."""
+    """Set rules that reach half of the logs, and all events but the last day's."""
     half = RetentionRules(log_scans_days=max(1, logs // LOGS_A_DAY // 2), log_scans_bytes=logs * LOG_BYTES // 2)
     rules = half.model_copy(update={"reconstructions_bytes": logs * VOLUME_BYTES // 2, "events_days": 1})
     preview = timed("preview of rules that reach half", lambda: store.retention.preview(rules))

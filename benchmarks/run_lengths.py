@@ -3,7 +3,7 @@
     python benchmarks/look_errors.py
     python benchmarks/run_lengths.py [--errors FILE] [--scanners 200] [--days 36] [--batches 2] [--baselines 400000]
 
-Each simulated scanner draws its looks' errors and covariances from those of one scanner of `look_errors`, 2 000 a day:
+Each simulated scanner draws its looks' errors and covariances from one scanner of `look_errors`, 2 000 a day:
 that scanner's covariances, errors of the size that it has by them, and the shape of the errors of all. Beyond the
 97 % quantile the errors are drawn from a Pareto tail with Hill's exponent. False alarms are counted with the looks'
 errors alone, without what the chart allows other logs to do; intervals are Poisson's of 95 %. Those that end a baseline
@@ -76,7 +76,7 @@ class Errors:
 
     @classmethod
     def read(cls, path: Path) -> "Errors":
-        """Against each scanner's mean, which stays."""
+        """Read errors, relative to each scanner's mean, which does not change."""
         table = np.load(path)
         shapes, roots, scatters = [], [], []
         for mill in np.unique(table["mill"]):
@@ -99,7 +99,7 @@ class Errors:
         return cls(shape, np.stack(roots), np.stack(scatters), begins, exponent)
 
     def drawn(self, rng: np.random.Generator, scanner: NDArray[np.intp], looks: int) -> tuple[FloatArray, FloatArray]:
-        """Errors (scanners, looks, 2) with their covariances (scanners, looks, 2, 2)."""
+        """Draw errors (scanners, looks, 2) with their covariances (scanners, looks, 2, 2)."""
         size = (len(scanner), looks)
         white = self.shape[rng.integers(len(self.shape), size=size)]
         radius = np.linalg.norm(white, axis=-1)
@@ -217,7 +217,7 @@ def false_alarms(errors: Errors, scanners: int, days: float, rng: np.random.Gene
 
 
 def alarms_of_baselines(errors: Errors, baselines: int, rng: np.random.Generator) -> FloatArray:
-    """Numbers (2, limits) of baselines in which a jump is found though there is none, as `false_alarms`."""
+    """Count baselines (2, limits) in which a jump is found though there is none, like `false_alarms`."""
     alarms = np.zeros((2, len(LIMITS)))
     for first in track(range(0, baselines, BASELINES_AT_A_TIME)):
         number = min(BASELINES_AT_A_TIME, baselines - first)
@@ -254,7 +254,7 @@ def found(errors: Errors, change: Change, rng: np.random.Generator) -> tuple[lis
 
 
 def changes(scanners: int) -> Iterator[Change]:
-    """Jumps after each number of looks in a group of ten, in turn, and among the first fifty; a trend."""
+    """Yield jumps after each number of looks in a group of ten, in turn, and among the first fifty; a trend."""
     turn = np.arange(scanners) % GROUP_LOOKS + 0.5
     for size in JUMPS_MM:
         at = QUIET_DAYS + turn / LOOKS_A_DAY

@@ -44,7 +44,7 @@ NUMBERS = {"source": "1", "axis": "2", "wood": "3", "detector": "4"}
 
 
 def sideways(points: FloatArray) -> FloatArray:
-    """Points (..., 2) with the beam along x."""
+    """Return points (..., 2) with the beam along x."""
     return points @ SIDEWAYS
 
 
@@ -90,7 +90,7 @@ def name(axes: Axes, text: str, place: FloatArray) -> None:
 def measured_and_found(
     axes: Axes, words: dict[str, str], source: FloatArray, centre: FloatArray, axis: FloatArray
 ) -> None:
-    """Arrows: blue what a tape measures, red what the calibration finds."""
+    """Draw arrows: blue for what a tape measures, red for what the calibration finds."""
     below = np.array([0.0, -390.0])
     foot = np.array([-SCANNER.source_to_cor_mm, 0.0])
     for end in (foot, ORIGIN):

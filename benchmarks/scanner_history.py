@@ -102,7 +102,7 @@ def calibrations(session: Session, now: datetime) -> Iterator[Row]:
 
 
 def drift_checks(now: datetime, count: int) -> Iterator[Row]:
-    """Evenly over the year."""
+    """Yield drift checks evenly over the year."""
     for number in range(count):
         day = DAYS * number / count
         at = now - timedelta(days=DAYS - day)
@@ -177,7 +177,7 @@ def about(at: datetime, kind: HistoryKind, what: EventKind) -> Row:
 
 
 def ask(store: Store) -> None:
-    """Ask for everything that a person or a program asks for."""
+    """Request everything that a person or a program requests."""
     first, end = store.now() - timedelta(days=DAYS), store.now()
     half = first + timedelta(days=DAYS / 2)
     middle = store.history.page(SCANNER_ID, until=half).next

@@ -86,6 +86,6 @@ def reference_image(source: Source) -> Image:
 
 
 def log_quality(source: Source, theta: Theta, rotation: Rotation = Rotation.AS_GIVEN) -> tuple[float, float]:
-    """Relative error and SSIM of the log's FBP with a geometry, against its FBP with the true one."""
+    """Compute relative error and SSIM of the log's FBP with a geometry, against its FBP with the true one."""
     image, reference = log_image(source, theta, rotation), reference_image(source)
     return relative_error(image, reference), structural_similarity_index(image, reference)

@@ -82,7 +82,7 @@ SHOTS = (
 
 
 def main() -> int:
-    """Draw what is asked for."""
+    """Draw the requested pictures."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--data", type=Path, help="the data folder to keep, or to take")
     parser.add_argument("--only", help="one picture by its name")
@@ -134,7 +134,7 @@ def mill(kept: Path | None) -> Iterator[tuple[Path, dict[str, str]]]:
 
 @contextmanager
 def chromium() -> Iterator[Browser]:
-    """Debian's browser."""
+    """Start Debian's browser."""
     program = shutil.which("chromium")
     if program is None:
         sys.exit("the pictures need Debian's Chromium: apt-get install chromium")

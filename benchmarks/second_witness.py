@@ -1,8 +1,8 @@
-"""How often a log contradicts a good calibration by the phantom in the same scan: simulated scans without movement.
+"""Frequency of logs that contradict a good calibration by the phantom in the same scan: simulated, no movement.
 
     python benchmarks/second_witness.py [--scans 200] [--seed 1] [--views 20]
 
-Scanners, phantoms (one has a hole) and their noise are those of `scanners.py`, logs those of `mill_logs`, 16 rows
+Scanners, phantoms (one has a hole) and their noise are from `scanners.py`, logs from `mill_logs`, 16 rows
 averaged. Prints how the two agree, verdicts without and with the log, false refusals (a pass that the log took away
 although the rays are right to 0.1 mm), refusals to hear the log, and ray errors without and with it.
 """

@@ -4,7 +4,7 @@
 
 The last columns reconstruct a log by FBP from 360 views with each theta found, against its FBP with the true theta: the
 largest relative error and the least SSIM of all seeds, on a simulated log and on the published one. The published
-data's own floor is 0.05 to 0.06 mm: one ray a cell, and a drawing in pixels. --picture draws the pairs of theta, beside
+data's own floor is 0.05 to 0.06 mm: one ray a cell, and a drawing in pixels. --picture draws pairs of theta, next to
 the published search's where `make paper` has left its runs in build/paper.
 """
 

@@ -49,7 +49,7 @@ class StackObjective:
         return images
 
     def __call__(self, stacks: Image, _which: Indices) -> tuple[Floats, Image]:
-        """Value (1,) and gradient of one stack (1, rows, size, size)."""
+        """Return value (1,) and gradient of one stack (1, rows, size, size)."""
         images = stacks[0]
         residual = self.projector.forward(images) - self.lines
         weighted = residual * self.certainties
@@ -83,7 +83,7 @@ class StackObjective:
 
 
 class _Curvature:
-    """The preconditioner of each row by itself: the rows beside it are left to the descent."""
+    """The preconditioner of each row by itself: the neighbouring rows are left to the descent."""
 
     def __init__(self, stack: StackObjective) -> None:
         prior = smoothed_prior(*(np.full(len(stack.lines), value) for value in (stack.wood, stack.weight)))

@@ -52,12 +52,12 @@ def random_log(rng: np.random.Generator, kind: str, seed: int) -> Phantom:
 
 
 def smoothed(image: Floats | Image) -> Floats:
-    """Root of the smoothed square."""
+    """Compute the root of the smoothed square."""
     return np.sqrt(gaussian_filter(np.square(image, dtype=np.float64), SMOOTHED))
 
 
 def patches(image: Floats) -> Floats:
-    """Means over patches."""
+    """Compute means over patches."""
     n = len(image) // PATCH
     return image[: n * PATCH, : n * PATCH].reshape(n, PATCH, n, PATCH).mean(axis=(1, 3))
 

@@ -31,7 +31,7 @@ def steady(rng: np.random.Generator, views: tuple[int, ...] = VIEWS) -> CountedS
 
 
 def with_a_fault(rng: np.random.Generator, views: tuple[int, ...] = VIEWS) -> CountedScan:
-    """Steady, and something else is wrong."""
+    """Simulate a steady scan with another fault."""
     return counted_scan(rng, fault=_any_fault(rng), views=views)
 
 
@@ -64,7 +64,7 @@ class Outcomes:
     wrong: int = 0
 
     def add(self, scan: CountedScan, found: CalibrationOutcome) -> None:
-        """Note one answer."""
+        """Record one answer."""
         assert found.error_bars is not None
         error = ray_error(SCANNER, scan.frame, found.frame).rms_mm
         self.errors.append(error)

@@ -2,7 +2,7 @@
 
     python benchmarks/viewer.py [--slices 300] [--size 512] [--moves 60]
 
-A service with a folder of its own, a volume with noise as a reconstruction has it, and Debian's Chromium. "Random"
+A service with a separate folder, a volume with noise as a reconstruction has it, and Debian's Chromium. "Random"
 moves to a slice that nothing has fetched; "the next" moves on to a slice whose picture was fetched ahead, after a pause
 in which somebody looks. The time runs from the slider's event to the second frame after the slice's picture, or its
 values, were painted, by the page's own clock: by then the first one is on the screen. The time to the values includes
@@ -122,7 +122,7 @@ def result_of(slices: int, size: int) -> dict[str, object]:
 
 
 def fill(store: Store, slices: int, size: int) -> None:
-    """Scanners, scans and a log of each; the newest, `r0`, has a volume."""
+    """Store scanners, scans and a log of each; the newest, `r0`, has a volume."""
     constants = ScannerConstants(source_to_cor_mm=859.46, num_detector_pixels=704, detector_pitch_mm=1.2)
     for number in range(SCANNERS):
         spec = ScannerSpec(name=f"Line {number}", constants=constants)
@@ -176,7 +176,7 @@ def report(name: str, milliseconds: Sequence[float]) -> float:
 
 
 def timed(ask: Callable[[], httpx.Response], repeats: int) -> list[float]:
-    """Milliseconds of each."""
+    """Measure the milliseconds of each call."""
     found = []
     for _ in range(repeats):
         started = time.perf_counter()
@@ -186,7 +186,7 @@ def timed(ask: Callable[[], httpx.Response], repeats: int) -> list[float]:
 
 
 def measure_server(client: httpx.Client, slices: int, moves: int) -> None:
-    """Answers of the service, as another program on this machine has them."""
+    """Print the service's answers, as another program on this machine has them."""
     order = iter(np.random.default_rng(SEED).integers(0, slices, 10 * moves).tolist())
     log = "/v1/reconstructions/r0"
     print("server")
@@ -207,7 +207,7 @@ def measure_server(client: httpx.Client, slices: int, moves: int) -> None:
 
 
 def moved(page: Page, places: Iterable[int], pause_ms: int, what: str = "shown") -> list[float]:
-    """Milliseconds of each move of the slider, until the slice is shown or its values are."""
+    """Measure the milliseconds of each move of the slider, until the slice is shown or its values are."""
     found = []
     for index in places:
         page.wait_for_timeout(pause_ms)
@@ -229,7 +229,7 @@ def looking(browser: Browser, address: str, line: Line | None = None) -> Iterato
 
 
 def measure_browser(address: str, slices: int, size: int, moves: int) -> dict[str, float]:
-    """Milliseconds from the slider's event to the screen, the 95th percentile of each way to a slice."""
+    """Measure milliseconds from the slider's event to the screen, the 95th percentile of each way to a slice."""
     program = shutil.which("chromium")
     assert program, "this needs Debian's Chromium: apt-get install chromium"
     # Five apart: no slice's picture is fetched ahead for another.

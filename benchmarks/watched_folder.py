@@ -2,7 +2,7 @@
 
     python benchmarks/watched_folder.py [--files 300] [--seed 1] [--longest 4]
 
-A real `sawmill serve` and a real `sawmill watch`. A scanner writes small scans meanwhile: NPY, TIFF and HDF5, some in
+A real `sawmill serve` and a real `sawmill watch`. A scanner writes small scans: NPY, TIFF and HDF5, some in
 two pieces with a pause, some with a `.done` file, every tenth under a name that was used before, every thirtieth no
 scan at all. The watcher gets SIGKILL at a random time of at most `--longest` seconds after it has the folder, every
 tenth time the service too; both are started again. At the end the scans in the service are compared with what was

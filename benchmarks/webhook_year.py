@@ -43,7 +43,7 @@ class GivenClock:
         self.now = datetime(2026, 1, 1, tzinfo=UTC)
 
     def __call__(self) -> datetime:
-        """Now."""
+        """Return the current time."""
         return self.now
 
 
@@ -92,7 +92,7 @@ def listening(receiver: Receiver) -> Iterator[int]:
 
 
 def main() -> None:
-    """Let a year pass and print what it took."""
+    """Simulate a year and print its costs."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--events", type=int, default=20_000, help="in the year")
     options = parser.parse_args()
@@ -131,7 +131,7 @@ async def year(store: Store, clock: GivenClock, receiver: Receiver, events: int)
             clock.now += timedelta(days=1) / LOOKS_A_DAY
         store.webhooks.forget_deliveries()
         if day == AWAY.stop - 1:
-            # Given up meanwhile, as three days are; the administrator turns it on again.
+            # Deliveries were given up, since it was down for three days; the administrator turns it on again.
             assert [webhook.state for webhook in store.webhooks.all().webhooks].count("paused") == 1
             most_waiting = max(webhook.waiting for webhook in store.webhooks.all().webhooks)
             for webhook in store.webhooks.all().webhooks:
@@ -145,7 +145,7 @@ async def year(store: Store, clock: GivenClock, receiver: Receiver, events: int)
 
 
 def happen(store: Store, number: int) -> None:
-    """Events in one transaction; every fiftieth is an alarm."""
+    """Store events in one transaction; every fiftieth is an alarm."""
     first, now = store.events.newest_number(), store.now()
     kinds = [event_kinds.SUCCEEDED] * (ALARMS_EACH - 1) + [mill_events.ALARM_OPENED]
     rows = [

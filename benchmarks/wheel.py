@@ -1,4 +1,4 @@
-"""The wheel in an empty environment, beside files named worker.py and service.py: whether the demo runs.
+"""Trial of the wheel in an empty environment, with files named worker.py and service.py in the folder: the demo runs.
 
 Builds the wheel from the working tree, installs it with the pinned versions into a new environment, and runs
 `sawmill demo` in a folder that holds modules of names that other people use. Exit code 1 where anything fails.

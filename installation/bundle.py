@@ -136,7 +136,7 @@ def needs_of(name: str, extras: Iterable[str]) -> Iterator[Requirement]:
 
 
 def of_this_machine(texts: Iterable[str], extras: Iterable[str]) -> Iterator[Requirement]:
-    """Yield the requirements that hold on this machine, without markers, also for an earlier patch of its Python."""
+    """Yield the requirements that hold on this machine, without markers, also for an earlier patch of the Python."""
     oldest = {"python_full_version": f"{PYTHON}.0"}
     for requirement in map(Requirement, texts):
         marker = requirement.marker
@@ -172,7 +172,7 @@ def held(asked: Mapping[str, Version], folder: Path) -> dict[str, Path]:
 
 
 def make_wheels(source: Path, folder: Path, committed_at: int) -> None:
-    """Build the wheels of the product and of its generated client."""
+    """Build the wheels of the product and the generated client."""
     os.environ["SOURCE_DATE_EPOCH"] = str(committed_at)
     pip("wheel", "--no-deps", "--wheel-dir", folder, source)
     subprocess.run([sys.executable, source / "openapi/clients/generate.py", folder], check=True)  # noqa: S603 - our own
@@ -218,7 +218,7 @@ def listed(wheels: Iterable[Path]) -> Iterator[str]:
 
 
 def metadata(wheel: Path) -> Message:
-    """Read a wheel's metadata of its package."""
+    """Read the package's metadata from a wheel."""
     with zipfile.ZipFile(wheel) as packed:
         (name,) = (name for name in packed.namelist() if name.endswith(".dist-info/METADATA") and name.count("/") == 1)
         return BytesParser().parsebytes(packed.read(name))
@@ -240,7 +240,7 @@ def sums(content: Path) -> Iterator[str]:
 
 
 def digest(path: Path) -> str:
-    """SHA-256 in hexadecimal digits."""
+    """Compute SHA-256 in hexadecimal digits."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 

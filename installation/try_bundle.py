@@ -55,7 +55,7 @@ grep -o '"verdict":"[a-z-]*"' calibration.json | head -n 1
 
 
 def main() -> int:
-    """Try everything in turn."""
+    """Run every part of the trial in turn."""
     (archive,) = (ROOT / "dist").glob("*.tar.gz")
     print(f"{archive.name}: {archive.stat().st_size / 1e6:.0f} MB", flush=True)
     with tempfile.TemporaryDirectory(prefix="bundle-") as temporary:
@@ -124,7 +124,7 @@ def version(base: Path, target: Path) -> str:
 
 
 def unpacked(archive: Path, base: Path) -> Path:
-    """Unpack an archive with tar(1) after a check of its checksum; return its folder."""
+    """Unpack an archive with tar(1) after its checksum has been checked; return its folder."""
     run(["sha256sum", "--check", "--quiet", f"{archive.name}.sha256"], archive.parent)
     run(["tar", "-xzf", str(archive)], base)
     return base / archive.name.removesuffix(".tar.gz")
@@ -154,7 +154,7 @@ def timed(what: str) -> Iterator[None]:
 
 
 def require(true: bool, otherwise: str) -> None:  # noqa: FBT001 - reads as a sentence
-    """End the study where something is not as it must be."""
+    """End the study where a condition does not hold."""
     if not true:
         sys.exit(otherwise)
 

@@ -1,6 +1,6 @@
 """Changes between two OpenAPI documents, and the version that the later one needs.
 
-Words and examples do not count. Names do, where those of generated clients follow from them: of operations,
+Words and examples do not count. Names do, where names in generated clients follow from them: of operations,
 parameters and types. `python openapi/contract_changes.py` lists what changed since the last release.
 """
 
@@ -49,7 +49,7 @@ def version_tuple(version: str) -> tuple[int, int, int]:
 
 
 def fault_of_version(released: Document, today: Document) -> str | None:
-    """Why today's document may not have its version, with what changed and what to do; None: it may."""
+    """Explain why today's document may not have its version, with the changes and the remedy; None if it may."""
     changes = compare(released, today)
     before, now = released["info"]["version"], today["info"]["version"]
     needed = needed_version(before, changes)
@@ -66,7 +66,7 @@ def fault_of_version(released: Document, today: Document) -> str | None:
 
 
 class _Comparison(SchemaChanges):
-    """Collects changes of routes; those of their schemas are inherited."""
+    """Collects changes of routes; the comparison of schemas is inherited."""
 
     def of_documents(self, old: Place, new: Place) -> set[Change]:
         was, now = (place.at("components", "schemas") for place in (old, new))
@@ -177,7 +177,7 @@ def _opens(way: Mapping[str, list[str]], held: Mapping[str, list[str]]) -> bool:
 
 
 def main() -> int:
-    """Print what changed since the last release; with `--release`, record the contract as that of a release."""
+    """Print what changed since the last release; with `--release`, record the contract as a release's."""
     released, today = json.loads(RELEASED.read_text()), json.loads(CONTRACT.read_text())
     print(*compare(released, today), sep="\n")
     fault = fault_of_version(released, today)

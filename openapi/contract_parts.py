@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any
 
-# For people. What tells the kinds of a choice apart stands in the kinds themselves.
+# For people. What distinguishes the kinds of a choice is in the kinds themselves.
 WORDS = {"title", "description", "summary", "examples", "example", "externalDocs", "discriminator", "readOnly"}
-# Objects of which every member has a name of its own, which may be one of those words.
+# Objects whose members have free names, which may be one of these words.
 NAMED = {"properties", "dependentSchemas", "patternProperties", "paths", "responses", "schemas", "headers"}
 EXTENSIONS = {"x-problem-codes", "x-event-data"}
 

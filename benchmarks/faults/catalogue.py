@@ -27,7 +27,7 @@ ENGINES = (
 
 @dataclass(frozen=True)
 class Fault:
-    """One class of faults.
+    """A class of faults.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Processes as /proc shows them: found by a mark in their environment, whoever has become their parent."""
+"""Processes as /proc shows them: found by a mark in their environment, also after a change of parent."""
 
 import os
 import signal
@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
-# Named so that it reaches the attempts too: of a worker's environment they have what Python and its libraries look at.
+# Named so that it reaches the attempts too: of a worker's environment they have what Python and its libraries read.
 MARK = "PYTHON_FAULTS_WORLD"
 _PARTS = {
     "sawmill_service": "api",

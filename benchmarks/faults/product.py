@@ -44,7 +44,7 @@ class Product:
     folder
         For the data folder, which is `folder / "data"`, and for logs.
     variables
-        The environment's, beside the usual ones.
+        Variables of the environment, added to the usual ones.
     services
         `sawmill serve` processes; the client talks to the first.
     broker
@@ -73,7 +73,7 @@ class Product:
         return [self._running[place].pid for place in sorted(self._running)]
 
     def start(self) -> None:
-        """Begin, and wait until it is ready."""
+        """Start the processes, and wait until the service is ready."""
         self._start_missing()
         self.wait_until_ready()
         if not self._keeper.is_alive():

@@ -41,7 +41,7 @@ class Redis:
         self.url = f"redis://127.0.0.1:{self._port}/0"
 
     def start(self) -> None:
-        """Begin, empty."""
+        """Start the server, empty."""
         flags = ["--port", str(self._port), "--bind", "127.0.0.1", "--save", "", "--appendonly", "no"]
         self._process = subprocess.Popen(  # noqa: S603
             [str(get_binary_path()), *flags, "--dir", str(self._folder)], stdout=subprocess.DEVNULL
@@ -50,13 +50,13 @@ class Redis:
             _wait_for(client.ping, redis.ConnectionError)
 
     def kill(self) -> None:
-        """End it at once."""
+        """Kill the server at once."""
         if self._process is not None:
             self._process.kill()
             self._process.wait()
 
     def flush(self) -> None:
-        """Lose every message."""
+        """Delete every message."""
         with redis.Redis(port=self._port) as client:
             client.flushall()
 
@@ -91,7 +91,7 @@ class Postgres:
         )
 
     def start(self) -> None:
-        """Begin; after a crash it replays its log first."""
+        """Start the server; after a crash it replays its log first."""
         with (self._folder / "log").open("ab") as log:
             self._process = subprocess.Popen(  # noqa: S603
                 [
@@ -119,7 +119,7 @@ class Postgres:
         return f"postgresql+psycopg://postgres@127.0.0.1:{self._port}/{name}"
 
     def end(self, *, crash: bool) -> None:
-        """End it in order, or as a crash ends it: every connection breaks either way."""
+        """Stop the server in order, or as a crash does: every connection breaks either way."""
         if self._process is not None:
             self._process.send_signal(signal.SIGQUIT if crash else signal.SIGINT)
             self._process.wait()

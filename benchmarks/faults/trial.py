@@ -17,7 +17,7 @@ from faults.product import Product
 from faults.servers import Postgres, Redis
 from faults.work import MIX, Accepted, Asker, answer_of
 
-MOST_WAITING = 8  # jobs asked for ahead: enough that faults meet running ones
+MOST_WAITING = 8  # jobs requested ahead: enough that faults meet running ones
 ENDED_S = 300.0  # for the jobs to end once all have been accepted and the faults are over
 LULL_S = 5.0  # a fault comes although no job runs
 SETTLED_S = 45.0  # for what is left over to be noticed, watched for its grace of 5 s and removed
@@ -32,7 +32,7 @@ class Trial:
     most : int
         Faults, at most: else a job might never find the time to end.
     mix : sequence of str
-        What is asked for.
+        Names of the jobs to request.
     long : bool
         Whether outages last as long as in an hour's run.
     over : threading.Event
@@ -40,7 +40,7 @@ class Trial:
     happened, seen : Counter of str
         What was done, and what else came of it.
     wrong : list of str
-        What must not be, beside the four counts.
+        Faults of the product other than the four counts.
     """
 
     product: Product
@@ -59,14 +59,14 @@ class Trial:
     wrong: list[str] = field(default_factory=list)
 
     def again(self, shortest_s: float, longest_s: float) -> bool:
-        """Wait a while, and then for a job to run; whether there is to be another fault."""
+        """Wait a while, then for a job to run; return whether there is to be another fault."""
         if self.happened.total() >= self.most or self.over.wait(self.rng.uniform(shortest_s, longest_s)):
             return False
         _wait(LULL_S, lambda: self.over.is_set() or bool(self.holders()), look_s=0.03)
         return not self.over.wait(self.rng.uniform(0.0, 0.3))
 
     def holders(self) -> list[int]:
-        """Workers with a job; none while the database does not answer."""
+        """List the workers with a job; none while the database does not answer."""
         with suppress(DBAPIError):
             return self.audit.holders()
         return []
@@ -93,7 +93,7 @@ class Counts:
 
 
 def ask_all(trial: Trial, jobs: int, progress: Callable[[], None]) -> None:
-    """Ask for the mix in a random order, never far ahead of what has ended."""
+    """Request the mix in a random order, never far ahead of the ended jobs."""
     names = [trial.mix[number % len(trial.mix)] for number in range(jobs)]
     trial.rng.shuffle(names)
     for number, name in enumerate(names):
@@ -111,7 +111,7 @@ def disturbed(
     jobs: int,
     progress: Callable[[], None],
 ) -> None:
-    """Ask, disturb, and wait until all has ended."""
+    """Request the jobs, disturb, and wait until all has ended."""
     with ThreadPoolExecutor(2) as threads:
         disturbing = threads.submit(fault, trial)
         asking = threads.submit(ask_all, trial, jobs, progress)
@@ -175,7 +175,7 @@ def _wait(longest_s: float, done: Callable[[], bool], *, look_s: float = 0.3) ->
 
 
 def _unfinished(audit: Audit) -> int:
-    """Jobs that have not ended; many, while the database does not answer."""
+    """Count the jobs that have not ended; many, while the database does not answer."""
     with suppress(DBAPIError):
         return audit.unfinished()
     return MOST_WAITING

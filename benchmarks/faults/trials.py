@@ -60,7 +60,7 @@ class Outcome:
         return not self.broken and (self.counts is None or self.counts.sound)
 
     def as_json(self) -> dict[str, Any]:
-        """Everything."""
+        """Return the whole outcome as JSON."""
         return asdict(self)
 
 

@@ -57,7 +57,7 @@ def _insert(connection: Connection, rows: dict[str, list[dict[str, Any]]]) -> No
 
 
 def _typed(table: Table, name: str, value: object) -> object:
-    """JSON's words as the column's type."""
+    """Convert a JSON value to the column's type."""
     column = table.columns[name].type
     if isinstance(column, DateTime):
         moment = datetime.fromisoformat(str(value))

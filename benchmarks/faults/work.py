@@ -1,4 +1,4 @@
-"""The jobs that are asked for: tiny, of every kind that mills ask for, each with one right answer."""
+"""The requested jobs: tiny, of every kind that mills use, each with one right answer."""
 
 import hashlib
 import io
@@ -56,13 +56,13 @@ class Accepted:
 
 @cache
 def phantom_scan() -> bytes:
-    """20 views of the phantom, line integrals, as an NPY file."""
+    """Return 20 views of the phantom, line integrals, as an NPY file."""
     return _scan(L_SHAPE.of_density(SAPWOOD_PER_MM), 20)
 
 
 @cache
 def log_scan() -> bytes:
-    """120 views of a log."""
+    """Return 120 views of a log."""
     return _scan(LogModel.random(4).slice_at(120.0).moved(5.0, -3.0), 120)
 
 
@@ -106,7 +106,7 @@ class Asker:
         self._post("/v1/schedules", json={"scanner_id": scanner_id, "cron": cron})
 
     def ask(self, name: str, number: int = 0) -> Accepted:
-        """Ask for one of the mix; `number` tells one plan from another."""
+        """Request one of the mix; `number` distinguishes plans."""
         path, plural, options = self._request(name, number)
         answer = self._post(path, **options)
         work = Work(f"{name} {number % PLANS}" if name == "plan" else name, plural)
@@ -156,7 +156,7 @@ class Asker:
 
 
 def answer_of(client: httpx.Client, data: Path, accepted: Accepted) -> str:
-    """Everything that an answer holds but ids and times, its files included, for comparison."""
+    """Return an answer for comparison: everything but ids and times, its files included."""
     plural, subject_id = accepted.work.plural, accepted.subject_id
     document = client.get(f"/v1/{plural}/{subject_id}").raise_for_status().json()
     files = {path.name: _numbers(path) for path in sorted((data / plural / subject_id).glob("*.h5"))}

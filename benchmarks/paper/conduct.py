@@ -47,7 +47,7 @@ def distinct(experiments: Sequence[Experiment], plan: Plan) -> list[Unit]:
 
 
 def work_through(units: Sequence[Unit], work: Path, *, processes: int) -> None:
-    """Do what is not done, shortest first; a failed unit ends the command, and what is done stays done."""
+    """Run the units that have no result, shortest first; a failed unit ends the command, earlier results stay."""
     waiting = sorted((unit for unit in units if load(work, unit) is None), key=lambda unit: unit.seconds)
     total = sum(unit.seconds for unit in waiting)
     columns = (
@@ -106,7 +106,7 @@ def gather(units: Sequence[Unit], work: Path) -> dict[str, Result]:
 
 
 def wrapped(text: str) -> str:
-    """Markdown with its paragraphs broken into lines of at most LINE characters; the rest stays as it is."""
+    """Break Markdown's paragraphs into lines of at most LINE characters; the rest stays as it is."""
     parts = text.split("\n\n")
     return "\n\n".join(
         part

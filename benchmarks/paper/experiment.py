@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-# Numbers, strings and lists of them; arrays are kept beside them.
+# Numbers, strings and lists of them; arrays are kept next to them.
 Result = dict[str, Any]
 Results = Mapping[str, Result]
 Values = dict[str, str]
@@ -74,7 +74,7 @@ class Unit:
     name : str
         A file's name. Two experiments may name the same unit.
     work : callable
-        A function of a module, called with the settings in a process of its own.
+        A function of a module, called with the settings in a separate process.
     seconds : float
         What it takes on an idle core, roughly; for the time left.
     """

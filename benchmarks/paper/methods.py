@@ -138,12 +138,12 @@ def own_edge_error_mm(source: Source, size: int) -> float:
 
 
 def _window(log: FloatArray) -> tuple[float, float]:
-    """Air is black, and a fragment of metal does not darken the wood."""
+    """Return the grey window: air is black, and a fragment of metal does not darken the wood."""
     return 0.0, float(np.percentile(log[log > 0.0], 99.0))
 
 
 def _draw_images(plan: Plan, source: Source, made: Images, path: Path) -> None:
-    """Methods down, views across, in one grey window."""
+    """Draw methods down, views across, in one grey window."""
     drawn = pictures.figure(7.4, 7.6)
     panels = drawn.subplots(len(METHODS), len(plan.compared_views), squeeze=False)
     low, high = _window(truth(source, plan.log_image_size))
@@ -212,7 +212,7 @@ def least_errors(made: Images, views: tuple[int, ...]) -> str:
 
 
 def contradictions(made: Images, measure: Measure) -> tuple[list[tuple[Result, Result]], int]:
-    """Pairs of images whose outlines differ markedly: those of which a measure prefers the worse outlines, and all.
+    """List the pairs of images with very different outlines of which a measure prefers the worse; count all such pairs.
 
     Each pair has the image with the worse outlines first; the pair whose outlines differ most comes first.
     """

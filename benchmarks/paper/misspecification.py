@@ -32,7 +32,7 @@ class Case:
         return Theta.from_vector(to_vector(TRUE_THETA) * np.array(self.left) + np.array(self.added))
 
 
-# The paper's letters; a zero stands where a parameter is left out.
+# The paper's letters; a zero where a parameter is left out.
 GALLERY = (
     Case("a", "[alpha0, r_D, 0, 0, 0]", left=(1.0, 1.0, 0.0, 0.0, 0.0)),
     Case("b", "[alpha0, r_D, h_S, 0, 0]", left=(1.0, 1.0, 1.0, 0.0, 0.0)),

@@ -56,7 +56,7 @@ def run_search(
     made_of: MadeOf,
     cells_binned: int = 1,
 ) -> Result:
-    """Differential evolution with one of the objectives and one of the stops."""
+    """Run differential evolution with one of the objectives and one of the stops."""
     take = every_so_many(views)
     chosen = OBJECTIVES[objective]
     options = PaperSettings(
@@ -101,7 +101,7 @@ def search_units(plan: Plan, objective: str, stop: str) -> list[Unit]:
 
 
 def units(plan: Plan) -> list[Unit]:
-    """Profiles from many and from few views, and the searches."""
+    """List the units: profiles from many and from few views, and the searches."""
     profiles = [profile_unit(plan, name, v) for name in OBJECTIVES for v in (plan.dense_views, plan.sparse_views)]
     searches = [u for name in OBJECTIVES for stop in ("published", "tight") for u in search_units(plan, name, stop)]
     return [*profiles, *searches]
@@ -118,7 +118,7 @@ def optimum(offsets: FloatArray, values: FloatArray) -> float:
 
 
 def half_width(offsets: FloatArray, values: FloatArray, level: float = LEVEL) -> float:
-    """Mean distance on both sides at which a profile is worse than its best by a share; NaN where it never is."""
+    """Compute the mean distance on both sides at which a profile is worse than its best by a share; NaN if never."""
     worse = (values - values.min()) / abs(values.min()) - level
     at = int(np.argmin(values))
     left, right = np.flatnonzero(worse[:at] > 0.0), at + np.flatnonzero(worse[at:] > 0.0)

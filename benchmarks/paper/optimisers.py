@@ -41,7 +41,7 @@ class Counted:
         self.vector = self._low
 
     def __call__(self, x: FloatArray) -> float:
-        """J at a point of the cube."""
+        """Return J at a point of the cube."""
         if len(self.best) >= self._budget:
             raise BudgetSpentError
         vector = self._low + self._width * np.asarray(x)
@@ -53,14 +53,14 @@ class Counted:
 
 
 def evolve(objective: Counted, rng: np.random.Generator) -> None:
-    """best/1/bin, crossover 0.7, as published, without a stop."""
+    """Minimise by best/1/bin, crossover 0.7, as published, without a stop."""
     differential_evolution(
         objective, UNIT_CUBE, strategy="best1bin", recombination=0.7, maxiter=10**6, tol=0.0, polish=False, rng=rng
     )
 
 
 def restart_simplex(objective: Counted, rng: np.random.Generator) -> None:
-    """Nelder-Mead from one random point after another."""
+    """Minimise by Nelder-Mead from one random point after another."""
     while True:
         start = rng.uniform(size=5)
         steps = np.where(start > 0.5, -SIMPLEX_STEP, SIMPLEX_STEP)
@@ -75,7 +75,7 @@ def restart_simplex(objective: Counted, rng: np.random.Generator) -> None:
 
 
 def anneal(objective: Counted, rng: np.random.Generator) -> None:
-    """Generalised simulated annealing alone."""
+    """Minimise by generalised simulated annealing alone."""
     dual_annealing(objective, UNIT_CUBE, maxiter=10**6, maxfun=1e9, no_local_search=True, rng=rng)
 
 
@@ -165,7 +165,7 @@ HEADER = (
 
 
 def section(plan: Plan, results: Results, folder: Path) -> Values:
-    """Success share, distribution of the best J, and its course."""
+    """Return the share of success, the distribution of the best J, and its course."""
     runs = {name: [results[unit.name] for unit in optimiser_units(plan, name)] for name in OPTIMISERS}
     best = min(run["best"][-1] for made in runs.values() for run in made)
     _draw(runs, best, folder / "optimisers.png")

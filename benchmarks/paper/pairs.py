@@ -71,7 +71,7 @@ def units(plan: Plan) -> list[Unit]:
 
 
 def thetas(results: Results, wanted: list[Unit]) -> FloatArray:
-    """Theta of each of the units, (runs, 5)."""
+    """Collect theta of each of the units, (runs, 5)."""
     return np.array([results[unit.name]["theta"] for unit in wanted])
 
 

@@ -54,7 +54,7 @@ def show_image(axes: Axes, image: Image, field_mm: float, limits: tuple[float, f
 
 
 def ellipse(mean: FloatArray, covariance: FloatArray, *, squared_radius: float = 5.991) -> FloatArray:
-    """Outline (points, 2) of the region that holds 95 % of a Gaussian with this mean (2,) and covariance (2, 2)."""
+    """Return the outline (points, 2) of the 95 % region of a Gaussian with this mean (2,) and covariance (2, 2)."""
     values, vectors = np.linalg.eigh(covariance)
     turn = np.linspace(0.0, 2.0 * np.pi, 181)
     circle = np.stack([np.cos(turn), np.sin(turn)])

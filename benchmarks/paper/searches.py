@@ -125,7 +125,7 @@ def run_in_odl(phantom: str, made_of: MadeOf, views: int, seed: int) -> Result:
 
 
 def theta_with_first_angle(theta: Theta, further_deg: float) -> Theta:
-    """Theta with its initial angle turned by this number of degrees."""
+    """Return theta with its initial angle turned by this number of degrees."""
     vector = to_vector(theta)
     vector[0] += np.radians(further_deg)
     return Theta.from_vector(vector)

@@ -19,7 +19,7 @@ OWN, COUNTED = "own", "counted"
 
 
 def counted_angles(views: int) -> FloatArray:
-    """Angles as a program makes them that knows only how many views there are: the middles of equal parts of a turn."""
+    """Return the angles of a program that knows only the number of views: the middles of equal parts of a turn."""
     return (np.arange(views) + 0.5) * TAU / views
 
 

@@ -1,4 +1,4 @@
-"""Results on disk: one small JSON file a unit, arrays beside it, so that an interrupted command goes on."""
+"""Results on disk: one small JSON file a unit, arrays next to it, so that an interrupted command can continue."""
 
 import json
 from pathlib import Path

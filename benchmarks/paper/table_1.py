@@ -1,4 +1,4 @@
-"""The paper's Table 1: both phantoms, five runs each, what the paper prints beside the product's two methods."""
+"""The paper's Table 1: both phantoms, five runs each, the paper's printed results next to the product's two methods."""
 
 from pathlib import Path
 
@@ -16,7 +16,7 @@ MOST_CREDIBLE_MM = 5.0
 
 
 def scans() -> list[tuple[str, MadeOf]]:
-    """Phantom and data: of the rectangle with a hole there are simulated scans only."""
+    """List phantoms and data: of the rectangle with a hole there are simulated scans only."""
     published: list[tuple[str, MadeOf]] = [("l-shape", "published")] if "published" in sources() else []
     return [*published, ("l-shape", "simulated"), ("rectangle-with-hole", "simulated")]
 
