@@ -36,9 +36,9 @@ from sawmill_vocabulary import DataKind, ReconstructionMethod
 THETA = GivenTheta(
     initial_angle_rad=0.0, detector_to_cor_mm=714.68, source_shift_mm=0.0, detector_shift_mm=0.0, detector_tilt=0.0
 )
-# As chosen for simulated logs; this one would take none.
+# The coupling chosen for simulated logs; for this log none would be chosen.
 COUPLING = "0.4"
-# Between two logs at a mill.
+# Time between two logs at a mill, and a server's number of cores.
 LOG_EVERY_S, MANY_CORES = 29.0, 16
 ROWS = 2500
 

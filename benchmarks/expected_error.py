@@ -42,7 +42,7 @@ METHODS: Mapping[ReconstructionMethod, Callable[..., Estimate]] = {
     ReconstructionMethod.TOTAL_VARIATION: total_variation,
     ReconstructionMethod.CAUCHY_MAP: cauchy_map,
 }
-# Of the logs and their noise.
+# Seed of the logs and their noise.
 SEED = 9600
 
 

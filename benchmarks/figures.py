@@ -44,7 +44,7 @@ def filled(page: str, results: Results) -> str:
     Raises
     ------
     LookupError
-        If a mark names a file or a value that does not exist.
+        A mark names a file or a value that does not exist.
     """
     return PLACE.sub(lambda place: place[1] + _shown(place, results) + place[7], page)
 

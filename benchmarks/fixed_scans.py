@@ -26,7 +26,7 @@ from sawmill_tomography.geometry.geometry import to_vector
 
 ANSWERS = Path(__file__).with_suffix(".json")
 SEED = 1
-# Of a standard deviation.
+# Allowed change, in standard deviations.
 ALLOWED = 0.1
 SAID = ("refused", "verdict", "rays_verdict", "handedness", "rotation")
 

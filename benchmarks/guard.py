@@ -35,7 +35,7 @@ ROOT = Path(__file__).resolve().parents[1]
 CHECKOUTS = ROOT / "build" / "guard"
 ROUNDS, ALLOWED, READY_S = 5, 1.25, 120.0
 THETA = "146.1deg,714.7,319.9,43.65,0.2808"
-# What the scans are: BODY and options of `sawmill simulate`.
+# The scans: BODY and options of `sawmill simulate`.
 SCANS = {
     "phantom.h5": ("l-shape", "--views", "360"),
     "log.h5": ("log", "--views", "360", "--rows", "64"),
@@ -162,7 +162,7 @@ def _wait_until_ready(client: httpx.Client, log: Path) -> None:
         try:
             if client.get("/health/ready").is_success:
                 return
-        except httpx.TransportError:  # it does not listen yet
+        except httpx.TransportError:  # not listening yet
             pass
         time.sleep(0.1)
     sys.exit(f"The service was not ready within {READY_S:.0f} s:\n{log.read_text()}")

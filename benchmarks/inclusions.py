@@ -24,11 +24,11 @@ class Inclusion:
     Attributes
     ----------
     at_mm : (x, y)
-        Its middle, from the log's centre.
+        Middle of the inclusion, from the log's centre.
     half_mm : (x, y, z)
-        Half its length along its own two axes in the plane, and along the log's axis.
+        Half-lengths along the inclusion's two axes in the plane, and along the log's axis.
     rounded : bool, bool
-        Whether its first and second half-length shrink towards its ends along the axis as an ellipsoid's do.
+        True if the first, or second, half-length shrinks towards the ends along the axis like an ellipsoid's.
     """
 
     name: str

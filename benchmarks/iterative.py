@@ -46,7 +46,7 @@ VIEWS, SIZE, FIELD_MM, BLOCK = 20, 256, 400.0, 16
 WITHIN = 1e-4
 # Shares of the sinogram's RMS and of the wood: near the best for either log.
 SIGMA_SHARE, BETA_SHARE = 0.013, 0.3
-# Of the longer descents that show how low the minima are.
+# Settings of the longer descents that show how low the minima are.
 LONG = {"iterations": 400, "tolerance": 1e-9}
 Track = list[tuple[float, float]]
 
@@ -209,7 +209,7 @@ def main() -> None:
         f"{np.median(above):.1e} above each slice's best in the median, {above.max():.1e} at most, "
         f"{many.iterations.min()} to {many.iterations.max()} iterations"
     )
-    # It mostly ends in another minimum: it is timed by its own.
+    # SciPy mostly ends in another minimum: its time is measured to its own minimum.
     their_lowest = min(value for _, value in track)
     peer_seconds = seconds_to(track, their_lowest * (1.0 + WITHIN))
     print(

@@ -72,7 +72,7 @@ def processor_s(root: int | None = None) -> float:
     for process_id in processes(root):
         try:
             ticks += sum(map(int, _stat(Path(f"/proc/{process_id}"))[11:15]))
-        except (FileNotFoundError, ProcessLookupError):  # it is in its parent's book at the next look
+        except (FileNotFoundError, ProcessLookupError):  # counted by its parent from now on
             continue
     return ticks / TICKS_PER_S
 
@@ -112,7 +112,7 @@ def jobs_per_s(client: httpx.Client, scan_id: str, jobs: int) -> float:
 def measured(tree: Path, jobs: int) -> Json:
     """Measure the figures of the service of one checkout."""
     os.environ["PYTHONPATH"] = f"{tree / 'service'}:{tree / 'worker'}"
-    # What an installation compiles once is no part of the price, nor of the memory.
+    # Kernels that an installation compiles once are no part of the price, nor of the memory.
     subprocess.run([sys.executable, "-m", "sawmill_command.commands", "compile"], check=True, capture_output=True)
     with tempfile.TemporaryDirectory(prefix="sawmill-price-") as name:
         folder = Path(name)

@@ -33,12 +33,12 @@ from sawmill_worker.use_cases.reconstruction.reconstruct import (
 
 # Candidates for the truth-tuned weight, times the wood's attenuation, and those around the best of them.
 WEIGHTS, NEAR_WEIGHTS = np.geomspace(3.0, 60.0, 5), np.geomspace(0.6, 1.0 / 0.6, 5)
-# Of the yardstick: a fiftieth of what ours ends with.
+# Tolerance of the reference descent: a fiftieth of our method's.
 CONVERGED = 1e-4
 # Candidates for the cut-off of the filter, as a share of the Nyquist frequency.
 CUT_OFFS = (0.15, 0.2, 0.3, 0.4, 0.55, 0.75, 1.0)
-# Of the search for the stack's weights: a step, the steps from the weight in the plane and an axis of 1 at which
-# it starts, and the rows on either side of a judged one that it looks at.
+# Search for the stack's weights: the step of each, the steps from the weight in the plane and an axis of 1 at which
+# the search starts, and the rows on either side of a judged one that the search uses.
 WEIGHT_STEP, AXIS_STEP, FIRST_STEPS, AROUND = math.sqrt(2.0), 2.0, (-2, 1), 2
 Settings = Mapping[str, float]
 
@@ -50,15 +50,15 @@ class Outcome:
     Attributes
     ----------
     images : (rows, size, size) float32
-        Of all rows, or of the judged ones.
+        Images of all rows, or of the judged ones.
     cpu_s, wall_s : float
-        A slice, by processors and by the clock, the settings being chosen.
+        Seconds a slice, by processors and by the clock, the settings being chosen.
     choosing_cpu_s : float
-        Once a log, by processors; 0 where the truth chose, or where the settings were given.
+        Processor seconds once a log; 0 where the truth chose, or where the settings were given.
     settings : mapping of str to float
-        As they were chosen or tuned.
+        Chosen or tuned settings.
     judged_only : bool
-        Whether the images are of the judged rows alone.
+        True if the images are of the judged rows alone.
     """
 
     images: Rows

@@ -36,12 +36,12 @@ def price_of_a_log(rows: int, few_rows: tuple[int, int], few: ReconstructionMeth
     Parameters
     ----------
     rows
-        Of the log; `fbp` reconstructs all of them.
+        Rows of the log; `fbp` reconstructs all of them.
     few_rows
         Two numbers of rows that are reconstructed by another method: from their difference follows what a slice costs,
         and what is chosen once for a log.
     few
-        That method, one for few views.
+        The other method, one for few views.
     """
     with tempfile.TemporaryDirectory(prefix="sawmill-log-") as name:
         settings = StorageSettings(data_folder=Path(name) / "data", database_url=None)

@@ -17,7 +17,7 @@ from sawmill_tomography.reconstruction.quality import relative_error
 PUBLISHED = "published"
 # Every method's error is computed over these rows: some rivals take seconds for each.
 JUDGED_STEP = 16
-# Of the contrast: what surrounds an inclusion, from here to there in pixels.
+# The ring around an inclusion whose mean the contrast uses: nearest and farthest distance, pixels.
 NEAR, FAR = 2, 4
 
 
@@ -30,9 +30,9 @@ class LogScan:
     lines : (rows, views, detector) float32
         Line integrals.
     truth : (rows, size, size) float32
-        Each pixel's area mean, 1/mm.
+        Area mean of each pixel, 1/mm.
     log : WholeLog, optional
-        None of the published log, which is one row.
+        The whole log; None for the published log, which is one row.
     """
 
     name: str
@@ -79,7 +79,7 @@ def published_scan(views: int, noise: float) -> LogScan:
     Raises
     ------
     ValueError
-        If the noise is less than the data's own, or the number of views does not divide 360.
+        The noise is less than the data's own, or the number of views does not divide 360.
     """
     if noise < LOG_NOISE:
         raise ValueError(f"the published log has {LOG_NOISE:g} noise: {noise:g} cannot be had")

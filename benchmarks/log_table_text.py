@@ -11,9 +11,9 @@ import numpy as np
 from log_methods import METHODS
 from log_scans import PUBLISHED
 
-# Of a method on a scan, as they are kept.
+# Kept figures of a method on a scan.
 Figures = dict[str, Any]
-# Of all logs of a number of views and a noise, by the log and by the method.
+# Figures of all logs of a number of views and a noise, by the log and by the method.
 Logs = dict[str, dict[str, Figures]]
 Measure = Callable[[Figures], float | None]
 ALONE, COUPLED = "total variation", "total variation, coupled"

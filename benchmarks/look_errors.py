@@ -20,7 +20,7 @@ from sawmill_tomography.drift.change import DriftError
 from sawmill_tomography.drift.detector_fit import detector_fit
 from sawmill_vocabulary import Rotation
 
-# What a mill scans logs with.
+# Views and rows of a mill's scans of logs.
 VIEWS = (12, 16, 20, 30, 45)
 ROWS = (60, 250, 1000)
 NAILS: tuple[Nails, ...] = ("none", "masked", "left")

@@ -41,7 +41,7 @@ DRIFT_VIEWS = (8, 9, 18, 20, 30, 45, 60, 90, 120, 180, 360, 720)
 MOST_STARTS = 3
 IMAGE_VIEWS = (20, 45, 90, 360, 720)
 METHODS = ("fbp", "tikhonov", "total_variation", "cauchy_map")
-# Of more it takes minutes, and is no better than total variation.
+# The Cauchy MAP takes minutes with more views, and is no better than total variation.
 MOST_CAUCHY_VIEWS = 90
 SIZE = 256
 # Around the axis: no disc reaches farther.

@@ -34,7 +34,7 @@ DISC = "07b"
 CALIBRATED_VIEWS = 90
 FEW_VIEWS = (20, 45, 90, VIEWS)
 LONGEST_CELL_S = 600
-# Of palettes. Eight images of noise need few to be small.
+# Sizes of palettes. Eight images of noise need few colours to be small.
 COLOURS, GREYS = 160, 48
 PNG = "image/png"
 

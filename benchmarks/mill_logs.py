@@ -50,15 +50,15 @@ class Mill:
     Attributes
     ----------
     theta : Theta
-        At the calibration.
+        Geometry at the calibration.
     flat_field : (cells,) float64
         Added to every ray.
     photons : float or None
-        In air, a row; None where the noise is white.
+        Photons in air, a row; None where the noise is white.
     noise : float
-        White, of a row, as a share of the RMS.
+        White noise of a row, as a share of the RMS.
     encoder_deg : float
-        Amplitude of what the angles are wrong by once a turn.
+        Amplitude of the angles' error once a turn.
     """
 
     theta: Theta
@@ -194,7 +194,7 @@ def _of_nails(
     steel = project(Phantom("nails", discs[: rng.integers(1, 4)]), CELLS, frame, true, rays_per_cell=RAYS)
     share = rng.uniform(0.02, 0.06)
     if not masked:
-        # Behind a nail the counts starve.
+        # The counts behind a nail starve.
         return share * (np.minimum(row + steel, STARVED) - row)
     # Where they show a nail these rows are missing, and the others differ from them.
     return np.where(steel > 0.0, share / (1.0 - share) * (rays - row), 0.0)

@@ -3,7 +3,7 @@
 import re
 from collections.abc import Iterable, Mapping
 
-# By what a sentence of adjustments or reasons says. One sentence may name several causes.
+# Causes by the words of a sentence of adjustments or reasons. One sentence may name several causes.
 CAUSES: Mapping[str, str] = {
     "hardening": r"harden",
     "scatter": r"scatter|glare",
@@ -31,7 +31,7 @@ CAUSES: Mapping[str, str] = {
 }
 # Sentences that are no finding about the scan.
 NO_FINDING = r"predicted ray error|source shift is not resolved|source distance was held|millimetres are known"
-# What names an effect; none where nothing needs to.
+# Causes that name an effect; empty where no cause needs to.
 NAMED_BY: Mapping[str, frozenset[str]] = {
     "hardening": frozenset({"hardening", "scatter"}),
     "scatter": frozenset({"scatter", "hardening"}),

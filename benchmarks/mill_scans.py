@@ -39,7 +39,7 @@ STEP = Phantom(
         Disc((-40.0, 50.0), 20.0, -1.0),
     ),
 )
-# Of the phantom's stated size, standard deviation.
+# Standard deviation of the phantom's stated size, percent.
 SIZE_PERCENT = 0.15
 PHANTOMS = tuple(
     replace(drawing, size_tolerance=SIZE_PERCENT / 100.0) for drawing in (L_SHAPE, RECTANGLE_WITH_HOLE, CUSTOM, STEP)
@@ -190,7 +190,7 @@ class Setting(DrawnScanner):
             photons, attenuation = (math.exp(rng.uniform(*np.log(range_))) for range_ in (PHOTONS, ATTENUATION_PER_MM))
             try:
                 frame = drawn.theta.source_frame(SCANNER.source_to_cor_mm)
-                # Also around a phantom that is larger, or moves, by a few millimetres.
+                # Air is left also around a phantom that is larger, or moves, by a few millimetres.
                 shadow = analytic.project(drawn.seen.scaled(1.05), CELLS, frame, drawn.rotation.apply(drawn.angles_rad))
             except GeometryError:  # a corner of the bounds that no scanner can be in
                 continue

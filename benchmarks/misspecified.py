@@ -38,7 +38,7 @@ RAYS = 8
 FIELD_MM = 400.0
 NOISES = (0.002, 0.02)
 WORDS = 30
-# What a calibration passes at when nothing else is asked.
+# Default tolerance at which a calibration passes.
 TOLERANCE_MM = 0.1
 
 

@@ -51,11 +51,11 @@ class Errors:
     Attributes
     ----------
     shape : (looks, 2) float64
-        Of all scanners, whitened, of unit covariance in each scanner.
+        Errors of all scanners, whitened to unit covariance in each scanner.
     roots : (scanners, looks, 2, 2) float64
-        What the covariances are the squares of.
+        Square roots of the covariances.
     scatter : (scanners, 2, 2) float64
-        Lower Cholesky factors of what a scanner's whitened errors scatter by.
+        Lower Cholesky factors of the scatter of a scanner's whitened errors.
     from_radius, exponent : float
         The tail.
     """
@@ -86,7 +86,7 @@ class Errors:
             root = np.linalg.cholesky(covariances)
             rest = errors - pooled_means(errors, covariances).mean
             white = np.linalg.solve(root, rest[..., None])[..., 0] * math.sqrt(number / (number - 1))
-            # As a scanner's spread; an outlier is one of the shape.
+            # Errors bounded for a scanner's spread; outliers belong to the shape.
             bounded = white * np.minimum(1.0, MOST_OF_SPREAD / np.linalg.norm(white, axis=1))[:, None]
             scatter = np.linalg.cholesky(bounded.T @ bounded / number)
             shapes.append(np.linalg.solve(scatter, white.T).T)
@@ -119,9 +119,9 @@ class Change:
     name : str
     kind : DriftKind
     size : float
-        In mm, or in mm a day.
+        Size in mm, or in mm a day.
     at : (scanners,) float64
-        When, in days since the calibration.
+        Times in days since the calibration.
     """
 
     name: str

@@ -27,11 +27,11 @@ class StackObjective:
     ----------
     lines : (rows, views, detector) float32
     weight : float
-        In 1 / attenuation.
+        Weight in 1 / attenuation.
     axis : float
-        Of a difference from row to row, relative to one in the plane.
+        Weight of a difference from row to row, relative to one in the plane.
     wood : float
-        Its attenuation; s is SMOOTHING_SHARE of it.
+        Attenuation of the wood; s is SMOOTHING_SHARE of this attenuation.
     """
 
     projector: Projector

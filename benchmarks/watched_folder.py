@@ -35,7 +35,7 @@ from sawmill_worker.watching.folder import LOCK
 
 VIEWS, CELLS = 12, 16
 PITCH_MM = 48.0
-# After the last file was written, for what is left; kills end sooner.
+# Limit for the remaining files after the last one was written; kills end sooner.
 LONGEST_END_S = 600.0
 
 
@@ -61,7 +61,7 @@ class Scanner:
     def __init__(self, folder: Path, files: int, seed: int) -> None:
         self._folder, self._files = folder, files
         self._rng, self._random = np.random.default_rng(seed), random.Random(seed)  # noqa: S311
-        # By their digest; two files never have the same bytes.
+        # Files by their digest; two files never have the same bytes.
         self.written: dict[str, str] = {}
         self.bad: set[str] = set()
         self.thread = threading.Thread(target=self._write_all, daemon=True)

@@ -32,7 +32,7 @@ def main() -> int:
             (beside / f"{name}.py").write_text(f'raise ImportError("a stray {name}.py was imported")\n')
         run([python, "-c", "import sawmill_calibration, sawmill_command.commands, sawmill_command.cli"], beside)
         run([str(environment / "bin" / "sawmill"), "demo", "--output", "demo-output"], beside)
-        # As a notebook sees it: the folder itself is the first entry of sys.path.
+        # Import like a notebook: the folder itself is the first entry of sys.path.
         run([python, "-c", "import sawmill_calibration; print(sorted(sawmill_calibration.__all__))"], beside)
         page = beside / "demo-output" / "index.html"
         print(f"demo ran: {page.name}, {page.stat().st_size / 1e3:.0f} kB")

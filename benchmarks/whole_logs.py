@@ -73,7 +73,7 @@ class WholeLog:
     Attributes
     ----------
     heights_mm : tuple of float
-        Of the rows.
+        Heights of the rows.
     rings : tuple of (share of the radius, density)
         Discs around the pith, in addition to the discs of `wood`.
     inclusions : tuple of Inclusion

@@ -30,14 +30,14 @@ from packaging.version import Version
 
 ROOT = Path(__file__).resolve().parents[1]
 PYTHON = ".".join(platform.python_version_tuple()[:2])
-# Of the commit: what is read without a network, and the script.
+# Files of the commit: documents to read without a network, and the script.
 DOCUMENTS = (
     *("README.md", "CHANGELOG.md", "LICENSE", "constraints.txt", "docker-compose.yml"),
     *("docs", "examples", "openapi", "installation/install.sh"),
 )
 # The generated client needs them (openapi/clients/templates/pyproject.toml.jinja).
 CLIENT_NEEDS = ("attrs", "httpx")
-# What an installation takes beyond its unpacked wheels: bytecode, compiled kernels, pip.
+# Size of an installation as a multiple of its unpacked wheels: bytecode, compiled kernels and pip are added.
 ROOM = 1.5
 
 
@@ -64,7 +64,7 @@ def build(root: Path, target: Path, kept: Path) -> Path:
     Parameters
     ----------
     kept
-        Where wheels that were fetched stay for the next bundle.
+        Folder where fetched wheels stay for the next bundle.
 
     Raises
     ------
@@ -104,7 +104,7 @@ def pinned(root: Path) -> dict[str, str]:
     Raises
     ------
     BundleError
-        One is not pinned, or not installed, so that nobody knows what it needs itself.
+        A package is not pinned, or not installed, so that its own requirements are unknown.
     """
     pins = dict(line.split("==") for line in (root / "constraints.txt").read_text().split())
     versions = {canonicalize_name(name): version for name, version in pins.items()}
@@ -228,7 +228,7 @@ def licence(about: Message) -> str:
     """Return the licence as the package's makers state it: an expression, a name, or a classifier."""
     given = [about["License-Expression"], about["License"]]
     given += [text.rpartition(" :: ")[2] for text in about.get_all("Classifier", []) if text.startswith("License ::")]
-    # Some have their whole text there; one that is not ASCII is no string.
+    # Some packages have the whole text of the licence there; a text that is not ASCII is no `str`.
     lines = [line for line in (str(text).strip() for text in given if text) if "\n" not in line and line != "UNKNOWN"]
     return lines[0] if lines else "see the wheel"
 

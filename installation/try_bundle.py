@@ -20,7 +20,7 @@ from bundle import ROOT, build, digest
 VERSION_FILE = "worker/sawmill_vocabulary/version.py"
 LATER = "99.0.0"
 HEART = "## The heart of it, with curl"
-# Without a network not even loopback is up: the flags of <net/if.h>, by ioctl(SIOCSIFFLAGS).
+# Loopback is down too without a network: this sets the flags of <net/if.h> by ioctl(SIOCSIFFLAGS).
 LOOPBACK_UP = """\
 import fcntl, socket, struct
 with socket.socket() as any_socket:

@@ -78,7 +78,7 @@ class _Comparison(SchemaChanges):
         return self.found
 
     def _operations(self, old: Place, new: Place, *, method: str) -> None:
-        for names in ("operationId", "tags"):  # of functions and modules of generated clients
+        for names in ("operationId", "tags"):  # names of functions and modules of generated clients
             self.compare_value(old, new, names)
         self.compare_deprecation(old, new)
         ways_in = new.value.get("security") or [{}]
@@ -109,7 +109,7 @@ class _Comparison(SchemaChanges):
         if style != style_now:
             self.note(Kind.INCOMPATIBLE, new, f"style of {what} from {style} to {style_now}")
         kinds = {each.value.get("type") for each in alternatives(old.at("schema"))}
-        if apart != apart_now and kinds & {"array", "object", None}:  # of one value it means nothing
+        if apart != apart_now and kinds & {"array", "object", None}:  # without meaning for a single value
             self.note(Kind.INCOMPATIBLE, new, f"explode of {what} from {as_json(apart)} to {as_json(apart_now)}")
 
     def _request_bodies(self, old: Place, new: Place) -> None:

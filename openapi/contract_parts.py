@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any
 
-# For people. What distinguishes the kinds of a choice is in the kinds themselves.
+# Texts for people. What distinguishes the kinds of a choice is in the kinds themselves.
 WORDS = {"title", "description", "summary", "examples", "example", "externalDocs", "discriminator", "readOnly"}
 # Objects whose members have free names, which may be one of these words.
 NAMED = {"properties", "dependentSchemas", "patternProperties", "paths", "responses", "schemas", "headers"}

@@ -46,7 +46,7 @@ class Audit:
     Parameters
     ----------
     url
-        As SQLAlchemy reads it.
+        The database's URL in SQLAlchemy's form.
     """
 
     def __init__(self, url: str) -> None:

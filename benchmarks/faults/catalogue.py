@@ -32,15 +32,15 @@ class Fault:
     Attributes
     ----------
     disturb : callable
-        Makes them (`injections`).
+        Makes the faults (`injections`).
     on : callable
-        Whether an engine can have it.
+        True if an engine can have the fault.
     jobs_a_fault : int
-        At most one fault for this number of jobs.
+        Number of jobs for each fault, at least.
     before : callable or None
-        Done with the data folder and the database's URL before the product starts for the first time.
+        Called with the data folder and the database's URL before the product starts for the first time.
     begin, finish : callable or None
-        Done with the trial at its beginning and once its jobs have ended.
+        Called with the trial at the beginning and once the jobs have ended.
     """
 
     name: str

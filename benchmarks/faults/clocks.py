@@ -37,7 +37,7 @@ class Clocks:
         """Shift one process's clock by this offset from now on."""
         path = self._folder / str(process_id)
         if path.exists():
-            with path.open("r+b") as file:  # it is mapped: never cut short
+            with path.open("r+b") as file:  # the file is mapped: never truncate
                 file.write(struct.pack("d", offset_s))
 
     def step_all(self, offset_s: float) -> None:

@@ -16,7 +16,7 @@ from faults.trial import settle
 from faults.trials import Outcome, Places, Request, trial_of, try_one
 from faults.work import BASE, MIX, PLANS, answer_of
 
-FEWEST_JOBS = 4  # of a trial
+FEWEST_JOBS = 4  # in a trial
 
 
 @dataclass(frozen=True)

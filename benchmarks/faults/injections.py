@@ -154,7 +154,7 @@ def _follow(trial: Trial) -> None:
         for line in stream.iter_lines():
             last = line.removeprefix("event: ") if line.startswith("event: ") else last
     trial.seen[f"streams that ended with {last or 'nothing'}"] += 1
-    if last not in {"end", "closing", ""}:  # none: it could not be opened any more
+    if last not in {"end", "closing", ""}:  # empty: the stream could not be opened any more
         trial.wrong.append(f"a stream ended with {last}")
 
 

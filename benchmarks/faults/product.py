@@ -42,13 +42,13 @@ class Product:
     Parameters
     ----------
     folder
-        For the data folder, which is `folder / "data"`, and for logs.
+        Folder for the data folder, which is `folder / "data"`, and for logs.
     variables
         Variables of the environment, added to the usual ones.
     services
         `sawmill serve` processes; the client talks to the first.
     broker
-        Whether a Celery worker does the work.
+        True if a Celery worker does the work.
     """
 
     def __init__(self, folder: Path, variables: Mapping[str, str], *, services: int, broker: bool) -> None:

@@ -18,9 +18,9 @@ from faults.servers import Postgres, Redis
 from faults.work import MIX, Accepted, Asker, answer_of
 
 MOST_WAITING = 8  # jobs requested ahead: enough that faults meet running ones
-ENDED_S = 300.0  # for the jobs to end once all have been accepted and the faults are over
+ENDED_S = 300.0  # limit for the jobs' ends once all are accepted and the faults are over
 LULL_S = 5.0  # a fault comes although no job runs
-SETTLED_S = 45.0  # for what is left over to be noticed, watched for its grace of 5 s and removed
+SETTLED_S = 45.0  # limit for the removal of remains: detection, 5 s of grace, removal
 
 
 @dataclass
@@ -30,15 +30,15 @@ class Trial:
     Attributes
     ----------
     most : int
-        Faults, at most: else a job might never find the time to end.
+        Largest number of faults: otherwise a job might never have the time to end.
     mix : sequence of str
         Names of the jobs to request.
     long : bool
-        Whether outages last as long as in an hour's run.
+        True if outages last as long as in an hour's run.
     over : threading.Event
         Set when every job has ended.
     happened, seen : Counter of str
-        What was done, and what else came of it.
+        Numbers of injected faults, and of other events that followed.
     wrong : list of str
         Faults of the product other than the four counts.
     """

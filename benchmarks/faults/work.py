@@ -36,9 +36,9 @@ class Work:
     Attributes
     ----------
     name : str
-        What has the same name has the same right answer.
+        Name; requests of the same name have the same right answer.
     plural : str
-        Where its answer is found: /v1/<plural>/<id>, and <plural>/<id>/ in the data folder.
+        Place of the answer: /v1/<plural>/<id>, and <plural>/<id>/ in the data folder.
     """
 
     name: str
@@ -80,9 +80,9 @@ class Asker:
     Attributes
     ----------
     accepted : list of Accepted
-        All of them.
+        The accepted jobs.
     refused : dict of int to int
-        How often each status, or 0 where nothing answered, kept it waiting.
+        Number of waits by status; status 0 where there was no answer.
     """
 
     def __init__(self, client: httpx.Client, wait_s: float) -> None:

@@ -19,7 +19,7 @@ from paper.experiment import Experiment, Plan, Result, Unit, Values
 from paper.store import forget, load, save
 
 LINE = 120
-# What a paragraph begins with that is none: headings, tables, pictures, code.
+# First characters of blocks that are no paragraphs: headings, tables, pictures, code.
 KEPT = ("#", "|", "!", "```")
 
 
@@ -96,7 +96,7 @@ def gather(units: Sequence[Unit], work: Path) -> dict[str, Result]:
     Raises
     ------
     LookupError
-        If one is missing.
+        A result is missing.
     """
     results = {unit.name: load(work, unit) for unit in units}
     missing = [name for name, result in results.items() if result is None]

@@ -20,21 +20,21 @@ class Plan:
     in_odl : bool
         Runs the published pipeline in ODL as well.
     sparse_runs, dense_runs : int
-        Of the `paper` method for the pair plots, from few views and from many.
+        Runs of the `paper` method for the pair plots, from few views and from many.
     sparse_image_size, dense_image_size : int
         Side in pixels of the image that the `paper` method correlates, from few views and from many.
     study_image_size : int
-        As above, where objectives and optimisers are compared.
+        Side in pixels of that image where objectives and optimisers are compared.
     study_binned : int
-        Detector cells averaged there, where sinograms are compared.
+        Detector cells averaged in that comparison, where sinograms are compared.
     dense_binned : int
         Detector cells averaged before the `paper` method sees many views.
     max_generations : int
-        Of a `paper` search; it stops by itself long before.
+        Generations of a `paper` search, which stops by itself long before.
     tight_generations : int
-        Of a search that waits until its population agrees.
+        Generations of a search that waits until its population agrees.
     compared_views : tuple of int
-        Numbers of views that calibrations and reconstruction methods are compared at.
+        Numbers of views at which calibrations and reconstruction methods are compared.
     log_image_size : int
         Side in pixels of a log's image where methods are compared; a power of two up to 256.
     """
@@ -76,7 +76,7 @@ class Unit:
     work : callable
         A function of a module, called with the settings in a separate process.
     seconds : float
-        What it takes on an idle core, roughly; for the time left.
+        Seconds on an idle core, roughly; for the time left.
     """
 
     name: str

@@ -31,7 +31,7 @@ from sawmill_vocabulary import AlphaRule
 
 # The published settings of `cauchy_map` are in the unit of the published log, whose wood is about this.
 PUBLISHED_WOOD = 0.4
-# What loads a method's kernels and costs little.
+# Size and views of a cheap run that loads a method's kernels.
 WARM_SIZE, WARM_VIEWS = 16, 20
 # Edge errors that differ by less than this factor do not say which image is the better one.
 MARKED = 1.2
