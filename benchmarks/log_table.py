@@ -8,7 +8,7 @@ keeps to attenuation of at least 0, CGLS's image is clipped there), and the weig
 The truth of the published log is published with it.
 
 The error is ||image - truth|| / ||truth|| of the middle row of a log, all pixels, and its geometric mean over the logs:
-SIRT takes up to a minute for a row. The next column is the mean of all rows, if made. `nail` and `knot` are the
+SIRT takes up to a minute for a row. A second table has the mean of all rows, if made. `nail` and `knot` are the
 contrast of the nail of 8 mm and of the knot of 12 mm along the axis, as a share of the truth's. Seconds are for a
 slice, the settings being chosen, with one thread: processor seconds, which other work on the machine changes little,
 and clock seconds. `choosing` is processor seconds once a log, where the data choose.
