@@ -16,7 +16,7 @@ import numpy as np
 from sawmill_tomography.projection.projector import Image, Projector
 from sawmill_tomography.reconstruction.quality import relative_error
 
-# The iterations after which the error is looked at. SIRT changes slowly, CGLS has passed its best after some.
+# The iterations after which the error is computed. SIRT changes slowly, CGLS has passed its best after some.
 STOPS = {
     "SIRT": (5, 10, 15, 20, 30, 40, 55, 75, 100, 140, 200, 280, 400),
     "CGLS": (2, 3, 4, 5, 6, 7, 8, 10, 12, 15, 20, 25, 30),
@@ -42,7 +42,7 @@ class Tuned:
 
 
 def tuned(algorithm: str, projector: Projector, lines: Image, truth: Image, stops: Sequence[int]) -> Tuned:
-    """SIRT, which keeps to attenuation of at least 0, or CGLS, whose image is clipped there.
+    """Run SIRT, which keeps to attenuation of at least 0, or CGLS, whose image is clipped there.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ def tuned(algorithm: str, projector: Projector, lines: Image, truth: Image, stop
 
 
 class _Matrix(NamedTuple):
-    """ASTRA's volume and projection geometries, and the number of its projector."""
+    """ASTRA's volume and projection geometries, and the number of the projector."""
 
     volumes: dict[str, Any]
     rays: dict[str, Any]
@@ -80,14 +80,14 @@ class _Matrix(NamedTuple):
 
 @contextmanager
 def _matrix(projector: Projector) -> Iterator[_Matrix]:
-    """The line projector's rays as a sparse matrix, of a field around the COR."""
+    """Yield the line projector's rays as a sparse matrix, for a field around the COR."""
     half, grid = 0.5 * projector.grid.field_mm, projector.grid
     volumes = astra.create_vol_geom(grid.size, grid.size, -half, half, -half, half)
     views, cells = projector.geometry.sinogram_shape
     fan = astra.create_proj_geom("fanflat_vec", cells, projector.geometry.astra_vectors())
     tracing = astra.create_projector("line_fanflat", fan, volumes)
     matrix = astra.projector.matrix(tracing)
-    # Width of a cell and angles are not looked at: the matrix holds the rays.
+    # Width of a cell and angles are not used: the matrix holds the rays.
     rays = astra.create_proj_geom("sparse_matrix", 1.0, cells, np.zeros(views), matrix)
     kernel = astra.create_projector("sparse_matrix", rays, volumes)
     try:
@@ -107,7 +107,7 @@ class _Step(NamedTuple):
 
 
 def _course(algorithm: str, matrix: _Matrix, line: Image, stops: Sequence[int]) -> Generator[_Step, None, None]:
-    """One slice, stop by stop."""
+    """Reconstruct one slice, stop by stop."""
     with _run(algorithm, matrix, line) as (run, volume):
         cpu, wall, done = 0.0, 0.0, 0
         for stop in stops:
@@ -120,7 +120,7 @@ def _course(algorithm: str, matrix: _Matrix, line: Image, stops: Sequence[int]) 
 
 @contextmanager
 def _run(algorithm: str, matrix: _Matrix, line: Image) -> Iterator[tuple[int, int]]:
-    """The numbers of ASTRA's algorithm and of its image."""
+    """Yield the numbers of ASTRA's algorithm and image."""
     data, image = astra.data2d.create("-sino", matrix.rays, line), astra.data2d.create("-vol", matrix.volumes, 0.0)
     settings = astra.astra_dict(algorithm)
     settings |= {"ProjectorId": matrix.kernel, "ProjectionDataId": data, "ReconstructionDataId": image}

@@ -111,7 +111,7 @@ def ignore(_progress: object) -> None:
 
 
 def measured(values: dict[str, float], name: str, do: Callable[[], T]) -> T:
-    """Do it, note its seconds, and print them."""
+    """Run the work, print its seconds, and return its result."""
     os.sync()
     clock_s, processor_s = time.perf_counter(), time.process_time()
     done = do()

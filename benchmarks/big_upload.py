@@ -1,11 +1,11 @@
-"""What others notice of one large upload, and what memory it takes.
+"""Effect of one large upload on other requests, and the memory that it takes.
 
     python benchmarks/big_upload.py [--gb 4] [--part-mb 64] [--only raw parts]
 
-A service with a folder of its own and two processes: one sends random bytes over loopback as fast as they are taken,
+A service with a separate folder and two processes: one sends random bytes over loopback as fast as they are taken,
 as one body or in parts (`/v1/uploads`); the other asks for the scanners, `PAUSE_S` after each answer. Prints, for each
 way and for the same time without an upload, how long these other requests take, and the resident memory of the
-service's own process (its workers read no upload meanwhile). The folder needs twice the size on its disk.
+service's own process (its workers read no other upload). The folder needs twice the size on its disk.
 """
 
 import argparse
@@ -33,20 +33,20 @@ def memory_mib(process_id: int) -> float:
 
 
 def blocks(size: int) -> Iterator[bytes]:
-    """That many random bytes; each block is the same, and nothing looks."""
+    """Yield random bytes of this total size; each block is the same, which nothing checks."""
     block = os.urandom(BLOCK_BYTES)
     for begin in range(0, size, BLOCK_BYTES):
         yield block[: size - begin]
 
 
 def send_raw(client: httpx.Client, scanner_id: str, size: int, _part: int) -> None:
-    """As the body of a scan, which a worker then finds to be none."""
+    """Send the bytes as the body of a scan, which a worker then finds unreadable."""
     query = {"scanner_id": scanner_id, "data": "counts"}
     client.post("/v1/scans", params=query, content=blocks(size)).raise_for_status()
 
 
 def send_parts(client: httpx.Client, _scanner_id: str, size: int, part: int) -> None:
-    """As an upload that could be resumed, up to its last byte and the digest of it all."""
+    """Send the bytes as a resumable upload, up to its last byte and the digest of the whole."""
     path = f"/v1/uploads/{demo_client.post(client, '/v1/uploads', json={'size_bytes': size})['id']}"
     for begin in range(0, size, part):
         content = blocks(min(part, size - begin))
@@ -58,7 +58,7 @@ WAYS = {"raw": send_raw, "parts": send_parts}
 
 
 def send(way: str, address: str, scanner_id: str, size: int, part: int) -> None:
-    """In a process of its own."""
+    """Send the bytes; runs in a separate process."""
     with httpx.Client(base_url=address, timeout=LONGEST_S, trust_env=False) as client:
         WAYS[way](client, scanner_id, size, part)
 

@@ -1,4 +1,4 @@
-"""How well Cauchy MAP and total variation choose by themselves: simulated logs against the best, truth in hand.
+"""Cauchy MAP and total variation with their chosen settings: simulated logs against the best, the truth known.
 
 Logs of three kinds (thin bright rings, broad zones, smooth rings), other scanners than the published one, 17 to 90
 views, 1 to 4 % noise, a third of the scans at irregular angles, in units that differ by a factor of thirty. The data
@@ -10,7 +10,7 @@ relative error, how far the edges are off in mm, and SSIM of both.
 
 The best pair is sought on five sigmas by four betas, each descended to from the next larger beta, on the pixels
 around the log, and then on three by three around the best of them, on all pixels; what the rule finds counts as well.
-The rules were tuned on the logs of seeds from 7000 to 9700 at 128 and 256 pixels; those of 9800 (128) and 9900 (256)
+The rules were tuned on the logs of seeds from 7000 to 9700 at 128 and 256 pixels; the seeds 9800 (128) and 9900 (256)
 were not used before.
 
     python benchmarks/choosing.py [--logs 14] [--size 128] [--seed 9800]
@@ -55,7 +55,7 @@ Found = TypeVar("Found")
 
 
 def ellipse(x: float, y: float, long_mm: float, short_mm: float, turn: float, density: float) -> Polygon:
-    """A polygon of 60 corners."""
+    """Return an ellipse as a polygon of 60 corners."""
     t = np.linspace(0.0, TAU, 61)[:-1]
     a, b = long_mm * np.cos(t), short_mm * np.sin(t)
     c, s = math.cos(turn), math.sin(turn)
@@ -64,7 +64,7 @@ def ellipse(x: float, y: float, long_mm: float, short_mm: float, turn: float, de
 
 
 def zoned_log(rng: np.random.Generator) -> Phantom:
-    """Broad zones of unlike density, two or three knots or rotten places, perhaps a metal fragment."""
+    """Draw a log of broad zones of different density, two or three knots or rotten places, perhaps a metal fragment."""
     radius = rng.uniform(100.0, 165.0)
     shapes: list[Shape] = [ellipse(0.0, 0.0, radius, rng.uniform(0.85, 1.0) * radius, rng.uniform(0.0, TAU), 0.018)]
     pith = rng.uniform(-0.08, 0.08, 2) * radius
@@ -82,7 +82,7 @@ def zoned_log(rng: np.random.Generator) -> Phantom:
 
 
 def smooth_log(rng: np.random.Generator) -> Phantom:
-    """Rings whose density swings smoothly, in many small steps; heartwood that fades; knots."""
+    """Draw a log whose density swings smoothly, in many small steps; with heartwood that fades and knots."""
     radius = rng.uniform(100.0, 165.0)
     pith = rng.uniform(-0.08, 0.08, 2) * radius
     rings, swing = int(rng.integers(6, 25)), rng.uniform(0.001, 0.004)
@@ -100,7 +100,7 @@ def smooth_log(rng: np.random.Generator) -> Phantom:
 
 
 def random_log(rng: np.random.Generator) -> Phantom:
-    """One log with thin rings or broad zones, in a unit of its own."""
+    """Draw one log with thin rings or broad zones, in a random unit."""
     if rng.uniform() < 0.5:
         model = LogModel.random(int(rng.integers(1000)), radius_mm=rng.uniform(100.0, 165.0))
         log = model.slice_at(rng.uniform(150.0, 250.0))
@@ -110,7 +110,7 @@ def random_log(rng: np.random.Generator) -> Phantom:
 
 
 def random_geometry(rng: np.random.Generator, views: int, cells: int) -> FanBeamGeometry:
-    """A scanner whose detector sees the whole log; every third at irregular angles."""
+    """Draw a scanner whose detector sees the whole log; every third at irregular angles."""
     theta = Theta(
         rng.uniform(0.0, TAU), rng.uniform(550.0, 800.0), rng.uniform(-250.0, 250.0), rng.uniform(-60.0, 60.0), 0.0
     )
@@ -126,7 +126,7 @@ def random_geometry(rng: np.random.Generator, views: int, cells: int) -> FanBeam
 
 
 def random_scan(seed: int, index: int, size: int) -> tuple[float, Phantom, FanBeamGeometry]:
-    """Noise as a share of the signal, log and geometry; every third log is smooth."""
+    """Draw the noise as a share of the signal, a log and a geometry; every third log is smooth."""
     rng = np.random.default_rng(seed + index)
     views, noise = VIEWS[index % len(VIEWS)], rng.uniform(0.01, 0.04)
     log, geometry = random_log(rng), random_geometry(rng, views, 3 * size)
@@ -155,11 +155,11 @@ class Reference:
         return float(typical_attenuation(mean_along_rays(self.support.projector, self.lines))[0])
 
     def errors(self, images: Images) -> Floats:
-        """Relative error of each."""
+        """Compute the relative error of each image."""
         return np.array([relative_error(image, self.truth) for image in images])
 
     def descend(self, projector: Projector, sigmas: Floats, prior: Prior, start: Images, *, continued: bool) -> Images:
-        """Side by side, sigma as a multiple of the noise; with continuation first, where that is asked for."""
+        """Descend for all sigmas, as multiples of the noise, at once; with continuation first, where requested."""
         weights = 1.0 / (self.noise * sigmas[:, None, None]) ** 2
         weights = np.broadcast_to(weights, (sigmas.size, *self.lines.shape[1:])).astype(np.float32)
         objective = Objective(projector, self.lines, weights, prior)
@@ -168,7 +168,7 @@ class Reference:
         return descend(objective, start, non_negative=True, iterations=200, tolerance=1e-4).images
 
     def best_pair(self) -> tuple[float, float, float]:
-        """Lowest relative error, and its sigma and beta."""
+        """Return the lowest relative error, and its sigma and beta."""
         near = self.support.projector
         images, found = np.repeat(mean_along_rays(near, self.lines), SIGMAS.size, axis=0), []
         for beta in BETAS:
@@ -185,11 +185,11 @@ class Reference:
         return float(errors[best]), float(sigmas[best]), float(betas[best])
 
     def cauchy(self, betas: Floats) -> CauchyPrior:
-        """With shares of the wood's attenuation."""
+        """Return the prior with shares of the wood's attenuation."""
         return CauchyPrior(betas * self.wood, np.full(betas.size, STRENGTH), betas * self.wood)
 
     def best_weight(self) -> tuple[float, float]:
-        """Lowest relative error of total variation, and its weight."""
+        """Return the lowest relative error of total variation, and its weight."""
         wood = np.full(WEIGHTS.size, self.wood)
         prior = TotalVariationPrior(SMOOTHING_SHARE * wood, WEIGHTS / wood, wood)
         start = np.repeat(mean_along_rays(self.projector, self.lines), WEIGHTS.size, axis=0)
@@ -199,13 +199,13 @@ class Reference:
 
 
 def scores(image: Image, truth: Image) -> str:
-    """Relative error, edge error in mm, SSIM."""
+    """Format relative error, edge error in mm, SSIM."""
     edges = edge_error_mm(image, truth, FIELD_MM / len(truth))
     return f"{relative_error(image, truth):.4f} {edges:.2f} {structural_similarity_index(image, truth):.3f}"
 
 
 def row(seed: int, index: int, size: int) -> tuple[str, float, float]:
-    """One log: what is printed, and the ratios to the best of the Cauchy MAP and of total variation."""
+    """Compute one log: its printed row, and the ratios to the best of the Cauchy MAP and of total variation."""
     noise, log, geometry = random_scan(seed, index, size)
     projector = Projector(geometry, ImageGrid(size, FIELD_MM))
     sinogram = simulate_sinogram(log, geometry, noise=noise, seed=index)
@@ -231,7 +231,7 @@ def row(seed: int, index: int, size: int) -> tuple[str, float, float]:
 
 
 def timed(method: Callable[..., Found], *arguments: object, **options: object) -> tuple[Found, float]:
-    """What a method answers, and its processor seconds."""
+    """Return what a method returns, and its processor seconds."""
     started = time.process_time()
     found = method(*arguments, **options)
     return found, time.process_time() - started

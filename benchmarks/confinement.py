@@ -1,4 +1,4 @@
-"""What it costs an attempt to be kept to its own files: processor time in a process forked for it, as attempts are.
+"""The cost of confining an attempt to its own files: processor time in a process forked for it, as attempts are.
 
 python benchmarks/confinement.py [--times 50]
 """
@@ -16,7 +16,7 @@ from sawmill_platform.confinement.confinement import confine_to, installation, m
 
 
 def once(folder: Path) -> float:
-    """Milliseconds of a child that is confined to a folder."""
+    """Return the milliseconds of a child that is confined to a folder."""
     reading, writing = os.pipe()
     child = os.fork()
     if child == 0:

@@ -54,7 +54,7 @@ def _to_intensity(lengths: FloatArray, _: np.random.Generator) -> FloatArray:
 
 @dataclass(frozen=True)
 class Fault:
-    """What is not as it should be: of the wood, the angles, the beam (fine rays), or the detector (cells)."""
+    """A fault of the wood, the angles, the beam (fine rays) or the detector (cells)."""
 
     body: Callable[[Phantom, np.random.Generator], Phantom] = _same_body
     angles: Change = _same
@@ -132,7 +132,7 @@ FAULTS = {
 
 @dataclass(frozen=True)
 class Slip:
-    """From a share of the views on the phantom lies elsewhere."""
+    """A phantom that lies elsewhere after a share of the views."""
 
     by_mm: float
     towards_rad: float
@@ -141,7 +141,7 @@ class Slip:
 
     @classmethod
     def random(cls, rng: np.random.Generator) -> "Slip":
-        """0.3 to 0.7 mm, and up to a tenth of a degree."""
+        """Draw a slip of 0.3 to 0.7 mm, and up to a tenth of a degree."""
         return cls(rng.uniform(0.3, 0.7), rng.uniform(0.0, TAU), rng.uniform(-0.1, 0.1), rng.uniform(0.15, 0.85))
 
 
@@ -158,7 +158,7 @@ class CountedScan:
     slipped_at: int | None = field(default=None)
 
     def task(self, *, remove_rings: bool = False) -> CalibrationTask:
-        """The scan prepared as the product prepares counts."""
+        """Prepare the scan as the product prepares counts."""
         stack = line_integrals(*(taken.astype(np.float32) for taken in (self.counts, self.flats, self.darks))).stack
         corrections = Corrections(AirCorrection.VIEWS, remove_rings=remove_rings)
         RowCorrector(corrections, 1, CELLS.count).correct(stack)
@@ -172,7 +172,7 @@ def counted_scan(
     fault: Fault = Fault(),
     views: tuple[int, ...] = VIEWS,
 ) -> CountedScan:
-    """One scan of a random phantom by a random scanner of the published bounds."""
+    """Simulate one scan of a random phantom by a random scanner of the published bounds."""
     phantom, frame, angles, at, handedness, rotation = _scanner(rng, views)
     body = fault.body(phantom, rng)
     seen = body if handedness is Handedness.AS_DRAWN else body.mirrored()
@@ -201,7 +201,7 @@ def counted_scan(
 def _scanner(
     rng: np.random.Generator, views: tuple[int, ...]
 ) -> tuple[Phantom, SourceFrame, FloatArray, tuple[float, float], Handedness, Rotation]:
-    """A random one whose shadow leaves air at both ends of the detector in every view."""
+    """Draw a random scanner whose shadow leaves air at both ends of the detector in every view."""
     while True:
         drawn = draw_scanner(rng, PHANTOMS, views, OFF_CENTRE_MM)
         try:

@@ -36,20 +36,20 @@ from sawmill_vocabulary import DataKind, ReconstructionMethod
 THETA = GivenTheta(
     initial_angle_rad=0.0, detector_to_cor_mm=714.68, source_shift_mm=0.0, detector_shift_mm=0.0, detector_tilt=0.0
 )
-# As chosen for simulated logs; this one would take none.
+# The coupling chosen for simulated logs; for this log none would be chosen.
 COUPLING = "0.4"
-# Between two logs at a mill.
+# Time between two logs at a mill, and a server's number of cores.
 LOG_EVERY_S, MANY_CORES = 29.0, 16
 ROWS = 2500
 
 
 def largest_gb() -> float:
-    """VmHWM of this process."""
+    """Return VmHWM of this process."""
     return 1e-9 * peak_memory_bytes()
 
 
 def shared_s(done: Done) -> tuple[float, float]:
-    """Processor seconds that more cores do not shorten, and those that they share; of a run of two threads or more."""
+    """Return the processor seconds that more cores do not shorten, and those shared; from two threads or more."""
     threads = get_num_threads()
     parallel_s = (done.processor_s - done.own_thread_s) * threads / (threads - 1)
     return done.processor_s - parallel_s, parallel_s

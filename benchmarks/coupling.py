@@ -1,9 +1,9 @@
-"""What coupling along the axis gains and costs: simulated logs that change along it (`whole_logs.py`), truth in hand.
+"""Gain and cost of coupling along the axis: simulated logs that change along it (`whole_logs.py`), the truth known.
 
 For each log: the coupling that is chosen, the coupled error as a share of the uncoupled one, the coupled contrast of
 the nail of 8 mm and of the knot of 12 mm along the axis as a share of the uncoupled one, and the ratio of processor
-seconds for the same slices, in one block and without those beside it. Seeds from 4000 are for tuning, those from 4100
-for tables.
+seconds for the same slices, in one block and without neighbours. Seeds from 4000 are for tuning, seeds from 4100 for
+tables.
 
     python benchmarks/coupling.py [--seed 4000] [--logs 3] [--noise 0.02] [--rows 32] [--size 256]
 """

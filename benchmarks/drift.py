@@ -66,7 +66,7 @@ class Tally:
         self.deviations.append(deviation)
 
     def line(self) -> str:
-        """RMS and median errors, coverage, refusals."""
+        """Format RMS and median errors, coverage, refusals."""
         if not self.errors:
             return f"{self.scans:5d}  no answers"
         error, deviation = np.array(self.errors), np.array(self.deviations)
@@ -86,12 +86,12 @@ class Tally:
 
 
 def random_log(rng: np.random.Generator, seed: int) -> Phantom:
-    """A cross-section of a log, its outline on the centre of rotation."""
+    """Draw a cross-section of a log, its outline on the centre of rotation."""
     return LogModel.random(seed, radius_mm=rng.uniform(90.0, 140.0)).slice_at(rng.uniform(40.0, 360.0))
 
 
 def random_scan(rng: np.random.Generator, kind: str, seed: int) -> tuple[FloatArray, FanBeamGeometry]:
-    """A noisy sinogram (views, cells) of that kind and the geometry that made it."""
+    """Simulate a noisy sinogram (views, cells) of a kind, with the geometry that made it."""
     theta = Theta(*rng.uniform([0.0, 600.0, -300.0, -100.0, -0.3], [TAU, 850.0, 300.0, 100.0, 0.3]))
     views = int(rng.choice(VIEWS))
     fan = FanBeamGeometry(SCANNER, theta, (np.arange(views) + rng.uniform()) * TAU / views)
@@ -120,7 +120,7 @@ def random_scan(rng: np.random.Generator, kind: str, seed: int) -> tuple[FloatAr
 
 
 def disturbed(body: Phantom, fan: FanBeamGeometry, kind: str, rng: np.random.Generator) -> FloatArray:
-    """A noisy sinogram whose angles are wrong once a turn, or whose log swings across the beam twice a turn."""
+    """Simulate a noisy sinogram with angles wrong once a turn, or a log that swings across the beam twice a turn."""
     phase, cells = rng.uniform(0.0, TAU), DetectorCells.of(SCANNER)
     encoder = kind.startswith("encoder")
     true = fan.angles_rad + (math.radians(0.2) * np.cos(fan.angles_rad - phase) if encoder else 0.0)
@@ -137,7 +137,7 @@ def disturbed(body: Phantom, fan: FanBeamGeometry, kind: str, rng: np.random.Gen
 
 
 def near(truth: SourceFrame, rng: np.random.Generator) -> SourceFrame:
-    """A calibration from before a drift of about a millimetre."""
+    """Draw a calibration from before a drift of about a millimetre."""
     return replace(
         truth,
         cor_column_mm=truth.cor_column_mm + rng.normal(0.0, 1.0),

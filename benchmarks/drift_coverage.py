@@ -32,9 +32,9 @@ VIEWS = (8, 10, 12, 16, 20, 30, 45, 60, 90, 120, 180, 360)
 ROWS = (1, 4, 16, 60, 250, 1000, 2500)
 # Logs of a scanner before the one that is compared with their mean.
 BASELINE = 4
-# Of 20 views and 60 rows the check promises 0.05 mm.
+# Views and rows at which the check promises 0.05 mm.
 PROMISED = (20, 60)
-# From this number of rows on the sender can leave out those with a nail.
+# Least number of rows at which the sender can leave out rows with a nail, and the share of such scans.
 MASKED_FROM, MASKED_SHARE = 16, 0.3
 
 
@@ -54,7 +54,7 @@ class Tally:
         self.quiet.append(quiet)
 
     def line(self) -> str:
-        """What is printed of the class."""
+        """Format the printed line of the class."""
         refused = self.refused.total()
         tried = len(self.errors) + refused
         if not self.errors:
@@ -125,7 +125,7 @@ class Study:
 
 
 def _absolute(fit: DetectorFit) -> FloatArray:
-    """The covariance (2, 2) with what the calibration's SDD adds."""
+    """Return the covariance (2, 2), with the contribution of the calibration's SDD."""
     by_distance = DISTANCE_ERROR_MM * fit.distance_sensitivity
     covariance: FloatArray = fit.covariance[:2, :2] + np.outer(by_distance, by_distance)
     return covariance

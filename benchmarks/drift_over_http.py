@@ -1,10 +1,10 @@
-"""What a drift check of a log costs its sender in seconds, requests and bytes: by the mean of its rows, by its stack.
+"""The cost of a log's drift check to its sender in seconds, requests and bytes: by the rows' mean, by the stack.
 
     python benchmarks/drift_over_http.py [--repeats 10] [--views 20] [--rows 2500]
 
-A service with a folder of its own, as users start it, and one simulated scanner, calibrated from a phantom. A log is
+A service with a separate folder, as users start it, and one simulated scanner, calibrated from a phantom. A log is
 sent as the float32 mean of its rows' line integrals, and once as uint16 counts. Of each the scan is posted, the drift
-check is asked for, and its answer is waited for: three requests. The log has 8 different rows,
+check is requested, and its answer is awaited: three requests. The log has 8 different rows,
 over and over with noise of their own.
 """
 
@@ -42,7 +42,7 @@ class Counted:
 
 
 def calibrated(client: httpx.Client, folder: Path) -> str:
-    """A scanner with an active calibration."""
+    """Create a scanner with an active calibration; return its id."""
     stack = folder / "phantom.h5"
     examples.write_mill_stack(stack, 360, examples.mill_slices(log_rows=0))
     scanner = demo_client.post(client, "/v1/scanners", json={"name": "line", "constants": vars(examples.SCANNER)})
@@ -54,7 +54,7 @@ def calibrated(client: httpx.Client, folder: Path) -> str:
 
 
 def checked(client: httpx.Client, content: bytes, **about: object) -> Json:
-    """The drift check of one log: the scan is sent, the check asked for, its answer waited for."""
+    """Run the drift check of one log: send the scan, request the check and wait for the answer."""
     scan = demo_client.post(client, "/v1/scans", params=about, content=content)
     drift = demo_client.post(client, "/v1/drifts", json={"scan_id": scan["id"]})
     while drift["state"] in {"queued", "running"}:
@@ -64,7 +64,7 @@ def checked(client: httpx.Client, content: bytes, **about: object) -> Json:
 
 
 def mean_of(log: SimulatedStack, rows: int, random: np.random.Generator) -> bytes:
-    """A NPY file of the mean over as many rows, whose noise differs from log to log."""
+    """Write a NPY file of the mean over this number of rows, with noise that differs from log to log."""
     flat, dark = log.flats.mean(axis=0), log.darks.mean(axis=0)
     transmission = np.maximum(log.counts - dark, 1.0) / (flat - dark)
     lines = -np.log(transmission)
@@ -75,7 +75,7 @@ def mean_of(log: SimulatedStack, rows: int, random: np.random.Generator) -> byte
 
 
 def write_counts(path: Path, log: SimulatedStack, rows: int, random: np.random.Generator) -> None:
-    """A NXtomo file of that many rows."""
+    """Write a NXtomo file of this number of rows."""
     shown = np.arange(rows) % SLICES
     counts = log.counts[:, shown]
     write_raw_scan(

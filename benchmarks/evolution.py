@@ -19,7 +19,7 @@ from sawmill_tomography.geometry.geometry import FloatArray
 
 
 def calibrate_by_evolution(task: CalibrationTask, *, seed: int) -> CalibrationOutcome:
-    """As `calibrate`, with differential evolution for its search."""
+    """Calibrate like `calibrate`, with differential evolution as the search."""
     started = time.perf_counter()
     sinogram, angles, cells = coarse_data(task.scanner, task.sinogram, task.angles_rad)
     misfit = CoarseMisfit(task.phantoms, task.rotations, sinogram, angles, cells)

@@ -1,11 +1,11 @@
-"""What error each reconstruction method leaves, by views and noise: the table that `auto` chooses by.
+"""Expected error of each reconstruction method, by views and noise: the table that `auto` chooses by.
 
 Simulated logs of three kinds (thin bright rings, broad zones, smooth rings; choosing.py), analytic data averaged over
 the detector's cells, three cells a pixel, the published scanner's theta, equal steps all round. Each method chooses
 its own parameters. The figure is the relative error, its geometric mean over the logs. Prints a row for each method,
 number of views and noise, and at the end the table as `EXPECTED_ERRORS` of
 worker/sawmill_tomography/reconstruction/choosing.py has it. With --published the same methods reconstruct the
-published log (256 x 256, 2 % noise; see SAWMILL_PUBLISHED_DATA) beside what the table expects.
+published log (256 x 256, 2 % noise; see SAWMILL_PUBLISHED_DATA) compared with the table's values.
 
     python benchmarks/expected_error.py [--logs 4] [--size 128] [--methods fbp,...] [--views 20 45] [--published]
 """
@@ -42,12 +42,12 @@ METHODS: Mapping[ReconstructionMethod, Callable[..., Estimate]] = {
     ReconstructionMethod.TOTAL_VARIATION: total_variation,
     ReconstructionMethod.CAUCHY_MAP: cauchy_map,
 }
-# Of the logs and their noise.
+# Seed of the logs and their noise.
 SEED = 9600
 
 
 def simulated_log(index: int) -> Phantom:
-    """Thin rings, broad zones, smooth rings, thin rings, ..."""
+    """Draw a log: thin rings, broad zones, smooth rings, thin rings, ..."""
     rng = np.random.default_rng(SEED + index)
     if index % 3 == 1:
         return zoned_log(rng)
@@ -57,7 +57,7 @@ def simulated_log(index: int) -> Phantom:
 
 
 def error(method: ReconstructionMethod, index: int, views: int, noise: float, size: int) -> float:
-    """Relative error of one log's image."""
+    """Compute the relative error of one log's image."""
     cells = CELLS_A_PIXEL * size
     scanner = Scanner(SCANNER.source_to_cor_mm, cells, DETECTOR_MM / cells)
     geometry = FanBeamGeometry(scanner, TRUE_THETA, (np.arange(views) + 0.5) * TAU / views)
@@ -89,7 +89,7 @@ def measure(methods: Sequence[ReconstructionMethod], all_views: Sequence[int], l
 
 
 def check_published(methods: Sequence[ReconstructionMethod], all_views: Sequence[int]) -> None:
-    """The published log beside what the table expects of it."""
+    """Compare the error on the published log with the table's."""
     truth = log_truth("published")
     for views in all_views:
         step = 360 // views

@@ -2,13 +2,13 @@
 
     python benchmarks/figures.py
 
-A page marks the place of a figure, and this program writes what stands between the marks:
+A page marks the place of a figure, and this program writes the text between the marks:
 
     <!-- figure NAME.key 2 s -->0.42 s<!-- end -->
 
-NAME is that of the results file, `key` one of its values (dots lead into nested ones), `2` the number of significant
+NAME is the results file's, `key` one of its values (dots lead into nested ones), `2` the number of significant
 digits, the rest a unit. Digits and unit may be left out. The key `run` is the sentence that says how the file was
-measured. A value of several lines, as a table is, stands on lines of its own. Times and tables of a file that was
+measured. A value of several lines, as a table is, has separate lines. Times and tables of a file that was
 measured on a busy machine are marked so. A time is known by its key, which ends with the unit; ratios, counts and
 errors need no mark.
 """
@@ -44,7 +44,7 @@ def filled(page: str, results: Results) -> str:
     Raises
     ------
     LookupError
-        If a mark names a file or a value that does not exist.
+        A mark names a file or a value that does not exist.
     """
     return PLACE.sub(lambda place: place[1] + _shown(place, results) + place[7], page)
 
@@ -73,7 +73,7 @@ def rounded(value: object, digits: str | None) -> str:
 
 
 def conditions(file: Mapping[str, Any]) -> str:
-    """Say how a results file was measured."""
+    """Describe how a results file was measured."""
     busy = f", on a {BUSY}" if file["busy"] else ""
     commit = file["commit"].replace("-dirty", " with changes")
     machine = f"{file['cores']} cores ({file['machine']}) at a load of {file['load']} before the start"

@@ -1,4 +1,4 @@
-"""A running service whose queue is filled beside it, and what is asked of it meanwhile (`benchmarks/load.py`)."""
+"""A running service whose queue is filled from outside, and its requests in the meantime (`benchmarks/load.py`)."""
 
 import time
 from collections.abc import Callable
@@ -26,7 +26,7 @@ WINDOW_S, NOBODY_WORKS_S = 6.0, 60.0
 
 
 class Line:
-    """A running service whose queue is filled beside it.
+    """A running service whose queue is filled from outside.
 
     Parameters
     ----------
@@ -42,16 +42,16 @@ class Line:
         self._numbers = count()
 
     def ask(self) -> str:
-        """Ask for a plan; the id of its job."""
+        """Request a plan; return the id of the job."""
         body = {"scanner_id": self.scanner_id, "views": 20, "theta": vars(TRUE_THETA)}
         return str(demo_client.post(self.client, "/v1/phantoms/l-shape/plans", json=body)["job_id"])
 
     def queued(self) -> int:
-        """Jobs that wait."""
+        """Count the jobs that wait."""
         return self.store.jobs.counts()[JobState.QUEUED]
 
     def fill(self, length: int) -> None:
-        """Have that number wait: as many rows as are missing, like those of one that was asked for, a second apart."""
+        """Fill the queue to that number: add the missing rows, copies of a requested plan's, a second apart."""
         missing = length - self.queued()
         if missing <= 0:
             return
@@ -76,7 +76,7 @@ class Line:
             session.execute(insert(PlanRow), plans)
 
     def finished_per_s(self, jobs: int, length: int) -> float:
-        """From the first end on to the last that is waited for, by the events' own times."""
+        """Measure jobs finished a second, from the first end to the last awaited one, by the events' own times."""
         begun = self.store.events.newest_number()
         ended = select(func.count(), func.min(EventRow.at), func.max(EventRow.at))
         ended = ended.where(EventRow.number > begun, EventRow.what == event_kinds.SUCCEEDED)
@@ -93,14 +93,14 @@ class Line:
             time.sleep(0.02)
 
     def accepted_per_s(self, asks: int) -> float:
-        """By some clients at once."""
+        """Measure jobs accepted a second from several concurrent clients."""
         started = time.perf_counter()
         with ThreadPoolExecutor(CLIENTS) as clients:
             list(clients.map(lambda _: self.ask(), range(CLIENTS * asks)))
         return CLIENTS * asks / (time.perf_counter() - started)
 
     def claim_ms(self, asks: int) -> float:
-        """Of one more worker, which gives back what it gets; the claim alone counts."""
+        """Measure the claim of one more worker, which gives its jobs back; the claim alone counts."""
         taken = []
         for _ in range(asks):
             started = time.perf_counter()
@@ -111,7 +111,7 @@ class Line:
         return 1e3 * median(taken)
 
     def page_ms(self, asks: int, length: int, depth: float) -> float:
-        """Of a page of jobs behind this share of the queue."""
+        """Measure a page of jobs behind this share of the queue."""
         after = {}
         if depth:
             with self.store._database.read() as session:  # noqa: SLF001 - as above

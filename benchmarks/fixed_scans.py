@@ -5,7 +5,7 @@
 `fixed_scans.json` names them by their numbers in `mill.py`'s study of seed 1, with the answer to each. Exit code 1
 where a verdict, a refusal or a hypothesis is another one, or where a number of the geometry moved by more than a tenth
 of its standard deviation. `--write` keeps the answers of this commit as those to compare with. Half a minute.
-The geometry is theta as (psi, R, SDD, u_c, tau), whose deviations are known where that of the source shift is not.
+The geometry is theta as (psi, R, SDD, u_c, tau), whose deviations are known where the source shift's is not.
 """
 
 import argparse
@@ -26,7 +26,7 @@ from sawmill_tomography.geometry.geometry import to_vector
 
 ANSWERS = Path(__file__).with_suffix(".json")
 SEED = 1
-# Of a standard deviation.
+# Allowed change, in standard deviations.
 ALLOWED = 0.1
 SAID = ("refused", "verdict", "rays_verdict", "handedness", "rotation")
 
@@ -34,7 +34,7 @@ Answer = dict[str, Any]
 
 
 def answer(number: int) -> Answer:
-    """What is said of a scan: the refusal's code, or verdicts, hypothesis, geometry and its deviations."""
+    """Return a scan's answer: the refusal's code, or verdicts, hypothesis, geometry and its deviations."""
     try:
         found = calibrate(StudyScan.of(number, SEED).task(), seed=number)
     except CalibrationError as error:
@@ -51,7 +51,7 @@ def answer(number: int) -> Answer:
 
 
 def moved(before: Answer, now: Answer) -> float:
-    """By how many standard deviations a number of the geometry moved, the most of them."""
+    """Return the largest change of a number of the geometry, in standard deviations."""
     change, deviations = np.abs(np.subtract(now["geometry"], before["geometry"])), np.array(before["deviations"])
     change[0] = abs(math.remainder(change[0], math.tau))
     known = deviations > 0.0
@@ -59,14 +59,14 @@ def moved(before: Answer, now: Answer) -> float:
 
 
 def answers(numbers: list[int], jobs: int) -> dict[str, Answer]:
-    """Each scan's, by one thread of its own."""
+    """Calibrate each scan with one thread."""
     with ProcessPoolExecutor(jobs, initializer=numba.set_num_threads, initargs=(1,)) as pool:
         found = pool.map(answer, numbers)
         return {str(number): said for number, said in zip(numbers, found, strict=True)}
 
 
 def differences(before: dict[str, Answer], now: dict[str, Answer]) -> list[str]:
-    """What is not as it was, a line each."""
+    """List what differs between two runs, a line each."""
     lines = []
     for number, old in before.items():
         new = now[number]

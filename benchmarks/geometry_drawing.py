@@ -45,14 +45,14 @@ ORIGIN = np.zeros(2)
 
 
 def line(axes: Axes, start: FloatArray, end: FloatArray, **style: object) -> None:
-    """A line between two points, mm."""
+    """Draw a line between two points, mm."""
     axes.plot(*np.stack([start, end], -1), **{"lw": 0.8, "color": GREY, **style})
 
 
 def dimension(
     axes: Axes, start: FloatArray, end: FloatArray, name: str, *, aside: float = 16.0, colour: str = BLUE
 ) -> None:
-    """A double arrow with its symbol beside the middle, `aside` mm to its left."""
+    """Draw a double arrow with its symbol next to the middle, `aside` mm to its left."""
     arrow = {"arrowstyle": "<->", "color": colour, "lw": 0.9, "shrinkA": 0, "shrinkB": 0}
     axes.annotate("", end, start, arrowprops=arrow)
     along = (end - start) / np.linalg.norm(end - start)
@@ -61,7 +61,7 @@ def dimension(
 
 
 def arc(axes: Axes, radius: float, low_rad: float, high_rad: float, name: str, centre: FloatArray = ORIGIN) -> None:
-    """An angle about a point with its symbol; the arrow's head is at the second angle."""
+    """Draw an angle about a point with its symbol; the arrow's head is at the second angle."""
     angles = np.linspace(low_rad, high_rad, 40)
     points = centre + radius * np.stack([np.cos(angles), np.sin(angles)], -1)
     axes.plot(*points.T, color=RED, lw=0.9)
@@ -72,7 +72,7 @@ def arc(axes: Axes, radius: float, low_rad: float, high_rad: float, name: str, c
 
 
 def ground(axes: Axes, geometry: FanBeamGeometry, title: str) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Axes, log, source, rays and detector of the one view; its source, detector's middle and detector's axis."""
+    """Draw axes, log, source, rays and detector of the view; return source, detector's middle and detector's axis."""
     source, centre, axis = (vectors[0] for vectors in geometry.vectors())
     cells = centre + cell_borders_mm(SCANNER)[:, None] * axis
     for end in (cells[0], cells[-1]):
@@ -97,7 +97,7 @@ def ground(axes: Axes, geometry: FanBeamGeometry, title: str) -> tuple[FloatArra
 
 
 def draw_theta(axes: Axes, geometry: FanBeamGeometry) -> None:
-    """The five numbers of theta, in the axes that are turned by phi + alpha0."""
+    """Draw the five numbers of theta, in the axes that are turned by phi + alpha0."""
     source, centre, axis = ground(axes, geometry, r"theta = ($\alpha_0$, $r_D$, $h_S$, $h_D$, $\alpha_D$)")
     turned = PHI_RAD + THETA.initial_angle_rad
     across, along = (np.array(rotate(turned, *unit)) for unit in ((1.0, 0.0), (0.0, 1.0)))
@@ -117,7 +117,7 @@ def draw_theta(axes: Axes, geometry: FanBeamGeometry) -> None:
 
 
 def draw_source_frame(axes: Axes, geometry: FanBeamGeometry) -> None:
-    """The same view's five numbers of the source frame."""
+    """Draw the same view's five numbers of the source frame."""
     source, centre, axis = ground(axes, geometry, r"source frame = ($\psi$, $R$, $SDD$, $u_c$, $\tau$)")
     frame: SourceFrame = geometry.frame
     turned = PHI_RAD + frame.psi_rad
@@ -138,12 +138,12 @@ def draw_source_frame(axes: Axes, geometry: FanBeamGeometry) -> None:
 
 
 def same_every_time() -> AbstractContextManager[None]:
-    """With ids of a fixed seed and text as outlines; `write` leaves the date out."""
+    """Return a style with a fixed seed for ids and text as outlines; `write` leaves the date out."""
     return mpl.rc_context({"svg.hashsalt": "geometry", "svg.fonttype": "path", "font.size": 9.0})
 
 
 def write(figure: Figure, path: Path) -> None:
-    """The same file in every run, on white: a dark page shows it too."""
+    """Write the same file in every run, on white: a dark page shows it too."""
     figure.savefig(path, metadata={"Date": None, "Creator": None})
     plt.close(figure)
 

@@ -2,7 +2,7 @@
 
     python benchmarks/guard.py [--against COMMIT]
 
-The other commit is checked out in `build/guard`, with this environment, or one of its own where its dependencies
+The other commit is checked out in `build/guard`, with this environment, or a separate one where its dependencies
 differ. Both are measured in turns, five times, on the same scans: calibration, FBP, total variation and a drift check
 in one warm process of each commit, starts of the command line, and a short job of a service at rest. A row is slower
 where the least of five processor seconds, or of five times by the clock, is. Rows that are slower are measured again.
@@ -35,7 +35,7 @@ ROOT = Path(__file__).resolve().parents[1]
 CHECKOUTS = ROOT / "build" / "guard"
 ROUNDS, ALLOWED, READY_S = 5, 1.25, 120.0
 THETA = "146.1deg,714.7,319.9,43.65,0.2808"
-# What the scans are: BODY and options of `sawmill simulate`.
+# The scans: BODY and options of `sawmill simulate`.
 SCANS = {
     "phantom.h5": ("l-shape", "--views", "360"),
     "log.h5": ("log", "--views", "360", "--rows", "64"),
@@ -63,16 +63,16 @@ class Tree:
 
     @property
     def project(self) -> dict[str, Any]:
-        """What its pyproject.toml says of it."""
+        """The project's table in pyproject.toml."""
         return tomllib.loads((self.folder / "pyproject.toml").read_text())["project"]
 
     @property
     def dependencies(self) -> tuple[list[str], str]:
-        """What an environment is made of."""
+        """The specification of an environment: dependencies and pinned versions."""
         return self.project["dependencies"], (self.folder / "constraints.txt").read_text()
 
     def command(self, *arguments: str) -> list[str]:
-        """The program `sawmill` of this checkout."""
+        """Return the command line of the program `sawmill` of this checkout."""
         module, _, function = self.project["scripts"]["sawmill"].partition(":")
         return [str(self.python), "-c", f"from {module} import {function}; {function}()", *arguments]
 
@@ -92,7 +92,7 @@ THIS = Tree(ROOT, Path(sys.executable))
 
 
 def checked_out(commit: str) -> Tree:
-    """Another commit, its kernels compiled; those of earlier runs are removed."""
+    """Check out another commit and compile its kernels; remove the folders of earlier runs."""
     revision = _git("rev-parse", "--verify", f"{commit}^{{commit}}")
     folder = CHECKOUTS / revision[:12]
     for other in CHECKOUTS.glob("*"):
@@ -115,7 +115,7 @@ def _git(*arguments: str) -> str:
 
 @contextmanager
 def warm_process(tree: Tree, scans: Path) -> Iterator[Callable[[str], Seconds]]:
-    """A process that measures rows by their names."""
+    """Start a process that measures rows by their names."""
     own = tree.folder / "benchmarks" / "guard_rows.py"
     script = own if own.is_file() else Path(guard_rows.__file__)
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
@@ -132,7 +132,7 @@ def warm_process(tree: Tree, scans: Path) -> Iterator[Callable[[str], Seconds]]:
 
 @contextmanager
 def short_job(tree: Tree, folder: Path) -> Iterator[Measure]:
-    """A service at rest, and what a calibration of 20 views costs it."""
+    """Measure a service at rest, and its cost of a calibration of 20 views."""
     folder.mkdir()
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
@@ -162,14 +162,14 @@ def _wait_until_ready(client: httpx.Client, log: Path) -> None:
         try:
             if client.get("/health/ready").is_success:
                 return
-        except httpx.TransportError:  # it does not listen yet
+        except httpx.TransportError:  # not listening yet
             pass
         time.sleep(0.1)
     sys.exit(f"The service was not ready within {READY_S:.0f} s:\n{log.read_text()}")
 
 
 def rows_of(tree: Tree, folder: Path, scans: Path, resources: ExitStack) -> dict[str, Measure]:
-    """Every row's measurement of one checkout."""
+    """Measure every row of one checkout."""
     tree.run("compile")
     in_process = resources.enter_context(warm_process(tree, scans))
     phantom = (str(scans / "phantom.h5"), "--data", "counts", "--source-to-cor-mm", str(guard_rows.SOURCE_TO_COR_MM))
@@ -200,7 +200,7 @@ def slower(here: Mapping[str, Measure], other: Mapping[str, Measure]) -> list[st
 
 
 def red(here: Mapping[str, Measure], other: Mapping[str, Measure]) -> list[str]:
-    """The rows that are slower twice in a row."""
+    """Select the rows that are slower twice in a row."""
     suspects = slower(here, other)
     return slower({row: here[row] for row in suspects}, other) if suspects else []
 

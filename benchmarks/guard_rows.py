@@ -22,18 +22,18 @@ Row = Callable[[], object]
 
 @cache
 def scan(path: Path) -> Scan:
-    """One of the scans, as it is read."""
+    """Read one of the scans."""
     return sawmill.read_scan(path, data="counts", source_to_cor_mm=SOURCE_TO_COR_MM)
 
 
 @cache
 def calibration(folder: Path) -> Calibration:
-    """That of the phantom's scan."""
+    """Calibrate from the phantom's scan."""
     return sawmill.calibrate(scan(folder / "phantom.h5"), "l-shape")
 
 
 def rows(folder: Path) -> dict[str, Row]:
-    """What is done in each row."""
+    """Return the work of each row."""
     phantom, log, few = (folder / name for name in ("phantom.h5", "log.h5", "few-views.h5"))
     return {
         "calibration, 360 views": lambda: sawmill.calibrate(scan(phantom), "l-shape"),
@@ -47,7 +47,7 @@ def rows(folder: Path) -> dict[str, Row]:
 
 
 def fastest(row: Row) -> dict[str, float]:
-    """Seconds of the processor and by the clock, the least of each; the first lap prepares and is not counted."""
+    """Return the least seconds of the processor and by the clock; the first lap prepares and is not counted."""
     row()
     laps, began = [], time.perf_counter()
     while not laps or time.perf_counter() - began < LASTING_S:

@@ -1,11 +1,11 @@
-"""How much later than the core's own time an answer is there over HTTP, on the embedded default.
+"""Latency of an answer over HTTP, compared with the core's own time, on the embedded default.
 
     python benchmarks/http_latency.py [--repeats 15] [--views 360]
 
-A service with a folder of its own, one simulated stack, calibrations asked for one after the other, each after a pause
+A service with a separate folder, one simulated stack, calibrations requested one after the other, each after a pause
 in which the service has nothing to do. The time runs from the request to the whole answer in the client's hands, once
 by server-sent events and once by asking every 50 ms; `timing_s.total` is taken off, and what is left is split by the
-job's own times. A request that computes nothing stands beside it, for what the machine is busy with otherwise.
+job's own times. A request that computes nothing is timed too, to show the machine's other load.
 """
 
 import argparse
@@ -34,12 +34,12 @@ def by_events(client: httpx.Client, job_id: str) -> None:
 
 
 def by_asking(client: httpx.Client, job_id: str) -> None:
-    """Ask for the job until it has ended."""
+    """Poll the job until it has ended."""
     demo_client.wait(client, job_id, lambda *_: None)
 
 
 def answered(client: httpx.Client, scan_id: str, wait: Wait) -> Json:
-    """Seconds from the request to the answer, by what they were spent on."""
+    """Measure the seconds from the request to the answer, by what they were spent on."""
     started = time.time()
     asked = demo_client.post(client, "/v1/calibrations", json={"scan_id": scan_id})
     wait(client, asked["job_id"])
@@ -61,12 +61,12 @@ def answered(client: httpx.Client, scan_id: str, wait: Wait) -> Json:
 
 
 def print_seconds(name: str, seconds: Sequence[float]) -> None:
-    """One line of the table."""
+    """Print one line of the table."""
     print(f"  {name:<34} median {statistics.median(seconds):6.3f} s   max {max(seconds):6.3f} s", flush=True)
 
 
 def measure(client: httpx.Client, scan_id: str, name: str, wait: Wait, repeats: int) -> None:
-    """The times of a number of calibrations."""
+    """Print the times of a number of calibrations."""
     rows = []
     for _ in range(repeats):
         time.sleep(PAUSE_S)
@@ -81,7 +81,7 @@ def measure(client: httpx.Client, scan_id: str, name: str, wait: Wait, repeats: 
 
 
 def pictures(client: httpx.Client, scan_id: str) -> None:
-    """The report's picture: drawn on the first request, kept for the next."""
+    """Print the times of the report's picture: drawn on the first request, kept for the next."""
     report = answered(client, scan_id, by_events)["report"]
     for name in ("report drawn", "report kept"):
         started = time.perf_counter()
@@ -90,7 +90,7 @@ def pictures(client: httpx.Client, scan_id: str) -> None:
 
 
 def scan_of(client: httpx.Client, folder: Path, views: int) -> str:
-    """A scanner, and a stack of it with the phantom on a log's end, read and ready."""
+    """Create a scanner, and a stack of it with the phantom on a log's end, read and ready; return the scan's id."""
     stack = folder / "stack.h5"
     examples.write_mill_stack(stack, views, examples.mill_slices())
     spec = {"name": "line", "constants": vars(examples.SCANNER)}

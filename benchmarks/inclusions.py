@@ -1,4 +1,4 @@
-"""What begins and ends between the rows of a whole log (`whole_logs.py`): wet zones, cracks, a nail, a small knot."""
+"""Inclusions between the rows of a whole log (`whole_logs.py`): wet zones, cracks, a nail, a small knot."""
 
 import math
 from collections.abc import Iterator
@@ -24,11 +24,11 @@ class Inclusion:
     Attributes
     ----------
     at_mm : (x, y)
-        Its middle, from the log's centre.
+        Middle of the inclusion, from the log's centre.
     half_mm : (x, y, z)
-        Half its length along its own two axes in the plane, and along the log's axis.
+        Half-lengths along the inclusion's two axes in the plane, and along the log's axis.
     rounded : bool, bool
-        Whether its first and second half-length shrink towards its ends along the axis as an ellipsoid's do.
+        True if the first, or second, half-length shrinks towards the ends along the axis like an ellipsoid's.
     """
 
     name: str
@@ -42,7 +42,7 @@ class Inclusion:
     waves: float = 0.0
 
     def cut(self, height_mm: float) -> Shape | None:
-        """Its cross-section at a height; None beyond its ends."""
+        """Return the cross-section at a height; None beyond the ends."""
         above = height_mm - self.height_mm
         share = 1.0 - (above / self.half_mm[2]) ** 2
         if share <= 0.0:
@@ -63,13 +63,13 @@ class Inclusion:
 
 
 def _place(rng: np.random.Generator, low_mm: float, high_mm: float) -> tuple[float, tuple[float, float]]:
-    """A direction, and a point that far out in it."""
+    """Draw a direction, and a point at a random distance in this direction."""
     turn, out = rng.uniform(0.0, TAU), rng.uniform(low_mm, high_mm)
     return float(turn), (float(out * math.cos(turn)), float(out * math.sin(turn)))
 
 
 def wet_zone(rng: np.random.Generator, radius: float, middle: float, span: float) -> Inclusion:
-    """Near the rows, longer around the centre than outwards."""
+    """Draw a wet zone near the rows, longer around the centre than outwards."""
     turn, at = _place(rng, 0.1 * radius, 0.5 * radius)
     half = rng.uniform(0.12, 0.25) * radius, rng.uniform(0.06, 0.12) * radius, rng.uniform(0.2, 0.8) * span
     height = middle + span * float(rng.uniform(-0.5, 0.5))
@@ -80,7 +80,7 @@ def wet_zone(rng: np.random.Generator, radius: float, middle: float, span: float
 
 
 def cracks(rng: np.random.Generator, radius: float, middle: float, span: float) -> Iterator[Inclusion]:
-    """One to three, radial, 1 to 3 mm wide; none reaches the pith, where another one would be."""
+    """Draw one to three radial cracks, 1 to 3 mm wide; none reaches the pith, where another one would be."""
     count, first = int(rng.integers(1, 4)), rng.uniform(0.0, TAU)
     for number in range(count):
         half = rng.uniform(0.1, 0.25) * radius, rng.uniform(0.5, 1.5), rng.uniform(0.3, 1.0) * span
@@ -99,7 +99,7 @@ def cracks(rng: np.random.Generator, radius: float, middle: float, span: float) 
 
 
 def nail(rng: np.random.Generator, radius: float, height_mm: float) -> Inclusion:
-    """As wide at its ends as in its middle."""
+    """Draw a nail, as wide at its ends as in its middle."""
     turn, at = _place(rng, 0.35 * radius, 0.75 * radius)
     half = rng.uniform(2.4, 3.2), rng.uniform(1.8, 2.4), 0.5 * NAIL_MM
     height = height_mm + float(rng.uniform(-2.0, 2.0))
@@ -107,7 +107,7 @@ def nail(rng: np.random.Generator, radius: float, height_mm: float) -> Inclusion
 
 
 def small_knot(rng: np.random.Generator, radius: float, height_mm: float) -> Inclusion:
-    """A branch across the axis, round as seen from its tip."""
+    """Draw a branch across the axis, round as seen from its tip."""
     turn, at = _place(rng, 0.4 * radius, 0.65 * radius)
     half = rng.uniform(15.0, 25.0), 0.5 * SMALL_KNOT_MM, 0.5 * SMALL_KNOT_MM
     height = height_mm + float(rng.uniform(-2.0, 2.0))

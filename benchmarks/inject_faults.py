@@ -2,10 +2,10 @@
 
     python benchmarks/inject_faults.py [--jobs 500] [--seed 1] [--only FAULT ...] [--engine ENGINE ...] [--long]
 
-Every trial starts the product anew on one engine, asks for tiny jobs of five kinds over HTTP, half of them plans, and
-makes one class of faults meanwhile. At the end it counts, by triggers of its own in the database and by what lies in
+Every trial starts the product again on one engine, requests tiny jobs of five kinds over HTTP, half of them plans, and
+makes one class of faults while they run. At the end it counts, by separate triggers in the database and by what lies in
 the data folder: jobs that were accepted and did not succeed (lost), jobs that ended, results that were published and
-due times that ran more than once (double), answers and arrays that differ from those of a run without faults
+due times that ran more than once (double), answers and arrays that differ from a run without faults
 (unequal), and files that no row knows (orphans). Leases are 4 s. The exit code is 1 unless all are 0.
 """
 

@@ -5,7 +5,7 @@ elsewhere; sigma and beta given. The best objective known is the lowest that any
 many minima close together, and solvers end in different ones. Prints
 
 - our descent as `cauchy_map` ends it, for one slice and for a block of 16 unlike ones (a simulated log at 16 heights,
-  each beside the lowest objective that a far longer descent finds), and SciPy's seconds to within 1e-4 of its own end;
+  each against the lowest objective of a far longer descent), and SciPy's seconds to within 1e-4 of its own end;
 - on one projector, from one start, seconds and projections to within 1e-4 of the best objective known: our
   quasi-Newton descent and the majorise-minimise rivals of majorising.py.
 
@@ -46,13 +46,13 @@ VIEWS, SIZE, FIELD_MM, BLOCK = 20, 256, 400.0, 16
 WITHIN = 1e-4
 # Shares of the sinogram's RMS and of the wood: near the best for either log.
 SIGMA_SHARE, BETA_SHARE = 0.013, 0.3
-# Of the longer descents that show how low the minima are.
+# Settings of the longer descents that show how low the minima are.
 LONG = {"iterations": 400, "tolerance": 1e-9}
 Track = list[tuple[float, float]]
 
 
 def scan() -> tuple[str, FanBeamGeometry, FloatArray]:
-    """Name, geometry, sinogram (views, detector)."""
+    """Return name, geometry, sinogram (views, detector)."""
     step = 360 // VIEWS
     geometry = FanBeamGeometry(SCANNER, THETA, ((np.arange(360) + 0.5) * TAU / 360)[::step])
     path = Path(os.environ.get("SAWMILL_PUBLISHED_DATA", "../shared/data")) / "log-phantom" / "sinogram.npy"
@@ -74,16 +74,16 @@ class AstraProjector(Projector):
         object.__setattr__(self, "operator", astra.OpTomo(astra.create_projector("line_fanflat", rays, volumes)))
 
     def forward(self, image: Images) -> Images:
-        """As ours."""
+        """Project an image like our projector."""
         return self.operator.FP(image[0])[None]
 
     def adjoint(self, sinogram: Images) -> Images:
-        """As ours."""
+        """Back-project a sinogram like our projector."""
         return self.operator.BP(sinogram[0])[None]
 
 
 def tracked(call: Callable[[Images, Indices], tuple[Floats, Images]], track: Track, started: float) -> Callable:
-    """The objective, writing down (seconds, value) of each call."""
+    """Wrap the objective so that (seconds, value) of each call is recorded."""
 
     def evaluate(vector: FloatArray) -> tuple[float, FloatArray]:
         value, gradient = call(vector.reshape(1, SIZE, SIZE).astype(np.float32), np.array([0]))
@@ -94,7 +94,7 @@ def tracked(call: Callable[[Images, Indices], tuple[Floats, Images]], track: Tra
 
 
 def peer(objective: Objective, start: Images, iterations: int) -> Track:
-    """SciPy's L-BFGS-B with the same continuation; the values of the objective itself."""
+    """Run SciPy's L-BFGS-B with the same continuation; record the values of the objective itself."""
     started = time.perf_counter()
     x, track = start.ravel().astype(np.float64), []
     for factor in (CONTINUATION_FACTOR, 1.0):
@@ -119,18 +119,18 @@ def peer(objective: Objective, start: Images, iterations: int) -> Track:
 
 
 def seconds_to(track: Track, level: float) -> float:
-    """When the level was first reached."""
+    """Return the time at which the level was first reached."""
     return next(seconds for seconds, value in track if value <= level)
 
 
 def settings_of(projector: Projector, lines: Images) -> dict[str, float]:
-    """Sigma and beta near the best for such logs."""
+    """Return sigma and beta near the best for such logs."""
     wood = np.quantile(mean_along_rays(projector, lines), 0.75, axis=(1, 2))
     return {"sigma": SIGMA_SHARE * float(np.sqrt(np.mean(lines**2))), "beta": BETA_SHARE * float(np.median(wood))}
 
 
 def unlike_slices(projector: Projector) -> Images:
-    """A simulated log at 16 heights, with noise."""
+    """Simulate a log at 16 heights, with noise."""
     log = LogModel.random(5)
     slices = [
         simulate_sinogram(log.slice_at(100.0 + 50.0 * n), projector.geometry, noise=0.02, seed=n) for n in range(BLOCK)
@@ -139,7 +139,7 @@ def unlike_slices(projector: Projector) -> Images:
 
 
 def quasi_newton(objective: Objective, start: Images) -> Tracked:
-    """Our descent with the prior itself, tracked."""
+    """Run our descent with the prior itself, tracked."""
     call, preconditioner = Tracked(objective), InverseCurvature(objective)
     minimise(call, start, lower=0.0, **LONG, preconditioner=preconditioner)
     return call
@@ -157,7 +157,7 @@ RIVALS: dict[str, Callable[[Objective, Images], Tracked]] = {
 
 
 def compare(objective: Objective, start: Images) -> dict[str, Tracked]:
-    """Each rival from the image of the continuation."""
+    """Run each rival from the image of the continuation."""
     near = continuation(objective, start, non_negative=True, tolerance=LONG["tolerance"])
     found = {}
     for label, rival in RIVALS.items():
@@ -209,7 +209,7 @@ def main() -> None:
         f"{np.median(above):.1e} above each slice's best in the median, {above.max():.1e} at most, "
         f"{many.iterations.min()} to {many.iterations.max()} iterations"
     )
-    # It mostly ends in another minimum: it is timed by its own.
+    # SciPy mostly ends in another minimum: its time is measured to its own minimum.
     their_lowest = min(value for _, value in track)
     peer_seconds = seconds_to(track, their_lowest * (1.0 + WITHIN))
     print(
@@ -225,7 +225,7 @@ def main() -> None:
 
 
 def arrival(found: Tracked, level: float) -> str:
-    """Seconds and projections until the level."""
+    """Format seconds and projections until the level."""
     return next((f"{seconds:.3f} s, {used:4d}" for seconds, used, value in found.track if value <= level), "never")
 
 

@@ -1,12 +1,12 @@
-"""What a short job costs: processor seconds a calibration, and the memory of a service at rest.
+"""The price of a short job: processor seconds a calibration, and the memory of a service at rest.
 
     python benchmarks/job_price.py [--jobs 10] [--against TREE]
 
 `sawmill serve` runs as users start it, with its own workers and an empty data folder. Short jobs are calibrations of a
-small scan of 20 views, asked for one after another over HTTP. The system's own books are read (/proc): the
-proportional set size of all processes of the service, and their processor seconds, those of ended children included.
+small scan of 20 views, requested one after another over HTTP. The system's own books are read (/proc): the
+proportional set size of all processes of the service, and their processor seconds, ended children included.
 What the service at rest spends in the same time is subtracted. Memory is measured after a job, and once a worker that
-had none for long (`SAWMILL_SPARE_IDLE_S`) has ended what it keeps ready. Jobs a second are those of a queue of forty
+had none for long (`SAWMILL_SPARE_IDLE_S`) has ended what it keeps ready. Jobs a second are measured on a queue of forty
 and two workers, from the first one's start to the last one's end. `--against` measures another checkout of this
 repository too, after this one. The figures of this one go to `benchmarks/results/job-price.json`.
 """
@@ -36,7 +36,7 @@ VIEWS, REST_S, QUIET_S, QUEUED = 20, 10.0, 1.5, 40
 
 
 def processes(root: int | None = None) -> list[int]:
-    """A process and every descendant of it; those of this process, without itself, by default: the service's."""
+    """List a process and all its descendants; by default the service's: this process's descendants without itself."""
     parents = {}
     for folder in Path("/proc").glob("[0-9]*"):
         try:
@@ -54,25 +54,25 @@ def _stat(folder: Path) -> list[str]:
 
 
 def name_of(process_id: int) -> str:
-    """Its part in the service, from its command line."""
+    """Name the process's part in the service, from its command line."""
     command = Path(f"/proc/{process_id}/cmdline").read_bytes().replace(b"\0", b" ").decode()
     parts = {"execution.attempt": "attempt", "execution.poller": "worker", " serve ": "API"}
     return next((part for words, part in parts.items() if words in command), command)
 
 
 def pss_mib(process_id: int) -> float:
-    """Its memory, what it shares with others divided among them."""
+    """Return the process's memory, shared pages divided among their users."""
     lines = Path(f"/proc/{process_id}/smaps_rollup").read_text().splitlines()
     return sum(int(line.split()[1]) for line in lines if line.startswith("Pss:")) / 1024
 
 
 def processor_s(root: int | None = None) -> float:
-    """Processor seconds so far of the service's processes and of those of their children that have ended."""
+    """Return the processor seconds so far of the service's processes and their ended children."""
     ticks = 0
     for process_id in processes(root):
         try:
             ticks += sum(map(int, _stat(Path(f"/proc/{process_id}"))[11:15]))
-        except (FileNotFoundError, ProcessLookupError):  # it is in its parent's book at the next look
+        except (FileNotFoundError, ProcessLookupError):  # counted by its parent from now on
             continue
     return ticks / TICKS_PER_S
 
@@ -89,7 +89,7 @@ def settled(root: int | None = None) -> float:
 
 
 def calibrated(client: httpx.Client, scan_id: str, root: int | None = None) -> tuple[float, float]:
-    """Processor seconds of one calibration, and the seconds by the clock that it reports itself."""
+    """Measure the processor seconds of one calibration, and the seconds by the clock that it reports itself."""
     before = settled(root)
     asked = demo_client.post(client, "/v1/calibrations", json={"scan_id": scan_id})
     by_events(client, asked["job_id"])
@@ -99,7 +99,7 @@ def calibrated(client: httpx.Client, scan_id: str, root: int | None = None) -> t
 
 
 def jobs_per_s(client: httpx.Client, scan_id: str, jobs: int) -> float:
-    """Calibrations a second of a queue of them, from the first one's start to the last one's end."""
+    """Measure calibrations a second of a queue of them, from the first one's start to the last one's end."""
     asked = [demo_client.post(client, "/v1/calibrations", json={"scan_id": scan_id})["job_id"] for _ in range(jobs)]
     for job_id in asked:
         by_events(client, job_id)
@@ -110,9 +110,9 @@ def jobs_per_s(client: httpx.Client, scan_id: str, jobs: int) -> float:
 
 
 def measured(tree: Path, jobs: int) -> Json:
-    """The figures of the service of one checkout."""
+    """Measure the figures of the service of one checkout."""
     os.environ["PYTHONPATH"] = f"{tree / 'service'}:{tree / 'worker'}"
-    # What an installation compiles once is no part of the price, nor of the memory.
+    # Kernels that an installation compiles once are no part of the price, nor of the memory.
     subprocess.run([sys.executable, "-m", "sawmill_command.commands", "compile"], check=True, capture_output=True)
     with tempfile.TemporaryDirectory(prefix="sawmill-price-") as name:
         folder = Path(name)
@@ -150,7 +150,7 @@ def measured(tree: Path, jobs: int) -> Json:
 
 
 def memory_by_part() -> dict[str, float]:
-    """The proportional set size of the service's parts; a template and its spare child are attempts both."""
+    """Return the proportional set size of the service's parts; a template and its spare child are attempts both."""
     parts: dict[str, float] = defaultdict(float)
     for each in processes():
         parts[name_of(each)] += pss_mib(each)
@@ -158,7 +158,7 @@ def memory_by_part() -> dict[str, float]:
 
 
 def print_row(name: str, figures: Json) -> None:
-    """One checkout's figures as a line of the table."""
+    """Print one checkout's figures as a line of the table."""
     parts = ", ".join(f"{part} {mib:.0f}" for part, mib in figures["parts_pss_mib"].items())
     print(
         f"{name:6} {figures['job_processor_s']:5.2f} s ({figures['least_processor_s']:.2f} to "

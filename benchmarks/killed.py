@@ -2,7 +2,7 @@
 
     python benchmarks/killed.py [--kills 50] [--seed 1] [--only search|volume] [--shortest 1] [--longest 3]
 
-A published search and a reconstruction by total variation run as a worker runs them, each in a process of its own, with
+A published search and a reconstruction by total variation run as a worker runs them, each in a separate process, with
 the product's limit of three losses. Attempts get SIGKILL at a random time of `--shortest` to `--longest` seconds after
 they were claimed; what is left after the last kill runs to its end. Then the same job runs undisturbed, and theta, or
 every value of the volume, is compared bit for bit.
@@ -62,7 +62,7 @@ def ingested(store: Store) -> str:
 
 
 def attempt_process() -> int | None:
-    """The process in which an attempt runs: of this program's, the one that began first; the other is a spare."""
+    """Return the process in which an attempt runs: of this program's, the one that began first; the other is spare."""
     began = {}
     for process_id in processes():
         folder = Path(f"/proc/{process_id}")
@@ -107,7 +107,7 @@ def compare(
     tell: Callable[[Job], bytes],
     options: argparse.Namespace,
 ) -> None:
-    """One job killed, the same undisturbed, and a line about both."""
+    """Run one job with kills and one without, and print a line about both."""
     job_id, count = ask(), list[int]()
     rng = random.Random(options.seed)  # noqa: S311 - moments of kills
 

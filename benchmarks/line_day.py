@@ -18,17 +18,17 @@ Figures = dict[str, Any]
 
 
 def log_bytes() -> int:
-    """Of the samples of one log."""
+    """Compute the size of the samples of one log, bytes."""
     return VIEWS * ROWS * CELLS * SAMPLE_BYTES
 
 
 def day_bytes() -> int:
-    """Of the samples of a day's logs."""
+    """Compute the size of the samples of a day's logs, bytes."""
     return LOGS * log_bytes()
 
 
 def hours_of(log: Figures) -> tuple[float, float, float]:
-    """Of processor for a day's logs: to read them, by `fbp`, and by the method for few views."""
+    """Compute processor hours for a day's logs: to read them, by `fbp`, and by the method for few views."""
     few_s = log["few_processor_s_once"] + ROWS * log["few_processor_s_a_slice"]
     read_h, fbp_h, few_h = (
         LOGS * each_s / 3600.0 for each_s in (log["read_processor_s"], log["fbp_processor_s"], few_s)
@@ -37,7 +37,7 @@ def hours_of(log: Figures) -> tuple[float, float, float]:
 
 
 def day_table(log: Figures) -> list[list[str]]:
-    """What a day means: a row each of what, how it is computed, and the amount."""
+    """Tabulate a day: a row each of the quantity, its computation and its amount."""
     shift_s = 3600.0 * SHIFT_H
     stored = log["upload_bytes"] + log["scan_bytes"] + log["volume_bytes"]
     read_h, fbp_h, few_h = hours_of(log)
@@ -91,14 +91,14 @@ def day_table(log: Figures) -> list[list[str]]:
 
 
 def stay_table(log: Figures) -> list[list[str]]:
-    """Terabytes of a line's logs and volumes that stay for some days."""
+    """Tabulate the terabytes of a line's logs and volumes that stay for some days."""
     scans = LOGS * (log["upload_bytes"] + log["scan_bytes"]) / TB
     volumes = LOGS * log["volume_bytes"] / TB
     return [[str(days), *(f"{days * each:.1f} TB" for each in (scans, volumes, scans + volumes))] for days in DAYS_KEPT]
 
 
 def ends_table(figures: Figures, cores: int) -> list[list[str]]:
-    """What a day's logs need of one machine, what the measured one has, and the number of lines for which it does."""
+    """Tabulate a day's needs of one machine, what the measured one has, and the number of lines that it serves."""
     read_h, fbp_h, few_h = hours_of(figures["log"])
     per_s = 2 * LOGS / (3600.0 * SHIFT_H)
     network = day_bytes() / (3600.0 * SHIFT_H) / MBIT
@@ -126,7 +126,7 @@ def ends_table(figures: Figures, cores: int) -> list[list[str]]:
 
 
 def load_table(cells: Sequence[Figures], database: str) -> list[list[str]]:
-    """What was measured on one database, a row for each number of workers and each length of the queue."""
+    """Tabulate the measurements on one database, a row for each number of workers and each length of the queue."""
     return [
         [
             str(cell["workers"]),

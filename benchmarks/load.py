@@ -6,7 +6,7 @@
 `sawmill serve` runs as users start it, with an empty data folder, for each database and number of workers. The queue is
 filled to a length with plans of a calibration, which are short jobs. Measured are finished jobs a second, by the
 events; then, while the workers go on, asks a second by four clients over HTTP, the first and a deep page of
-`GET /v1/jobs` (50 jobs), a claim beside those of the workers, and the proportional set size of the API and of all
+`GET /v1/jobs` (50 jobs), a claim in addition to the workers', and the proportional set size of the API and of all
 other processes. `log` is the price of one log of a line: it is sent, read and reconstructed. A run of both parts on
 both databases writes `benchmarks/results/load.json`, from which docs/scale.md has its tables. A smaller one only
 prints, unless `--results` names a folder.
@@ -46,7 +46,7 @@ Figures = dict[str, Any]
 
 @contextmanager
 def serving(url: str | None, workers: int) -> Iterator[tuple[httpx.Client, Path]]:
-    """A service on an empty data folder, and that folder."""
+    """Start a service on an empty data folder; yield a client and that folder."""
     with tempfile.TemporaryDirectory(prefix="sawmill-load-") as name:
         where = {} if url is None else {"SAWMILL_DATABASE_URL": url}
         with demo_client.running_service(Path(name), NO_LIMITS | where, workers=workers) as client:
@@ -56,7 +56,7 @@ def serving(url: str | None, workers: int) -> Iterator[tuple[httpx.Client, Path]
 def measured_cells(
     url: str | None, database: str, workers: int, lengths: Sequence[int], jobs: int, asks: int
 ) -> Iterator[Figures]:
-    """One service, a queue that grows."""
+    """Measure one service with a growing queue."""
     with serving(url, workers) as (client, data):
         settings = StorageSettings(data_folder=data, database_url=url)
         with closing(Store(settings)) as store:
@@ -81,7 +81,7 @@ def measured_cells(
 
 
 def memory_mib() -> tuple[float, float]:
-    """Of the API, and of all other processes of the service together."""
+    """Return the memory of the API, and of all other processes of the service together, MiB."""
     by_name: defaultdict[str, float] = defaultdict(float)
     for process_id in processes():
         with suppress(FileNotFoundError, ProcessLookupError):  # an attempt that has ended
@@ -91,7 +91,7 @@ def memory_mib() -> tuple[float, float]:
 
 
 def urls(stack: ExitStack, folder: Path) -> Callable[[], str]:
-    """A server of PostgreSQL as it comes, and from it a new database each time."""
+    """Start a PostgreSQL server with default settings; return a function that makes a new database on each call."""
     server = Postgres(folder / "postgresql")
     server.start()
     stack.callback(server.end, crash=False)
@@ -100,7 +100,7 @@ def urls(stack: ExitStack, folder: Path) -> Callable[[], str]:
 
 
 def print_cell(cell: Figures) -> None:
-    """A line."""
+    """Print a line of the table."""
     finished = "" if cell["finished_per_s"] is None else f"{cell['finished_per_s']:.1f}"
     print(
         f"{cell['database']:10} {cell['workers']:7} {cell['queued']:7} {cell['accepted_per_s']:9.0f} {finished:>9} "

@@ -45,7 +45,7 @@ class NailedLog:
 
     @classmethod
     def random(cls, seed: int, number: int) -> "NailedLog":
-        """Log `number` of a study."""
+        """Draw log `number` of a study."""
         rng = np.random.default_rng([seed, number])
         radius = rng.uniform(90.0, 140.0)
         log = LogModel.random(1000 * seed + number, radius_mm=radius)
@@ -65,7 +65,7 @@ class NailedLog:
         )
 
     def scan(self, body: Phantom, fan: FanBeamGeometry, seed: int) -> Image:
-        """Line integrals (views, cells) from counts with ten flats."""
+        """Simulate line integrals (views, cells) from counts with ten flats."""
         stack = simulate_stack([body], fan, photons=self.photons, seed=seed)
         counts, flats, darks = (frames.astype(np.float32) for frames in vars(stack).values())
         return line_integrals(counts, flats, darks).stack[:, 0]
@@ -74,7 +74,7 @@ class NailedLog:
 def image_of(
     lines: Image, fan: FanBeamGeometry, method: ReconstructionMethod, metal: MetalHandling, size: int
 ) -> Image:
-    """A slice (size, size), as the command reconstructs it."""
+    """Reconstruct a slice (size, size) as the command does."""
     given = ReconstructionInput(
         read=lambda start, stop: lines[:, None][:, start:stop],
         angles_rad=fan.angles_rad,
@@ -91,7 +91,7 @@ def image_of(
 
 
 def quality(image: Image, truth: Image, wood: NDArray[np.bool_]) -> tuple[float, float]:
-    """Relative error outside the metal, and SSIM there."""
+    """Compute relative error and SSIM outside the metal."""
     return relative_error(image[wood], truth[wood]), structural_similarity_index(np.where(wood, image, truth), truth)
 
 

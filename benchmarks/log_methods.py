@@ -33,12 +33,12 @@ from sawmill_worker.use_cases.reconstruction.reconstruct import (
 
 # Candidates for the truth-tuned weight, times the wood's attenuation, and those around the best of them.
 WEIGHTS, NEAR_WEIGHTS = np.geomspace(3.0, 60.0, 5), np.geomspace(0.6, 1.0 / 0.6, 5)
-# Of the yardstick: a fiftieth of what ours ends with.
+# Tolerance of the reference descent: a fiftieth of our method's.
 CONVERGED = 1e-4
 # Candidates for the cut-off of the filter, as a share of the Nyquist frequency.
 CUT_OFFS = (0.15, 0.2, 0.3, 0.4, 0.55, 0.75, 1.0)
-# Of the search for the stack's weights: a step, the steps from the weight in the plane and an axis of 1 at which
-# it starts, and the rows on either side of a judged one that it looks at.
+# Search for the stack's weights: the step of each, the steps from the weight in the plane and an axis of 1 at which
+# the search starts, and the rows on either side of a judged one that the search uses.
 WEIGHT_STEP, AXIS_STEP, FIRST_STEPS, AROUND = math.sqrt(2.0), 2.0, (-2, 1), 2
 Settings = Mapping[str, float]
 
@@ -50,15 +50,15 @@ class Outcome:
     Attributes
     ----------
     images : (rows, size, size) float32
-        Of all rows, or of the judged ones.
+        Images of all rows, or of the judged ones.
     cpu_s, wall_s : float
-        A slice, by processors and by the clock, the settings being chosen.
+        Seconds a slice, by processors and by the clock, the settings being chosen.
     choosing_cpu_s : float
-        Once a log, by processors; 0 where the truth chose, or where the settings were given.
+        Processor seconds once a log; 0 where the truth chose, or where the settings were given.
     settings : mapping of str to float
-        As they were chosen or tuned.
+        Chosen or tuned settings.
     judged_only : bool
-        Whether the images are of the judged rows alone.
+        True if the images are of the judged rows alone.
     """
 
     images: Rows
@@ -74,14 +74,14 @@ Method = Callable[[LogScan, Settings | None], Outcome]
 
 
 def _timed(work: Callable[[], Rows]) -> tuple[Rows, float, float]:
-    """What it answers, and the seconds of processors and of the clock, a slice."""
+    """Return the work's rows, and the seconds of processors and of the clock, a slice."""
     cpu, wall = time.process_time(), time.perf_counter()
     found = work()
     return found, (time.process_time() - cpu) / len(found), (time.perf_counter() - wall) / len(found)
 
 
 def reconstruct_rows(scan: LogScan, lines: Rows, **options: object) -> tuple[Rows, ReconstructionResult]:
-    """Some rows of it, as the job, the command line and Python users do it."""
+    """Reconstruct some rows of a scan, as the job, the command line and Python users do it."""
     grid = scan.projector.grid
     given = ReconstructionInput(
         read=lambda start, stop: np.ascontiguousarray(lines[start:stop].transpose(1, 0, 2)),
@@ -100,15 +100,15 @@ def reconstruct_rows(scan: LogScan, lines: Rows, **options: object) -> tuple[Row
 
 
 def ours(method: str, open_settings: tuple[str, ...] = (), *, judged_only: bool = False, **options: object) -> Method:
-    """By its own choice, as it is made for the whole log; then with the settings, which is the price of a slice.
+    """Return our method: its settings chosen as for the whole log, then the price of a slice with these settings.
 
-    A choice is of the middle row, that of a coupling of those around it as well; so these rows are all that is
+    A choice is of the middle row, of a coupling also of the rows around it; so these rows are all that is
     reconstructed to learn it. Tikhonov has no choice for a log: each slice chooses.
     """
     chosen_from = SLICES_AROUND if "coupling" in open_settings else 1
 
     def choice(scan: LogScan) -> tuple[Settings, float, int]:
-        """The settings, seconds of processors a slice, and the number of slices."""
+        """Choose the settings; return them, seconds of processors, and the number of slices."""
         found: list[ReconstructionResult] = []
         first = max(len(scan.lines) // 2 - chosen_from // 2, 0)
         lines = scan.lines[first : first + chosen_from]
@@ -134,7 +134,7 @@ def ours(method: str, open_settings: tuple[str, ...] = (), *, judged_only: bool 
 
 
 def astra_rival(algorithm: str) -> Method:
-    """Of the judged rows alone; the number of iterations by the truth."""
+    """Return ASTRA's method for the judged rows alone, its number of iterations chosen by the truth."""
 
     def run(scan: LogScan, settings: Settings | None) -> Outcome:
         judged = scan.judged
@@ -148,7 +148,7 @@ def astra_rival(algorithm: str) -> Method:
 
 
 def tuned_fbp(scan: LogScan, settings: Settings | None) -> Outcome:
-    """Its cut-off frequency chosen by the truth of the judged rows, the image clipped at 0."""
+    """Return FBP with its cut-off frequency chosen by the truth of the judged rows, the image clipped at 0."""
     judged = scan.judged
 
     def image(lines: Rows, cut_off: float) -> Rows:
@@ -173,7 +173,7 @@ def _in_the_plane(scan: LogScan, lines: Rows, weight: float) -> Rows:
 
 @lru_cache(maxsize=1)  # the stack's search starts from it
 def _weight_in_the_plane(scan: LogScan) -> float:
-    """Best for the judged rows."""
+    """Search for the best weight for the judged rows."""
     judged, lines = scan.judged, scan.lines[scan.judged]
 
     def best(weights: Floats) -> float:
@@ -184,16 +184,16 @@ def _weight_in_the_plane(scan: LogScan) -> float:
 
 
 def tuned_in_the_plane(scan: LogScan, settings: Settings | None) -> Outcome:
-    """Total variation of each slice alone, converged; one weight for the log, by the truth of the judged rows."""
+    """Run total variation of each slice alone, converged; one weight for the log, by the truth of the judged rows."""
     chosen = {"weight": _weight_in_the_plane(scan)} if settings is None else settings
     found, cpu, wall = _timed(lambda: _in_the_plane(scan, scan.lines, chosen["weight"]))
     return Outcome(found, cpu, wall, settings=chosen)
 
 
 def tuned_along_the_axis(scan: LogScan, settings: Settings | None) -> Outcome:
-    """Isotropic total variation of the stack; weight and axis chosen by the truth of the rows around a judged one.
+    """Run isotropic total variation of the stack; weight and axis by the truth of the rows around a judged one.
 
-    The search goes on to the best neighbour as long as that improves.
+    The search continues at the best neighbour as long as that improves.
     """
     if len(scan.lines) == 1:
         return tuned_in_the_plane(scan, settings)
@@ -204,7 +204,7 @@ def tuned_along_the_axis(scan: LogScan, settings: Settings | None) -> Outcome:
         return support.embedded(objective.minimum(start[:, *support.part]))
 
     def near(lines: Rows, weight: float, axis: float) -> Rows:
-        """A stack to start from."""
+        """Compute a stack to start from."""
         return total_variation(scan.projector, lines, weight=weight, coupling=0.5 * axis).image
 
     def choice() -> Settings:
@@ -230,7 +230,7 @@ def tuned_along_the_axis(scan: LogScan, settings: Settings | None) -> Outcome:
 
 
 def lowest_neighbour(error: Callable[[tuple[int, int]], float], start: tuple[int, int]) -> tuple[int, int]:
-    """Where no neighbour of four is lower."""
+    """Search for the place where no neighbour of four is lower."""
     cached, at = cache(error), start
     while True:
         best = min((at, *((at[0] + i, at[1] + j) for i, j in ((0, -1), (0, 1), (-1, 0), (1, 0)))), key=cached)

@@ -31,17 +31,17 @@ UNLIMITED = 2**40
 
 
 def price_of_a_log(rows: int, few_rows: tuple[int, int], few: ReconstructionMethod) -> dict[str, Any]:
-    """Processor seconds and bytes.
+    """Measure processor seconds and bytes of a log.
 
     Parameters
     ----------
     rows
-        Of the log; `fbp` reconstructs all of them.
+        Rows of the log; `fbp` reconstructs all of them.
     few_rows
         Two numbers of rows that are reconstructed by another method: from their difference follows what a slice costs,
         and what is chosen once for a log.
     few
-        That method, one for few views.
+        The other method, one for few views.
     """
     with tempfile.TemporaryDirectory(prefix="sawmill-log-") as name:
         settings = StorageSettings(data_folder=Path(name) / "data", database_url=None)
@@ -66,7 +66,7 @@ def price_of_a_log(rows: int, few_rows: tuple[int, int], few: ReconstructionMeth
 
 
 def _scan(store: Store, file: Path, rows: int) -> tuple[str, float, int]:
-    """Its id, the processor seconds of reading it, and its file's bytes."""
+    """Store a scan; return its id, the processor seconds of reading it, and its file's bytes."""
     make_counts(file, rows, number=VIEWS, fields=1)
     scanner = store.scanners.create(ScannerSpec(name="line", constants=ScannerConstants(**vars(SCANNER))))
     with file.open("rb") as content:

@@ -15,9 +15,9 @@ from sawmill_tomography.projection.projector import Projector
 from sawmill_tomography.reconstruction.quality import relative_error
 
 PUBLISHED = "published"
-# Every method's error is that of these rows: some rivals take seconds for each.
+# Every method's error is computed over these rows: some rivals take seconds for each.
 JUDGED_STEP = 16
-# Of the contrast: what surrounds an inclusion, from here to there in pixels.
+# The ring around an inclusion whose mean the contrast uses: nearest and farthest distance, pixels.
 NEAR, FAR = 2, 4
 
 
@@ -30,9 +30,9 @@ class LogScan:
     lines : (rows, views, detector) float32
         Line integrals.
     truth : (rows, size, size) float32
-        Each pixel's area mean, 1/mm.
+        Area mean of each pixel, 1/mm.
     log : WholeLog, optional
-        None of the published log, which is one row.
+        The whole log; None for the published log, which is one row.
     """
 
     name: str
@@ -47,17 +47,17 @@ class LogScan:
         return list(range(min(len(self.truth) // 2, JUDGED_STEP // 2), len(self.truth), JUDGED_STEP))
 
     def errors(self, images: Rows, rows: list[int]) -> list[float]:
-        """The relative error of each of these rows' images, all pixels of it."""
+        """Compute the relative error of each of these rows' images, over all pixels."""
         return [relative_error(image, self.truth[row]) for image, row in zip(images, rows, strict=True)]
 
     def error(self, images: Rows, rows: list[int]) -> float:
-        """Their mean."""
+        """Compute the mean of the rows' relative errors."""
         return float(np.mean(self.errors(images, rows)))
 
     def contrast(self, images: Rows, name: str) -> float | None:
-        """Contrast of the nail, or the knot, over all its rows, as a share of the truth's; None where there is none.
+        """Compute the contrast of the nail, or the knot, over all its rows, as a share of the truth's; None if absent.
 
-        Of a row: the mean over the inclusion's pixels less that of the ring around them, NEAR to FAR pixels away.
+        In a row: the mean over the inclusion's pixels less the mean of the ring around them, NEAR to FAR pixels away.
         """
         if self.log is None:
             return None
@@ -74,12 +74,12 @@ class LogScan:
 
 
 def published_scan(views: int, noise: float) -> LogScan:
-    """The published log, which has 2 % noise itself: more is added, less cannot be.
+    """Return the published log, which has 2 % noise itself: more is added, less cannot be.
 
     Raises
     ------
     ValueError
-        If the noise is less than the data's own, or the number of views does not divide 360.
+        The noise is less than the data's own, or the number of views does not divide 360.
     """
     if noise < LOG_NOISE:
         raise ValueError(f"the published log has {LOG_NOISE:g} noise: {noise:g} cannot be had")
@@ -95,7 +95,7 @@ def published_scan(views: int, noise: float) -> LogScan:
 
 
 def whole_scan(log: WholeLog, truth: Rows, views: int, noise: float, grid: ImageGrid) -> LogScan:
-    """A whole log by the published scanner, equal steps all round; the truth on the grid is the caller's to keep."""
+    """Simulate a whole log by the published scanner, equal steps all round; the caller keeps the truth on the grid."""
     geometry = FanBeamGeometry(SCANNER, TRUE_THETA, (np.arange(views) + 0.5) * TAU / views)
     lines = log.sinograms(geometry, noise=noise)
     return LogScan(str(log.seed), Projector(geometry, grid), lines, truth, log)

@@ -1,6 +1,6 @@
-"""One table: every method on the published log and ten whole logs, time beside error.
+"""Table of every method on the published log and ten whole logs, with time and error.
 
-Logs: the published one (0) and those of whole_logs.py by the seeds from 4101 (1 to 10), which no rule was tuned on; 12,
+Logs: the published one (0) and logs of whole_logs.py by the seeds from 4101 (1 to 10), which no rule was tuned on; 12,
 20, 45 and 90 views all round at 2 % noise, and 20 views at 4 %; 256 x 256 pixels, 16 rows (the published log is one
 row). All methods get the same data, the same geometry and the same pixels. Ours choose their settings themselves. The
 rivals' are chosen with the truth in hand: SIRT's and CGLS's number of iterations (ASTRA on its CPU projector; SIRT
@@ -8,13 +8,13 @@ keeps to attenuation of at least 0, CGLS's image is clipped there), and the weig
 The truth of the published log is published with it.
 
 The error is ||image - truth|| / ||truth|| of the middle row of a log, all pixels, and its geometric mean over the logs:
-SIRT takes up to a minute for a row. Beside it is the mean over all rows, where a method made all. `nail` and `knot` are
-the contrast of the nail of 8 mm and of the knot of 12 mm along the axis, as a share of the truth's. Seconds are for a
-slice, the settings being chosen, with one thread: those of the processor, which other work on the machine changes
-little, and those of the clock. `choosing` is processor seconds once a log, where the data choose.
+SIRT takes up to a minute for a row. A second table has the mean of all rows, if made. `nail` and `knot` are the
+contrast of the nail of 8 mm and of the knot of 12 mm along the axis, as a share of the truth's. Seconds are for a
+slice, the settings being chosen, with one thread: processor seconds, which other work on the machine changes little,
+and clock seconds. `choosing` is processor seconds once a log, where the data choose.
 
-Each log, number of views and noise has a file of its own in the output folder: a run adds what is missing there, and
-the table shows all that is there. `--again METHOD` measures a method anew, `--seconds METHOD` its seconds alone, with
+Each log, number of views and noise has a separate file in the output folder: a run adds what is missing there, and
+the table shows all that is there. `--again METHOD` measures a method again, `--seconds METHOD` its seconds alone, with
 the settings that are kept. Two runs may share a folder as long as their logs or settings differ.
 
     python benchmarks/log_table.py [--logs 0-10] [--settings 12:0.02 20:0.04 ...] [--methods FBP ...]
@@ -48,13 +48,13 @@ SETTINGS = ((12, 0.02), (20, 0.02), (20, 0.04), (45, 0.02), (90, 0.02))
 
 @cache
 def whole_log(number: int, rows: int, size: int) -> tuple[WholeLog, Rows]:
-    """A log of the table, and its truth."""
+    """Return a log of the table, and its truth."""
     log = WholeLog.random(TABLE_SEED + number, rows=rows)
     return log, log.truth(ImageGrid(size, GRID.field_mm))
 
 
 def scan_of(number: int, views: int, noise: float, rows: int, size: int) -> LogScan:
-    """Of log 0, the published one, or of a whole log."""
+    """Return the scan of log 0, the published one, or of a whole log."""
     if number == 0:
         return published_scan(views, noise)
     log, truth = whole_log(number, rows, size)
@@ -62,7 +62,7 @@ def scan_of(number: int, views: int, noise: float, rows: int, size: int) -> LogS
 
 
 def figures(scan: LogScan, found: Outcome) -> Figures:
-    """What is kept of a method on a scan."""
+    """Return the figures that are kept of a method on a scan."""
     every, judged = list(range(len(scan.truth))), scan.judged
     measured: Figures = {
         "error": scan.error(found.images if found.judged_only else found.images[judged], judged),
@@ -77,7 +77,7 @@ def figures(scan: LogScan, found: Outcome) -> Figures:
 
 
 def seconds(found: Outcome) -> Figures:
-    """Of a slice, by the processor and by the clock."""
+    """Return the seconds of a slice, by the processor and by the clock."""
     return {"cpu_s": found.cpu_s, "wall_s": found.wall_s}
 
 
@@ -91,12 +91,12 @@ class Cell:
         self._kept: dict[str, Figures] = json.loads(self._file.read_text()) if self._file.is_file() else {}
 
     def measure(self, method: str, *, again: bool) -> None:
-        """What the table shows of a method, unless it is kept."""
+        """Measure the table's figures of a method, unless they are kept."""
         if again or method not in self._kept:
             self._keep(method, figures(self._scan(), METHODS[method](self._scan(), None)))
 
     def measure_seconds(self, method: str) -> None:
-        """With the settings that are kept; nothing where none are."""
+        """Measure the seconds with the kept settings; do nothing where none are kept."""
         if method in self._kept:
             found = METHODS[method](self._scan(), self._kept[method]["settings"])
             self._keep(method, self._kept[method] | seconds(found))
@@ -120,13 +120,13 @@ def work(asked: argparse.Namespace) -> Iterator[str]:
 
 
 def numbers(text: str) -> list[int]:
-    """0-2 or 5, or several of them: 0-2,5."""
+    """Parse numbers: 0-2 or 5, or several of them: 0-2,5."""
     parts = [part.partition("-") for part in text.split(",")]
     return [number for first, _, last in parts for number in range(int(first), int(last or first) + 1)]
 
 
 def setting(text: str) -> tuple[int, float]:
-    """Views and noise: 20:0.04."""
+    """Parse views and noise, such as 20:0.04."""
     views, _, noise = text.partition(":")
     return int(views), float(noise)
 

@@ -11,16 +11,16 @@ import numpy as np
 from log_methods import METHODS
 from log_scans import PUBLISHED
 
-# Of a method on a scan, as they are kept.
+# Kept figures of a method on a scan.
 Figures = dict[str, Any]
-# Of all logs of a number of views and a noise, by the log and by the method.
+# Figures of all logs of a number of views and a noise, by the log and by the method.
 Logs = dict[str, dict[str, Figures]]
 Measure = Callable[[Figures], float | None]
 ALONE, COUPLED = "total variation", "total variation, coupled"
 
 
 def tables(folder: Path) -> Iterator[str]:
-    """Of all files of a folder, the published log apart; then what coupling changes on each whole log."""
+    """Format the tables of a folder's files, the published log apart; then the change by coupling on each whole log."""
     published, whole = defaultdict[tuple[int, float], Logs](dict), defaultdict[tuple[int, float], Logs](dict)
     for path in sorted(folder.glob("*_*_*.json")):
         log, *setting = path.stem.split("_")
@@ -40,22 +40,22 @@ def tables(folder: Path) -> Iterator[str]:
 
 
 def middle_row(one: Figures) -> float:
-    """By which all methods are compared."""
+    """Return the error of the middle row, by which all methods are compared."""
     return float(one["error"])
 
 
 def all_rows(one: Figures) -> float | None:
-    """None of a method that made the middle row alone."""
+    """Return the mean error of all rows; None of a method that made the middle row alone."""
     return float(np.mean(one["errors"])) if "errors" in one else None
 
 
 def contrast(name: str, one: Figures) -> float | None:
-    """As a share of the truth's; None of a method that made the middle row alone."""
+    """Return a contrast as a share of the truth's; None of a method that made the middle row alone."""
     return one.get(name)
 
 
 def pivot(title: str, settings: dict[tuple[int, float], Logs], measure: Measure, digits: int) -> Iterator[str]:
-    """Methods against settings: geometric means over the logs; in brackets their number, if it is not the column's."""
+    """Tabulate methods by settings: geometric means over the logs; their number in brackets, if not the column's."""
     if not settings:
         return
     columns = sorted(settings)
@@ -70,7 +70,7 @@ def pivot(title: str, settings: dict[tuple[int, float], Logs], measure: Measure,
 
 
 def mean(name: str, logs: Logs, measure: Measure, digits: int) -> str:
-    """Empty where no log has it."""
+    """Format a mean; empty where no log has the figure."""
     found = [value for kept in logs.values() if name in kept and (value := measure(kept[name]))]
     if not found:
         return ""
@@ -78,12 +78,12 @@ def mean(name: str, logs: Logs, measure: Measure, digits: int) -> str:
 
 
 def geometric_mean(values: list[float]) -> float:
-    """Of positive numbers."""
+    """Compute the geometric mean of positive numbers."""
     return float(np.exp(np.mean(np.log(values))))
 
 
 def coupling(title: str, logs: Logs) -> Iterator[str]:
-    """The coupled figure as a share of the uncoupled one: over the logs, then log by log."""
+    """Tabulate the coupled figure as a share of the uncoupled one: over the logs, then log by log."""
     both = [(kept[ALONE], kept[COUPLED]) for kept in logs.values() if {ALONE, COUPLED} <= kept.keys()]
     if not both:
         return

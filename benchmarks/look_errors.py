@@ -3,7 +3,7 @@
     python benchmarks/look_errors.py [--mills 150] [--looks 20] [--seed 1] [--output FILE]
 
 Each scanner has its own geometry, number of views and rows, noise, and flat field's error, which stays; each log is
-another (`mill_logs`). Finished scanners are kept, and the command goes on where it ended.
+another (`mill_logs`). Finished scanners are kept, and the command continues where it ended.
 """
 
 import argparse
@@ -20,7 +20,7 @@ from sawmill_tomography.drift.change import DriftError
 from sawmill_tomography.drift.detector_fit import detector_fit
 from sawmill_vocabulary import Rotation
 
-# What a mill scans logs with.
+# Views and rows of a mill's scans of logs.
 VIEWS = (12, 16, 20, 30, 45)
 ROWS = (60, 250, 1000)
 NAILS: tuple[Nails, ...] = ("none", "masked", "left")
@@ -31,7 +31,7 @@ Table = dict[str, NDArray[np.float64]]
 
 
 def looks_of_a_mill(number: int, seed: int, looks: int) -> tuple[Table, Counter[str]]:
-    """Errors (looks, 2) in mm and rad with the covariances (looks, 2, 2) that were given, and refusals by code."""
+    """Return errors (looks, 2) in mm and rad with the reported covariances (looks, 2, 2), and refusals by code."""
     rng = np.random.default_rng([seed, number])
     views, rows = VIEWS[number % len(VIEWS)], ROWS[number // len(VIEWS) % len(ROWS)]
     mill = Mill.random(rng, views, rows)

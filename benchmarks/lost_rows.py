@@ -2,8 +2,8 @@
 
     python benchmarks/lost_rows.py
 
-Counts of 20 000 photons with ten flats; the gain of the detector's rows differs by 5 %. Errors are in rows. Beside the
-errors of shifts stands their root mean square in standard deviations, before they were taken as whole. Of slices the
+Counts of 20 000 photons with ten flats; the gain of the detector's rows differs by 5 %. Errors are in rows. Next to the
+errors of shifts is their root mean square in standard deviations, before they were taken as whole. Of slices the
 relative error by filtered back-projection is given: complete, with a share of the views less at random whose neighbours
 are weighed by the gaps, and with those views interpolated. Takes two minutes.
 """
@@ -40,12 +40,12 @@ WAYS: dict[str, Callable[[Stack, FloatArray], RowShifts]] = {
 
 
 def full_turn(views: int) -> FloatArray:
-    """Equal steps from half a step on."""
+    """Return equal steps from half a step on."""
     return (np.arange(views) + 0.5) * TAU / views
 
 
 def stack_of(seed: int, angles: FloatArray, board: int, row_pitch_mm: float) -> Stack:
-    """Line integrals (views, rows, cells)."""
+    """Simulate line integrals (views, rows, cells)."""
     frame, cells = THETA.source_frame(SCANNER.source_to_cor_mm), DetectorCells.of(SCANNER)
     phantom = to_phantom(drawing_of("l-shape")).moved(12.0, -8.0).of_density(SAPWOOD_PER_MM)
     log = LogModel.random(seed)
@@ -56,7 +56,7 @@ def stack_of(seed: int, angles: FloatArray, board: int, row_pitch_mm: float) -> 
 
 
 def exposed(lines: Stack, rng: np.random.Generator) -> Stack:
-    """Line integrals of counts, with flats that are the mean of all rows: it is not known yet which row is which."""
+    """Simulate line integrals of counts, with flats averaged over all rows: the views' rows are not yet identified."""
     rows, cells = lines.shape[1:]
     gain = PHOTONS * (1.0 + 0.05 * rng.standard_normal((rows, 1)) + 0.03 * rng.standard_normal((rows, cells)))
     counts = rng.poisson(0.98 * gain * np.exp(-lines)).astype(np.float32)
@@ -67,7 +67,7 @@ def exposed(lines: Stack, rng: np.random.Generator) -> Stack:
 
 
 def lose_rows(stack: Stack, rng: np.random.Generator) -> tuple[Stack, FloatArray]:
-    """A third of the views without 1 to 6 rows, moved up; and by how many."""
+    """Remove 1 to 6 rows from a third of the views and move these views up; return the stack and the shifts."""
     lost, shift = stack.copy(), np.zeros(len(stack))
     for view in rng.permutation(len(stack))[: len(stack) // 3]:
         gone = int(rng.integers(1, MOST_LOST + 1))
@@ -78,7 +78,7 @@ def lose_rows(stack: Stack, rng: np.random.Generator) -> tuple[Stack, FloatArray
 
 
 def move_by_parts(lines: Stack, rng: np.random.Generator) -> tuple[Stack, FloatArray]:
-    """A third of the views moved along the log by parts of a row, which mix two of them; and by how much."""
+    """Move a third of the views along the log by parts of a row, which mix two rows; return stack and shifts."""
     moved, shift = lines.copy(), np.zeros(len(lines))
     for view in rng.permutation(len(lines))[: len(lines) // 3]:
         shift[view] = rng.uniform(0.0, 1.0)
@@ -88,7 +88,7 @@ def move_by_parts(lines: Stack, rng: np.random.Generator) -> tuple[Stack, FloatA
 
 
 def reported(name: str, way: str, stack: Stack, angles: FloatArray, truth: FloatArray) -> str:
-    """How far off a way is."""
+    """Report the error of a way."""
     try:
         found = WAYS[way](stack, angles)
     except RowsError as error:
@@ -103,7 +103,7 @@ def reported(name: str, way: str, stack: Stack, angles: FloatArray, truth: Float
 
 
 def shifts() -> None:
-    """Both ways, on stacks that lost whole rows and on stacks whose views moved by parts of a row."""
+    """Print both ways' errors, on stacks that lost whole rows and on stacks whose views moved by parts of a row."""
     for views in (60, 180):
         angles = full_turn(views)
         for seed in (1, 2):
@@ -120,7 +120,7 @@ def shifts() -> None:
 
 
 def slices() -> None:
-    """A row of the board and one of the log, with fewer views."""
+    """Print the errors of a row of the board and one of the log, with fewer views."""
     for views in (60, 180, 360):
         angles = full_turn(views)
         lines = stack_of(1, angles, BOARD, 2.0)

@@ -1,6 +1,6 @@
 """Majorise-minimise rivals of the quasi-Newton descent: both lower the quadratic that touches the objective from above.
 
-At an image the prior is majorised by the quadratic whose curvature over a difference d is that of a reweighted one,
+At an image the prior is majorised by the quadratic whose curvature over a difference d is a reweighted one's,
 stiffest / (1 + |d|^2 / scale^2) (half-quadratic, Geman and Reynolds 1992). Both rivals have the preconditioner
 of the quasi-Newton descent, keep pixels at the bound as it does, and bend and shorten their
 steps as it does; they differ in how the step is found.
@@ -36,12 +36,12 @@ class Counted(Projector):
     used: list[int] = field(default_factory=lambda: [0])
 
     def forward(self, image: Images) -> Images:
-        """As ours."""
+        """Project an image as the product does, and count it."""
         self.used[0] += 1
         return super().forward(image)
 
     def adjoint(self, sinogram: Images) -> Images:
-        """As ours."""
+        """Back-project a sinogram as the product does, and count it."""
         self.used[0] += 1
         return super().adjoint(sinogram)
 
@@ -55,12 +55,12 @@ class Tracked:
     track: list[tuple[float, int, float]] = field(default_factory=list)
 
     def __call__(self, images: Images, which: Indices) -> tuple[Floats, Images]:
-        """As the objective."""
+        """Return value and gradient like the objective."""
         value, gradient, _ = self.with_residual(images, which)
         return value, gradient
 
     def with_residual(self, images: Images, which: Indices = ONE) -> tuple[Floats, Images, Images]:
-        """Value, gradient, and A x - y."""
+        """Return value, gradient, and A x - y."""
         objective = self.objective
         residual = objective.projector.forward(images) - objective.lines
         weighted = residual * objective.weights
@@ -81,7 +81,7 @@ class _Majorant:
         self.curvature = (prior.stiffest() / (1.0 + (dx**2 + dy**2) / prior.scale**2)).astype(np.float32)
 
     def product(self, one: Images, other: Images, lines: Images, other_lines: Images) -> float:
-        """One . H other, from both and their projections."""
+        """Compute one . H other from both images and their projections."""
         data = np.vdot(lines * self.objective.weights, other_lines)
         dx, dy = _differences(one)
         ex, ey = _differences(other)
@@ -98,7 +98,7 @@ class _Majorant:
 
 
 def reweighted(objective: Objective, start: Images, *, iterations: int, inner: int) -> Tracked:
-    """Iteratively reweighted least squares, each solved by preconditioned conjugate gradients, `inner` at most."""
+    """Minimise by iteratively reweighted least squares, each solved in `inner` preconditioned CG steps at most."""
     call, preconditioner = Tracked(objective), InverseCurvature(objective)
     call.started = time.perf_counter()
 
@@ -125,7 +125,7 @@ def reweighted(objective: Objective, start: Images, *, iterations: int, inner: i
 
 
 def memory_gradient(objective: Objective, start: Images, *, iterations: int, memory: int) -> Tracked:
-    """The majorant's lowest point on the plane of the preconditioned gradient and the last steps.
+    """Minimise the majorant on the plane of the preconditioned gradient and the last steps.
 
     Chouzenoux, Idier and Moussaoui 2011, with a preconditioner; `memory` steps are remembered.
     """
@@ -155,7 +155,7 @@ def memory_gradient(objective: Objective, start: Images, *, iterations: int, mem
 def _descend(
     call: Tracked, start: Images, iterations: int, step: Callable[[Images, Images, Images, Images], Images]
 ) -> None:
-    """Steps bent along the bound 0 and shortened until they gain enough; free pixels are 1, those at the bound 0."""
+    """Take steps bent along the bound 0 and shortened until they gain enough; free pixels are 1, at the bound 0."""
     x = start
     value, gradient, residual = call.with_residual(x)
     for _ in range(iterations):

@@ -41,7 +41,7 @@ DRIFT_VIEWS = (8, 9, 18, 20, 30, 45, 60, 90, 120, 180, 360, 720)
 MOST_STARTS = 3
 IMAGE_VIEWS = (20, 45, 90, 360, 720)
 METHODS = ("fbp", "tikhonov", "total_variation", "cauchy_map")
-# Of more it takes minutes, and is no better than total variation.
+# The Cauchy MAP takes minutes with more views, and is no better than total variation.
 MOST_CAUCHY_VIEWS = 90
 SIZE = 256
 # Around the axis: no disc reaches farther.
@@ -76,12 +76,12 @@ class Calibrated:
 
     @property
     def answered(self) -> bool:
-        """Whether there is a geometry."""
+        """True if there is a geometry."""
         return not math.isnan(self.ray_error_mm)
 
     @property
     def wrong(self) -> bool:
-        """Whether it passed and is not what a pass promises."""
+        """True if the calibration passed and does not hold what a pass promises."""
         return self.verdict == "pass" and (
             self.ray_error_mm > ALLOWED_RAYS_MM or self.scale_off_percent > ALLOWED_SCALE_PERCENT
         )
@@ -99,12 +99,12 @@ class Checked:
 
     @property
     def answered(self) -> bool:
-        """Whether it was not refused."""
+        """True if the check was not refused."""
         return not math.isnan(self.cor_off_mm)
 
     @property
     def within(self) -> bool:
-        """Whether its 95 % interval holds the independent COR, whose own error counts too."""
+        """True if the 95 % interval holds the independent COR, whose own error counts too."""
         return abs(self.cor_off_mm) <= 1.96 * math.hypot(self.sd_mm, self.known_sd_mm)
 
 
@@ -120,7 +120,7 @@ class Drawn:
 
 
 def calibrated(disc: Disc, views: int) -> Calibrated:
-    """Calibrate a disc from some views of its turn, the outline as the phantom's picture."""
+    """Calibrate a disc from some views of the turn, the outline as the phantom's picture."""
     try:
         found = sawmill.calibrate(disc.scan(views), disc.outline, phantom_width_mm=OUTLINE_WIDTH_MM)
     except sawmill.InputError as error:
@@ -146,7 +146,7 @@ def calibrated(disc: Disc, views: int) -> Calibrated:
 
 
 def starts(disc: Disc, views: int) -> list[int]:
-    """Views at which subsets of a turn begin: as many as there are, at most three, evenly apart."""
+    """List the views at which subsets of a turn begin: as many as there are, at most three, evenly apart."""
     step = disc.views // views
     return [number * step // min(step, MOST_STARTS) for number in range(min(step, MOST_STARTS))]
 
@@ -173,13 +173,13 @@ def image_of(disc: Disc, views: int, method: str) -> FloatImage:
 
 
 def acrylic_of(disc: Disc) -> NDArray[np.bool_]:
-    """Give the outline's acrylic (x, y) in the pixels of an image."""
+    """Return the outline's acrylic (x, y) in the pixels of an image."""
     outline = Image.open(disc.outline).convert("L").resize((SIZE, SIZE), Image.Resampling.BOX)
     return np.asarray(outline) > 127
 
 
 def cupping_percent(phantom: Disc, disc: Disc, hardening: str) -> float:
-    """Give by how much a disc's middle is darker than its rim, by FBP with what another disc calibrated."""
+    """Compute how much darker a disc's middle is than its rim, by FBP with another disc's calibration."""
     views = CALIBRATED_VIEWS[0]
     calibration = sawmill.calibrate(phantom.scan(views), phantom.outline, phantom_width_mm=OUTLINE_WIDTH_MM)
     image = sawmill.reconstruct(
@@ -206,7 +206,7 @@ def drawn(disc: Disc, views: int) -> list[Drawn]:
 
 
 def measure(works: Sequence[Callable[[], Answer]], *, processes: int, what: str) -> Iterator[Answer]:
-    """Do all works, the first ones first, in some processes with one thread each, and show how far they are."""
+    """Run all works, the first ones first, in some processes with one thread each, and show the progress."""
     spawn = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(processes, mp_context=spawn, initializer=one_thread) as pool:
         running = [pool.submit(work) for work in works]
@@ -215,7 +215,7 @@ def measure(works: Sequence[Callable[[], Answer]], *, processes: int, what: str)
 
 
 def rms(values: Iterable[float]) -> float:
-    """Root mean square."""
+    """Compute the root mean square."""
     return math.sqrt(np.mean(np.square(list(values))))
 
 
@@ -227,7 +227,7 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 
 def calibration_table(results: Sequence[Calibrated]) -> str:
-    """Each disc in a row, its numbers of views beside each other."""
+    """Tabulate the discs, a row each, their numbers of views side by side."""
     of = {(each.disc, each.views): each for each in results}
     head = ["disc"]
     for views in CALIBRATED_VIEWS:
@@ -250,7 +250,7 @@ def calibration_table(results: Sequence[Calibrated]) -> str:
 
 
 def calibration_summary(results: Sequence[Calibrated]) -> str:
-    """All discs with holes together, a row for each number of views."""
+    """Tabulate all discs with holes together, a row for each number of views."""
     head = ("", *(f"{views} views" for views in CALIBRATED_VIEWS))
     columns = [calibration_figures([each for each in results if each.views == views]) for views in CALIBRATED_VIEWS]
     return table(head, ([name, *(column[name] for column in columns)] for name in columns[0]))
@@ -278,12 +278,12 @@ def calibration_figures(results: Sequence[Calibrated]) -> dict[str, str]:
 
 
 def rms_off_mm(results: Iterable[Checked], views: int) -> float:
-    """By how much the COR is off, RMS over the checks of a number of views that were answered."""
+    """Compute the COR's error, RMS over the checks of a number of views that were answered."""
     return rms(each.cor_off_mm for each in results if each.views == views and each.answered)
 
 
 def drift_table(results: Sequence[Checked]) -> str:
-    """A row for each number of views."""
+    """Tabulate the drift checks, a row for each number of views."""
     head = ("views", "checks", "answered", "COR off, RMS", "stated", "within 95 %")
     rows = []
     for views in DRIFT_VIEWS:
@@ -301,7 +301,7 @@ def drift_table(results: Sequence[Checked]) -> str:
 
 
 def image_table(results: Sequence[Drawn]) -> str:
-    """A row for each number of views, the mean of the discs for each method."""
+    """Tabulate the images, a row for each number of views, the mean of the discs for each method."""
     rows = []
     for views in IMAGE_VIEWS:
         row = [str(views)]

@@ -43,7 +43,7 @@ FULL_TURN = "-720views.npz"
 
 @dataclass(frozen=True)
 class Disc:
-    """One disc: a full turn of equal steps, its outline, and the COR and tilt that are known beside the product."""
+    """A disc: a full turn of equal steps, its outline, and its independently measured COR and tilt."""
 
     name: str
     sinogram: NDArray[np.float32]
@@ -56,25 +56,25 @@ class Disc:
         return len(self.sinogram)
 
     def scan(self, views: int, start: int = 0) -> sawmill.Scan:
-        """Every (views here / views)-th view from one of them on."""
+        """Return every (views here / views)-th view from `start` on."""
         step = self.views // views
         angles = np.arange(start, self.views, step) * math.tau / self.views
         return sawmill.Scan.from_arrays(self.sinogram[start::step], angles, SCANNER)
 
     @property
     def frame(self) -> SourceFrame:
-        """The laboratory's distances, with the independent COR and tilt; x and y are those of the outline."""
+        """The laboratory's distances, with the independent COR and tilt; x and y are the outline's."""
         known = self.independent
         return nominal_frame(known.cor_column_mm, math.radians(known.tilt_deg))
 
 
 def nominal_frame(cor_column_mm: float = 0.0, tilt_rad: float = 0.0) -> SourceFrame:
-    """The laboratory's distances; at angle 0 the source lies on -x of the outlines."""
+    """Return the laboratory's distances; at angle 0 the source lies on -x of the outlines."""
     return SourceFrame(math.pi / 2, SCANNER.source_to_cor_mm, SOURCE_TO_DETECTOR_MM, cor_column_mm, tilt_rad)
 
 
 def discs_folder() -> Path:
-    """Give the folder with the discs, or end the program with a sentence where there is none."""
+    """Return the folder with the discs, or end the program with a sentence where there is none."""
     folder = Path(os.environ.get("SAWMILL_PUBLISHED_DATA", "../shared/data")) / "measured-discs"
     if not (folder / "independent.json").is_file():
         sys.exit(

@@ -34,7 +34,7 @@ DISC = "07b"
 CALIBRATED_VIEWS = 90
 FEW_VIEWS = (20, 45, 90, VIEWS)
 LONGEST_CELL_S = 600
-# Of palettes. Eight images of noise need few to be small.
+# Sizes of palettes. Eight images of noise need few colours to be small.
 COLOURS, GREYS = 160, 48
 PNG = "image/png"
 
@@ -69,7 +69,7 @@ def calibration_of(disc: Disc) -> sawmill.Calibration:
 
 
 def outline(disc: Disc) -> Figure:
-    """The disc by FBP with the geometry that was found from it, its outline where the calibration put it."""
+    """Draw the disc by FBP with the geometry that was found from it, its outline where the calibration put it."""
     found = calibration_of(disc)
     assert found.arrays is not None
     arrays = found.arrays()
@@ -80,7 +80,7 @@ def outline(disc: Disc) -> Figure:
 
 
 def few_views(disc: Disc) -> Figure:
-    """FBP above total variation, from few views on the left to all on the right, in one grey window."""
+    """Draw FBP above total variation, from few views on the left to all on the right, in one grey window."""
     reference = image_of(disc, VIEWS, "fbp")
     window = (0.0, 1.15 * float(np.percentile(reference, 95.0)))
     figure = Figure(figsize=(12.0, 6.2), layout="constrained")
@@ -94,7 +94,7 @@ def few_views(disc: Disc) -> Figure:
 
 
 def hardening(disc: Disc) -> Figure:
-    """FBP of all views without and with the hardening that the calibration found, and the acrylic by its radius."""
+    """Draw FBP of all views without and with the estimated hardening, and the acrylic by its radius."""
     calibration, acrylic = calibration_of(disc), binary_erosion(acrylic_of(disc), iterations=3)
     images = {
         title: sawmill.reconstruct(

@@ -26,7 +26,7 @@ REPEATS = 7
 
 
 def reference_s() -> float:
-    """Measure the reference computation in a process of its own, which leaves no threads behind in this one."""
+    """Measure the reference computation in a separate process, which leaves no threads behind in this one."""
     ended = subprocess.run([sys.executable, __file__], check=True, capture_output=True, text=True)  # noqa: S603 - this file
     return float(ended.stdout)
 
@@ -58,7 +58,7 @@ class Measurement:
 
     @classmethod
     def begin(cls, reference: Callable[[], float] = reference_s) -> "Measurement":
-        """Note the conditions; call it before anything is computed."""
+        """Record the conditions; call it before anything is computed."""
         script, *arguments = sys.argv
         conditions = {
             "command": shlex.join(["python", os.path.relpath(script, RESULTS.parents[1]), *arguments]),

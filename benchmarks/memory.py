@@ -2,7 +2,7 @@
 
     python benchmarks/memory.py [--rows 2500] [--folder FOLDER]
 
-Each file is a log of 360 x ROWS x 768 with noise, made by a process of its own in a temporary folder (up to 3 GB beside
+Each file is a log of 360 x ROWS x 768 with noise, made by a separate process in a temporary folder (up to 3 GB and
 as much again while it is read; deleted). The command `sawmill reconstruct` and the job that reads an upload each run in
 a process of their own, whose largest memory the system tells when it ends.
 """
@@ -40,7 +40,7 @@ ANGLES_AND_PITCH = ("--angles-deg=0.5:1", f"--detector-pitch-mm={SCANNER.detecto
 
 
 def views(rows: int, number: int = VIEWS) -> Iterator[NDArray[np.float32]]:
-    """Line integrals (rows, cells) of a round log with a knot that goes round, view by view."""
+    """Yield line integrals (rows, cells) of a round log with a knot that goes round, view by view."""
     rng, across = np.random.default_rng(4), np.linspace(-1.0, 1.0, CELLS)
     log = 2.0 * np.sqrt(np.clip(0.4**2 - across**2, 0.0, None)) * 5.0
     along = 1.0 + np.sin(np.arange(rows) / 7.0)[:, None]
@@ -50,7 +50,7 @@ def views(rows: int, number: int = VIEWS) -> Iterator[NDArray[np.float32]]:
 
 
 def make_counts(path: Path, rows: int, *, packed: bool = False, number: int = VIEWS, fields: int = FIELDS) -> None:
-    """NXtomo with dark and flat fields, uint16."""
+    """Write NXtomo with dark and flat fields, uint16."""
     keys = [2] * fields + [1] * fields + [0] * number
     with h5py.File(path, "w") as file:
         entry = file.create_group("entry")
@@ -72,12 +72,12 @@ def make_counts(path: Path, rows: int, *, packed: bool = False, number: int = VI
 
 
 def make_packed_counts(path: Path, rows: int) -> None:
-    """The same, each view packed by itself: no row can be read alone."""
+    """Write counts with each view packed by itself: no row can be read alone."""
     make_counts(path, rows, packed=True)
 
 
 def make_dataset(path: Path, rows: int) -> None:
-    """HDF5 with one dataset of line integrals, float32."""
+    """Write HDF5 with one dataset of line integrals, float32."""
     with h5py.File(path, "w") as file:
         data = file.create_dataset("data", (VIEWS, rows, CELLS), np.float32)
         for view, image in enumerate(views(rows)):
@@ -85,12 +85,12 @@ def make_dataset(path: Path, rows: int) -> None:
 
 
 def make_tiff(path: Path, rows: int) -> None:
-    """A TIFF of one page a view, float32."""
+    """Write a TIFF of one page a view, float32."""
     tifffile.imwrite(path, views(rows), shape=(VIEWS, rows, CELLS), dtype=np.float32, metadata=None)
 
 
 def make_npy(path: Path, rows: int, number: int = VIEWS) -> None:
-    """NPY, float32."""
+    """Write NPY, float32."""
     stack = np.lib.format.open_memmap(path, "w+", np.float32, (number, rows, CELLS))
     for view, image in enumerate(views(rows, number)):
         stack[view] = image
@@ -129,7 +129,7 @@ def ingest(path: Path, kind: DataKind) -> None:
 
 
 def reconstruct(path: Path, kind: DataKind) -> tuple[str, ...]:
-    """The command line."""
+    """Return the arguments of the command line."""
     reported = () if kind is DataKind.COUNTS else ANGLES_AND_PITCH
     volume = str(path.with_name("volume.h5"))
     return (
@@ -146,7 +146,7 @@ def reconstruct(path: Path, kind: DataKind) -> tuple[str, ...]:
 
 
 def watched(*command: str) -> str:
-    """Run Python in a process of its own; its seconds and its largest memory."""
+    """Run Python in a separate process; return the seconds and the largest memory."""
     started = time.perf_counter()
     child = subprocess.Popen([sys.executable, *command], stderr=subprocess.DEVNULL)  # noqa: S603 - ourselves
     _, status, used = os.wait4(child.pid, 0)

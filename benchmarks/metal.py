@@ -2,7 +2,7 @@
 
     python benchmarks/metal.py [--scans 40] [--seed 1] [--wood 0.005]
 
-Scans in counts as those of benchmarks/counted.py, 2 000 to 50 000 photons and 20 to 360 views. The phantom holds one to
+Scans in counts as in benchmarks/counted.py, 2 000 to 50 000 photons and 20 to 360 views. The phantom holds one to
 four screws of 3 to 6 mm, or a bracket of 30 to 60 by 2 to 4 mm, steel 12 to 100 times as dense as the wood; or it is
 sound; or one of that module's other faults is there. The table shows the scans that were refused, those in which metal
 was reported, the median and the largest true ray error, and how often the predicted bound held.
@@ -30,13 +30,13 @@ STEEL = (12.0, 100.0)
 
 
 def screws(body: Phantom, rng: np.random.Generator) -> Phantom:
-    """One to four, across the slice."""
+    """Add one to four screws across the slice."""
     found = [Disc(point_inside(body, rng), rng.uniform(1.5, 3.0), _steel(rng)) for _ in range(rng.integers(1, 5))]
     return replace(body, shapes=(*body.shapes, *found))
 
 
 def bracket(body: Phantom, rng: np.random.Generator) -> Phantom:
-    """A strip of steel on edge."""
+    """Add a strip of steel on edge."""
     (x, y), turn = point_inside(body, rng), rng.uniform(0.0, math.pi)
     length, thickness = rng.uniform(15.0, 30.0), rng.uniform(1.0, 2.0)
     c, s = math.cos(turn), math.sin(turn)
@@ -50,7 +50,7 @@ def _steel(rng: np.random.Generator) -> float:
 
 
 def any_fault(rng: np.random.Generator) -> Fault:
-    """A fault that is no metal."""
+    """Draw a fault other than metal."""
     return list(FAULTS.values())[rng.integers(len(FAULTS))]
 
 
@@ -63,7 +63,7 @@ KINDS: dict[str, Callable[[np.random.Generator], Fault]] = {
 
 
 def row(name: str, scans: int, seed: int) -> str:
-    """One line of the table."""
+    """Compute one line of the table."""
     errors, held, reported, refused = [], [], 0, 0
     for number in track(range(scans), description=name):
         rng = np.random.default_rng([seed, list(KINDS).index(name), number])

@@ -1,11 +1,11 @@
-"""A mill's physics against the calibration: the true error beside its bound, the verdict, and what is named.
+"""A mill's physics against the calibration: the true error and its bound, the verdict, and the named causes.
 
     python benchmarks/mill.py [--scans 5400] [--seed 1] [--jobs 2] [--out build/mill.jsonl] [--only EFFECT|clean|pair]
     python benchmarks/mill.py --table build/mill.jsonl
 
 Scans in counts with ten flats from the simulator of physics, which shares nothing with the calibration's model: of
 four scans one is clean, two have one effect (`mill_scans.EFFECTS`, each in its turn), one has a pair. Scan n depends on
-n and the seed alone. Results are appended to a file of JSON lines; an interrupted study goes on where it stopped.
+n and the seed alone. Results are appended to a file of JSON lines; an interrupted study continues where it stopped.
 
 The columns: `effect`, the median ray error of the plain fit without remedies on noise-free data; median true ray error
 and bound (`upper_95`), mm, up to a common scale; the share in which the bound holds, a star where 95 % are refuted at
@@ -45,7 +45,7 @@ LOG_LEAST = 1e-6
 
 
 def outcome(number: int, seed: int) -> dict[str, Any]:
-    """Everything about one scan, as JSON has it."""
+    """Return the outcome of one scan, as JSON has it."""
     scan = StudyScan.of(number, seed)
     setting = scan.setting
     about = {
@@ -90,12 +90,12 @@ def _answer(scan: StudyScan, found: CalibrationOutcome) -> dict[str, Any]:
 
 
 def _given(physics: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
-    """What is not nothing."""
+    """Select the effects that are not zero."""
     return {group: {name: value for name, value in of.items() if value} for group, of in physics.items()}
 
 
 def effect_mm(scan: StudyScan) -> float | None:
-    """The ray error between plain fits with and without the effect, on noise-free data; None where there is no fit."""
+    """Compute the ray error between plain fits with and without the effect, on noise-free data; None without a fit."""
     try:
         with_it, without = (_plain(scan, physics) for physics in (scan.physics, scan.ideal))
     except CalibrationError:
@@ -104,7 +104,7 @@ def effect_mm(scan: StudyScan) -> float | None:
 
 
 def _plain(scan: StudyScan, physics: Physics) -> CalibrationOutcome:
-    """The fit without remedies, the hypothesis given."""
+    """Calibrate without remedies, the hypothesis given."""
     setting = scan.setting
     lines = -np.log(scan.scanned(physics).signal.clip(LOG_LEAST))
     task = CalibrationTask(
@@ -120,7 +120,7 @@ def _plain(scan: StudyScan, physics: Physics) -> CalibrationOutcome:
 
 
 def wanted(numbers: range, only: str | None, seed: int) -> Iterator[int]:
-    """The scans of a kind or an effect; all by default."""
+    """Yield the scans of a kind or an effect; all by default."""
     for number in numbers:
         place = ("clean", "single", "single", "pair")[number % 4]
         if only is None or only == place or (place == "single" and only in StudyScan.of(number, seed).sizes):

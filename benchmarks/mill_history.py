@@ -1,7 +1,7 @@
 """A data folder of a mill whose scanners have been watched for weeks: what pages are shown and measured with.
 
 Nothing in it is invented but the scans: every calibration, drift check and slice is computed from a simulated scan by
-the job that a service would run, at a time of its own in the past. `write_history(store, clock)` takes about a second
+the job that a service would run, at a given time in the past. `write_history(store, clock)` takes about a second
 for each scanner and day.
 """
 
@@ -49,12 +49,12 @@ SEED = 14
 
 @dataclass
 class PastClock:
-    """The store's clock, set by whoever writes the past."""
+    """The store's clock, set by the writer of the past."""
 
     now: datetime = field(default_factory=lambda: datetime.now(UTC))
 
     def __call__(self) -> datetime:
-        """The time that rows are stamped with."""
+        """Return the time that rows are stamped with."""
         return self.now
 
 
@@ -80,7 +80,7 @@ LINES = (
 
 
 def write_history(store: Store, clock: PastClock, *, lines: Sequence[Line] = LINES, days: int = 60) -> None:
-    """Scanners with a phantom scan a week, calibrated, and a log a day, checked for drift.
+    """Write scanners with a phantom scan a week, calibrated, and a log a day, checked for drift.
 
     The first calibration is the active one. Today each line has a phantom scan, and one that has not moved the slices
     of a longer log.
@@ -101,7 +101,7 @@ def write_history(store: Store, clock: PastClock, *, lines: Sequence[Line] = LIN
 
 @dataclass(frozen=True)
 class _Scans:
-    """What one line's scanner delivers on one day."""
+    """The scans that one line's scanner delivers on one day."""
 
     scanner_id: str
     line: Line
@@ -109,7 +109,7 @@ class _Scans:
     seed: int
 
     def stack(self, day: int, *, phantom: bool, log_rows: int) -> bytes:
-        """Counts as an NXtomo file: the phantom's rows, where it is on the log, then the log's."""
+        """Simulate counts as an NXtomo file: the phantom's rows, where it is on the log, then the log's."""
         bodies = [_phantom()] * (PHANTOM_ROWS if phantom else 0)
         bodies += [self.log.slice_at(examples.LOG_START_MM + row * ROW_PITCH_MM) for row in range(log_rows)]
         angles = examples.full_turn(VIEWS)
@@ -129,7 +129,7 @@ class _Scans:
 
 
 def theta_at(moved_mm: float) -> Theta:
-    """The example's geometry with its COR moved along the detector."""
+    """Return the example's geometry with its COR moved along the detector."""
     frame = examples.THETA.source_frame(SCANNER.source_to_cor_mm)
     return replace(frame, cor_column_mm=frame.cor_column_mm + moved_mm).theta(SCANNER.source_to_cor_mm)
 
@@ -164,7 +164,7 @@ def _day(store: Store, clock: PastClock, scans: _Scans, day: int, *, first: bool
 
 
 def _uploaded(store: Store, scanner_id: str, content: bytes, day: date, *, phantom: bool) -> str:
-    """An upload that has been read."""
+    """Store an upload and have it read; return the scan's id."""
     spec = ScanSpec(
         scanner_id=scanner_id,
         name=f"Phantom and log, {day}" if phantom else f"Log, {day}",

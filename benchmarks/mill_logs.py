@@ -1,9 +1,9 @@
 """Production scans at random for the study of drift: the mean over a log's rows, as a mill's scanner would send it.
 
 The mean of rows is simulated as one image. Up to `SECTIONS` cross-sections of a log are projected exactly and averaged;
-their noise is that of a row over the square root of the number of rows: white, or of counts with the flat fields' own
+their noise is a row's noise over the square root of the number of rows: white, or of counts with the flat fields' own
 and with the bias of -ln at few counts. What stays in every row (slopes of the flat field, gains of views) is not
-averaged. The physics is that of `analytic.project`: monochromatic, no scatter, no blur; beams harden by a parabola.
+averaged. The physics is `analytic.project`'s: monochromatic, no scatter, no blur; beams harden by a parabola.
 """
 
 import math
@@ -50,15 +50,15 @@ class Mill:
     Attributes
     ----------
     theta : Theta
-        At the calibration.
+        Geometry at the calibration.
     flat_field : (cells,) float64
         Added to every ray.
     photons : float or None
-        In air, a row; None where the noise is white.
+        Photons in air, a row; None where the noise is white.
     noise : float
-        White, of a row, as a share of the RMS.
+        White noise of a row, as a share of the RMS.
     encoder_deg : float
-        Amplitude of what the angles are wrong by once a turn.
+        Amplitude of the angles' error once a turn.
     """
 
     theta: Theta
@@ -73,7 +73,7 @@ class Mill:
 
     @classmethod
     def random(cls, rng: np.random.Generator, views: int, rows: int, *, encoder_deg: float = 0.0) -> "Mill":
-        """Within the range that the drift check states."""
+        """Draw a scanner within the range that the drift check states."""
         theta = _theta(rng)
         turn, angles = _angles(rng, views)
         across = np.linspace(-0.5, 0.5, SCANNER.num_detector_pixels)
@@ -92,18 +92,18 @@ class Mill:
         )
 
     def frame(self, drift: "Drift | None" = None) -> SourceFrame:
-        """The geometry, after a drift perhaps."""
+        """Return the geometry, with a drift applied if there is one."""
         frame = self.theta.source_frame(SCANNER.source_to_cor_mm)
         return frame if drift is None else drift.applied(frame)
 
     def calibrated(self, rng: np.random.Generator) -> SourceFrame:
-        """The geometry as a calibration has it: its SDD is wrong by a little."""
+        """Return the geometry as a calibration has it, with a small error of SDD."""
         truth = self.frame()
         wrong = float(rng.normal(0.0, DISTANCE_ERROR_MM))
         return replace(truth, source_to_detector_mm=truth.source_to_detector_mm + wrong)
 
     def look(self, rng: np.random.Generator, drift: "Drift | None" = None, *, nails: Nails = "none") -> FloatArray:
-        """A log's line integrals (views, cells): the mean of rows, in some of which there may be nails."""
+        """Simulate a log's line integrals (views, cells): the mean of rows, in some of which there may be nails."""
         frame, stated = self.frame(drift), self.angles_rad
         # Where a log is put on the turntable is as random as the phase.
         true = stated + math.radians(self.encoder_deg) * np.cos(stated)
@@ -126,20 +126,20 @@ class Mill:
 
 @dataclass(frozen=True)
 class Drift:
-    """What moved: u_c by mm, tau by rad."""
+    """A drift: u_c moved by mm, tau by rad."""
 
     column_mm: float
     tilt_rad: float
 
     def applied(self, frame: SourceFrame) -> SourceFrame:
-        """The geometry afterwards."""
+        """Return the geometry after the drift."""
         return replace(
             frame, cor_column_mm=frame.cor_column_mm + self.column_mm, tilt_rad=frame.tilt_rad + self.tilt_rad
         )
 
 
 def random_sections(rng: np.random.Generator, number: int) -> list[Phantom]:
-    """Cross-sections of one log: elliptic, with bark, wet zones and knots, off centre, and a little bowed."""
+    """Draw cross-sections of one log: elliptic, with bark, wet zones and knots, off centre, and a little bowed."""
     radius, seed = rng.uniform(80.0, MOST_RADIUS_MM), int(rng.integers(1 << 30))
     log = LogModel.random(seed, radius_mm=radius)
     aspect, shear = rng.uniform(-0.08, 0.08, 2)
@@ -161,7 +161,7 @@ def random_sections(rng: np.random.Generator, number: int) -> list[Phantom]:
 
 
 def _theta(rng: np.random.Generator) -> Theta:
-    """A scanner on whose detector any log leaves air at both ends."""
+    """Draw a scanner on whose detector any log leaves air at both ends."""
     while True:
         theta = Theta(*rng.uniform([0.0, 600.0, -300.0, -100.0, -0.3], [TAU, 850.0, 300.0, 100.0, 0.3]))
         if holds_any_log(theta):
@@ -169,14 +169,14 @@ def _theta(rng: np.random.Generator) -> Theta:
 
 
 def holds_any_log(theta: Theta) -> bool:
-    """Whether the largest log, as far off centre as any, leaves air at both ends of the detector."""
+    """Return whether the largest log, at the largest offset, leaves air at both ends of the detector."""
     largest = Phantom("largest", (Disc((0.0, 0.0), 1.1 * (MOST_RADIUS_MM + MOST_BARK_MM) + OFF_CENTRE_MM),))
     frame = theta.source_frame(SCANNER.source_to_cor_mm)
     return leaves_air(project(largest, CELLS, frame, np.zeros(1), rays_per_cell=1), AIR)
 
 
 def _patch(rng: np.random.Generator, radius_mm: float) -> Polygon:
-    """A wet or dry zone, up to 30 % denser or less dense than sapwood."""
+    """Draw a wet or dry zone, up to 30 % denser or less dense than sapwood."""
     turn = np.sort(rng.uniform(0.0, TAU, 7))
     depth, towards = rng.uniform(0.0, 0.6) * radius_mm, rng.uniform(0.0, TAU)
     size = rng.uniform(0.1, 0.35) * radius_mm
@@ -188,20 +188,20 @@ def _patch(rng: np.random.Generator, radius_mm: float) -> Polygon:
 def _of_nails(
     rng: np.random.Generator, rays: FloatArray, row: FloatArray, frame: SourceFrame, true: FloatArray, *, masked: bool
 ) -> FloatArray:
-    """What nails in a few per cent of the rows change in the mean (views, cells) of all."""
+    """Compute the change of the mean (views, cells) of all rows by nails in a few per cent of the rows."""
     places = zip(rng.uniform(0.0, TAU, 3), rng.uniform(20.0, 80.0, 3), rng.uniform(1.0, 4.0, 3), strict=True)
     discs = tuple(Disc((d * math.cos(t), d * math.sin(t)), r, STEEL_PER_MM) for t, d, r in places)
     steel = project(Phantom("nails", discs[: rng.integers(1, 4)]), CELLS, frame, true, rays_per_cell=RAYS)
     share = rng.uniform(0.02, 0.06)
     if not masked:
-        # Behind a nail the counts starve.
+        # The counts behind a nail starve.
         return share * (np.minimum(row + steel, STARVED) - row)
     # Where they show a nail these rows are missing, and the others differ from them.
     return np.where(steel > 0.0, share / (1.0 - share) * (rays - row), 0.0)
 
 
 def _angles(rng: np.random.Generator, views: int) -> tuple[str, FloatArray]:
-    """An even turn for the most part; else views lost, at random angles, or over part of the turn."""
+    """Draw angles: mostly an even turn; else views lost, at random angles, or over part of the turn."""
     even = (np.arange(views) + rng.uniform()) * TAU / views
     chance = rng.uniform()
     if chance < 0.6:

@@ -1,9 +1,9 @@
-"""Which causes an answer's sentences name, and which of them are an effect's own."""
+"""Causes that an answer's sentences name, and the causes that belong to each effect."""
 
 import re
 from collections.abc import Iterable, Mapping
 
-# By what a sentence of adjustments or reasons says. One sentence may name several causes.
+# Causes by the words of a sentence of adjustments or reasons. One sentence may name several causes.
 CAUSES: Mapping[str, str] = {
     "hardening": r"harden",
     "scatter": r"scatter|glare",
@@ -31,7 +31,7 @@ CAUSES: Mapping[str, str] = {
 }
 # Sentences that are no finding about the scan.
 NO_FINDING = r"predicted ray error|source shift is not resolved|source distance was held|millimetres are known"
-# What names an effect; none where nothing needs to.
+# Causes that name an effect; empty where no cause needs to.
 NAMED_BY: Mapping[str, frozenset[str]] = {
     "hardening": frozenset({"hardening", "scatter"}),
     "scatter": frozenset({"scatter", "hardening"}),
@@ -66,11 +66,11 @@ MOST_CAUSES = 3
 
 
 def causes(sentences: Iterable[str]) -> frozenset[str]:
-    """What the sentences name, each up to its remedy."""
+    """Find the causes that the sentences name, each before its remedy."""
     findings = [re.split(r"[;:]", one)[0] for one in sentences if not re.search(NO_FINDING, one)]
     return frozenset(name for name, said in CAUSES.items() if any(re.search(said, one) for one in findings))
 
 
 def names_it(effect: str, named: frozenset[str]) -> bool:
-    """Whether the effect is named, alone or among few."""
+    """Return whether the effect is named, alone or among few."""
     return bool(NAMED_BY[effect] & named) and len(named) <= MOST_CAUSES

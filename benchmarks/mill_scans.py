@@ -39,7 +39,7 @@ STEP = Phantom(
         Disc((-40.0, 50.0), 20.0, -1.0),
     ),
 )
-# Of the phantom's stated size, standard deviation.
+# Standard deviation of the phantom's stated size, percent.
 SIZE_PERCENT = 0.15
 PHANTOMS = tuple(
     replace(drawing, size_tolerance=SIZE_PERCENT / 100.0) for drawing in (L_SHAPE, RECTANGLE_WITH_HOLE, CUSTOM, STEP)
@@ -71,12 +71,12 @@ class Drawn:
     fields: Draw
 
     def size(self, rng: np.random.Generator) -> float:
-        """Evenly in the logarithm."""
+        """Draw a size, uniform in the logarithm."""
         return math.exp(rng.uniform(math.log(self.low), math.log(self.high)))
 
 
 def _field(group: str, name: str, *, signed: bool = False, towards: tuple[str, ...] = ()) -> Draw:
-    """One field, with a random sign or random directions."""
+    """Return a function that draws one field, with a random sign or random directions."""
 
     def fields(size: float, rng: np.random.Generator) -> Fields:
         sign = rng.choice((-1.0, 1.0)) if signed else 1.0
@@ -93,7 +93,7 @@ def _either(*draws: Draw) -> Draw:
 
 
 def _number(group: str, *names: str, **more: float) -> Draw:
-    """Whole numbers of something."""
+    """Return a function that draws a whole number of something."""
 
     def fields(size: float, _: np.random.Generator) -> Fields:
         return {group: {name: round(size) for name in names} | more}
@@ -102,7 +102,7 @@ def _number(group: str, *names: str, **more: float) -> Draw:
 
 
 def _slip(size: float, rng: np.random.Generator) -> Fields:
-    """A move, a turn of a tenth of as many degrees, or both."""
+    """Draw a move, a turn of a tenth of as many degrees, or both."""
     moves, turns = ((True, False), (False, True), (True, True))[rng.integers(3)]
     turn = 0.1 * size * float(rng.choice((-1.0, 1.0)))
     return {
@@ -129,7 +129,7 @@ EFFECTS: Mapping[str, Drawn] = {
     "scatter": Drawn(
         0.01,
         0.2,
-        # Of the light, 1 to 20 %; of the photons that wood takes out, a fourth: a slit stands before the detector.
+        # Of the light, 1 to 20 %; of the photons that wood takes out, a fourth: a slit is in front of the detector.
         _either(
             _field("detector", "glare_share"),
             lambda size, rng: _field("beam", "scatter_share")(0.25 * size, rng),
@@ -184,13 +184,13 @@ class Setting(DrawnScanner):
 
     @classmethod
     def random(cls, rng: np.random.Generator) -> "Setting":
-        """A scanner of the published bounds whose shadow leaves air at both ends of the detector in every view."""
+        """Draw a scanner of the published bounds whose shadow leaves air at both ends of the detector in every view."""
         while True:
             drawn = draw_scanner(rng, PHANTOMS, VIEWS, OFF_CENTRE_MM)
             photons, attenuation = (math.exp(rng.uniform(*np.log(range_))) for range_ in (PHOTONS, ATTENUATION_PER_MM))
             try:
                 frame = drawn.theta.source_frame(SCANNER.source_to_cor_mm)
-                # Also around a phantom that is larger, or moves, by a few millimetres.
+                # Air is left also around a phantom that is larger, or moves, by a few millimetres.
                 shadow = analytic.project(drawn.seen.scaled(1.05), CELLS, frame, drawn.rotation.apply(drawn.angles_rad))
             except GeometryError:  # a corner of the bounds that no scanner can be in
                 continue
@@ -210,7 +210,7 @@ class StudyScan:
 
     @classmethod
     def of(cls, number: int, seed: int) -> "StudyScan":
-        """Of four scans one is clean, two have one effect, each in its turn, and one has a pair."""
+        """Return a scan by its number: of four, one is clean, two have one effect in turn, and one has a pair."""
         rng = np.random.default_rng((seed, number))
         setting = Setting.random(rng)
         names = list(EFFECTS)
@@ -228,11 +228,11 @@ class StudyScan:
 
     @property
     def ideal(self) -> Physics:
-        """Without the effects: the phantom's size alone is off."""
+        """The physics without the effects: the phantom's size alone is off."""
         return Physics(wood=WoodEffects(size_percent=self.physics.wood.size_percent))
 
     def scanned(self, physics: Physics) -> MillScan:
-        """What the scanner records."""
+        """Simulate the scanner's record."""
         setting = self.setting
         body = setting.seen.of_density(setting.attenuation_per_mm)
         turned = setting.rotation.apply(setting.angles_rad)
@@ -240,7 +240,7 @@ class StudyScan:
 
     @cached_property
     def recorded(self) -> MillScan:
-        """With its effects."""
+        """The record with the effects."""
         return self.scanned(self.physics)
 
     @cached_property
@@ -251,11 +251,11 @@ class StudyScan:
 
     @property
     def remarks(self) -> list[str]:
-        """What was read and is reported by a calibration too."""
+        """The remarks of the reader that a calibration reports too."""
         return [remark for remark in self.read.remarks if remark.startswith(SATURATION)]
 
     def task(self) -> CalibrationTask:
-        """The line integrals, their air corrected as the product corrects it."""
+        """Return the line integrals as a task, their air corrected as the product corrects it."""
         stack = self.read.stack.copy()
         RowCorrector(Corrections(AirCorrection.VIEWS), 1, stack.shape[2]).correct(stack)
         lines = stack[:, 0].astype(np.float64)
@@ -287,7 +287,7 @@ def _physics(*all_fields: Fields) -> Physics:
 
 
 def _limited(physics: Physics, angles_rad: FloatArray) -> Physics:
-    """No view exposed over more than a mill would."""
+    """Limit the physics so that no view is exposed over more than a mill would."""
     longest = LONGEST_EXPOSURE_RAD / float(abs(angles_rad[1] - angles_rad[0]))
     share = min(physics.motion.exposure_steps, longest)
     return replace(physics, motion=replace(physics.motion, exposure_steps=share))

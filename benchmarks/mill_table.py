@@ -25,7 +25,7 @@ HEADER = (
 
 @dataclass(frozen=True)
 class Outcome:
-    """What the table needs of one scan's line of the results file."""
+    """The part of one scan's line of the results file that the table needs."""
 
     number: int
     kind: str
@@ -46,7 +46,7 @@ class Outcome:
 
     @classmethod
     def of(cls, line: dict[str, Any]) -> "Outcome":
-        """Of a line."""
+        """Read a line of the results file."""
         return cls(**{field.name: line[field.name] for field in fields(cls) if field.name in line})
 
     @property
@@ -61,7 +61,7 @@ class Outcome:
 
     @property
     def must_be_named(self) -> bool:
-        """One effect, which matters and can be seen."""
+        """True if there is one effect, which matters and can be seen."""
         return self.answered and self.kind == "single" and bool(NAMED_BY[self.only]) and self.plain_mm > MATTERS_MM
 
     @property
@@ -71,7 +71,7 @@ class Outcome:
 
     @property
     def plain_mm(self) -> float:
-        """What the effect does to a plain fit, which may find nothing at all; 0 where there is not one effect."""
+        """Change of a plain fit by the effect, mm; inf where there is no fit, 0 where there is not one effect."""
         if self.kind != "single":
             return 0.0
         return math.inf if self.effect_mm is None else self.effect_mm
@@ -88,18 +88,18 @@ class Outcome:
 
 
 def read(path: Path) -> list[Outcome]:
-    """The results so far, the first of each scan."""
+    """Read the results so far, the first of each scan."""
     lines = [json.loads(line) for line in path.read_text().split("\n")[:-1]]
     return [Outcome.of(line) for line in {line["number"]: line for line in reversed(lines)}.values()]
 
 
 def largest_share(count: int, number: int) -> float:
-    """Of what happened `count` times in `number`, with 95 % confidence (Clopper and Pearson)."""
+    """Bound the share of an event seen `count` times in `number`, with 95 % confidence (Clopper and Pearson)."""
     return 1.0 if count >= number else float(betaincinv(count + 1, number - count, 0.95))
 
 
 def _holds(errors: Sequence[float], bounds: Sequence[float]) -> str:
-    """The share below the bound; a star where 95 % are refuted at 1 %."""
+    """Format the share below the bound; a star where 95 % are refuted at 1 %."""
     inside = sum(error <= bound for error, bound in zip(errors, bounds, strict=True))
     refuted = bdtr(inside, len(errors), PROMISED) < TEST_LEVEL
     return f"{inside / len(errors):6.1%}{'*' if refuted else ' '}"
@@ -110,14 +110,14 @@ def _share(values: Sequence[bool]) -> str:
 
 
 def _naming(name: str, answered: list[Outcome]) -> str:
-    """Clean: the share that names nothing. One effect that matters: the share that names it."""
+    """Format the share that names nothing (clean), or the share that names the one effect that matters."""
     if name == "clean":
         return f"{np.mean([not one.named for one in answered]):6.1%}"
     return _share([names_it(one.only, one.named) for one in answered if one.must_be_named])
 
 
 def row(name: str, outcomes: list[Outcome]) -> str:
-    """One line of the table."""
+    """Format one line of the table."""
     answered = [one for one in outcomes if one.answered]
     none = Counter(one.refused or one.crashed for one in outcomes if not one.answered)
     refusals = "".join(f" {count} x {what}" for what, count in none.most_common(2))
@@ -140,7 +140,7 @@ def row(name: str, outcomes: list[Outcome]) -> str:
 
 
 def table(outcomes: list[Outcome]) -> str:
-    """All of it."""
+    """Format the whole table."""
     groups = {"clean": [one for one in outcomes if one.kind == "clean"]}
     groups |= {name: [one for one in outcomes if one.kind == "single" and name in one.sizes] for name in EFFECTS}
     groups |= {"all singles": [one for one in outcomes if one.kind == "single"]}
@@ -158,7 +158,7 @@ def table(outcomes: list[Outcome]) -> str:
 
 
 def _most_named(groups: dict[str, list[Outcome]]) -> list[str]:
-    """What was named of each group, the most frequent first."""
+    """List the causes named in each group, the most frequent first."""
     lines = ["named:"]
     for name, group in groups.items():
         answered = [one for one in group if one.answered]

@@ -1,4 +1,4 @@
-"""Where the model is wrong on purpose: the error beside what the answer promises, and whether the answer reports it.
+"""Errors when the model is wrong on purpose, with the answer's bounds, and whether the answer reports the fault.
 
     python benchmarks/misspecified.py [--scans 40] [--seed 1] [--only NAME]
 
@@ -38,13 +38,13 @@ RAYS = 8
 FIELD_MM = 400.0
 NOISES = (0.002, 0.02)
 WORDS = 30
-# What a calibration passes at when nothing else is asked.
+# Default tolerance at which a calibration passes.
 TOLERANCE_MM = 0.1
 
 
 @dataclass(frozen=True)
 class Made:
-    """One scan that is not what the model says: what is asked, and what is wrong."""
+    """A scan that differs from the model: the task's content, with the fault in it."""
 
     sinogram: FloatArray
     drawn: Phantom
@@ -52,44 +52,44 @@ class Made:
 
 
 def exact(scan: RandomScan, _: np.random.Generator) -> Made:
-    """Nothing is wrong."""
+    """Make a scan without any fault."""
     return Made(shadow(scan, scan.task.phantom), scan.task.phantom)
 
 
 def coarse_drawing(scan: RandomScan, rng: np.random.Generator) -> Made:
-    """The phantom was traced from a picture with pixels of 2 to 3 mm, black or white."""
+    """Trace the phantom from a picture with pixels of 2 to 3 mm, black or white."""
     size = round(FIELD_MM / rng.uniform(2.0, 3.0))
     picture = scan.task.phantom.rasterise(size, FIELD_MM, subsamples=1)
     return Made(shadow(scan, scan.task.phantom), trace(picture, FIELD_MM, name="picture"))
 
 
 def blur(scan: RandomScan, rng: np.random.Generator) -> Made:
-    """The focal spot and the scintillator blur by a Gaussian of one to three cells."""
+    """Blur by the focal spot and the scintillator: a Gaussian of one to three cells."""
     return Made(_blurred(shadow(scan, scan.task.phantom), rng), scan.task.phantom)
 
 
 def hardening(scan: RandomScan, rng: np.random.Generator) -> Made:
-    """The beam hardens: y + c y^2, by 2 to 10 % on the longest path."""
+    """Harden the beam: y + c y^2, by 2 to 10 % on the longest path."""
     sinogram = shadow(scan, scan.task.phantom)
     return Made(sinogram - rng.uniform(0.02, 0.1) / sinogram.max() * sinogram**2, scan.task.phantom)
 
 
 def rounded_corner(scan: RandomScan, rng: np.random.Generator) -> Made:
-    """One corner of the wood is rounded by 5 to 10 mm."""
+    """Round one corner of the wood by 5 to 10 mm."""
     radius = rng.uniform(5.0, 10.0)
     worn = replace(scan.task.phantom, shapes=tuple(rounded(s, radius, rng) for s in scan.task.phantom.shapes))
     return Made(shadow(scan, worn), scan.task.phantom)
 
 
 def knot(scan: RandomScan, rng: np.random.Generator) -> Made:
-    """A knot of 8 to 16 mm, denser by a fifth to a half."""
+    """Add a knot of 8 to 16 mm, denser by a fifth to a half."""
     inside = point_inside(scan.task.phantom, rng)
     grown = Disc(inside, rng.uniform(8.0, 16.0), rng.uniform(0.2, 0.5))
     return Made(shadow(scan, scan.task.phantom, grown), scan.task.phantom)
 
 
 def growth_rings(scan: RandomScan, rng: np.random.Generator) -> Made:
-    """Rings of late wood every 8 mm round a pith inside, denser by a tenth to a fifth where they stay inside."""
+    """Add rings of late wood every 8 mm round a pith inside, denser by a tenth to a fifth where they stay inside."""
     pith = point_inside(scan.task.phantom, rng)
     density = rng.uniform(0.1, 0.2)
     rings = [
@@ -101,7 +101,7 @@ def growth_rings(scan: RandomScan, rng: np.random.Generator) -> Made:
 
 
 def counts(scan: RandomScan, _: np.random.Generator) -> Made:
-    """Each cell averages intensities, and says so."""
+    """Average intensities in each cell, and state that the data are counts."""
     wood = scan.task.phantom.of_density(SAPWOOD_PER_MM)
     cells = DetectorCells.of(SCANNER)
     fine = DetectorCells(cells.first_border_mm, cells.width_mm / RAYS, cells.count * RAYS)
@@ -110,13 +110,13 @@ def counts(scan: RandomScan, _: np.random.Generator) -> Made:
 
 
 def blur_and_hardening(scan: RandomScan, rng: np.random.Generator) -> Made:
-    """Both at once: each ray hardens, then the detector blurs."""
+    """Harden each ray, then blur by the detector."""
     hardened = hardening(scan, rng)
     return replace(hardened, sinogram=_blurred(hardened.sinogram, rng))
 
 
 def slipped(scan: RandomScan, rng: np.random.Generator) -> Made:
-    """From some view on the phantom lies 0.1 to 10 mm, and a tenth as many degrees, from where it lay."""
+    """Move the phantom from some view on, by 0.1 to 10 mm and a tenth as many degrees."""
     before = shadow(scan, scan.task.phantom)
     mm, towards = math.exp(rng.uniform(*np.log((0.1, 10.0)))), rng.uniform(0.0, TAU)
     turned = replace(scan.frame, psi_rad=scan.frame.psi_rad + math.radians(0.1 * mm) * rng.choice((-1.0, 1.0)))
@@ -130,13 +130,13 @@ def slipped(scan: RandomScan, rng: np.random.Generator) -> Made:
 
 
 def wrong_pace(scan: RandomScan, rng: np.random.Generator) -> Made:
-    """The turntable turns 0.02 to 2 % further, or less far, than the angles say."""
+    """Turn the turntable 0.02 to 2 % further, or less far, than the angles state."""
     pace = 1.0 + math.exp(rng.uniform(*np.log((2e-4, 0.02)))) * rng.choice((-1.0, 1.0))
     return Made(shadow(scan, scan.task.phantom, angles_rad=pace * scan.task.angles_rad), scan.task.phantom)
 
 
 def swinging_encoder(scan: RandomScan, rng: np.random.Generator) -> Made:
-    """The angles are ahead and behind once a turn, by 0.02 to 2 degrees."""
+    """Shift the angles ahead and behind once a turn, by 0.02 to 2 degrees."""
     swing = math.radians(math.exp(rng.uniform(*np.log((0.02, 2.0)))))
     angles = scan.task.angles_rad
     return Made(
@@ -170,7 +170,7 @@ def shadow(
     angles_rad: FloatArray | None = None,
     position_mm: tuple[float, float] = (0.0, 0.0),
 ) -> FloatArray:
-    """The sinogram of a body, and of what has grown in it, as the scan's scanner sees it."""
+    """Project a body, and inclusions added to it, as the scan's scanner sees it: the sinogram."""
     whole = replace(body, shapes=(*body.shapes, *more))
     seen = whole if scan.handedness is Handedness.AS_DRAWN else whole.mirrored()
     angles = scan.rotation.apply(scan.task.angles_rad if angles_rad is None else angles_rad)
@@ -184,7 +184,7 @@ def _blurred(sinogram: FloatArray, rng: np.random.Generator) -> FloatArray:
 
 
 def rounded(shape: Polygon | Disc, radius: float, rng: np.random.Generator) -> Polygon | Disc:
-    """A polygon with one of its corners replaced by an arc of eight chords."""
+    """Replace one of a polygon's corners by an arc of eight chords."""
     if isinstance(shape, Disc):
         return shape
     corners = np.array(shape.vertices_mm)
@@ -203,7 +203,7 @@ def rounded(shape: Polygon | Disc, radius: float, rng: np.random.Generator) -> P
 
 
 def point_inside(body: Phantom, rng: np.random.Generator) -> tuple[float, float]:
-    """A point at least 25 mm or so inside the wood."""
+    """Draw a point at least 25 mm or so inside the wood."""
     image = body.rasterise(80, FIELD_MM)
     full = np.lib.stride_tricks.sliding_window_view(image, (9, 9)).min(axis=(2, 3)) > 0.99
     where = np.argwhere(full)
@@ -212,7 +212,7 @@ def point_inside(body: Phantom, rng: np.random.Generator) -> tuple[float, float]
 
 
 def noisy_task(scan: RandomScan, made: Made, rng: np.random.Generator) -> CalibrationTask:
-    """What is asked of the calibration."""
+    """Add noise and return the task for the calibration."""
     noise = math.exp(rng.uniform(*np.log(NOISES)))
     spread = noise * np.sqrt(np.mean(made.sinogram**2))
     measured = made.sinogram + spread * rng.standard_normal(made.sinogram.shape)
@@ -234,7 +234,7 @@ class Tally:
     wrong: int = 0
 
     def add(self, scan: RandomScan, found: CalibrationOutcome) -> None:
-        """Note one answer."""
+        """Record one answer."""
         assert found.error_bars is not None
         predicted = found.error_bars.predicted_ray_error
         error = ray_error(SCANNER, scan.frame, found.frame).rms_mm
@@ -254,7 +254,7 @@ class Tally:
             self.sentences[re.sub(r"[-+]?\d[\d.]*%?", "#", sentence)[:WORDS]] += 1
 
     def row(self, name: str) -> str:
-        """One line of the table."""
+        """Format one line of the table."""
         shared = sum(self.verdicts.values())
         return (
             f"{name:20s} {np.median(self.errors):7.4f} {np.max(self.errors):7.4f} {np.median(self.predicted):9.4f} "

@@ -51,7 +51,7 @@ def opposite_ray_fit(sinogram: FloatArray, *, pitch_mm: float, source_to_detecto
         return np.ravel((sinogram - opposite) * inside)
 
     solved = least_squares(differences, np.zeros(2), x_scale=(0.01, 0.001))
-    # The estimate without a stretch is one step of Gauss and Newton away from that of the whole turn.
+    # The estimate without a stretch is one step of Gauss and Newton away from the whole turn's estimate.
     stretches = [
         (jacobian.T @ jacobian, jacobian.T @ residual)
         for jacobian, residual in zip(

@@ -2,7 +2,7 @@
 
     python benchmarks/package_drawing.py [FOLDER]
 
-The layers are those of pyproject.toml. A dot says that modules of the row's package import the column's package; a
+The layers are pyproject.toml's. A dot says that modules of the row's package import the column's package; a
 line of the row is the first sentence of the package's docstring.
 """
 

@@ -3,8 +3,8 @@
     python benchmarks/pages.py [--scanners 50] [--scans 10000] [--checks 1] [--data FOLDER]
 
 On SQLite, in a temporary folder, or in FOLDER, which is kept. One scan in ten is of a phantom and has a calibration;
-the others have drift checks and a reconstruction. Answers are those of the tests; no file is behind a scan.
-Milliseconds are the median of five requests without a network, and beside them those of processor time; kilobytes are
+the others have drift checks and a reconstruction. Answers are the tests'; no file is behind a scan.
+Milliseconds are the median of five requests without a network, and next to them of processor time; kilobytes are
 the page with its styles and scripts, not packed.
 """
 
@@ -79,7 +79,7 @@ def main() -> None:
 
 @contextmanager
 def folder_of(given: Path | None) -> Iterator[Path]:
-    """The folder that was given, or one that goes."""
+    """Yield the folder that was given, or a temporary one."""
     if given is not None:
         yield given
         return
@@ -88,7 +88,7 @@ def folder_of(given: Path | None) -> Iterator[Path]:
 
 
 def fill(store: Store, database: Database, scanners: int, scans: int, checks: int) -> None:
-    """Scanners in all states, and scans over a year, the same number for each."""
+    """Store scanners in all states, and scans over a year, the same number for each."""
     now = store.now()
     each = scans // scanners
     for number in range(scanners):
@@ -106,7 +106,7 @@ def fill(store: Store, database: Database, scanners: int, scans: int, checks: in
 def fill_scanner(
     session: Session, scanner_id: str, times: list[datetime], places: range, moved_mm: float, checks: int
 ) -> None:
-    """One scan in ten with a calibration, which is accepted, and logs between; the last check moved this far."""
+    """Add scans: one in ten with a calibration, which is accepted, and logs between; the last check moved this far."""
     for place in places:
         at = times[place]
         scan_id = f"{scanner_id}-{place}"
@@ -155,7 +155,7 @@ def fill_scanner(
 
 
 def job(job_id: str, subject_id: str, kind: JobKind, at: datetime) -> dict[str, Any]:
-    """One that succeeded a minute later."""
+    """Return a job that succeeded a minute later."""
     return {
         "id": job_id,
         "created_at": at,
@@ -175,14 +175,14 @@ def job(job_id: str, subject_id: str, kind: JobKind, at: datetime) -> dict[str, 
 
 
 def events(of: dict[str, Any], scanner_id: str) -> list[dict[str, Any]]:
-    """What happened to a job: it was queued, and it succeeded."""
+    """Return a job's events: it was queued, and it succeeded."""
     about = {"scanner_id": scanner_id, "subject": declaration_of(of["kind"]).noun, "subject_id": of["subject_id"]}
     both = ((of["created_at"], event_kinds.QUEUED), (of["finished_at"], event_kinds.SUCCEEDED))
     return [about | {"at": at, "what": what, "job_id": of["id"]} for at, what in both]
 
 
 class Measured(NamedTuple):
-    """What one page or list took."""
+    """The price of one page or list."""
 
     path: str
     status: int
@@ -192,7 +192,7 @@ class Measured(NamedTuple):
 
 
 async def measured(store: Store) -> list[Measured]:
-    """Ask for each page and each list in turn."""
+    """Request each page and each list in turn."""
     app = create_app(ServiceSettings(), store, lambda _: None)
     transport = httpx.ASGITransport(app)
     answers = []
@@ -216,7 +216,7 @@ async def measured(store: Store) -> list[Measured]:
 
 
 def paths(store: Store) -> list[str]:
-    """Of every page, with ids of what there is."""
+    """List the paths of every page, with ids of stored objects."""
     calibration = store.calibrations.page(limit=1).items[0]
     ids = {
         "scanner_id": calibration.scanner_id,
@@ -231,7 +231,7 @@ def paths(store: Store) -> list[str]:
 
 
 def lists() -> Iterator[str]:
-    """Lists whole and narrowed, also to what there is little or nothing of, which takes the longest to find."""
+    """List the paths of lists, whole and filtered, also by values with few or no results, which take the longest."""
     yield from (f"/v1/{name}" for name in ("audit", "scanners", "phantoms", "alarms", "schedules"))
     yield from (f"/v1/scanners/line-1/{name}" for name in ("drift", "history/entries", "measurements"))
     narrowed: dict[str, tuple[str, Iterable[str], Iterable[str]]] = {"jobs": ("kind", JobKind, JobState)}
@@ -248,7 +248,7 @@ def lists() -> Iterator[str]:
 
 
 async def size_of_parts(client: httpx.AsyncClient, html: str) -> int:
-    """Bytes of the styles and scripts that a page names, and of the scripts that those import."""
+    """Sum the bytes of the styles and scripts that a page names, and of the scripts that those import."""
     wanted = re.findall(r'(?:<script[^>]* src|rel="stylesheet" href)="([^"]+)"', html)
     seen: set[str] = set()
     size = 0

@@ -1,4 +1,4 @@
-"""What preparing a stack reaches: shifts of views that lost rows, by both ways, and what ring removal costs and saves.
+"""Results of preparing a stack: shifts of views that lost rows, both ways, and cost and gain of ring removal.
 
     python benchmarks/preparing.py
 
@@ -35,7 +35,7 @@ WAYS: dict[str, Callable[[Stack, FloatArray], RowShifts]] = {
 
 
 def log_stack(seed: int, angles: FloatArray, cells: int) -> Stack:
-    """Line integrals (views, rows, cells)."""
+    """Simulate line integrals (views, rows, cells)."""
     scanner = Scanner(source_to_cor_mm=859.46, num_detector_pixels=cells, detector_pitch_mm=1152.0 / cells)
     log, frame, detector = LogModel.random(seed), THETA.source_frame(859.46), DetectorCells.of(scanner)
     heights = 20.0 + ROW_PITCH_MM * np.arange(ROWS)
@@ -44,7 +44,7 @@ def log_stack(seed: int, angles: FloatArray, cells: int) -> Stack:
 
 
 def lose_rows(stack: Stack, rng: np.random.Generator) -> tuple[Stack, FloatArray]:
-    """The views without some rows, moved up, and how many each lost at the top."""
+    """Remove some rows of each view and move the view up; return the stack and the number of rows lost at the top."""
     top, bottom = rng.integers(0, MOST_LOST + 1, (2, len(stack)))
     lost = np.full_like(stack, np.nan)
     for view, image in enumerate(stack):
@@ -66,7 +66,7 @@ def reported(way: str, lost: Stack, angles: FloatArray, truth: FloatArray) -> st
 
 
 def missing_rows() -> None:
-    """Views over a full turn."""
+    """Print the errors for views over a full turn."""
     for views, cells in ((60, 256), (180, 384)):
         angles = (np.arange(views) + 0.5) * TAU / views
         for seed in (1, 2, 3):
@@ -80,7 +80,7 @@ def missing_rows() -> None:
 
 
 def rings() -> None:
-    """One slice from 360 views, stripes of unequal cells as a share of the deepest shadow."""
+    """Print one slice from 360 views, stripes of unequal cells as a share of the deepest shadow."""
     scanner = Scanner(source_to_cor_mm=859.46, num_detector_pixels=768, detector_pitch_mm=1.5)
     geometry = FanBeamGeometry(scanner, THETA, (np.arange(360) + 0.5) * TAU / 360)
     projector, cells = Projector(geometry, ImageGrid(256, 400.0)), DetectorCells.of(scanner)

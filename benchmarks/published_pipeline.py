@@ -17,7 +17,7 @@ SIZE, FIELD_MM = 256, 400.0
 
 
 def fan_beam_geometry(scanner: Scanner, theta: Theta, views: int) -> tomo.FanBeamGeometry:
-    """ODL's geometry of theta for equidistant views over the full turn, cell-centred as the published data are."""
+    """Return ODL's geometry of theta for equidistant views over the full turn, cell-centred like the published data."""
     c, s = math.cos(theta.initial_angle_rad), math.sin(theta.initial_angle_rad)
     turn = np.array([[c, -s], [s, c]])
     half = 0.5 * scanner.num_detector_pixels * scanner.detector_pitch_mm
@@ -48,7 +48,7 @@ class PublishedObjective:
         self._space = odl.uniform_discr([-half] * 2, [half] * 2, (SIZE, SIZE), dtype="float32")
 
     def image(self, theta: Theta) -> FloatArray:
-        """The FBP image [x, y] at theta."""
+        """Compute the FBP image [x, y] at theta."""
         geometry = fan_beam_geometry(self._scanner, theta, len(self._sinogram))
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # ODL recommends a graphics card
@@ -57,13 +57,13 @@ class PublishedObjective:
             return np.asarray(fbp(transform.range.element(self._sinogram)).data)
 
     def __call__(self, vector: FloatArray) -> float:
-        """J at (alpha0, r_D, h_S, h_D, alpha_D)."""
+        """Return J at (alpha0, r_D, h_S, h_D, alpha_D)."""
         image = self.image(Theta.from_vector(vector))
         return -max(float(np.vdot(self._reference, image)), float(np.vdot(self._reference[:, ::-1], image)))
 
 
 def search(objective: PublishedObjective, seed: int) -> OptimizeResult:
-    """The published search: best/1/bin, crossover 0.7, SciPy's defaults for the rest."""
+    """Run the published search: best/1/bin, crossover 0.7, SciPy's defaults for the rest."""
     return differential_evolution(
         objective,
         bounds_array(ThetaBounds()),

@@ -1,9 +1,9 @@
-"""Filtered back-projection beside ODL and ASTRA, the cost model's fit, and a whole log in bounded memory.
+"""Filtered back-projection compared with ODL and ASTRA, the cost model's fit, and a whole log in bounded memory.
 
     python benchmarks/reconstruction_speed.py [--no-log]
 
 One slice and ODL's are timed in turns in one process, so that what else the machine does weighs on both. The log is
-made on the fly in a temporary folder (3 GB, deleted) and reconstructed as the job does it, in a process of its own
+made on the fly in a temporary folder (3 GB, deleted) and reconstructed as the job does it, in a separate process
 whose largest memory is read from outside. A run with the log writes `benchmarks/results/fbp.json`.
 """
 
@@ -65,7 +65,7 @@ CORES = os.cpu_count() or 1
 
 
 def projector(views: int, cells: int, size: int, *, irregular: bool = False) -> Projector:
-    """A full turn of the published scanner with another detector, or the same with each view off its place."""
+    """Return a full turn of the published scanner with another detector; `irregular` shifts each view's angle."""
     angles = (np.arange(views) + 0.5) * TAU / views
     if irregular:
         angles += np.random.default_rng(1).uniform(-0.3, 0.3, views) * TAU / views
@@ -74,7 +74,7 @@ def projector(views: int, cells: int, size: int, *, irregular: bool = False) -> 
 
 
 def layout(project: Projector, slices: int) -> tuple[int, int]:
-    """Slices a block and blocks at a time, as a job takes them."""
+    """Return slices a block and blocks at a time, as a job takes them."""
     views, cells = project.geometry.sinogram_shape
     return cost.blocks(views, cells, project.grid.size, slices, cost.MEMORY_BYTES, most_concurrent())
 
@@ -90,9 +90,9 @@ class Lap(NamedTuple):
 
 
 def in_turns(contestants: dict[str, Callable[[], object]], laps: int = LAPS) -> dict[str, Lap]:
-    """Medians of each, in turns, the first round left out; of two calls in succession the second is timed.
+    """Measure medians in turns, the first round left out; of two calls in succession the second is timed.
 
-    The first call finds the caches and the other core as whoever ran before has left them.
+    The first call finds the caches and the other core as the previous work has left them.
     """
     taken: dict[str, list[Lap]] = {name: [] for name in contestants}
     for _ in range(laps + 1):
@@ -105,7 +105,7 @@ def in_turns(contestants: dict[str, Callable[[], object]], laps: int = LAPS) -> 
 
 
 def astra_slice(geometry: FanBeamGeometry, sinogram: FloatArray) -> Callable[[], object]:
-    """ASTRA's back-projection of one slice on the processor, without any filter: it has none for a fan."""
+    """Return ASTRA's back-projection of a slice on the processor, without any filter: it has none for a fan."""
     grid = astra.create_vol_geom(SIZE, SIZE, -200.0, 200.0, -200.0, 200.0)
     rays = astra.create_projector(
         "line_fanflat", astra.create_proj_geom("fanflat_vec", CELLS, geometry.astra_vectors()), grid
@@ -126,7 +126,7 @@ def text_table(*rows: Sequence[object]) -> str:
 
 
 def one_slice() -> str:
-    """Print one slice beside ODL and ASTRA; a page's table of it."""
+    """Print one slice compared with ODL and ASTRA; return a page's table."""
     regular, irregular = projector(VIEWS, CELLS, SIZE), projector(VIEWS, CELLS, SIZE, irregular=True)
     frame = regular.geometry.frame
     sinogram = analytic.project(L_SHAPE, DetectorCells.of(SCANNER), frame, regular.geometry.angles_rad)
@@ -149,7 +149,7 @@ def one_slice() -> str:
 
 
 def from_counts(project: Projector, slices: int) -> Callable[[], object]:
-    """Counts of some slices to their images."""
+    """Return the reconstruction of images from the counts of some slices."""
     views, cells = project.geometry.sinogram_shape
     counts = np.random.default_rng(2).integers(5_000, 60_000, (views, slices, cells)).astype(np.float32)
 
@@ -184,7 +184,7 @@ def blocks() -> dict[str, Any]:
 
 
 def fit() -> str:
-    """Fit the cost model's rates, from rows in memory to a volume's file; a page's table beside what is built in."""
+    """Fit the cost model's rates, rows in memory to a volume's file; return a page's table with the built-in rates."""
     rows, laps = [], []
     for views, cells, size, slices in GRID:
         project = projector(views, cells, size)
@@ -251,7 +251,7 @@ def make_log(path: Path) -> None:
 
 
 def reconstruct_log(scan: Path, volume: Path) -> None:
-    """Reconstruct that scan as the job does; in a process of its own."""
+    """Reconstruct that scan as the job does; runs in a separate process."""
     used = time.process_time()
     with open_scan(scan) as stored:
         given = ReconstructionInput(
@@ -296,7 +296,7 @@ def whole_log() -> dict[str, float]:
 
 
 def peaks(child: subprocess.Popen[bytes]) -> Iterator[int]:
-    """The child's high-water mark in bytes, as the system tells it, until it ends."""
+    """Yield the child's high-water mark in bytes, as the system reports it, until the child ends."""
     status = Path(f"/proc/{child.pid}/status")
     while child.poll() is None:
         lines = status.read_text(encoding="ascii").splitlines()

@@ -1,4 +1,4 @@
-"""A region of interest over a knot: its error and its price beside those of the whole image, of which it is a part.
+"""A region of interest over a knot: its error and its price compared with the whole image's.
 
 Simulated logs (`whole_logs.py`, three kinds of rings), 2 % noise, one thread. Prints each method's relative error in
 the field, cut out of the whole image and reconstructed as a region, and processor seconds of both, with everything that
@@ -30,7 +30,7 @@ FIELD_MM, ROWS = 400.0, 4
 
 
 def over_a_knot(log: WholeLog, grid: ImageGrid, size: int) -> tuple[int, tuple[slice, slice]]:
-    """The row that shows most of the small knot, and the square of pixels around it."""
+    """Select the row that shows most of the small knot, and the square of pixels around the knot."""
     shares = log.inclusion_alone("knot", grid)
     row = int(shares.sum(axis=(1, 2)).argmax())
     low = [int(np.mean(places)) - size // 2 for places in np.nonzero(shares[row] > 0.5)]
@@ -38,20 +38,20 @@ def over_a_knot(log: WholeLog, grid: ImageGrid, size: int) -> tuple[int, tuple[s
 
 
 def timed(work: Callable[[], Rows]) -> tuple[Rows, float]:
-    """What it answers, and the processor seconds."""
+    """Return the work's rows, and the processor seconds."""
     start = time.process_time()
     return work(), time.process_time() - start
 
 
 def region_of(grid: ImageGrid, part: tuple[slice, slice]) -> ImageGrid:
-    """The grid of a square of pixels of another one."""
+    """Return the grid of a square of pixels of another grid."""
     size, h = part[0].stop - part[0].start, grid.pixel_mm
     low = [end + h * along.start for end, along in zip(grid.low_mm, part, strict=True)]
     return ImageGrid(size, size * h, (low[0] + 0.5 * size * h, low[1] + 0.5 * size * h))
 
 
 def back_projection_s(projector: Projector, repeats: int = 5) -> float:
-    """Processor seconds of the back-projection of a block of sixteen slices, the least of some."""
+    """Measure the processor seconds of the back-projection of a block of sixteen slices, the least of some."""
     frame = Preparation.of(projector, "exact", FilterName.HANN, 1.0).frame
     views, cells = projector.geometry.sinogram_shape
     rows, size = np.ones((views, cells + 2, 16), np.float32), projector.grid.size
@@ -88,7 +88,7 @@ def main() -> None:
 
 
 def compared(scan: LogScan, method: str, part: tuple[slice, slice]) -> str:
-    """A row of the table."""
+    """Format a row of the table."""
     region = region_of(scan.projector.grid, part)
     asked = {"method": method, "metal": "none"}
     field = {"size": region.size, "field_mm": region.field_mm, "field_centre_mm": region.centre_mm}

@@ -69,7 +69,7 @@ def _url(*, on_server: bool) -> Any:  # noqa: ANN401 - a context of a URL or non
 
 
 def ask(store: Store, logs: int) -> None:
-    """Rules that reach half of the logs, and all events but those of a day."""
+    """Set rules that reach half of the logs, and all events but the last day's."""
     half = RetentionRules(log_scans_days=max(1, logs // LOGS_A_DAY // 2), log_scans_bytes=logs * LOG_BYTES // 2)
     rules = half.model_copy(update={"reconstructions_bytes": logs * VOLUME_BYTES // 2, "events_days": 1})
     preview = timed("preview of rules that reach half", lambda: store.retention.preview(rules))
@@ -93,7 +93,7 @@ def timed(question: str, do: Callable[[], Any]) -> Any:  # noqa: ANN401 - what i
 
 
 def fill(database: Database, logs: int, queued: int) -> None:
-    """Logs at equal times until now, with their jobs and three events for each job."""
+    """Store logs at equal times until now, with their jobs and three events for each job."""
     apart = timedelta(days=1) / LOGS_A_DAY
     first = database.now() - logs * apart
     with database.write() as session:
@@ -119,7 +119,7 @@ def _job(prefix: str, kind: JobKind, number: int, at: Any, *, done: bool) -> dic
 
 
 def _made(prefix: str, number: int, at: Any, size: int) -> dict[str, Any]:  # noqa: ANN401 - a time
-    """What a job of that prefix made."""
+    """Return the row of a job's product; the prefix is the job's."""
     job_id, identifier = f"{prefix}{number:08d}", f"{number:08d}"
     return {"id": identifier, "created_at": at, "scanner_id": "line", "job_id": job_id, "stored_bytes": size}
 

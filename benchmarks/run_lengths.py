@@ -3,7 +3,7 @@
     python benchmarks/look_errors.py
     python benchmarks/run_lengths.py [--errors FILE] [--scanners 200] [--days 36] [--batches 2] [--baselines 400000]
 
-Each simulated scanner draws its looks' errors and covariances from those of one scanner of `look_errors`, 2 000 a day:
+Each simulated scanner draws its looks' errors and covariances from one scanner of `look_errors`, 2 000 a day:
 that scanner's covariances, errors of the size that it has by them, and the shape of the errors of all. Beyond the
 97 % quantile the errors are drawn from a Pareto tail with Hill's exponent. False alarms are counted with the looks'
 errors alone, without what the chart allows other logs to do; intervals are Poisson's of 95 %. Those that end a baseline
@@ -51,11 +51,11 @@ class Errors:
     Attributes
     ----------
     shape : (looks, 2) float64
-        Of all scanners, whitened, of unit covariance in each scanner.
+        Errors of all scanners, whitened to unit covariance in each scanner.
     roots : (scanners, looks, 2, 2) float64
-        What the covariances are the squares of.
+        Square roots of the covariances.
     scatter : (scanners, 2, 2) float64
-        Lower Cholesky factors of what a scanner's whitened errors scatter by.
+        Lower Cholesky factors of the scatter of a scanner's whitened errors.
     from_radius, exponent : float
         The tail.
     """
@@ -76,7 +76,7 @@ class Errors:
 
     @classmethod
     def read(cls, path: Path) -> "Errors":
-        """Against each scanner's mean, which stays."""
+        """Read errors, relative to each scanner's mean, which does not change."""
         table = np.load(path)
         shapes, roots, scatters = [], [], []
         for mill in np.unique(table["mill"]):
@@ -86,7 +86,7 @@ class Errors:
             root = np.linalg.cholesky(covariances)
             rest = errors - pooled_means(errors, covariances).mean
             white = np.linalg.solve(root, rest[..., None])[..., 0] * math.sqrt(number / (number - 1))
-            # As a scanner's spread; an outlier is one of the shape.
+            # Errors bounded for a scanner's spread; outliers belong to the shape.
             bounded = white * np.minimum(1.0, MOST_OF_SPREAD / np.linalg.norm(white, axis=1))[:, None]
             scatter = np.linalg.cholesky(bounded.T @ bounded / number)
             shapes.append(np.linalg.solve(scatter, white.T).T)
@@ -99,7 +99,7 @@ class Errors:
         return cls(shape, np.stack(roots), np.stack(scatters), begins, exponent)
 
     def drawn(self, rng: np.random.Generator, scanner: NDArray[np.intp], looks: int) -> tuple[FloatArray, FloatArray]:
-        """Errors (scanners, looks, 2) with their covariances (scanners, looks, 2, 2)."""
+        """Draw errors (scanners, looks, 2) with their covariances (scanners, looks, 2, 2)."""
         size = (len(scanner), looks)
         white = self.shape[rng.integers(len(self.shape), size=size)]
         radius = np.linalg.norm(white, axis=-1)
@@ -112,16 +112,16 @@ class Errors:
 
 @dataclass(frozen=True, eq=False)
 class Change:
-    """What moves u_c.
+    """A change of u_c.
 
     Attributes
     ----------
     name : str
     kind : DriftKind
     size : float
-        In mm, or in mm a day.
+        Size in mm, or in mm a day.
     at : (scanners,) float64
-        When, in days since the calibration.
+        Times in days since the calibration.
     """
 
     name: str
@@ -130,7 +130,7 @@ class Change:
     at: FloatArray
 
     def of(self, days: FloatArray) -> FloatArray:
-        """In mm, (scanners, looks), at days (looks,)."""
+        """Compute the change, mm, (scanners, looks), at days (looks,)."""
         since = days - self.at[:, None]
         moved: FloatArray = self.size * np.where(self.kind is DriftKind.JUMP, since > 0.0, np.maximum(since, 0.0))
         return moved
@@ -146,7 +146,7 @@ class Simulated:
     looks: tuple[FloatArray, FloatArray]
 
     def finding(self, scanner: int) -> ChartFinding:
-        """What the chart of one of them finds."""
+        """Compute the chart's finding for one scanner."""
         segments = (
             Segment(
                 each.groups,
@@ -168,7 +168,7 @@ class Simulated:
 def simulated(
     errors: Errors, scanner: NDArray[np.intp], days: float, rng: np.random.Generator, change: Change | None = None
 ) -> Iterator[Simulated]:
-    """Each scanner when its baseline is complete and after each later group, for that number of days."""
+    """Simulate each scanner for that number of days: yield it with a complete baseline and after each later group."""
     history, in_all = None, round(days * LOOKS_A_DAY / GROUP_LOOKS) * GROUP_LOOKS
     for first in range(0, in_all, AT_A_TIME * GROUP_LOOKS):
         looks = min(AT_A_TIME * GROUP_LOOKS, in_all - first)
@@ -196,14 +196,14 @@ def simulated(
 
 
 def evidence_of(history: History) -> FloatArray:
-    """The largest (2, scanners): by the looks' errors alone, and with what other logs may do."""
+    """Return the largest evidence (2, scanners): by the looks' errors alone, and with the effects of other logs."""
     models = history.alternatives(QUIET)
     alone = np.max([history.scatter.chi_squared(model.likelihood).max(axis=0) for model in models], axis=0)
     return np.stack([alone, np.max([model.evidence.max(axis=0) for model in models], axis=0)])
 
 
 def false_alarms(errors: Errors, scanners: int, days: float, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-    """First alarms (2, limits), without and with what other logs may do, and the scanner years until them."""
+    """Count first alarms (2, limits), without and with other logs' effects, and the scanner years until the alarms."""
     scanner = rng.integers(len(errors.scatter), size=scanners)
     alarms, looks = np.zeros((2, len(LIMITS))), np.zeros((2, len(LIMITS)))
     largest = np.zeros((2, scanners))
@@ -217,7 +217,7 @@ def false_alarms(errors: Errors, scanners: int, days: float, rng: np.random.Gene
 
 
 def alarms_of_baselines(errors: Errors, baselines: int, rng: np.random.Generator) -> FloatArray:
-    """Numbers (2, limits) of baselines in which a jump is found though there is none, as `false_alarms`."""
+    """Count baselines (2, limits) in which a jump is found though there is none, like `false_alarms`."""
     alarms = np.zeros((2, len(LIMITS)))
     for first in track(range(0, baselines, BASELINES_AT_A_TIME)):
         number = min(BASELINES_AT_A_TIME, baselines - first)
@@ -228,7 +228,7 @@ def alarms_of_baselines(errors: Errors, baselines: int, rng: np.random.Generator
 
 @dataclass(frozen=True)
 class Found:
-    """Of one change: which scanner's, the looks until the alarm, and the finding."""
+    """The alarm on one change: the scanner, the looks until the alarm, and the finding."""
 
     scanner: int
     looks: int
@@ -236,7 +236,7 @@ class Found:
 
 
 def found(errors: Errors, change: Change, rng: np.random.Generator) -> tuple[list[Found], int]:
-    """The findings at the alarms, and the number of false alarms before the change."""
+    """Collect the findings at the alarms, and the number of false alarms before the change."""
     scanners = len(change.at)
     waiting, early, findings = np.ones(scanners, bool), 0, []
     scanner, days = np.arange(scanners) % len(errors.scatter), change.at.max() + LONGEST_DAYS
@@ -254,7 +254,7 @@ def found(errors: Errors, change: Change, rng: np.random.Generator) -> tuple[lis
 
 
 def changes(scanners: int) -> Iterator[Change]:
-    """Jumps after each number of looks in a group of ten, in turn, and among the first fifty; a trend."""
+    """Yield jumps after each number of looks in a group of ten, in turn, and among the first fifty; a trend."""
     turn = np.arange(scanners) % GROUP_LOOKS + 0.5
     for size in JUMPS_MM:
         at = QUIET_DAYS + turn / LOOKS_A_DAY
@@ -266,7 +266,7 @@ def changes(scanners: int) -> Iterator[Change]:
 
 
 def print_delays(errors: Errors, scanners: int, rng: np.random.Generator) -> None:
-    """One line a change."""
+    """Print one line a change."""
     print(f"\nlooks from a change of u_c to its alarm; {scanners} scanners, limit {LIMIT}")
     print(f"{'change':28s}  found  median  90 %   right kind  time in interval  size within 1.96 s.d.  median share")
     for change in changes(scanners):
@@ -289,7 +289,7 @@ def print_delays(errors: Errors, scanners: int, rng: np.random.Generator) -> Non
 
 
 def print_alarms(alarms: FloatArray, years: FloatArray) -> None:
-    """One line a limit."""
+    """Print one line a limit."""
     print(f"{'':6s}  {'by the looks errors alone':>42s}  {'other logs allowed for':>24s}")
     print("limit   alarms  scanner years  a year (95 % interval)       alarms  a year")
     for k, limit in enumerate(LIMITS):
@@ -302,7 +302,7 @@ def print_alarms(alarms: FloatArray, years: FloatArray) -> None:
 
 
 def print_baselines(alarms: FloatArray, baselines: int) -> None:
-    """At the limit of the chart."""
+    """Print the false alarms at the chart's limit."""
     number = alarms[:, int(np.flatnonzero(LIMITS == LIMIT)[0])]
     high: FloatArray = np.asarray(gammaincinv(number + 1.0, 0.975)) / baselines
     for name, count, most in zip(("by the looks' errors alone", "other logs allowed for"), number, high, strict=True):

@@ -44,18 +44,18 @@ NUMBERS = {"source": "1", "axis": "2", "wood": "3", "detector": "4"}
 
 
 def sideways(points: FloatArray) -> FloatArray:
-    """Points (..., 2) with the beam along x."""
+    """Return points (..., 2) with the beam along x."""
     return points @ SIDEWAYS
 
 
 def outline(axes: Axes, body: Phantom, place: Callable[[FloatArray], FloatArray] = np.asarray) -> None:
-    """The body's outlines, filled."""
+    """Fill the body's outlines."""
     for corners in body.outlines():
         axes.fill(*place(corners).T, facecolor="#d9b27c", edgecolor="#7d5a2b", lw=1.2, zorder=2)
 
 
 def draw_scanner(axes: Axes, words: dict[str, str]) -> None:
-    """The scanner from above: what stands where, and, where there are words for it, what is measured and what found."""
+    """Draw the scanner from above: its parts and, where there are words for them, measured and estimated numbers."""
     source, centre, axis = (sideways(vectors[0]) for vectors in FanBeamGeometry(SCANNER, THETA, np.zeros(1)).vectors())
     cells = centre + cell_borders_mm(SCANNER)[:, None] * axis
     axes.fill(*np.stack([source, cells[0], cells[-1]]).T, color=PALE, alpha=0.5, lw=0, zorder=0)
@@ -81,7 +81,7 @@ def draw_scanner(axes: Axes, words: dict[str, str]) -> None:
 
 
 def name(axes: Axes, text: str, place: FloatArray) -> None:
-    """A part's name, or its number in a disc."""
+    """Write a part's name, or its number in a disc."""
     disc = {"boxstyle": "circle,pad=0.25", "fc": BLUE, "ec": "none"} if text.isdecimal() else None
     colour = "white" if disc else "black"
     axes.text(*place, text, ha="center", va="center", color=colour, bbox=disc, fontsize=19 if disc else 13, zorder=5)
@@ -90,7 +90,7 @@ def name(axes: Axes, text: str, place: FloatArray) -> None:
 def measured_and_found(
     axes: Axes, words: dict[str, str], source: FloatArray, centre: FloatArray, axis: FloatArray
 ) -> None:
-    """Arrows: blue what a tape measures, red what the calibration finds."""
+    """Draw arrows: blue for what a tape measures, red for what the calibration finds."""
     below = np.array([0.0, -390.0])
     foot = np.array([-SCANNER.source_to_cor_mm, 0.0])
     for end in (foot, ORIGIN):
@@ -112,7 +112,7 @@ def measured_and_found(
 
 
 def draw_hypotheses(panels: "np.ndarray[tuple[int, int], np.dtype[np.object_]]") -> None:
-    """The phantom as drawn and from behind, and the log turning as the angles say and the other way."""
+    """Draw the phantom as drawn and from behind, and the log turning as the angles state and the other way."""
     for row, (seen, body) in enumerate((("as-drawn", L_SHAPE), ("from-behind", L_SHAPE.mirrored()))):
         for column, rotation in enumerate(Rotation):
             axes: Axes = panels[row, column]
@@ -128,7 +128,7 @@ def draw_hypotheses(panels: "np.ndarray[tuple[int, int], np.dtype[np.object_]]")
 
 
 def draw_measured_phantom(axes: Axes) -> None:
-    """Where a caliper is put on a phantom: its whole extent along x and y, at both ends."""
+    """Draw the places on a phantom for a caliper: its whole extent along x and y, at both ends."""
     outline(axes, L_SHAPE)
     (corners,) = L_SHAPE.outlines()
     (left, low), (right, high) = corners.min(axis=0), corners.max(axis=0)

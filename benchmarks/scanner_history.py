@@ -69,7 +69,7 @@ def main() -> None:
 
 
 def fill(database: Database, checks: int) -> None:
-    """A year back from now, the oldest first."""
+    """Store a year back from now, the oldest first."""
     now = database.now()
     with database.write() as session:
         rows = sorted([*calibrations(session, now), *drift_checks(now, checks)], key=lambda row: row["at"])
@@ -81,13 +81,13 @@ def fill(database: Database, checks: int) -> None:
 
 
 def insert_all(session: Session, table: Any, rows: list[Row]) -> None:  # noqa: ANN401 - a table
-    """Some thousands at a time."""
+    """Insert some thousands of rows at a time."""
     for start in range(0, len(rows), BATCH):
         session.execute(insert(table), rows[start : start + BATCH])
 
 
 def calibrations(session: Session, now: datetime) -> Iterator[Row]:
-    """What each day's measured; their rows have no results, which a history does not read."""
+    """Yield each day's calibration; the rows have no results, which a history does not read."""
     jobs, asked = [], []
     for day in range(DAYS):
         at, identifier = now - timedelta(days=DAYS - day, hours=3), f"calibration-{day:03}"
@@ -102,7 +102,7 @@ def calibrations(session: Session, now: datetime) -> Iterator[Row]:
 
 
 def drift_checks(now: datetime, count: int) -> Iterator[Row]:
-    """Evenly over the year."""
+    """Yield drift checks evenly over the year."""
     for number in range(count):
         day = DAYS * number / count
         at = now - timedelta(days=DAYS - day)
@@ -110,7 +110,7 @@ def drift_checks(now: datetime, count: int) -> Iterator[Row]:
 
 
 def measured(at: datetime, kind: MeasurementKind, identifier: str, day: float, *, noise: float) -> Row:
-    """A COR that wanders with the seasons and jumps once, with a slowly weaker source."""
+    """Return a measurement: a COR that drifts with the seasons and jumps once, with a slowly weaker source."""
     chance = random.Random(f"{SEED} {identifier}")  # noqa: S311 - no secret
     moved_mm = 0.3 * math.sin(day / 58.0) + (0.9 if 200 < day < 214 else 0.0) + chance.gauss(0.0, noise)
     phantom = kind is MeasurementKind.CALIBRATION
@@ -137,7 +137,7 @@ def measured(at: datetime, kind: MeasurementKind, identifier: str, day: float, *
 
 
 def entry_of(row: Row) -> Row:
-    """The entry of a measurement."""
+    """Return the entry of a measurement."""
     phantom = row["kind"] is MeasurementKind.CALIBRATION
     entry = about(row["at"], HistoryKind.CALIBRATION if phantom else HistoryKind.DRIFT_CHECK, event_kinds.SUCCEEDED)
     subject = {"subject": "calibration" if phantom else "drift", "subject_id": row["subject_id"]}
@@ -145,7 +145,7 @@ def entry_of(row: Row) -> Row:
 
 
 def activations(now: datetime) -> Iterator[Row]:
-    """Of each calibration, an hour later."""
+    """Yield the activation of each calibration, an hour later."""
     for day in range(DAYS):
         entry = about(
             now - timedelta(days=DAYS - day, hours=2), HistoryKind.ACTIVATION, mill_events.CALIBRATION_ACTIVATED
@@ -155,7 +155,7 @@ def activations(now: datetime) -> Iterator[Row]:
 
 
 def alarms(now: datetime) -> Iterator[Row]:
-    """One a month, for two days."""
+    """Yield one alarm a month, for two days."""
     for month in range(1, 12):
         for what, days in ((mill_events.ALARM_OPENED, 0), (mill_events.ALARM_CLOSED, 2)):
             entry = about(now - timedelta(days=30 * month - days), HistoryKind.ALARM, what)
@@ -163,7 +163,7 @@ def alarms(now: datetime) -> Iterator[Row]:
 
 
 def about(at: datetime, kind: HistoryKind, what: EventKind) -> Row:
-    """What every entry has."""
+    """Return the fields that every entry has."""
     names = ("key_id", "why", "detail")
     known = {
         "group_id": SCANNER_ID,
@@ -177,7 +177,7 @@ def about(at: datetime, kind: HistoryKind, what: EventKind) -> Row:
 
 
 def ask(store: Store) -> None:
-    """Ask for everything that a person or a program asks for."""
+    """Request everything that a person or a program requests."""
     first, end = store.now() - timedelta(days=DAYS), store.now()
     half = first + timedelta(days=DAYS / 2)
     middle = store.history.page(SCANNER_ID, until=half).next
@@ -207,7 +207,7 @@ def ask(store: Store) -> None:
 
 
 async def get(app: Any, path: str) -> int:  # noqa: ANN401 - an ASGI application
-    """The bytes of an answer."""
+    """Return the size of an answer, bytes."""
     transport = httpx.ASGITransport(app)
     async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1:8000") as client:
         answer = await client.get(path)
@@ -215,7 +215,7 @@ async def get(app: Any, path: str) -> int:  # noqa: ANN401 - an ASGI application
 
 
 def report(what: str, do: Callable[[], Any]) -> Any:  # noqa: ANN401 - whatever it answers
-    """The median of some times, and the number of statements."""
+    """Print the median of some times, and the number of statements."""
     statements: list[str] = []
 
     def note(*sent: Any) -> None:  # noqa: ANN401 - what SQLAlchemy tells

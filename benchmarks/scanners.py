@@ -49,7 +49,7 @@ class DrawnScanner:
 
     @property
     def seen(self) -> Phantom:
-        """As it is seen and where it stands, by its drawing."""
+        """The phantom as the scanner sees it, at its position."""
         seen = self.drawing if self.handedness is Handedness.AS_DRAWN else self.drawing.mirrored()
         return seen.moved(*self.position_mm)
 
@@ -57,7 +57,7 @@ class DrawnScanner:
 def draw_scanner(
     rng: np.random.Generator, phantoms: Sequence[Phantom], views: Sequence[int], off_centre_mm: float
 ) -> DrawnScanner:
-    """One of the phantoms, equidistant views all round, and a phantom that stands near the centre of rotation."""
+    """Draw one of the phantoms near the centre of rotation, and a scanner with equidistant views all round."""
     ranges = bounds_array(ThetaBounds())
     drawing = phantoms[rng.integers(len(phantoms))]
     theta = Theta.from_vector(rng.uniform(ranges[:, 0], ranges[:, 1]))
@@ -69,13 +69,13 @@ def draw_scanner(
 
 
 def leaves_air(shadow: FloatArray, cells: int) -> bool:
-    """Whether a shadow (views, cells) is in every view, and leaves air in this number of cells at both ends."""
+    """Return whether a shadow (views, cells) is in every view, and leaves air in this number of cells at both ends."""
     return bool(not shadow[:, :cells].any() and not shadow[:, -cells:].any() and shadow.any(axis=1).all())
 
 
 @dataclass(frozen=True)
 class RandomScan:
-    """One scan and what it really was."""
+    """A scan and its true geometry."""
 
     task: CalibrationTask
     frame: SourceFrame
@@ -86,7 +86,7 @@ class RandomScan:
 
 
 def random_scan(rng: np.random.Generator) -> RandomScan:
-    """A scanner from the published bounds whose shadow stays on the detector, and a noisy scan by it."""
+    """Draw a scanner from the published bounds whose shadow stays on the detector, and a noisy scan by it."""
     while True:
         phantom = PHANTOMS[rng.integers(len(PHANTOMS))]
         ranges = bounds_array(ThetaBounds())

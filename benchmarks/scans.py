@@ -30,13 +30,13 @@ GRID = ImageGrid(256, 400.0)
 
 
 def published_folder() -> Path | None:
-    """Where the published data lie: SAWMILL_PUBLISHED_DATA, or beside the project; None where they do not."""
+    """Return the folder of the published data: SAWMILL_PUBLISHED_DATA or next to the project; None if it is absent."""
     folder = Path(os.environ.get("SAWMILL_PUBLISHED_DATA", "../shared/data"))
     return folder if (folder / "l-phantom" / "sinogram.mat").is_file() else None
 
 
 def sources() -> tuple[Source, ...]:
-    """The kinds of data that this machine has."""
+    """List the kinds of data that this machine has."""
     return ("simulated",) if published_folder() is None else ("published", "simulated")
 
 
@@ -48,25 +48,25 @@ def _published(name: str) -> Path:
 
 
 def published_l_phantom() -> FloatArray:
-    """The published L-phantom's sinogram, (360, 768), one ray a cell, no noise."""
+    """Read the published L-phantom's sinogram, (360, 768), one ray a cell, no noise."""
     return np.asarray(loadmat(_published("l-phantom/sinogram.mat"))["arr"], np.float64)
 
 
 def simulated(phantom: Phantom, *, noise: float, seed: int, angles: FloatArray = ANGLES) -> FloatArray:
-    """A scan with the published theta, (views, 768), noise relative to its RMS."""
+    """Simulate a scan with the published theta, (views, 768), noise relative to its RMS."""
     return simulate_sinogram(phantom, FanBeamGeometry(SCANNER, TRUE_THETA, angles), noise=noise, seed=seed)
 
 
 @cache
 def log_sinogram(source: Source) -> FloatArray:
-    """A log with 360 views, (360, 768): the published one, or a simulated one with as much noise."""
+    """Return a log with 360 views, (360, 768): the published one, or a simulated one with as much noise."""
     if source == "published":
         return np.asarray(np.load(_published("log-phantom/sinogram.npy"), allow_pickle=False), np.float64)
     return simulated(LogModel.random(1).slice_at(180.0), noise=LOG_NOISE, seed=1)
 
 
 def log_truth(source: Source) -> FloatArray:
-    """The log itself on the grid of the images, [x, y]."""
+    """Return the log itself on the grid of the images, [x, y]."""
     if source == "simulated":
         return LogModel.random(1).slice_at(180.0).rasterise(GRID.size, GRID.field_mm).astype(np.float64)
     with h5py.File(_published("log-phantom/truth.mat")) as file:
@@ -74,18 +74,18 @@ def log_truth(source: Source) -> FloatArray:
 
 
 def log_image(source: Source, theta: Theta, rotation: Rotation = Rotation.AS_GIVEN) -> Image:
-    """The log's FBP (256, 256) from all 360 views with a geometry."""
+    """Reconstruct the log by FBP (256, 256) from all 360 views with a geometry."""
     geometry = FanBeamGeometry(SCANNER, theta, rotation.apply(ANGLES))
     return fbp(Projector(geometry, GRID), log_sinogram(source)).image
 
 
 @cache
 def reference_image(source: Source) -> Image:
-    """The log's FBP with the true theta."""
+    """Reconstruct the log by FBP with the true theta."""
     return log_image(source, TRUE_THETA)
 
 
 def log_quality(source: Source, theta: Theta, rotation: Rotation = Rotation.AS_GIVEN) -> tuple[float, float]:
-    """Relative error and SSIM of the log's FBP with a geometry, against its FBP with the true one."""
+    """Compute relative error and SSIM of the log's FBP with a geometry, against its FBP with the true one."""
     image, reference = log_image(source, theta, rotation), reference_image(source)
     return relative_error(image, reference), structural_similarity_index(image, reference)

@@ -82,7 +82,7 @@ SHOTS = (
 
 
 def main() -> int:
-    """Draw what is asked for."""
+    """Draw the requested pictures."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--data", type=Path, help="the data folder to keep, or to take")
     parser.add_argument("--only", help="one picture by its name")
@@ -112,7 +112,7 @@ class Ids:
     scanner_id: str
 
     def __getitem__(self, name: str) -> str:
-        """The scanner's, or that of the newest of a kind."""
+        """Return the scanner's id, or the id of the newest object of a kind."""
         if name == "scanner":
             return self.scanner_id
         listed = self.client.get(f"/v1/{name}s", params={"scanner_id": self.scanner_id, "limit": 1})
@@ -121,7 +121,7 @@ class Ids:
 
 @contextmanager
 def mill(kept: Path | None) -> Iterator[tuple[Path, dict[str, str]]]:
-    """A folder whose `data` has a mill's history, and its scanners' ids by their names."""
+    """Yield a folder whose `data` has a mill's history, and its scanners' ids by their names."""
     with tempfile.TemporaryDirectory(prefix="sawmill-mill-") as temporary:
         folder = kept or Path(temporary)
         settings, clock = StorageSettings(data_folder=folder / "data", database_url=None), PastClock()
@@ -134,7 +134,7 @@ def mill(kept: Path | None) -> Iterator[tuple[Path, dict[str, str]]]:
 
 @contextmanager
 def chromium() -> Iterator[Browser]:
-    """Debian's browser."""
+    """Start Debian's browser."""
     program = shutil.which("chromium")
     if program is None:
         sys.exit("the pictures need Debian's Chromium: apt-get install chromium")
@@ -146,7 +146,7 @@ def chromium() -> Iterator[Browser]:
 
 
 def photograph(browser: Browser, address: str, shot: Shot, language: str) -> Image.Image:
-    """One page in one language, light."""
+    """Photograph one page in one language, light."""
     context = browser.new_context(
         viewport={"width": shot.width, "height": shot.height}, locale=language, color_scheme="light", timezone_id="UTC"
     )
@@ -163,7 +163,7 @@ def photograph(browser: Browser, address: str, shot: Shot, language: str) -> Ima
 
 
 def before_after() -> list[NDArray[np.float32]]:
-    """One scan of a log, reconstructed (x, y) with what a tape measure gives, and with the calibrated geometry.
+    """Reconstruct one scan of a log (x, y) with the geometry by tape measure, and with the calibrated one.
 
     The calibration is by the phantom on the log's end, a row of the same scan.
     """
@@ -183,7 +183,7 @@ def before_after() -> list[NDArray[np.float32]]:
 
 
 def drawn_side_by_side(images: Sequence[NDArray[np.float32]], captions: tuple[str, str]) -> Image.Image:
-    """In one grey window, from a tenth of the heartwood's value to what a knot has, each with a caption."""
+    """Draw images in one grey window, from a tenth of the heartwood's value to a knot's, each with a caption."""
     half = images[-1].shape[0] // 2
     wood = float(np.median(images[-1][half - 80 : half + 80, half - 80 : half + 80]))
     figure, panels = plt.subplots(1, 2, figsize=(8.8, 4.7), layout="constrained", facecolor="white")
@@ -200,7 +200,7 @@ def drawn_side_by_side(images: Sequence[NDArray[np.float32]], captions: tuple[st
 def save(
     picture: Image.Image, name: str, colours: int = 240, method: Image.Quantize = Image.Quantize.MAXCOVERAGE
 ) -> None:
-    """As a PNG with a palette, which must be small."""
+    """Save a picture as a PNG with a palette, which must be small."""
     path = PICTURES / f"{name}.png"
     palette = picture.convert("RGB").quantize(colours, method=method, dither=Image.Dither.NONE)
     palette.save(path, optimize=True)

@@ -1,8 +1,8 @@
-"""How often does a log beside the phantom contradict a good calibration? Simulated scans, nothing of which moved.
+"""Frequency of logs that contradict a good calibration by the phantom in the same scan: simulated, no movement.
 
     python benchmarks/second_witness.py [--scans 200] [--seed 1] [--views 20]
 
-Scanners, phantoms (one has a hole) and their noise are those of `scanners.py`, logs those of `mill_logs`, 16 rows
+Scanners, phantoms (one has a hole) and their noise are from `scanners.py`, logs from `mill_logs`, 16 rows
 averaged. Prints how the two agree, verdicts without and with the log, false refusals (a pass that the log took away
 although the rays are right to 0.1 mm), refusals to hear the log, and ray errors without and with it.
 """
@@ -31,7 +31,7 @@ CELLS = DetectorCells.of(SCANNER)
 
 
 def scan(rng: np.random.Generator, views: int) -> tuple[CalibrationTask, Mill]:
-    """A phantom's noisy scan, and the scanner as it scans a log, both with air at the detector's ends."""
+    """Simulate a phantom's noisy scan, and the scanner as it scans a log, both with air at the detector's ends."""
     while True:
         drawn = draw_scanner(rng, PHANTOMS, (views,), 20.0)
         frame = drawn.theta.source_frame(SCANNER.source_to_cor_mm)

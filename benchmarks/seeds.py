@@ -4,7 +4,7 @@
 
 The last columns reconstruct a log by FBP from 360 views with each theta found, against its FBP with the true theta: the
 largest relative error and the least SSIM of all seeds, on a simulated log and on the published one. The published
-data's own floor is 0.05 to 0.06 mm: one ray a cell, and a drawing in pixels. --picture draws the pairs of theta, beside
+data's own floor is 0.05 to 0.06 mm: one ray a cell, and a drawing in pixels. --picture draws pairs of theta, next to
 the published search's where `make paper` has left its runs in build/paper.
 """
 
@@ -42,7 +42,7 @@ class Study:
     target: str
 
     def answers(self) -> list[CalibrationOutcome]:
-        """One calibration for each seed."""
+        """Calibrate once for each seed."""
         return [
             calibrate(CalibrationTask(SCANNER, L_SHAPE, sinogram, self.angles), seed=seed)
             for seed, sinogram in enumerate(
@@ -52,7 +52,7 @@ class Study:
 
 
 def studies(count: int) -> list[Study]:
-    """All 360 views and every 18th of each kind of scan."""
+    """List the studies: all 360 views and every 18th of each kind of scan."""
     exact = simulated(L_SHAPE, noise=0.0, seed=0)
     noisy = [simulated(L_SHAPE, noise=NOISE, seed=seed) for seed in range(count)]
     scans = {"simulated, exact": [exact] * count, f"simulated, {NOISE:.0%} noise": noisy}
@@ -72,7 +72,7 @@ def _target(name: str, step: int) -> str:
 
 
 def line(study: Study, answers: list[CalibrationOutcome]) -> str:
-    """One line of the table."""
+    """Format one line of the table."""
     frames = [answer.frame for answer in answers]
     errors = [ray_error(SCANNER, TRUE_FRAME, frame).rms_mm for frame in frames]
     apart = max(ray_error(SCANNER, frames[0], frame).rms_mm for frame in frames)
@@ -85,7 +85,7 @@ def line(study: Study, answers: list[CalibrationOutcome]) -> str:
 
 
 def draw(answers: list[CalibrationOutcome], path: Path) -> None:
-    """The pairs of theta: the published search's runs, where they are, and the product's answers."""
+    """Draw the pairs of theta: the published search's runs, where they are present, and the product's answers."""
     plan = Plan()
     curve = curve_units(plan, plan.dense_views)
     results = {unit.name: result for unit in curve if (result := load(RESULTS, unit)) is not None}

@@ -2,7 +2,7 @@
 
 A block of sixteen unlike slices (simulated logs of three kinds, `choosing.py`), 256 x 256 pixels, 768 cells, its weight
 given. Prints processor seconds a slice on one thread and on all, with the iterations of the last level and the error
-beside that of the same objective at rest (a hundred iterations more).
+compared with the same objective's at rest (a hundred iterations more).
 
     python benchmarks/slice_price.py [--views 20] [--noise 0.02] [--weight-share 4] [--repeats 3]
 """
@@ -29,7 +29,7 @@ AT_REST = {"tolerance": 1e-6, "iterations": 150}
 
 
 def logs() -> list[Phantom]:
-    """Thin rings, broad zones and smooth rings in turn."""
+    """List logs with thin rings, broad zones and smooth rings in turn."""
     rng = np.random.default_rng(1)
     found = []
     for index in range(BLOCK):

@@ -1,13 +1,14 @@
-"""The product beside its peers and the machine's limits, one after the other in one process.
+"""The product compared with its peers and the machine's limits, one after the other in one process.
 
     python benchmarks/speed.py [--full]
 
 Writes `benchmarks/results/speed.json`.
 
-Calibrations of the L-phantom's scan are beside the published pipeline, filtered back-projection beside ODL, and total
-variation beside ASTRA's SIRT on one core, stopped where its error is least. Drift checks have no peer. A limit is what
-the multiply-adds that cannot be left out take at the rate of a matrix product on all cores: of a calibration the inner
-products of its joint fit, of an image two of each pixel (FBP) or of each pixel's width along each ray (iterations).
+Calibrations of the L-phantom's scan are compared with the published pipeline, filtered back-projection with ODL, and
+total variation with ASTRA's SIRT on one core, stopped where its error is least. Drift checks have no peer. A limit is
+what the multiply-adds that cannot be left out take at the rate of a matrix product on all cores: of a calibration the
+inner products of its joint fit, of an image two of each pixel (FBP) or of each pixel's width along each ray
+(iterations).
 
 Without --full the published search is not run to its end: the time of one evaluation is measured and multiplied by the
 evaluations that such a search took when it was run (4 389 with 360 views, 3 498 with 20). The product's time is
@@ -63,12 +64,12 @@ REPEATS = 15
 
 
 def published_file() -> Path:
-    """Where the published L-phantom lies, if it does."""
+    """Return the path of the published L-phantom, which may be absent."""
     return Path(os.environ.get("SAWMILL_PUBLISHED_DATA", "../shared/data")) / "l-phantom" / "sinogram.mat"
 
 
 def l_phantom() -> tuple[str, FloatArray]:
-    """The published sinogram (360, 768), or a simulated one of the same scanner where it is absent."""
+    """Return the published sinogram (360, 768), or a simulated one of the same scanner where it is absent."""
     path = published_file()
     if path.is_file():
         return "published L-phantom", loadmat(path)["arr"].astype(np.float64)
@@ -78,7 +79,7 @@ def l_phantom() -> tuple[str, FloatArray]:
 
 
 def published_seconds(sinogram: FloatArray, *, full: bool) -> tuple[float, float, str]:
-    """Seconds of one evaluation, of the whole search, and how the latter is known."""
+    """Return the seconds of one evaluation and of the whole search, and how the latter is known."""
     objective = PublishedObjective(SCANNER, L_SHAPE, sinogram)
     vector = to_vector(THETA)
     objective(vector)
@@ -101,7 +102,7 @@ def published_seconds(sinogram: FloatArray, *, full: bool) -> tuple[float, float
 
 
 def median_s(run: Callable[[], object], repeats: int = 7) -> float:
-    """Median seconds by the clock; a run before them is not counted."""
+    """Return the median seconds by the clock; a run before them is not counted."""
     laps = []
     for _ in range(repeats + 1):
         started = time.perf_counter()
@@ -111,14 +112,14 @@ def median_s(run: Callable[[], object], repeats: int = 7) -> float:
 
 
 def multiply_add_s(kind: DTypeLike) -> float:
-    """Seconds of a multiply-add in a product of matrices of 2048 x 2048, all cores at work."""
+    """Return the seconds of a multiply-add in a product of matrices of 2048 x 2048, all cores at work."""
     size = 2048
     matrix = np.random.default_rng(1).standard_normal((size, size)).astype(kind)
     return median_s(lambda: matrix @ matrix) / size**3
 
 
 def product_seconds(sinogram: FloatArray, angles: FloatArray) -> tuple[dict[str, float], float, float]:
-    """Median seconds of each stage, the limit of the whole, and the ray error."""
+    """Return the median seconds of each stage, the limit of the whole, and the ray error."""
     calibrate(CalibrationTask(SCANNER, L_SHAPE, sinogram, angles))
     runs = [calibrate(CalibrationTask(SCANNER, L_SHAPE, sinogram, angles), seed=seed) for seed in range(REPEATS)]
     stages = {name: float(np.median([getattr(run.timing, name) for run in runs])) for name in vars(runs[0].timing)}
@@ -141,7 +142,7 @@ def from_the_shell(sinogram: FloatArray, folder: Path) -> tuple[float, float]:
 
 
 def started_s(*arguments: str) -> tuple[float, float]:
-    """Median seconds of `sawmill` as a process, by the clock and of the processor; a run before is not counted."""
+    """Return the median seconds of `sawmill` as a process, by clock and processor; a run before is not counted."""
     command = [str(Path(sys.executable).parent / "sawmill"), *arguments]
     laps = []
     for _ in range(6):
@@ -154,7 +155,7 @@ def started_s(*arguments: str) -> tuple[float, float]:
 
 
 def ready_s() -> float:
-    """Median seconds until `sawmill serve` is ready, its data folder empty; a start before is not counted."""
+    """Return the median seconds until `sawmill serve` is ready on an empty data folder, after one uncounted start."""
     laps = []
     for _ in range(4):
         with tempfile.TemporaryDirectory(prefix="sawmill-speed-") as folder:
@@ -165,7 +166,7 @@ def ready_s() -> float:
 
 
 def one_fbp(sinogram: FloatArray, angles: FloatArray) -> tuple[float, float]:
-    """Median seconds of one 256 x 256 FBP: ODL's evaluation less its correlation, and ours."""
+    """Return the median seconds of one 256 x 256 FBP: ODL's evaluation less its correlation, and ours."""
     objective = PublishedObjective(SCANNER, L_SHAPE, sinogram)
     projector = Projector(FanBeamGeometry(SCANNER, THETA, angles), ImageGrid(256, 400.0))
     laps: dict[str, list[float]] = {"odl": [], "ours": []}
@@ -180,7 +181,7 @@ def one_fbp(sinogram: FloatArray, angles: FloatArray) -> tuple[float, float]:
 
 
 def block_of_slices(slices: int = 64) -> dict[str, float]:
-    """Milliseconds a slice from counts to the image, 360 views, and the back-projection's limit."""
+    """Return the milliseconds a slice from counts to the image, 360 views, and the back-projection's limit."""
     views, size = 360, 256
     projector = Projector(
         FanBeamGeometry(SCANNER, THETA, (np.arange(views) + 0.5) * TAU / views), ImageGrid(size, 400.0)
@@ -190,7 +191,7 @@ def block_of_slices(slices: int = 64) -> dict[str, float]:
 
 
 def few_views_slices() -> dict[str, float]:
-    """Milliseconds a slice of a block by total variation from 20 views at 2 % noise, and by ASTRA's SIRT; errors."""
+    """Return milliseconds a slice by total variation, 20 views at 2 % noise, and by ASTRA's SIRT; errors."""
     geometry = FanBeamGeometry(SCANNER, TRUE_THETA, (np.arange(20) + 0.5) * TAU / 20)
     projector, bodies = Projector(geometry, GRID), logs()
     sinograms = [simulate_sinogram(body, geometry, noise=0.02, seed=number) for number, body in enumerate(bodies)]
@@ -213,7 +214,7 @@ def few_views_slices() -> dict[str, float]:
 
 
 def drift_check_s(views: int) -> float:
-    """Median seconds of the fit of one drift check of a simulated log, its rows averaged already."""
+    """Return the median seconds of the fit of one drift check of a simulated log, its rows averaged already."""
     rng = np.random.default_rng(views)
     mill = Mill.random(rng, views, rows=16)
     rays, start = mill.look(rng), mill.calibrated(rng)

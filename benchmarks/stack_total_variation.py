@@ -27,11 +27,11 @@ class StackObjective:
     ----------
     lines : (rows, views, detector) float32
     weight : float
-        In 1 / attenuation.
+        Weight in 1 / attenuation.
     axis : float
-        Of a difference from row to row, relative to one in the plane.
+        Weight of a difference from row to row, relative to one in the plane.
     wood : float
-        Its attenuation; s is SMOOTHING_SHARE of it.
+        Attenuation of the wood; s is SMOOTHING_SHARE of this attenuation.
     """
 
     projector: Projector
@@ -41,7 +41,7 @@ class StackObjective:
     wood: float
 
     def minimum(self, start: Image) -> Image:
-        """The stack (rows, size, size) at rest, from another stack."""
+        """Minimise from another stack; return the stack (rows, size, size) at rest."""
         found = minimise(
             self, start[None], lower=0.0, iterations=ITERATIONS, tolerance=AT_REST, preconditioner=_Curvature(self)
         )
@@ -49,7 +49,7 @@ class StackObjective:
         return images
 
     def __call__(self, stacks: Image, _which: Indices) -> tuple[Floats, Image]:
-        """Value (1,) and gradient of one stack (1, rows, size, size)."""
+        """Return value (1,) and gradient of one stack (1, rows, size, size)."""
         images = stacks[0]
         residual = self.projector.forward(images) - self.lines
         weighted = residual * self.certainties
@@ -64,7 +64,7 @@ class StackObjective:
         return (1.0 / noises**2).astype(np.float32)
 
     def penalty(self, images: Image, gradient: Image) -> float:
-        """The weighted sum of differences; its gradient is added."""
+        """Compute the weighted sum of differences, and add its gradient."""
         smoothing, every = SMOOTHING_SHARE * self.wood, (slice(None), slice(None))
         # Along the rows and the two axes of the plane: the weight, and the pixels before and after each difference.
         axes = [
@@ -83,7 +83,7 @@ class StackObjective:
 
 
 class _Curvature:
-    """The preconditioner of each row by itself: the rows beside it are left to the descent."""
+    """The preconditioner of each row by itself: the neighbouring rows are left to the descent."""
 
     def __init__(self, stack: StackObjective) -> None:
         prior = smoothed_prior(*(np.full(len(stack.lines), value) for value in (stack.wood, stack.weight)))

@@ -1,4 +1,4 @@
-"""Whether anything computed from a scan ranks the errors of the Cauchy MAP: why there is no uncertainty map.
+"""Ranking of the errors of the Cauchy MAP by quantities computed from a scan: why there is no uncertainty map.
 
 Twelve simulated logs of three kinds in turn (thin bright rings, broad zones, smooth rings; choosing.py), 20 views of
 768 cells, 1 to 4 % noise, 256 x 256 pixels, sigma and beta by the rule. Candidates for a map:
@@ -42,7 +42,7 @@ NAMES = ("gradient", "views", "method", "synthetic", "together")
 
 
 def random_log(rng: np.random.Generator, kind: str, seed: int) -> Phantom:
-    """Of one kind."""
+    """Draw a log of one kind."""
     if kind == "zones":
         return zoned_log(rng)
     if kind == "smooth rings":
@@ -52,18 +52,18 @@ def random_log(rng: np.random.Generator, kind: str, seed: int) -> Phantom:
 
 
 def smoothed(image: Floats | Image) -> Floats:
-    """Root of the smoothed square."""
+    """Compute the root of the smoothed square."""
     return np.sqrt(gaussian_filter(np.square(image, dtype=np.float64), SMOOTHED))
 
 
 def patches(image: Floats) -> Floats:
-    """Means over patches."""
+    """Compute means over patches."""
     n = len(image) // PATCH
     return image[: n * PATCH, : n * PATCH].reshape(n, PATCH, n, PATCH).mean(axis=(1, 3))
 
 
 def near(projector: Projector, lines: Images, weights: Images, beta: float, start: Image) -> Images:
-    """The MAPs of several sinograms, descended to from one image."""
+    """Compute the MAPs of several sinograms by descents from one image."""
     betas = np.full(len(weights), beta)
     prior = CauchyPrior(betas, np.full(len(weights), STRENGTH), betas)
     starts = np.repeat(start[None], len(weights), axis=0)
@@ -72,7 +72,7 @@ def near(projector: Projector, lines: Images, weights: Images, beta: float, star
 
 
 def correlations(kind: str, seed: int) -> list[float]:
-    """Of one log: each candidate's rank correlation with the error."""
+    """Compute for one log each candidate's rank correlation with the error."""
     rng = np.random.default_rng(seed)
     noise, log = rng.uniform(0.01, 0.04), random_log(rng, kind, seed)
     geometry = FanBeamGeometry(SCANNER, TRUE_THETA, (np.arange(VIEWS) + rng.uniform()) * TAU / VIEWS)

@@ -26,22 +26,22 @@ UNSTEADY = ("the phantom moved at view", "the angles jump", "the turntable turns
 
 
 def steady(rng: np.random.Generator, views: tuple[int, ...] = VIEWS) -> CountedScan:
-    """Nothing is wrong."""
+    """Simulate a scan without any fault."""
     return counted_scan(rng, views=views)
 
 
 def with_a_fault(rng: np.random.Generator, views: tuple[int, ...] = VIEWS) -> CountedScan:
-    """Steady, and something else is wrong."""
+    """Simulate a steady scan with another fault."""
     return counted_scan(rng, fault=_any_fault(rng), views=views)
 
 
 def slipped(rng: np.random.Generator, views: tuple[int, ...] = VIEWS) -> CountedScan:
-    """A slip alone."""
+    """Simulate a scan with a slip alone."""
     return counted_scan(rng, slip=Slip.random(rng), views=views)
 
 
 def slipped_with_a_fault(rng: np.random.Generator, views: tuple[int, ...] = VIEWS) -> CountedScan:
-    """A slip, and something else."""
+    """Simulate a scan with a slip and another fault."""
     return counted_scan(rng, slip=Slip.random(rng), fault=_any_fault(rng), views=views)
 
 
@@ -64,7 +64,7 @@ class Outcomes:
     wrong: int = 0
 
     def add(self, scan: CountedScan, found: CalibrationOutcome) -> None:
-        """Note one answer."""
+        """Record one answer."""
         assert found.error_bars is not None
         error = ray_error(SCANNER, scan.frame, found.frame).rms_mm
         self.errors.append(error)
@@ -75,7 +75,7 @@ class Outcomes:
         self.wrong += found.judgement.verdict == "pass" and error > TOLERANCE_MM
 
     def row(self, name: str) -> str:
-        """One line of the table."""
+        """Format one line of the table."""
         errors, bounds = np.array(self.errors), np.array(self.bounds)
         return (
             f"{name:32s} {np.median(errors):6.3f} {errors.max():7.3f} {np.median(bounds):6.3f} "
@@ -85,7 +85,7 @@ class Outcomes:
 
 
 def study(scans: int, seed: int) -> dict[tuple[str, bool], Outcomes]:
-    """By kind, and whether rings were removed."""
+    """Collect the outcomes by kind, with and without ring removal."""
     outcomes = {(kind, rings): Outcomes() for kind in KINDS for rings in (False, True)}
     for kind, make in KINDS.items():
         for number in track(range(scans), description=kind):

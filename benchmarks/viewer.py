@@ -1,8 +1,8 @@
-"""How long a slice takes from the wish to the pixels on the screen, and how long lists of 10 000 take.
+"""Latency of a slice from the request to the pixels on the screen, and of lists of 10 000.
 
     python benchmarks/viewer.py [--slices 300] [--size 512] [--moves 60]
 
-A service with a folder of its own, a volume with noise as a reconstruction has it, and Debian's Chromium. "Random"
+A service with a separate folder, a volume with noise as a reconstruction has it, and Debian's Chromium. "Random"
 moves to a slice that nothing has fetched; "the next" moves on to a slice whose picture was fetched ahead, after a pause
 in which somebody looks. The time runs from the slider's event to the second frame after the slice's picture, or its
 values, were painted, by the page's own clock: by then the first one is on the screen. The time to the values includes
@@ -66,7 +66,7 @@ MOVE = """
 
 
 def slice_of(index: int, slices: int, size: int, rng: np.random.Generator) -> NDArray[np.float32]:
-    """A log with rings, a knot that wanders and noise, (x, y) in 1/mm; nothing in it is symmetric."""
+    """Draw a log with rings, a moving knot and noise, (x, y) in 1/mm, without any symmetry."""
     x, y = np.mgrid[:size, :size] / size - 0.5
     radius = np.hypot(x - 0.03, 1.1 * (y + 0.02))
     wood = 0.02 + 0.004 * np.cos(180 * radius) * (radius < 0.36)
@@ -97,7 +97,7 @@ def write_volume(folder: Path, slices: int, size: int) -> None:
 
 
 def result_of(slices: int, size: int) -> dict[str, object]:
-    """A reconstruction's result, as a job would have stored it."""
+    """Return a reconstruction's result, as a job would have stored it."""
     theta = {
         "source_shift_mm": 0.0,
         "detector_shift_mm": 0.0,
@@ -122,7 +122,7 @@ def result_of(slices: int, size: int) -> dict[str, object]:
 
 
 def fill(store: Store, slices: int, size: int) -> None:
-    """Scanners, scans and a log of each; the newest, `r0`, has a volume."""
+    """Store scanners, scans and a log of each; the newest, `r0`, has a volume."""
     constants = ScannerConstants(source_to_cor_mm=859.46, num_detector_pixels=704, detector_pitch_mm=1.2)
     for number in range(SCANNERS):
         spec = ScannerSpec(name=f"Line {number}", constants=constants)
@@ -153,7 +153,7 @@ def fill(store: Store, slices: int, size: int) -> None:
 
 @contextmanager
 def serving(store: Store) -> Iterator[str]:
-    """The address of the service on a store, in a thread."""
+    """Serve a store in a thread; yield the service's address."""
     app = create_app(ServiceSettings(), store, lambda _: None)
     server = uvicorn.Server(uvicorn.Config(app, log_config=None, lifespan="off"))
     with closing(listen("127.0.0.1", 0, guarded=False)) as listening:
@@ -176,7 +176,7 @@ def report(name: str, milliseconds: Sequence[float]) -> float:
 
 
 def timed(ask: Callable[[], httpx.Response], repeats: int) -> list[float]:
-    """Milliseconds of each."""
+    """Measure the milliseconds of each call."""
     found = []
     for _ in range(repeats):
         started = time.perf_counter()
@@ -186,7 +186,7 @@ def timed(ask: Callable[[], httpx.Response], repeats: int) -> list[float]:
 
 
 def measure_server(client: httpx.Client, slices: int, moves: int) -> None:
-    """Answers of the service, as another program on this machine has them."""
+    """Print the service's answers, as another program on this machine has them."""
     order = iter(np.random.default_rng(SEED).integers(0, slices, 10 * moves).tolist())
     log = "/v1/reconstructions/r0"
     print("server")
@@ -207,7 +207,7 @@ def measure_server(client: httpx.Client, slices: int, moves: int) -> None:
 
 
 def moved(page: Page, places: Iterable[int], pause_ms: int, what: str = "shown") -> list[float]:
-    """Milliseconds of each move of the slider, until the slice is shown or its values are."""
+    """Measure the milliseconds of each move of the slider, until the slice is shown or its values are."""
     found = []
     for index in places:
         page.wait_for_timeout(pause_ms)
@@ -217,7 +217,7 @@ def moved(page: Page, places: Iterable[int], pause_ms: int, what: str = "shown")
 
 @contextmanager
 def looking(browser: Browser, address: str, line: Line | None = None) -> Iterator[Page]:
-    """The page of the log in a browser that has fetched nothing before, at rest."""
+    """Open the log's page in a browser with an empty cache; yield the page at rest."""
     with closing(browser.new_context(base_url=address, viewport={"width": 1280, "height": 800})) as context:
         page = context.new_page()
         page.goto("/logs/r0")
@@ -229,7 +229,7 @@ def looking(browser: Browser, address: str, line: Line | None = None) -> Iterato
 
 
 def measure_browser(address: str, slices: int, size: int, moves: int) -> dict[str, float]:
-    """Milliseconds from the slider's event to the screen, the 95th percentile of each way to a slice."""
+    """Measure milliseconds from the slider's event to the screen, the 95th percentile of each way to a slice."""
     program = shutil.which("chromium")
     assert program, "this needs Debian's Chromium: apt-get install chromium"
     # Five apart: no slice's picture is fetched ahead for another.

@@ -10,7 +10,7 @@ from sawmill_worker.jobs.running import run
 
 
 class Done(NamedTuple):
-    """A job's result, the seconds that it took by the clock, and those of processors: all threads', and its own's."""
+    """A job's result, its seconds by the clock, and the processor seconds of all threads and of its own thread."""
 
     result: dict[str, Any]
     clock_s: float
@@ -19,7 +19,7 @@ class Done(NamedTuple):
 
 
 def do_waiting_job(store: Store, kind: JobKind) -> Done:
-    """Do the oldest one, which is of this kind, and commit its result."""
+    """Run the oldest waiting job, which is of this kind, and commit its result."""
     claim = store.jobs.claim("benchmark")
     assert claim is not None
     assert claim.job.kind is kind

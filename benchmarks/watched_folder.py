@@ -2,7 +2,7 @@
 
     python benchmarks/watched_folder.py [--files 300] [--seed 1] [--longest 4]
 
-A real `sawmill serve` and a real `sawmill watch`. A scanner writes small scans meanwhile: NPY, TIFF and HDF5, some in
+A real `sawmill serve` and a real `sawmill watch`. A scanner writes small scans: NPY, TIFF and HDF5, some in
 two pieces with a pause, some with a `.done` file, every tenth under a name that was used before, every thirtieth no
 scan at all. The watcher gets SIGKILL at a random time of at most `--longest` seconds after it has the folder, every
 tenth time the service too; both are started again. At the end the scans in the service are compared with what was
@@ -35,12 +35,12 @@ from sawmill_worker.watching.folder import LOCK
 
 VIEWS, CELLS = 12, 16
 PITCH_MM = 48.0
-# After the last file was written, for what is left; kills end sooner.
+# Limit for the remaining files after the last one was written; kills end sooner.
 LONGEST_END_S = 600.0
 
 
 def scan(kind: str, rng: np.random.Generator) -> bytes:
-    """A file of its own, small and readable; or one that is none."""
+    """Return a unique file, small and readable; or one that is no scan."""
     stack = rng.random((VIEWS, 1, CELLS), dtype=np.float32)
     buffer = io.BytesIO()
     if kind == "npy":
@@ -61,7 +61,7 @@ class Scanner:
     def __init__(self, folder: Path, files: int, seed: int) -> None:
         self._folder, self._files = folder, files
         self._rng, self._random = np.random.default_rng(seed), random.Random(seed)  # noqa: S311
-        # By their digest; two files never have the same bytes.
+        # Files by their digest; two files never have the same bytes.
         self.written: dict[str, str] = {}
         self.bad: set[str] = set()
         self.thread = threading.Thread(target=self._write_all, daemon=True)
@@ -125,7 +125,7 @@ class Processes:
         self.watcher: subprocess.Popen[bytes] | None = None
 
     def start_watcher(self, lock: Path) -> None:
-        """Beside the service; it has the folder then."""
+        """Start the watcher, and wait until it has locked the folder."""
         self.watcher = self._start("watch", str(self._settings))
         while holder_of(lock) != str(self.watcher.pid):
             if self.watcher.poll() is not None:
@@ -133,7 +133,7 @@ class Processes:
             time.sleep(0.01)
 
     def kill_watcher(self) -> None:
-        """By SIGKILL; one that has ended by itself is a fault."""
+        """Kill the watcher by SIGKILL; one that has ended by itself is a fault."""
         assert self.watcher is not None
         if (code := self.watcher.poll()) is not None:
             raise SystemExit(f"the watcher ended by itself with {code}")
@@ -141,19 +141,19 @@ class Processes:
         self.watcher.wait()
 
     def kill_service(self) -> None:
-        """By SIGKILL, and start it again."""
+        """Kill the service by SIGKILL, and start it again."""
         self.service.kill()
         self.service.wait()
         self.service = self._start_service()
 
     def end(self) -> None:
-        """In order."""
+        """End the processes in order."""
         for process in filter(None, (self.watcher, self.service)):
             process.terminate()
             process.wait(60)
 
     def ask(self, path: str, **query: str) -> Any:  # noqa: ANN401 - JSON
-        """Once the service answers."""
+        """Request a path until the service answers."""
         while True:
             with contextlib.suppress(httpx.TransportError):
                 return (
@@ -170,13 +170,13 @@ class Processes:
 
 
 def ended(folder: Path) -> Counter[str]:
-    """How often each digest is there, without what is beside the files."""
+    """Count the files by digest, without the notes next to the files."""
     files = (path for path in folder.glob("*/*") if not path.name.endswith((".json", ".reason.txt")))
     return Counter(hashlib.sha256(path.read_bytes()).hexdigest() for path in files)
 
 
 def scans(processes: Processes, scanner_id: str) -> Counter[tuple[str, str]]:
-    """How often each digest is in the service, with its state."""
+    """Count the scans of the service by digest and state."""
     found: Counter[tuple[str, str]] = Counter()
     query = {"scanner_id": scanner_id, "limit": "100"}
     while True:
@@ -188,7 +188,7 @@ def scans(processes: Processes, scanner_id: str) -> Counter[tuple[str, str]]:
 
 
 def run(place: Path, files: int, seed: int, longest_s: float) -> dict[str, int]:
-    """Counts of kills and of faults."""
+    """Run the study; return counts of kills and of faults."""
     folder, chance = place / "scanner", random.Random(seed)  # noqa: S311
     folder.mkdir()
     processes = Processes(place)

@@ -43,7 +43,7 @@ class GivenClock:
         self.now = datetime(2026, 1, 1, tzinfo=UTC)
 
     def __call__(self) -> datetime:
-        """Now."""
+        """Return the current time."""
         return self.now
 
 
@@ -56,7 +56,7 @@ class Receiver:
         self.refused = 0
 
     async def answer(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        """One request a connection."""
+        """Answer one request a connection."""
         connection, path, identifier = h11.Connection(h11.SERVER), "", ""
         while (event := connection.next_event()) is not h11.PAUSED:
             if event is h11.NEED_DATA:
@@ -79,7 +79,7 @@ class Receiver:
 
 @contextmanager
 def listening(receiver: Receiver) -> Iterator[int]:
-    """In a thread with a loop of its own; its port."""
+    """Start the receiver in a thread with a separate loop; yield its port."""
     with socket.create_server(("127.0.0.1", 0), backlog=100) as server:
         loop = asyncio.new_event_loop()
 
@@ -92,7 +92,7 @@ def listening(receiver: Receiver) -> Iterator[int]:
 
 
 def main() -> None:
-    """Let a year pass and print what it took."""
+    """Simulate a year and print its costs."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--events", type=int, default=20_000, help="in the year")
     options = parser.parse_args()
@@ -118,7 +118,7 @@ def main() -> None:
 
 
 async def year(store: Store, clock: GivenClock, receiver: Receiver, events: int) -> tuple[int, int, int]:
-    """The most rows of deliveries, the most events that waited, and the attempts while the receiver was away."""
+    """Send a year's events; return the most delivery rows, the most events waiting, and the failed attempts."""
     couriers = Couriers(store.outbox(), WebhookSending(AllowedDestinations(["127.0.0.1"])), lambda: 0.5)
     most_rows = most_waiting = 0
     for day in range(DAYS):
@@ -131,7 +131,7 @@ async def year(store: Store, clock: GivenClock, receiver: Receiver, events: int)
             clock.now += timedelta(days=1) / LOOKS_A_DAY
         store.webhooks.forget_deliveries()
         if day == AWAY.stop - 1:
-            # Given up meanwhile, as three days are; the administrator turns it on again.
+            # Deliveries were given up, since it was down for three days; the administrator turns it on again.
             assert [webhook.state for webhook in store.webhooks.all().webhooks].count("paused") == 1
             most_waiting = max(webhook.waiting for webhook in store.webhooks.all().webhooks)
             for webhook in store.webhooks.all().webhooks:
@@ -145,7 +145,7 @@ async def year(store: Store, clock: GivenClock, receiver: Receiver, events: int)
 
 
 def happen(store: Store, number: int) -> None:
-    """Events in one transaction; every fiftieth is an alarm."""
+    """Store events in one transaction; every fiftieth is an alarm."""
     first, now = store.events.newest_number(), store.now()
     kinds = [event_kinds.SUCCEEDED] * (ALARMS_EACH - 1) + [mill_events.ALARM_OPENED]
     rows = [
@@ -158,13 +158,13 @@ def happen(store: Store, number: int) -> None:
 
 
 def delivery_rows(store: Store) -> int:
-    """Of the table of deliveries."""
+    """Count the rows of the table of deliveries."""
     with store._database.read() as session:  # noqa: SLF001 - there is no such question to the store
         return session.scalar(select(func.count()).select_from(DeliveryRow)) or 0
 
 
 def all_arrived(store: Store, receiver: Receiver) -> bool:
-    """Whether every event has arrived once, in order: ids are compared with those of the events that there are."""
+    """Return whether every event has arrived once, in order, by comparison with the ids of the stored events."""
     for webhook in store.webhooks.all().webhooks:
         path = webhook.url.rpartition("/")[2]
         wanted, number = [], 0

@@ -1,4 +1,4 @@
-"""The wheel in an empty environment, beside files named worker.py and service.py: whether the demo runs.
+"""Trial of the wheel in an empty environment, with files named worker.py and service.py in the folder: the demo runs.
 
 Builds the wheel from the working tree, installs it with the pinned versions into a new environment, and runs
 `sawmill demo` in a folder that holds modules of names that other people use. Exit code 1 where anything fails.
@@ -32,7 +32,7 @@ def main() -> int:
             (beside / f"{name}.py").write_text(f'raise ImportError("a stray {name}.py was imported")\n')
         run([python, "-c", "import sawmill_calibration, sawmill_command.commands, sawmill_command.cli"], beside)
         run([str(environment / "bin" / "sawmill"), "demo", "--output", "demo-output"], beside)
-        # As a notebook sees it: the folder itself is the first entry of sys.path.
+        # Import like a notebook: the folder itself is the first entry of sys.path.
         run([python, "-c", "import sawmill_calibration; print(sorted(sawmill_calibration.__all__))"], beside)
         page = beside / "demo-output" / "index.html"
         print(f"demo ran: {page.name}, {page.stat().st_size / 1e3:.0f} kB")
@@ -40,7 +40,7 @@ def main() -> int:
 
 
 def run(command: list[str], folder: Path) -> None:
-    """One command; its output is shown, and its failure ends the study."""
+    """Run one command; its output is shown, and its failure ends the study."""
     print("$", *command, flush=True)
     done = subprocess.run(command, cwd=folder, check=False)  # noqa: S603 - our own commands
     if done.returncode != 0:

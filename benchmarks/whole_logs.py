@@ -50,7 +50,7 @@ class Wander:
 
     @classmethod
     def random(cls, rng: np.random.Generator, most_mm: float) -> "Wander":
-        """Wave lengths of 120 to 500 mm; `most_mm` off the mean at most."""
+        """Draw wave lengths of 120 to 500 mm; `most_mm` off the mean at most."""
         return cls(
             tuple(
                 (direction, 0.5 * most_mm * rng.uniform(0.3, 1.0), TAU / rng.uniform(120.0, 500.0), rng.uniform(0, TAU))
@@ -59,7 +59,7 @@ class Wander:
         )
 
     def at(self, height_mm: float) -> tuple[float, float]:
-        """Millimetres in x and in y."""
+        """Return millimetres in x and in y."""
         found = [0.0, 0.0]
         for direction, size, frequency, phase in self.waves:
             found[int(direction)] += size * math.sin(frequency * height_mm + phase)
@@ -68,14 +68,14 @@ class Wander:
 
 @dataclass(frozen=True)
 class WholeLog:
-    """One log; equal seeds give equal logs.
+    """A log; equal seeds give equal logs.
 
     Attributes
     ----------
     heights_mm : tuple of float
-        Of the rows.
+        Heights of the rows.
     rings : tuple of (share of the radius, density)
-        Discs around the pith, beyond those of `wood`.
+        Discs around the pith, in addition to the discs of `wood`.
     inclusions : tuple of Inclusion
         The last two are the nail and the small knot.
     """
@@ -94,7 +94,7 @@ class WholeLog:
 
     @classmethod
     def random(cls, seed: int, *, rows: int = ROWS, row_pitch_mm: float | None = None) -> "WholeLog":
-        """A log of a kind of rings by the seed, its rows around a whorl; the pitch by default drawn."""
+        """Draw a log by the seed, rings of one kind, its rows around a whorl; the pitch is drawn by default."""
         rng = np.random.default_rng(seed)
         pitch = float(rng.choice(ROW_PITCHES_MM)) if row_pitch_mm is None else row_pitch_mm
         radius = float(rng.uniform(95.0, 150.0))
@@ -126,11 +126,11 @@ class WholeLog:
 
     @property
     def row_pitch_mm(self) -> float:
-        """From row to row."""
+        """Distance from row to row, mm."""
         return self.heights_mm[1] - self.heights_mm[0] if len(self.heights_mm) > 1 else ROW_PITCHES_MM[0]
 
     def slice_at(self, height_mm: float) -> Phantom:
-        """The cross-section at a height, densities in attenuation per mm."""
+        """Return the cross-section at a height, densities in attenuation per mm."""
         radius = self.wood.radius_mm * (1.0 - self.taper * (height_mm - self.heights_mm[0]) / 100.0)
         wander = self.pith.at(height_mm)
         pith = self.wood.pith_mm[0] + wander[0], self.wood.pith_mm[1] + wander[1]
@@ -153,16 +153,16 @@ class WholeLog:
         return [self.slice_at(height) for height in self.heights_mm]
 
     def truth(self, grid: ImageGrid = GRID) -> Rows:
-        """(rows, size, size) float32, each pixel its area mean, in attenuation per mm."""
+        """Return (rows, size, size) float32, each pixel its area mean, in attenuation per mm."""
         return np.stack([body.rasterise(grid.size, grid.field_mm) for body in self.slices])
 
     def sinograms(self, geometry: FanBeamGeometry, *, noise: float) -> Rows:
-        """(rows, views, detector) float32, line integrals; the noise relative to the RMS of each row."""
+        """Simulate (rows, views, detector) float32, line integrals; the noise relative to the RMS of each row."""
         found = simulate_rows(self.slices, geometry, noise=noise, seed=1000 * self.seed)
         return np.ascontiguousarray(found.transpose(1, 0, 2))
 
     def inclusion_alone(self, name: str, grid: ImageGrid = GRID) -> Rows:
-        """The share of each pixel that the nail, or the small knot, takes: (rows, size, size) float32."""
+        """Compute the share of each pixel that the nail, or the small knot, takes: (rows, size, size) float32."""
         found = np.zeros((len(self.heights_mm), grid.size, grid.size), np.float32)
         only = next(inclusion for inclusion in self.inclusions if inclusion.name == name)
         for row, height in enumerate(self.heights_mm):
@@ -174,7 +174,7 @@ class WholeLog:
 
 
 def _rings(rng: np.random.Generator, kind: str) -> tuple[tuple[float, float], ...]:
-    """Zones, or rings whose density swings smoothly, in small steps; none beside thin rings."""
+    """Draw zones, or rings whose density swings smoothly, in small steps; none where the log has thin rings."""
     if kind == "broad zones":
         shares = np.sort(rng.uniform(0.2, 0.95, rng.integers(3, 6)))
         return tuple((float(share), float(rng.choice((-1.0, 1.0)) * rng.uniform(0.0006, 0.0015))) for share in shares)

@@ -1,4 +1,4 @@
-"""One archive with everything that an installation needs, for a machine without a network (`make bundle`).
+"""An archive with everything that an installation needs, for a machine without a network (`make bundle`).
 
 `dist/sawmill-VERSION-PLATFORM-PYTHON.tar.gz` holds the wheels of the product, of the generated Python client and of
 all that they need, as constraints.txt pins them, `install.sh`, the documents, and a list of what is inside. It is made
@@ -30,14 +30,14 @@ from packaging.version import Version
 
 ROOT = Path(__file__).resolve().parents[1]
 PYTHON = ".".join(platform.python_version_tuple()[:2])
-# Of the commit: what is read without a network, and the script.
+# Files of the commit: documents to read without a network, and the script.
 DOCUMENTS = (
     *("README.md", "CHANGELOG.md", "LICENSE", "constraints.txt", "docker-compose.yml"),
     *("docs", "examples", "openapi", "installation/install.sh"),
 )
 # The generated client needs them (openapi/clients/templates/pyproject.toml.jinja).
 CLIENT_NEEDS = ("attrs", "httpx")
-# What an installation takes beyond its unpacked wheels: bytecode, compiled kernels, pip.
+# Size of an installation as a multiple of its unpacked wheels: bytecode, compiled kernels and pip are added.
 ROOM = 1.5
 
 
@@ -59,12 +59,12 @@ def main() -> int:
 
 
 def build(root: Path, target: Path, kept: Path) -> Path:
-    """The archive of the commit that is checked out in `root`, in the folder `target`.
+    """Build the archive of the commit that is checked out in `root`, in the folder `target`.
 
     Parameters
     ----------
     kept
-        Where wheels that were fetched stay for the next bundle.
+        Folder where fetched wheels stay for the next bundle.
 
     Raises
     ------
@@ -104,7 +104,7 @@ def pinned(root: Path) -> dict[str, str]:
     Raises
     ------
     BundleError
-        One is not pinned, or not installed, so that nobody knows what it needs itself.
+        A package is not pinned, or not installed, so that its own requirements are unknown.
     """
     pins = dict(line.split("==") for line in (root / "constraints.txt").read_text().split())
     versions = {canonicalize_name(name): version for name, version in pins.items()}
@@ -127,7 +127,7 @@ def pinned(root: Path) -> dict[str, str]:
 
 
 def needs_of(name: str, extras: Iterable[str]) -> Iterator[Requirement]:
-    """What an installed package with these extras needs."""
+    """Return the requirements of an installed package with these extras."""
     try:
         return of_this_machine(distribution(name).requires or [], extras)
     except PackageNotFoundError as error:
@@ -136,7 +136,7 @@ def needs_of(name: str, extras: Iterable[str]) -> Iterator[Requirement]:
 
 
 def of_this_machine(texts: Iterable[str], extras: Iterable[str]) -> Iterator[Requirement]:
-    """The requirements that hold on this machine, without markers, and those of an earlier Python of its version."""
+    """Yield the requirements that hold on this machine, without markers, also for an earlier patch of the Python."""
     oldest = {"python_full_version": f"{PYTHON}.0"}
     for requirement in map(Requirement, texts):
         marker = requirement.marker
@@ -148,14 +148,14 @@ def of_this_machine(texts: Iterable[str], extras: Iterable[str]) -> Iterator[Req
 
 
 def export(root: Path, folder: Path) -> None:
-    """The committed files, as they are in the repository."""
+    """Export the committed files, as they are in the repository."""
     archive = subprocess.run(["git", "archive", "HEAD"], cwd=root, check=True, capture_output=True).stdout  # noqa: S607
     with tarfile.open(fileobj=io.BytesIO(archive)) as tar:
         tar.extractall(folder, filter="data")
 
 
 def fetch(packages: Mapping[str, str], kept: Path, folder: Path) -> None:
-    """The wheels of these versions; those that an earlier bundle fetched are taken from there."""
+    """Collect the wheels of these versions; wheels that an earlier bundle fetched are reused."""
     kept.mkdir(parents=True, exist_ok=True)
     asked = {name: Version(version) for name, version in packages.items()}
     missing = [f"{name}=={version}" for name, version in asked.items() if name not in held(asked, kept)]
@@ -166,26 +166,26 @@ def fetch(packages: Mapping[str, str], kept: Path, folder: Path) -> None:
 
 
 def held(asked: Mapping[str, Version], folder: Path) -> dict[str, Path]:
-    """The wheels in a folder that are of these versions, by package."""
+    """Select the wheels in a folder that have these versions, by package."""
     names = {wheel: parse_wheel_filename(wheel.name) for wheel in sorted(folder.glob("*.whl"))}
     return {name: wheel for wheel, (name, version, _, _) in names.items() if asked.get(name) == version}
 
 
 def make_wheels(source: Path, folder: Path, committed_at: int) -> None:
-    """Build the wheels of the product and of its generated client."""
+    """Build the wheels of the product and the generated client."""
     os.environ["SOURCE_DATE_EPOCH"] = str(committed_at)
     pip("wheel", "--no-deps", "--wheel-dir", folder, source)
     subprocess.run([sys.executable, source / "openapi/clients/generate.py", folder], check=True)  # noqa: S603 - our own
 
 
 def pip(*arguments: str | Path) -> None:
-    """One command of pip's, by its own settings of this machine."""
+    """Run one command of pip, with this machine's settings."""
     command = [sys.executable, "-m", "pip", "--disable-pip-version-check", arguments[0], "--quiet", *arguments[1:]]
     subprocess.run(command, check=True)  # noqa: S603 - our own command
 
 
 def described(wheels: Sequence[Path]) -> dict[str, str]:
-    """What `install.sh` compares with the machine, as variables of a shell."""
+    """Return the values that `install.sh` compares with the machine, as variables of a shell."""
     (version,) = (wheel.name.split("-")[1] for wheel in wheels if wheel.name.startswith("sawmill_calibration-"))
     unpacked = sum(entry.file_size for wheel in wheels for entry in zipfile.ZipFile(wheel).infolist())
     return {
@@ -199,7 +199,7 @@ def described(wheels: Sequence[Path]) -> dict[str, str]:
 
 
 def least_glibc(wheel: Path) -> tuple[int, int]:
-    """The oldest C library that one of the wheel's tags asks for; 2.17 is what Python 3.11's own pip begins with."""
+    """Return the oldest C library that one of the wheel's tags requires; at least 2.17, as Python 3.11's own pip."""
     aliases = {"manylinux1": "manylinux_2_5", "manylinux2010": "manylinux_2_12", "manylinux2014": "manylinux_2_17"}
     found = [(2, 17)]
     for tag in parse_wheel_filename(wheel.name)[3]:
@@ -211,42 +211,42 @@ def least_glibc(wheel: Path) -> tuple[int, int]:
 
 
 def listed(wheels: Iterable[Path]) -> Iterator[str]:
-    """A line for each package: name, version, licence and the wheel, which has the licence's text."""
+    """Yield a line for each package: name, version, licence and the wheel, which has the licence's text."""
     for wheel in wheels:
         about = metadata(wheel)
         yield f"{about['Name']}\t{about['Version']}\t{licence(about)}\t{wheel.name}\n"
 
 
 def metadata(wheel: Path) -> Message:
-    """What a wheel reports about its package."""
+    """Read the package's metadata from a wheel."""
     with zipfile.ZipFile(wheel) as packed:
         (name,) = (name for name in packed.namelist() if name.endswith(".dist-info/METADATA") and name.count("/") == 1)
         return BytesParser().parsebytes(packed.read(name))
 
 
 def licence(about: Message) -> str:
-    """As its makers give it: an expression, a name, or a classifier."""
+    """Return the licence as the package's makers state it: an expression, a name, or a classifier."""
     given = [about["License-Expression"], about["License"]]
     given += [text.rpartition(" :: ")[2] for text in about.get_all("Classifier", []) if text.startswith("License ::")]
-    # Some have their whole text there; one that is not ASCII is no string.
+    # Some packages have the whole text of the licence there; a text that is not ASCII is no `str`.
     lines = [line for line in (str(text).strip() for text in given if text) if "\n" not in line and line != "UNKNOWN"]
     return lines[0] if lines else "see the wheel"
 
 
 def sums(content: Path) -> Iterator[str]:
-    """As sha256sum(1) writes and checks them."""
+    """Yield checksums as sha256sum(1) writes and checks them."""
     for path in sorted(path for path in content.rglob("*") if path.is_file()):
         yield f"{digest(path)}  {path.relative_to(content)}\n"
 
 
 def digest(path: Path) -> str:
-    """SHA-256 in hexadecimal digits."""
+    """Compute SHA-256 in hexadecimal digits."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def pack(content: Path, name: str, archive: Path, committed_at: int) -> None:
-    """A folder as an archive that depends on nothing but what is in it."""
+    """Pack a folder into an archive that depends on the folder's content alone."""
     with (
         archive.open("wb") as file,
         # Wheels are compressed already.
@@ -264,7 +264,7 @@ def pack(content: Path, name: str, archive: Path, committed_at: int) -> None:
 
 
 def output(*command: str, folder: Path) -> str:
-    """Standard output of a command of git's."""
+    """Return the standard output of a git command."""
     done = subprocess.run(command, cwd=folder, check=True, capture_output=True, text=True)  # noqa: S603 - our own
     return done.stdout.strip()
 

@@ -20,7 +20,7 @@ from bundle import ROOT, build, digest
 VERSION_FILE = "worker/sawmill_vocabulary/version.py"
 LATER = "99.0.0"
 HEART = "## The heart of it, with curl"
-# Without a network not even loopback is up: the flags of <net/if.h>, by ioctl(SIOCSIFFLAGS).
+# Loopback is down too without a network: this sets the flags of <net/if.h> by ioctl(SIOCSIFFLAGS).
 LOOPBACK_UP = """\
 import fcntl, socket, struct
 with socket.socket() as any_socket:
@@ -55,7 +55,7 @@ grep -o '"verdict":"[a-z-]*"' calibration.json | head -n 1
 
 
 def main() -> int:
-    """Try everything in turn."""
+    """Run every part of the trial in turn."""
     (archive,) = (ROOT / "dist").glob("*.tar.gz")
     print(f"{archive.name}: {archive.stat().st_size / 1e6:.0f} MB", flush=True)
     with tempfile.TemporaryDirectory(prefix="bundle-") as temporary:
@@ -94,12 +94,12 @@ def main() -> int:
 
 
 def installing(bundle: Path, target: Path) -> str:
-    """The command that installs an unpacked bundle."""
+    """Return the command that installs an unpacked bundle."""
     return f"sh {quoted(bundle / 'install.sh')} --python {quoted(sys.executable)} {quoted(target)}"
 
 
 def served(documents: Path) -> str:
-    """A script that does what the installed README has, beside a service."""
+    """Return a script that runs the installed README's commands with a service in the background."""
     text = (documents / "README.md").read_text()
     _, heart = text.split(HEART)
     blocks = re.findall(r"^```sh\n(.*?)^```$", heart, re.MULTILINE | re.DOTALL)
@@ -109,7 +109,7 @@ def served(documents: Path) -> str:
 
 
 def later_bundle(base: Path) -> Path:
-    """A bundle of the same commit under another version."""
+    """Build a bundle of the same commit under another version."""
     clone = base / "later"
     run(["git", "clone", "--quiet", str(ROOT), str(clone)], base)
     (clone / VERSION_FILE).write_text(re.sub(r'"[\d.]+"', f'"{LATER}"', (clone / VERSION_FILE).read_text()))
@@ -119,19 +119,19 @@ def later_bundle(base: Path) -> Path:
 
 
 def version(base: Path, target: Path) -> str:
-    """The version that the link leads to."""
+    """Return the version to which the link leads."""
     return without_network(base, "sawmill --version", target / "current/bin").strip()
 
 
 def unpacked(archive: Path, base: Path) -> Path:
-    """The folder of an archive, as tar(1) makes it, after its checksum was looked at."""
+    """Unpack an archive with tar(1) after its checksum has been checked; return its folder."""
     run(["sha256sum", "--check", "--quiet", f"{archive.name}.sha256"], archive.parent)
     run(["tar", "-xzf", str(archive)], base)
     return base / archive.name.removesuffix(".tar.gz")
 
 
 def without_network(base: Path, script: str, programs: Path | None = None) -> str:
-    """What a script prints; it has a home of its own, an empty environment and no network."""
+    """Run a script with an empty home and environment, without network; return its output."""
     folder = Path(tempfile.mkdtemp(dir=base))
     path = "/usr/bin:/bin" if programs is None else f"{programs}:/usr/bin:/bin"
     alone = ["unshare", "--map-root-user", "--net", "env", "-i", f"HOME={folder}", f"PATH={path}"]
@@ -139,7 +139,7 @@ def without_network(base: Path, script: str, programs: Path | None = None) -> st
 
 
 def run(command: list[str], folder: Path) -> str:
-    """Standard output of one command; its failure ends the study."""
+    """Run one command and return its standard output; its failure ends the study."""
     done = subprocess.run(command, cwd=folder, check=False, stdout=subprocess.PIPE, text=True)  # noqa: S603 - our own
     require(done.returncode == 0, f"{shlex.join(command)}\n{done.stdout}\nended with exit code {done.returncode}")
     return done.stdout
@@ -154,13 +154,13 @@ def timed(what: str) -> Iterator[None]:
 
 
 def require(true: bool, otherwise: str) -> None:  # noqa: FBT001 - reads as a sentence
-    """End the study where something is not as it must be."""
+    """End the study where a condition does not hold."""
     if not true:
         sys.exit(otherwise)
 
 
 def quoted(path: Path | str) -> str:
-    """For a shell."""
+    """Quote a path for a shell."""
     return shlex.quote(str(path))
 
 

@@ -1,6 +1,6 @@
-"""What changed between two OpenAPI documents, and which version the later one needs.
+"""Changes between two OpenAPI documents, and the version that the later one needs.
 
-Words and examples do not count. Names do, where those of generated clients follow from them: of operations,
+Words and examples do not count. Names do, where names in generated clients follow from them: of operations,
 parameters and types. `python openapi/contract_changes.py` lists what changed since the last release.
 """
 
@@ -25,13 +25,13 @@ Document = Mapping[str, Any]
 
 
 def compare(old: Document, new: Document) -> list[Change]:
-    """Every change that is more than words; what is incompatible first, then by pointers."""
+    """Find every change that is more than words; incompatible ones first, then by pointers."""
     found = _Comparison().of_documents(Place(old, old), Place(new, new))
     return sorted(found, key=lambda change: (-change.kind, change))
 
 
 def needed_version(released: str, changes: Iterable[Change]) -> str:
-    """The lowest version that a contract with these changes may have; a patch never changes it.
+    """Return the lowest version that a contract with these changes may have; a patch never changes the contract.
 
     Semantic Versioning 2.0.0, items 4, 7 and 8. Below 1.0.0 the minor version is raised for both kinds of change.
     """
@@ -43,13 +43,13 @@ def needed_version(released: str, changes: Iterable[Change]) -> str:
 
 
 def version_tuple(version: str) -> tuple[int, int, int]:
-    """A version's three numbers, to be compared; ValueError for anything else."""
+    """Parse a version's three numbers, for comparison; ValueError for anything else."""
     major, minor, patch = (int(part) for part in version.split("."))
     return major, minor, patch
 
 
 def fault_of_version(released: Document, today: Document) -> str | None:
-    """Why today's document may not have its version, with what changed and what to do; None: it may."""
+    """Explain why today's document may not have its version, with the changes and the remedy; None if it may."""
     changes = compare(released, today)
     before, now = released["info"]["version"], today["info"]["version"]
     needed = needed_version(before, changes)
@@ -66,7 +66,7 @@ def fault_of_version(released: Document, today: Document) -> str | None:
 
 
 class _Comparison(SchemaChanges):
-    """Collects changes of routes; those of their schemas are inherited."""
+    """Collects changes of routes; the comparison of schemas is inherited."""
 
     def of_documents(self, old: Place, new: Place) -> set[Change]:
         was, now = (place.at("components", "schemas") for place in (old, new))
@@ -78,7 +78,7 @@ class _Comparison(SchemaChanges):
         return self.found
 
     def _operations(self, old: Place, new: Place, *, method: str) -> None:
-        for names in ("operationId", "tags"):  # of functions and modules of generated clients
+        for names in ("operationId", "tags"):  # names of functions and modules of generated clients
             self.compare_value(old, new, names)
         self.compare_deprecation(old, new)
         ways_in = new.value.get("security") or [{}]
@@ -109,7 +109,7 @@ class _Comparison(SchemaChanges):
         if style != style_now:
             self.note(Kind.INCOMPATIBLE, new, f"style of {what} from {style} to {style_now}")
         kinds = {each.value.get("type") for each in alternatives(old.at("schema"))}
-        if apart != apart_now and kinds & {"array", "object", None}:  # of one value it means nothing
+        if apart != apart_now and kinds & {"array", "object", None}:  # without meaning for a single value
             self.note(Kind.INCOMPATIBLE, new, f"explode of {what} from {as_json(apart)} to {as_json(apart_now)}")
 
     def _request_bodies(self, old: Place, new: Place) -> None:
@@ -160,24 +160,24 @@ def _parameters(operation: Place) -> dict[str, Place]:
 
 
 def _writing(parameter: Place) -> tuple[str, bool]:
-    """Its style, and whether each value of a list or an object stands apart."""
+    """Return a parameter's style, and whether each value of a list or an object is separate."""
     style = parameter.value.get("style", STYLES[parameter.value["in"]])
     return style, parameter.value.get("explode", style == "form")
 
 
 def _new_status(status: str) -> Kind:
-    """A refusal is one more reason to fail; any other answer is one that programs do not understand."""
+    """Classify a new status: a refusal is one more reason to fail; programs do not understand any other new answer."""
     return Kind.ADDITION if status.startswith(("4", "5")) else Kind.INCOMPATIBLE
 
 
 def _opens(way: Mapping[str, list[str]], held: Mapping[str, list[str]]) -> bool:
-    """Whether a way in takes who holds what another one asked for; the empty one takes everybody."""
+    """Return whether a security requirement admits a client that meets another; an empty one admits everybody."""
     ranks = {scheme: max(map(SCOPES.index, scopes), default=-1) for scheme, scopes in held.items()}
     return all(max(map(SCOPES.index, scopes), default=-1) <= ranks.get(scheme, -2) for scheme, scopes in way.items())
 
 
 def main() -> int:
-    """Print what changed since the last release; with `--release`, record the contract as that of a release."""
+    """Print what changed since the last release; with `--release`, record the contract as a release's."""
     released, today = json.loads(RELEASED.read_text()), json.loads(CONTRACT.read_text())
     print(*compare(released, today), sep="\n")
     fault = fault_of_version(released, today)

@@ -5,15 +5,15 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any
 
-# For people. What tells the kinds of a choice apart stands in the kinds themselves.
+# Texts for people. What distinguishes the kinds of a choice is in the kinds themselves.
 WORDS = {"title", "description", "summary", "examples", "example", "externalDocs", "discriminator", "readOnly"}
-# Objects of which every member has a name of its own, which may be one of those words.
+# Objects whose members have free names, which may be one of these words.
 NAMED = {"properties", "dependentSchemas", "patternProperties", "paths", "responses", "schemas", "headers"}
 EXTENSIONS = {"x-problem-codes", "x-event-data"}
 
 
 class Kind(IntEnum):
-    """What a change does to programs."""
+    """The effect of a change on programs."""
 
     ADDITION = 1
     INCOMPATIBLE = 2
@@ -21,7 +21,7 @@ class Kind(IntEnum):
 
 @dataclass(frozen=True, order=True)
 class Change:
-    """One change: where, as a JSON pointer into the later document or, of what is gone, the earlier one; and what."""
+    """A change, with its JSON pointer into the later document or, for removed parts, into the earlier one."""
 
     pointer: str
     what: str
@@ -40,7 +40,7 @@ class Place:
     pointer: str = ""
 
     def at(self, *keys: str | int) -> "Place":
-        """A place further in."""
+        """Return a place further in."""
         place = self
         for key in keys:
             inner = place.value[key] if isinstance(key, int) else place.value.get(key, {})
@@ -48,15 +48,15 @@ class Place:
         return place
 
     def pointer_to(self, key: str | int) -> str:
-        """The JSON pointer of a member (RFC 6901), whether or not it is a reference."""
+        """Return the JSON pointer of a member (RFC 6901), whether or not it is a reference."""
         return f"{self.pointer}/{str(key).replace('~', '~0').replace('/', '~1')}"
 
     def items(self) -> Iterator["Place"]:
-        """The places of a list."""
+        """Yield the places of a list."""
         return (self.at(index) for index in range(len(self.value)))
 
     def resolved(self) -> "Place":
-        """Where a reference leads, with what stands beside it; itself where it is none."""
+        """Return the target of a reference, merged with the keys next to it; the place itself if it is no reference."""
         if not isinstance(self.value, dict) or not isinstance(self.value.get("$ref"), str):
             return self
         keys = [key.replace("~1", "/").replace("~0", "~") for key in self.value["$ref"].removeprefix("#/").split("/")]
@@ -67,7 +67,7 @@ class Place:
 
 
 def without_words(part: Any) -> Any:  # noqa: ANN401 - any JSON value
-    """A document, or a part of one, without what is for people."""
+    """Return a document, or a part of one, without the texts for people."""
     if isinstance(part, list):
         return [without_words(each) for each in part]
     if not isinstance(part, dict):

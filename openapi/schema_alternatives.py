@@ -1,4 +1,4 @@
-"""What a value of a JSON schema can be, and which of that before is which after."""
+"""Alternatives of a JSON schema's value, and their pairing before and after a change."""
 
 import json
 from collections.abc import Iterator, Mapping
@@ -10,7 +10,7 @@ Schema = Mapping[str, Any]
 
 
 def alternatives(place: Place) -> Iterator[Place]:
-    """What a value can be: each with all that holds for it."""
+    """Yield the alternatives of a value, each with all constraints that hold for it."""
     schema = place.value
     for key in ("anyOf", "oneOf"):
         if key in schema:
@@ -24,7 +24,7 @@ def alternatives(place: Place) -> Iterator[Place]:
 
 
 def pairs(were: list[Place], are: list[Place]) -> list[tuple[Place, Place]]:
-    """The same alternative before and after: the most alike first. They are taken out of both lists."""
+    """Pair the same alternatives before and after, the most alike first, and remove them from both lists."""
     found = []
     for likeness in (_text, _marks, _family):
         if len(were) == len(are) == 1:
@@ -48,7 +48,7 @@ def _text(schema: Schema) -> str:
 
 
 def _marks(schema: Schema) -> tuple[str, ...]:
-    """What tells one kind of object from another: the fields that have one value each."""
+    """Return the marks of one kind of object: the fields that have one value each."""
     properties = schema.get("properties", {})
     known = {name: choices(each) or [] for name, each in sorted(properties.items())}
     return _family(schema), *(f"{name}={values[0]}" for name, values in known.items() if len(values) == 1)
@@ -60,12 +60,12 @@ def _family(schema: Schema) -> str:
 
 
 def choices(schema: Schema) -> list[str] | None:
-    """The values of an enumeration, as JSON; null: there is none."""
+    """Return the values of an enumeration, as JSON; None if there is none."""
     if "const" in schema:
         return [as_json(schema["const"])]
     return [as_json(each) for each in schema["enum"]] if "enum" in schema else None
 
 
 def as_json(value: Any) -> str:  # noqa: ANN401 - any JSON value
-    """A value as it is shown."""
+    """Format a value for display."""
     return "none" if value is None else json.dumps(value, ensure_ascii=False)

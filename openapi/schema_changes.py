@@ -1,4 +1,4 @@
-"""What changed between two JSON schemas of OpenAPI documents, for those who ask and for those who read answers.
+"""Changes between two JSON schemas of OpenAPI documents, for clients that send and for clients that read values.
 
 What a request could hold it can hold still, with the same meaning. What an answer promised still comes. An answer may
 have more fields, and the bounds of its values may move: its readers need not check them. A new word of an enumeration
@@ -29,20 +29,20 @@ SIDES = {True: "in requests", False: "in answers"}
 
 
 class SchemaChanges:
-    """Collects changes; each pair of types is looked at once for requests and once for answers."""
+    """Collects changes; each pair of types is compared once for requests and once for answers."""
 
     def __init__(self) -> None:
         self.found: set[Change] = set()
         self._seen: set[tuple[str, str, bool]] = set()
 
     def note(self, kind: Kind, place: Place, what: str, key: str | None = None) -> None:
-        """Keep one change, of a place or of its member."""
+        """Keep one change, of a place or a member."""
         self.found.add(Change(place.pointer if key is None else place.pointer_to(key), what, kind))
 
     def members(
         self, old: Place, new: Place, of: str, *, added: Callable[[str], Kind] = lambda _: Kind.ADDITION
     ) -> dict[str, tuple[Place, Place]]:
-        """Note the members of an object that are gone or new, which `added` judges, and give those that both have."""
+        """Record an object's members that are gone or new, which `added` judges, and return the common ones."""
         for key in old.value.keys() - new.value.keys():
             self.note(Kind.INCOMPATIBLE, old, f"the {of} {key} is gone", key)
         for key in new.value.keys() - old.value.keys():
@@ -50,18 +50,18 @@ class SchemaChanges:
         return {key: (old.at(key), new.at(key)) for key in old.value if key in new.value}
 
     def compare_value(self, old: Place, new: Place, key: str) -> None:
-        """Note a value that must be as it was, where it was stated."""
+        """Record the change of a value that must stay as it is where it was stated."""
         if key in old.value and old.value[key] != new.value.get(key):
             before, after = as_json(old.value[key]), as_json(new.value[key]) if key in new.value else "none"
             self.note(Kind.INCOMPATIBLE, new, f"{key} from {before} to {after}", key)
 
     def compare_deprecation(self, old: Place, new: Place) -> None:
-        """Note what goes out of use (Semantic Versioning, item 7)."""
+        """Record a deprecation (Semantic Versioning, item 7)."""
         if new.value.get("deprecated", False) and not old.value.get("deprecated", False):
             self.note(Kind.ADDITION, new, "is deprecated now")
 
     def compare(self, old: Place, new: Place, *, asked: bool) -> None:
-        """Note what changed between two schemas, of requests (`asked`) or of answers."""
+        """Record the changes between two schemas, of requests (`asked`) or of answers."""
         old, new = _as_object(old), _as_object(new)
         self.compare_deprecation(old, new)
         if asked:
@@ -165,13 +165,13 @@ class SchemaChanges:
             self.compare(old.at("prefixItems", index), new.at("prefixItems", index), asked=asked)
 
     def _inner(self, old: Place, new: Place, key: str, *, asked: bool) -> None:
-        """A schema within another; none allows everything."""
+        """Compare a schema within another; an absent one allows everything."""
         if key in old.value or key in new.value:
             self.compare(old.at(key), new.at(key), asked=asked)
 
 
 def _as_object(place: Place) -> Place:
-    """`true` allows everything, `false` nothing."""
+    """Return a boolean schema as an object: `true` allows everything, `false` nothing."""
     if isinstance(place.value, bool):
         return Place(place.document, {} if place.value else {"not": {}}, place.pointer)
     return place
@@ -183,12 +183,12 @@ def _named(place: Place) -> str:
 
 
 def _bound(schema: Schema, keys: list[str], sign: int) -> tuple[float, int] | None:
-    """The narrowest of bounds, so that a greater one is narrower: its value times its sign, and which of them it is."""
+    """Return the narrowest bound as (value times sign, index of the key): the greater, the narrower."""
     return max(((sign * schema[key], index) for index, key in enumerate(keys) if key in schema), default=None)
 
 
 def _rules(schema: Schema) -> dict[str, str]:
-    """The keywords that are no more than compared, as text."""
+    """Return the keywords that are only compared, as text."""
     others = without_words({key: value for key, value in schema.items() if key not in UNDERSTOOD})
     return {key: json.dumps(value, sort_keys=True) for key, value in others.items()}
 

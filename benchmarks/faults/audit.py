@@ -20,7 +20,7 @@ TEMPORARY = ("attempts", "incoming", "removed")
 
 @dataclass(frozen=True)
 class Ledger:
-    """What the database knows at the end.
+    """The content of the database at the end.
 
     Attributes
     ----------
@@ -46,7 +46,7 @@ class Audit:
     Parameters
     ----------
     url
-        As SQLAlchemy reads it.
+        The database's URL in SQLAlchemy's form.
     """
 
     def __init__(self, url: str) -> None:
@@ -54,25 +54,25 @@ class Audit:
         self._engine: Engine = create_engine(url, connect_args=options, pool_pre_ping=True)
 
     def install(self) -> None:
-        """Make the triggers; a migration that makes a table anew drops them, so do it when the service is up."""
+        """Make the triggers. A migration that rebuilds a table drops them, so call this when the service is up."""
         with self._engine.begin() as connection:
             for statement in self._statements():
                 connection.execute(text(statement))
 
     def unfinished(self) -> int:
-        """Jobs that have not ended."""
+        """Count the jobs that have not ended."""
         with self.reading() as connection:
             return int(connection.scalar(text(f"SELECT count(*) FROM jobs WHERE state NOT IN {ENDS}")) or 0)  # noqa: S608
 
     def holders(self) -> list[int]:
-        """The process ids of the workers that run a job at this moment."""
+        """List the process ids of the workers that run a job at this moment."""
         with self.reading() as connection:
             names = connection.scalars(text("SELECT worker FROM jobs WHERE state = 'running'")).all()
             endings = [name.rpartition("-")[2] for name in names if name]
             return [int(ending) for ending in endings if ending.isdigit()]
 
     def ledger(self) -> Ledger:
-        """Everything, for the counts."""
+        """Read everything that the counts need."""
         with self.reading() as connection:
             rows = connection.execute(text("SELECT id, state, losses FROM jobs")).all()
             return Ledger(
@@ -84,12 +84,12 @@ class Audit:
 
     @contextmanager
     def reading(self) -> Iterator[Connection]:
-        """A connection."""
+        """Open a connection."""
         with self._engine.connect() as connection:
             yield connection
 
     def close(self) -> None:
-        """Let go of the database."""
+        """Close the connections to the database."""
         self._engine.dispose()
 
     def _statements(self) -> Iterator[str]:
@@ -112,7 +112,7 @@ class Audit:
 
 
 def orphans(data: Path, known: frozenset[str]) -> list[str]:
-    """Files and folders that no row knows, once nothing runs; `numba-cache` holds compiled kernels."""
+    """List the files and folders that no row knows, once nothing runs; `numba-cache` holds compiled kernels."""
     folders = {path.name: path for path in data.iterdir() if path.is_dir()}
     found = [path for name in TEMPORARY for path in _in(data / name)]
     owned = [path for name, path in folders.items() if name not in {*TEMPORARY, "uploads", "numba-cache"}]
@@ -133,7 +133,7 @@ def _twice(connection: Connection) -> Iterator[str]:
 
 
 def _schedules(connection: Connection) -> Iterator[str]:
-    """Due times that ran twice: two outcomes, or a calibration that no outcome names."""
+    """List the due times that ran twice: two outcomes, or a calibration that no outcome names."""
     runs = connection.execute(text("SELECT schedule_id, due_at, calibration_id FROM schedule_runs")).all()
     for due, times in Counter((run.schedule_id, str(run.due_at)) for run in runs).items():
         if times > 1:

@@ -1,4 +1,4 @@
-"""Which faults are tried on which engines."""
+"""The faults that are tried on each engine."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from faults.trial import Trial
 
 @dataclass(frozen=True)
 class Engine:
-    """Who does the work, and where the rows are."""
+    """An engine: the workers' software, and the database."""
 
     name: str
     celery: bool
@@ -27,20 +27,20 @@ ENGINES = (
 
 @dataclass(frozen=True)
 class Fault:
-    """One class of faults.
+    """A class of faults.
 
     Attributes
     ----------
     disturb : callable
-        Makes them (`injections`).
+        Makes the faults (`injections`).
     on : callable
-        Whether an engine can have it.
+        True if an engine can have the fault.
     jobs_a_fault : int
-        At most one fault for this number of jobs.
+        Number of jobs for each fault, at least.
     before : callable or None
-        Done with the data folder and the database's URL before the product starts for the first time.
+        Called with the data folder and the database's URL before the product starts for the first time.
     begin, finish : callable or None
-        Done with the trial at its beginning and once its jobs have ended.
+        Called with the trial at the beginning and once the jobs have ended.
     """
 
     name: str

@@ -34,14 +34,14 @@ class Clocks:
         self.variables = {"LD_PRELOAD": str(library), "PYTHON_FAULTS_CLOCKS": str(folder)}
 
     def step(self, process_id: int, offset_s: float) -> None:
-        """Put one process's clock off by this from now on."""
+        """Shift one process's clock by this offset from now on."""
         path = self._folder / str(process_id)
         if path.exists():
-            with path.open("r+b") as file:  # it is mapped: never cut short
+            with path.open("r+b") as file:  # the file is mapped: never truncate
                 file.write(struct.pack("d", offset_s))
 
     def step_all(self, offset_s: float) -> None:
-        """Put the clocks off of all processes, those that start later too, as a step of the machine's clock does."""
+        """Shift the clocks of all processes, also later ones, as a step of the machine's clock does."""
         (self._folder / "start").write_bytes(struct.pack("d", offset_s))
         for path in self._folder.iterdir():
             if path.name.isdigit():

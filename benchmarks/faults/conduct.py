@@ -1,4 +1,4 @@
-"""All trials of a run, one after the other."""
+"""Runner of a run's trials, one after the other."""
 
 import tempfile
 import time
@@ -16,12 +16,12 @@ from faults.trial import settle
 from faults.trials import Outcome, Places, Request, trial_of, try_one
 from faults.work import BASE, MIX, PLANS, answer_of
 
-FEWEST_JOBS = 4  # of a trial
+FEWEST_JOBS = 4  # in a trial
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What a run tries; `folder` keeps data and logs."""
+    """The scope of a run; `folder` keeps data and logs."""
 
     faults: Sequence[Fault]
     engines: Sequence[Engine]
@@ -33,7 +33,7 @@ class Plan:
     workers: int = 2
 
     def requests(self) -> list[Request]:
-        """One for each engine and each fault that it can have, with its share of the jobs."""
+        """List one request for each engine and each fault that it can have, with its share of the jobs."""
         pairs = [(engine, fault) for engine in self.engines for fault in self.faults if fault.on(engine)]
         return [
             Request(
@@ -50,7 +50,7 @@ class Plan:
 
 
 def conduct_all(plan: Plan) -> Iterator[Outcome]:
-    """The right answers first, then the trials, as they end."""
+    """Compute the right answers, then yield the outcomes of the trials as they end."""
     bar = (TextColumn("{task.description:<40}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     requests = plan.requests()
     with ExitStack() as stack:
@@ -70,7 +70,7 @@ def conduct_all(plan: Plan) -> Iterator[Outcome]:
 
 
 def right_answers(places: Places, plan: Plan) -> dict[str, str]:
-    """What each kind of work is answered with when nothing happens."""
+    """Compute the answer to each kind of work when no fault happens."""
     nothing = Request(ENGINES[0], Fault("none", lambda _: None), 0, "0", workers=plan.workers)
     with trial_of(places, nothing) as trial:
         for number in range(PLANS):

@@ -18,7 +18,7 @@ AIMED = 0.8  # share of the faults that look for a process with a job
 
 
 def kill(trial: Trial) -> None:
-    """SIGKILL: the API, a worker, an attempt, a template of attempts."""
+    """Kill by SIGKILL: the API, a worker, an attempt, a template of attempts."""
     while trial.again(0.5, 4.0):
         part, victim = _victim(trial, ("api", "worker", "attempt", "attempt", "template"))
         send([victim], signal.SIGKILL)
@@ -26,7 +26,7 @@ def kill(trial: Trial) -> None:
 
 
 def stop(trial: Trial) -> None:
-    """SIGSTOP: a worker, and an attempt under a worker that goes on, for twice the lease; an attempt for good."""
+    """Stop by SIGSTOP: a worker, or an attempt under a running worker, for twice the lease; an attempt for good."""
     while trial.again(0.5, 2.0):
         part, victim = _victim(trial, ("worker", "attempt"))
         send([victim], signal.SIGSTOP)
@@ -39,7 +39,7 @@ def stop(trial: Trial) -> None:
 
 
 def terminate(trial: Trial) -> None:
-    """SIGTERM while jobs run and a stream of events is open; then everything is started again."""
+    """Terminate by SIGTERM while jobs run and a stream of events is open, then start everything again."""
     while trial.again(2.0, 6.0):
         following = threading.Thread(target=_follow, args=(trial,), daemon=True)
         following.start()
@@ -52,7 +52,7 @@ def terminate(trial: Trial) -> None:
 
 
 def redis_trouble(trial: Trial) -> None:
-    """Redis killed, silent, emptied, and once away for long."""
+    """Kill, pause and empty Redis, and once take it away for long."""
     server = trial.redis
     assert server is not None
     away_s = 600.0 if trial.long else 15.0
@@ -71,7 +71,7 @@ def redis_trouble(trial: Trial) -> None:
 
 
 def postgres_trouble(trial: Trial) -> None:
-    """PostgreSQL restarted in order, crashed, silent for twice the lease, and once away."""
+    """Restart PostgreSQL in order, crash it, pause it for twice the lease, and once take it away."""
     server = trial.postgres
     assert server is not None
     away_s = 120.0 if trial.long else 10.0
@@ -87,7 +87,7 @@ def postgres_trouble(trial: Trial) -> None:
 
 
 def clock_steps(trial: Trial) -> None:
-    """The clock of one process, or of all of them, hours off in either direction; and back again."""
+    """Set the clock of one process, or of all, hours off in either direction, and back again."""
     clocks = trial.clocks
     assert clocks is not None
     while trial.again(0.5, 3.0):
@@ -104,7 +104,7 @@ def clock_steps(trial: Trial) -> None:
 
 
 def disk_full(trial: Trial) -> None:
-    """The disk filled to the last byte, then with room for rows and none for results, and freed."""
+    """Fill the disk to the last byte, then leave room for rows and none for results, then free the disk."""
     ballast = trial.product.data / "ballast"
     while trial.again(1.0, 4.0):
         for free_bytes in (0, 120_000):
@@ -115,14 +115,14 @@ def disk_full(trial: Trial) -> None:
 
 
 def kill_services(trial: Trial) -> None:
-    """SIGKILL of one of several services, while another goes on."""
+    """Kill one of several services by SIGKILL, while another continues."""
     while trial.again(3.0, 10.0):
         send([trial.rng.choice(trial.product.api)], signal.SIGKILL)
         trial.happened["killed api"] += 1
 
 
 def _victim(trial: Trial, parts: tuple[str, ...]) -> tuple[str, int]:
-    """A part that runs, and a process that plays it, mostly one that has a job."""
+    """Choose a part that runs and one of its processes, mostly one that has a job."""
     while True:
         part = trial.rng.choice(parts)
         processes, holders = playing(trial.product.world, part), trial.holders()
@@ -135,7 +135,7 @@ def _victim(trial: Trial, parts: tuple[str, ...]) -> tuple[str, int]:
 
 
 def _mixed(trial: Trial, kinds: tuple[str, ...], *, once: str) -> Iterator[str]:
-    """Kinds in random order, again and again, one of them once."""
+    """Yield kinds in random order, again and again, one of them once."""
     left = list(kinds)
     while trial.again(1.0, 4.0):
         what = trial.rng.choice(left)
@@ -154,7 +154,7 @@ def _follow(trial: Trial) -> None:
         for line in stream.iter_lines():
             last = line.removeprefix("event: ") if line.startswith("event: ") else last
     trial.seen[f"streams that ended with {last or 'nothing'}"] += 1
-    if last not in {"end", "closing", ""}:  # none: it could not be opened any more
+    if last not in {"end", "closing", ""}:  # empty: the stream could not be opened any more
         trial.wrong.append(f"a stream ended with {last}")
 
 

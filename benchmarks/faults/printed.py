@@ -8,7 +8,7 @@ _COUNTS = ("jobs", "faults", "losses", "lost", "double", "unequal", "orphans")
 
 
 def print_table(outcomes: Sequence[Outcome], seed: int) -> None:
-    """A line a trial, the sums, and a sentence for everything that is wrong."""
+    """Print a line a trial, the sums, and a sentence for every fault that was found."""
     print(f"seed {seed}")
     print(f"{'engine':<20} {'fault':<11}" + "".join(f"{name:>9}" for name in _COUNTS) + f"{'s':>6}  what happened")
     for outcome in outcomes:

@@ -1,4 +1,4 @@
-"""Processes as /proc shows them: found by a mark in their environment, whoever has become their parent."""
+"""Processes as /proc shows them: found by a mark in their environment, also after a change of parent."""
 
 import os
 import signal
@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
-# Named so that it reaches the attempts too: of a worker's environment they have what Python and its libraries look at.
+# Named so that it reaches the attempts too: of a worker's environment they have what Python and its libraries read.
 MARK = "PYTHON_FAULTS_WORLD"
 _PARTS = {
     "sawmill_service": "api",
@@ -17,13 +17,13 @@ _PARTS = {
 
 
 def marked(world: str) -> list[int]:
-    """All processes that run and carry a world's mark."""
+    """List all running processes that carry a world's mark."""
     mark = f"{MARK}={world}".encode()
     return [process_id for process_id in _all() if mark in _read(process_id, "environ").split(b"\0")]
 
 
 def playing(world: str, part: str) -> list[int]:
-    """Those that are `api`, `worker`, `attempt`, or the `template` of which attempts are forked."""
+    """List the processes that are `api`, `worker`, `attempt`, or the `template` from which attempts are forked."""
     parts = {process_id: _part(process_id) for process_id in marked(world)}
     parents = {_parent(process_id) for process_id, played in parts.items() if played == "attempt"}
     parts |= {process_id: "template" for process_id in parents & parts.keys() if parts[process_id] == "attempt"}
@@ -31,14 +31,14 @@ def playing(world: str, part: str) -> list[int]:
 
 
 def send(process_ids: Sequence[int], number: signal.Signals) -> None:
-    """A signal to each; one that has ended by now needs none."""
+    """Send a signal to each process; one that has ended by now needs none."""
     for process_id in process_ids:
         with suppress(ProcessLookupError):
             os.kill(process_id, number)
 
 
 def serving(process_ids: Sequence[int], workers: Sequence[int]) -> int:
-    """Of attempts the one that has a job, most likely: the oldest below a worker that has one, else any."""
+    """Return the attempt that has a job, most likely: the oldest below a worker that has one, else any."""
     below = [
         process_id
         for process_id in process_ids
@@ -52,7 +52,7 @@ def _parent(process_id: int) -> int:
 
 
 def _number(process_id: int, place: int) -> int:
-    """Of /proc/PID/stat behind the name: 1 the parent's id, 19 when it started."""
+    """Read a field of /proc/PID/stat after the name: 1 is the parent's id, 19 the start time."""
     fields = _read(process_id, "stat").decode(errors="replace").rpartition(")")[2].split()
     return int(fields[place]) if fields else 0
 

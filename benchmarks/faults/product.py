@@ -42,13 +42,13 @@ class Product:
     Parameters
     ----------
     folder
-        For the data folder, which is `folder / "data"`, and for logs.
+        Folder for the data folder, which is `folder / "data"`, and for logs.
     variables
-        The environment's, beside the usual ones.
+        Variables of the environment, added to the usual ones.
     services
         `sawmill serve` processes; the client talks to the first.
     broker
-        Whether a Celery worker does the work.
+        True if a Celery worker does the work.
     """
 
     def __init__(self, folder: Path, variables: Mapping[str, str], *, services: int, broker: bool) -> None:
@@ -73,7 +73,7 @@ class Product:
         return [self._running[place].pid for place in sorted(self._running)]
 
     def start(self) -> None:
-        """Begin, and wait until it is ready."""
+        """Start the processes, and wait until the service is ready."""
         self._start_missing()
         self.wait_until_ready()
         if not self._keeper.is_alive():

@@ -12,7 +12,7 @@ LATEST_S = 150.0  # two minutes, and what a slow machine needs
 
 
 def begin(trial: Trial) -> None:
-    """Schedules that are due every minute, each for a scanner with a new scan."""
+    """Create schedules that are due every minute, each for a scanner with a new scan."""
     for number in range(SCHEDULES):
         trial.asker.schedule(f"line {number}", "* * * * *")
 

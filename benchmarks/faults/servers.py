@@ -21,11 +21,11 @@ _NOBODY = 65534  # PostgreSQL refuses to run as root
 
 
 class NotHere(Exception):  # noqa: N818 - why a trial is left out
-    """What a trial needs is not on this machine."""
+    """A program that a trial needs is not on this machine."""
 
 
 def free_port() -> int:
-    """A TCP port of this machine that nobody listens on."""
+    """Return a TCP port of this machine that no process listens on."""
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         return int(free.getsockname()[1])
@@ -41,7 +41,7 @@ class Redis:
         self.url = f"redis://127.0.0.1:{self._port}/0"
 
     def start(self) -> None:
-        """Begin, empty."""
+        """Start the server, empty."""
         flags = ["--port", str(self._port), "--bind", "127.0.0.1", "--save", "", "--appendonly", "no"]
         self._process = subprocess.Popen(  # noqa: S603
             [str(get_binary_path()), *flags, "--dir", str(self._folder)], stdout=subprocess.DEVNULL
@@ -50,19 +50,19 @@ class Redis:
             _wait_for(client.ping, redis.ConnectionError)
 
     def kill(self) -> None:
-        """End it at once."""
+        """Kill the server at once."""
         if self._process is not None:
             self._process.kill()
             self._process.wait()
 
     def flush(self) -> None:
-        """Lose every message."""
+        """Delete every message."""
         with redis.Redis(port=self._port) as client:
             client.flushall()
 
     @contextmanager
     def paused(self) -> Iterator[None]:
-        """It accepts connections, and does not answer."""
+        """Pause the server: connections are accepted, and not answered."""
         assert self._process is not None
         self._process.send_signal(signal.SIGSTOP)
         try:
@@ -91,7 +91,7 @@ class Postgres:
         )
 
     def start(self) -> None:
-        """Begin; after a crash it replays its log first."""
+        """Start the server; after a crash it replays its log first."""
         with (self._folder / "log").open("ab") as log:
             self._process = subprocess.Popen(  # noqa: S603
                 [
@@ -113,20 +113,20 @@ class Postgres:
         _wait_for(lambda: self._connect().close(), psycopg.OperationalError)
 
     def new_database(self, name: str) -> str:
-        """Its URL for SQLAlchemy."""
+        """Create a database and return its URL for SQLAlchemy."""
         with self._connect() as connection:
             connection.execute(f'CREATE DATABASE "{name}"')
         return f"postgresql+psycopg://postgres@127.0.0.1:{self._port}/{name}"
 
     def end(self, *, crash: bool) -> None:
-        """End it in order, or as a crash ends it: every connection breaks either way."""
+        """Stop the server in order, or as a crash does: every connection breaks either way."""
         if self._process is not None:
             self._process.send_signal(signal.SIGQUIT if crash else signal.SIGINT)
             self._process.wait()
 
     @contextmanager
     def paused(self) -> Iterator[None]:
-        """It accepts connections, and does not answer."""
+        """Pause the server: connections are accepted, and not answered."""
         family = self._family()
         send(family, signal.SIGSTOP)
         try:

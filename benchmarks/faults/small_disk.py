@@ -1,4 +1,4 @@
-"""A trial on a small disk: in a process of its own, in a mount namespace that ends with it, however it ends.
+"""A trial on a small disk: in a separate process, in a mount namespace that ends with the process.
 
 `python -m faults.small_disk` is that process: it reads what is to be tried as JSON, and prints the outcome.
 """
@@ -20,7 +20,7 @@ _BENCHMARKS = Path(__file__).parents[1]
 
 
 def try_there(folder: Path, request: Request, right: dict[str, str]) -> Outcome:
-    """As `trials.try_one`, with the data folder on a disk of its own."""
+    """Run `trials.try_one` with the data folder on a small disk."""
     names = request.engine.name, request.fault.name
     data = folder / f"{request.engine.name}-{request.fault.name}" / "data"
     tried = subprocess.run([*_OWN_MOUNTS, _MOUNT, str(data)], capture_output=True, text=True, check=False)  # noqa: S603
@@ -41,7 +41,7 @@ def try_there(folder: Path, request: Request, right: dict[str, str]) -> Outcome:
 
 
 def main() -> None:
-    """Try what standard input asks for."""
+    """Run the trial that standard input requests."""
     given = json.load(sys.stdin)
     engine = next(engine for engine in ENGINES if engine.name == given["names"][0])
     fault = next(fault for fault in FAULTS if fault.name == given["names"][1])

@@ -1,4 +1,4 @@
-"""One trial: the product on an engine, jobs that are asked for, faults meanwhile, and the counts at the end."""
+"""A trial: the product on an engine, requested jobs, faults while they run, and the counts at the end."""
 
 import threading
 import time
@@ -17,30 +17,30 @@ from faults.product import Product
 from faults.servers import Postgres, Redis
 from faults.work import MIX, Accepted, Asker, answer_of
 
-MOST_WAITING = 8  # jobs asked for ahead: enough that faults meet running ones
-ENDED_S = 300.0  # for the jobs to end once all have been accepted and the faults are over
+MOST_WAITING = 8  # jobs requested ahead: enough that faults meet running ones
+ENDED_S = 300.0  # limit for the jobs' ends once all are accepted and the faults are over
 LULL_S = 5.0  # a fault comes although no job runs
-SETTLED_S = 45.0  # for what is left over to be noticed, watched for its grace of 5 s and removed
+SETTLED_S = 45.0  # limit for the removal of remains: detection, 5 s of grace, removal
 
 
 @dataclass
 class Trial:
-    """What faults are made with.
+    """The state that faults use and change.
 
     Attributes
     ----------
     most : int
-        Faults, at most: else a job might never find the time to end.
+        Largest number of faults: otherwise a job might never have the time to end.
     mix : sequence of str
-        What is asked for.
+        Names of the jobs to request.
     long : bool
-        Whether outages last as long as in an hour's run.
+        True if outages last as long as in an hour's run.
     over : threading.Event
         Set when every job has ended.
     happened, seen : Counter of str
-        What was done, and what else came of it.
+        Numbers of injected faults, and of other events that followed.
     wrong : list of str
-        What must not be, beside the four counts.
+        Faults of the product other than the four counts.
     """
 
     product: Product
@@ -59,14 +59,14 @@ class Trial:
     wrong: list[str] = field(default_factory=list)
 
     def again(self, shortest_s: float, longest_s: float) -> bool:
-        """Wait a while, and then for a job to run; whether there is to be another fault."""
+        """Wait a while, then for a job to run; return whether there is to be another fault."""
         if self.happened.total() >= self.most or self.over.wait(self.rng.uniform(shortest_s, longest_s)):
             return False
         _wait(LULL_S, lambda: self.over.is_set() or bool(self.holders()), look_s=0.03)
         return not self.over.wait(self.rng.uniform(0.0, 0.3))
 
     def holders(self) -> list[int]:
-        """Workers with a job; none while the database does not answer."""
+        """List the workers with a job; none while the database does not answer."""
         with suppress(DBAPIError):
             return self.audit.holders()
         return []
@@ -74,7 +74,7 @@ class Trial:
 
 @dataclass(frozen=True)
 class Counts:
-    """What a trial came to; the first four must be 0."""
+    """The counts of a trial; the first four must be 0."""
 
     lost: int
     double: int
@@ -88,12 +88,12 @@ class Counts:
 
     @property
     def sound(self) -> bool:
-        """Whether nothing is wrong."""
+        """True if nothing is wrong."""
         return not (self.lost or self.double or self.unequal or self.orphans or self.details)
 
 
 def ask_all(trial: Trial, jobs: int, progress: Callable[[], None]) -> None:
-    """Ask for the mix in a random order, never far ahead of what has ended."""
+    """Request the mix in a random order, never far ahead of the ended jobs."""
     names = [trial.mix[number % len(trial.mix)] for number in range(jobs)]
     trial.rng.shuffle(names)
     for number, name in enumerate(names):
@@ -111,7 +111,7 @@ def disturbed(
     jobs: int,
     progress: Callable[[], None],
 ) -> None:
-    """Ask, disturb, and wait until all has ended."""
+    """Request the jobs, disturb, and wait until all has ended."""
     with ThreadPoolExecutor(2) as threads:
         disturbing = threads.submit(fault, trial)
         asking = threads.submit(ask_all, trial, jobs, progress)
@@ -131,7 +131,7 @@ def settle(trial: Trial) -> None:
 
 
 def count(trial: Trial, right: dict[str, str], started: float) -> Counts:
-    """The four counts, and what they are of."""
+    """Count lost, double, unequal and orphaned work, with the details."""
     ledger = trial.audit.ledger()
     lost = _lost(ledger, trial.asker.accepted)
     ended = [accepted for accepted in trial.asker.accepted if ledger.states.get(accepted.job_id) == "succeeded"]
@@ -157,7 +157,7 @@ def count(trial: Trial, right: dict[str, str], started: float) -> Counts:
 
 
 def _lost(ledger: Ledger, accepted: Sequence[Accepted]) -> list[str]:
-    """What was accepted and did not succeed: jobs whose 202 a fault has swallowed are in the database alone."""
+    """List the accepted jobs that did not succeed; a job whose 202 a fault swallowed is in the database alone."""
     states = {one.job_id: "not in the database" for one in accepted} | ledger.states
     return [f"job {job_id} {state}" for job_id, state in states.items() if state != "succeeded"]
 
@@ -175,7 +175,7 @@ def _wait(longest_s: float, done: Callable[[], bool], *, look_s: float = 0.3) ->
 
 
 def _unfinished(audit: Audit) -> int:
-    """Jobs that have not ended; many, while the database does not answer."""
+    """Count the jobs that have not ended; many, while the database does not answer."""
     with suppress(DBAPIError):
         return audit.unfinished()
     return MOST_WAITING

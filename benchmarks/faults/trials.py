@@ -1,4 +1,4 @@
-"""One trial from start to end, with the servers that it needs."""
+"""A trial from start to end, with the servers that it needs."""
 
 import time
 import traceback
@@ -21,7 +21,7 @@ from faults.work import MIX, Asker
 
 @dataclass(frozen=True)
 class Request:
-    """What is to be tried; `seed` decides what happens when, and to whom."""
+    """A trial to be run; `seed` decides the time and the target of each fault."""
 
     engine: Engine
     fault: Fault
@@ -50,17 +50,17 @@ class Outcome:
 
     @classmethod
     def of(cls, document: dict[str, Any]) -> Self:
-        """From `as_json`."""
+        """Read an outcome from the document that `as_json` writes."""
         counts = document["counts"] and Counts(**document["counts"])
         return cls(**document | {"counts": counts})
 
     @property
     def sound(self) -> bool:
-        """Whether nothing is wrong, as far as it was tried."""
+        """True if nothing is wrong, as far as the trial went."""
         return not self.broken and (self.counts is None or self.counts.sound)
 
     def as_json(self) -> dict[str, Any]:
-        """Everything."""
+        """Return the whole outcome as JSON."""
         return asdict(self)
 
 
@@ -73,7 +73,7 @@ class Places:
     _postgres: Postgres | None = None
 
     def postgres(self) -> Postgres:
-        """The one server of all trials."""
+        """Return the one server of all trials, started when first needed."""
         if self._postgres is None:
             self._postgres = Postgres(self.folder / "postgresql")
             self._postgres.start()
@@ -104,7 +104,7 @@ def try_one(places: Places, request: Request, right: dict[str, str], tick: Calla
 
 @contextmanager
 def trial_of(places: Places, request: Request) -> Iterator[Trial]:
-    """The product, started, with everything that its faults need; at the end it is stopped, in time and wholly."""
+    """Start the product with everything that its faults need; at the end stop it, in time and completely."""
     engine, fault = request.engine, request.fault
     folder = places.folder / f"{engine.name}-{fault.name}"
     folder.mkdir(parents=True, exist_ok=True)

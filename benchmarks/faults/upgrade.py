@@ -41,7 +41,7 @@ def before(data: Path, url: str) -> None:
 
 
 def begin(trial: Trial) -> None:
-    """What was accepted before the upgrade must come to the same answers."""
+    """Add the jobs that were accepted before the upgrade: their answers must be the same."""
     for row in json.loads(ROWS.read_text())["jobs"]:
         work = Work(_NAMES[row["subject_id"]], _PLURALS.get(row["kind"], "plans"))
         trial.asker.accepted.append(Accepted(work, row["subject_id"], row["id"]))
@@ -57,7 +57,7 @@ def _insert(connection: Connection, rows: dict[str, list[dict[str, Any]]]) -> No
 
 
 def _typed(table: Table, name: str, value: object) -> object:
-    """JSON's words as the column's type."""
+    """Convert a JSON value to the column's type."""
     column = table.columns[name].type
     if isinstance(column, DateTime):
         moment = datetime.fromisoformat(str(value))

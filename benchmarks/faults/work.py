@@ -1,4 +1,4 @@
-"""The jobs that are asked for: tiny, of every kind that mills ask for, each with one right answer."""
+"""The requested jobs: tiny, of every kind that mills use, each with one right answer."""
 
 import hashlib
 import io
@@ -31,14 +31,14 @@ _DIFFERS = {"id", "created_at", "links", "at", "timing_s", "time_s", "sha256", "
 
 @dataclass(frozen=True)
 class Work:
-    """One way to ask.
+    """A kind of request.
 
     Attributes
     ----------
     name : str
-        What has the same name has the same right answer.
+        Name; requests of the same name have the same right answer.
     plural : str
-        Where its answer is found: /v1/<plural>/<id>, and <plural>/<id>/ in the data folder.
+        Place of the answer: /v1/<plural>/<id>, and <plural>/<id>/ in the data folder.
     """
 
     name: str
@@ -47,7 +47,7 @@ class Work:
 
 @dataclass(frozen=True)
 class Accepted:
-    """What the service answered 202 to."""
+    """A request that the service answered with 202."""
 
     work: Work
     subject_id: str
@@ -56,13 +56,13 @@ class Accepted:
 
 @cache
 def phantom_scan() -> bytes:
-    """20 views of the phantom, line integrals, as an NPY file."""
+    """Return 20 views of the phantom, line integrals, as an NPY file."""
     return _scan(L_SHAPE.of_density(SAPWOOD_PER_MM), 20)
 
 
 @cache
 def log_scan() -> bytes:
-    """120 views of a log."""
+    """Return 120 views of a log."""
     return _scan(LogModel.random(4).slice_at(120.0).moved(5.0, -3.0), 120)
 
 
@@ -80,9 +80,9 @@ class Asker:
     Attributes
     ----------
     accepted : list of Accepted
-        All of them.
+        The accepted jobs.
     refused : dict of int to int
-        How often each status, or 0 where nothing answered, kept it waiting.
+        Number of waits by status; status 0 where there was no answer.
     """
 
     def __init__(self, client: httpx.Client, wait_s: float) -> None:
@@ -92,13 +92,13 @@ class Asker:
         self._base: dict[str, str] = {}
 
     def prepare(self) -> None:
-        """A scanner, and what the other jobs need."""
+        """Create a scanner, and what the other jobs need."""
         self._base["scanner"] = self._post("/v1/scanners", json={"name": "line", "constants": vars(SCANNER)})["id"]
         for name in BASE:
             self._base[name] = self.ask(name).subject_id
 
     def schedule(self, scanner: str, cron: str) -> None:
-        """A scanner of its own, a scan of it, and a schedule that calibrates it."""
+        """Create another scanner, a scan of it, and a schedule that calibrates it."""
         scanner_id = self._post("/v1/scanners", json={"name": scanner, "constants": vars(SCANNER)})["id"]
         base, self._base = self._base, {**self._base, "scanner": scanner_id}
         self.ask("phantom scan")
@@ -106,7 +106,7 @@ class Asker:
         self._post("/v1/schedules", json={"scanner_id": scanner_id, "cron": cron})
 
     def ask(self, name: str, number: int = 0) -> Accepted:
-        """Ask for one of the mix; `number` tells one plan from another."""
+        """Request one of the mix; `number` distinguishes plans."""
         path, plural, options = self._request(name, number)
         answer = self._post(path, **options)
         work = Work(f"{name} {number % PLANS}" if name == "plan" else name, plural)
@@ -156,7 +156,7 @@ class Asker:
 
 
 def answer_of(client: httpx.Client, data: Path, accepted: Accepted) -> str:
-    """Everything that an answer holds but ids and times, its files included, for comparison."""
+    """Return an answer for comparison: everything but ids and times, its files included."""
     plural, subject_id = accepted.work.plural, accepted.subject_id
     document = client.get(f"/v1/{plural}/{subject_id}").raise_for_status().json()
     files = {path.name: _numbers(path) for path in sorted((data / plural / subject_id).glob("*.h5"))}
@@ -171,7 +171,7 @@ def _without_names(value: Any) -> Any:  # noqa: ANN401 - JSON
 
 
 def _numbers(path: Path) -> dict[str, str]:
-    """The digests of a file's arrays."""
+    """Return the digests of a file's arrays."""
     found: dict[str, str] = {}
 
     def note(name: str, item: Any) -> None:  # noqa: ANN401 - a group or a dataset

@@ -19,7 +19,7 @@ from paper.experiment import Experiment, Plan, Result, Unit, Values
 from paper.store import forget, load, save
 
 LINE = 120
-# What a paragraph begins with that is none: headings, tables, pictures, code.
+# First characters of blocks that are no paragraphs: headings, tables, pictures, code.
 KEPT = ("#", "|", "!", "```")
 
 
@@ -33,7 +33,7 @@ class Places:
 
 
 def one_thread() -> None:
-    """Each process of the pool computes with one thread: as many processes as cores are faster than more threads."""
+    """Limit a process of the pool to one thread: as many processes as cores are faster than more threads."""
     numba.set_num_threads(1)
 
 
@@ -42,12 +42,12 @@ def _execute(unit: Unit) -> Result:
 
 
 def distinct(experiments: Sequence[Experiment], plan: Plan) -> list[Unit]:
-    """All units, each once: experiments share some."""
+    """List all units, each once: experiments share some."""
     return list({unit.name: unit for experiment in experiments for unit in experiment.units(plan)}.values())
 
 
 def work_through(units: Sequence[Unit], work: Path, *, processes: int) -> None:
-    """Do what is not done, shortest first; a failed unit ends the command, and what is done stays done."""
+    """Run the units that have no result, shortest first; a failed unit ends the command, earlier results stay."""
     waiting = sorted((unit for unit in units if load(work, unit) is None), key=lambda unit: unit.seconds)
     total = sum(unit.seconds for unit in waiting)
     columns = (
@@ -91,12 +91,12 @@ def _feed(
 
 
 def gather(units: Sequence[Unit], work: Path) -> dict[str, Result]:
-    """The results by unit name.
+    """Collect the results by unit name.
 
     Raises
     ------
     LookupError
-        If one is missing.
+        A result is missing.
     """
     results = {unit.name: load(work, unit) for unit in units}
     missing = [name for name, result in results.items() if result is None]
@@ -106,7 +106,7 @@ def gather(units: Sequence[Unit], work: Path) -> dict[str, Result]:
 
 
 def wrapped(text: str) -> str:
-    """Markdown with its paragraphs broken into lines of at most LINE characters; the rest stays as it is."""
+    """Break Markdown's paragraphs into lines of at most LINE characters; the rest stays as it is."""
     parts = text.split("\n\n")
     return "\n\n".join(
         part

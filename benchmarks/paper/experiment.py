@@ -1,11 +1,11 @@
-"""What an experiment is: units of work whose results are kept, and the figures of a section of the page."""
+"""Experiments: units of work whose results are kept, and the figures of a section of the page."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-# Numbers, strings and lists of them; arrays are kept beside them.
+# Numbers, strings and lists of them; arrays are kept next to them.
 Result = dict[str, Any]
 Results = Mapping[str, Result]
 Values = dict[str, str]
@@ -13,28 +13,28 @@ Values = dict[str, str]
 
 @dataclass(frozen=True)
 class Plan:
-    """How much of everything: the defaults take about seven minutes on two idle cores, `FULL` takes hours.
+    """The size of everything: the defaults take about seven minutes on two idle cores, `FULL` takes hours.
 
     Attributes
     ----------
     in_odl : bool
         Runs the published pipeline in ODL as well.
     sparse_runs, dense_runs : int
-        Of the `paper` method for the pair plots, from few views and from many.
+        Runs of the `paper` method for the pair plots, from few views and from many.
     sparse_image_size, dense_image_size : int
         Side in pixels of the image that the `paper` method correlates, from few views and from many.
     study_image_size : int
-        As above, where objectives and optimisers are compared.
+        Side in pixels of that image where objectives and optimisers are compared.
     study_binned : int
-        Detector cells averaged there, where sinograms are compared.
+        Detector cells averaged in that comparison, where sinograms are compared.
     dense_binned : int
         Detector cells averaged before the `paper` method sees many views.
     max_generations : int
-        Of a `paper` search; it stops by itself long before.
+        Generations of a `paper` search, which stops by itself long before.
     tight_generations : int
-        Of a search that waits until its population agrees.
+        Generations of a search that waits until its population agrees.
     compared_views : tuple of int
-        Numbers of views that calibrations and reconstruction methods are compared at.
+        Numbers of views at which calibrations and reconstruction methods are compared.
     log_image_size : int
         Side in pixels of a log's image where methods are compared; a power of two up to 256.
     """
@@ -67,16 +67,16 @@ FULL = Plan(in_odl=True, sparse_image_size=256, dense_image_size=256, dense_binn
 
 @dataclass(frozen=True)
 class Unit:
-    """One run of something: it is done once, and its result is kept under its name.
+    """A run that is done once; its result is kept under its name.
 
     Attributes
     ----------
     name : str
         A file's name. Two experiments may name the same unit.
     work : callable
-        A function of a module, called with the settings in a process of its own.
+        A function of a module, called with the settings in a separate process.
     seconds : float
-        What it takes on an idle core, roughly; for the time left.
+        Seconds on an idle core, roughly; for the time left.
     """
 
     name: str
@@ -87,7 +87,7 @@ class Unit:
 
 @dataclass(frozen=True)
 class Experiment:
-    """One section of docs/paper.md.
+    """A section of docs/paper.md.
 
     Attributes
     ----------

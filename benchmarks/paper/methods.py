@@ -31,7 +31,7 @@ from sawmill_vocabulary import AlphaRule
 
 # The published settings of `cauchy_map` are in the unit of the published log, whose wood is about this.
 PUBLISHED_WOOD = 0.4
-# What loads a method's kernels and costs little.
+# Size and views of a cheap run that loads a method's kernels.
 WARM_SIZE, WARM_VIEWS = 16, 20
 # Edge errors that differ by less than this factor do not say which image is the better one.
 MARKED = 1.2
@@ -39,7 +39,7 @@ MARKED = 1.2
 
 @dataclass(frozen=True)
 class Method:
-    """What is called, how its curve looks, and about how many seconds a view costs on an idle core."""
+    """A reconstruction method, the style of its curve, and about how many seconds a view costs on an idle core."""
 
     reconstruct: Callable[[Projector, FloatArray], Estimate]
     colour: str
@@ -58,7 +58,7 @@ METHODS: Mapping[str, Method] = {
 
 @dataclass(frozen=True)
 class Measure:
-    """One way to say how good an image is: its key in a result, and its words."""
+    """A measure of an image's quality: its key in a result, and its words."""
 
     key: str
     words: str
@@ -71,19 +71,19 @@ EDGES = Measure("edge_error_mm", "edge error, mm")
 
 
 def scale_of(source: Source) -> float:
-    """What brings a log to the unit of the published one."""
+    """Return the factor that brings a log to the unit of the published one."""
     return 1.0 if source == "published" else PUBLISHED_WOOD / SAPWOOD_PER_MM
 
 
 def truth(source: Source, size: int) -> FloatArray:
-    """The log itself on (size, size) pixels [x, y], in the unit of the published one."""
+    """Return the log itself on (size, size) pixels [x, y], in the unit of the published one."""
     by = GRID.size // size
     image: FloatArray = log_truth(source).reshape(size, by, size, by).mean(axis=(1, 3)) * scale_of(source)
     return image
 
 
 def run(source: Source, method: str, views: int, size: int) -> Result:
-    """One image with its figures; the seconds are those of a warm process."""
+    """Reconstruct one image and return its figures; the seconds are a warm process's."""
     take, few = every_so_many(views), slice(None, None, max(1, views // WARM_VIEWS))
     lines = log_sinogram(source)[take] * scale_of(source)
     geometry = FanBeamGeometry(SCANNER, TRUE_THETA, ANGLES[take])
@@ -106,14 +106,14 @@ def run(source: Source, method: str, views: int, size: int) -> Result:
 
 
 def unit(plan: Plan, source: Source, method: str, views: int) -> Unit:
-    """One image."""
+    """Return the unit of one image."""
     settings = {"source": source, "method": method, "views": views, "size": plan.log_image_size}
     seconds = 0.5 + METHODS[method].seconds_a_view * views
     return Unit(f"methods-{source}-{method.replace(' ', '-')}-{views}", run, settings, seconds)
 
 
 def units(plan: Plan) -> list[Unit]:
-    """Every log with every method at every number of views."""
+    """List the units of every log with every method at every number of views."""
     return [
         unit(plan, source, method, views) for source in sources() for method in METHODS for views in plan.compared_views
     ]
@@ -123,7 +123,7 @@ Images = Mapping[tuple[str, int], Result]
 
 
 def images_of(plan: Plan, results: Results, source: Source) -> Images:
-    """One log's results by method and views."""
+    """Select one log's results by method and views."""
     return {
         (method, views): results[unit(plan, source, method, views).name]
         for method in METHODS
@@ -132,18 +132,18 @@ def images_of(plan: Plan, results: Results, source: Source) -> Images:
 
 
 def own_edge_error_mm(source: Source, size: int) -> float:
-    """What the log itself has: outlines that are nearer to each other than the measure reaches can be mistaken."""
+    """Compute the log's own edge error: outlines nearer to each other than the measure reaches can be mistaken."""
     log = truth(source, size)
     return edge_error_mm(log, log, GRID.field_mm / size)
 
 
 def _window(log: FloatArray) -> tuple[float, float]:
-    """Air is black, and a fragment of metal does not darken the wood."""
+    """Return the grey window: air is black, and a fragment of metal does not darken the wood."""
     return 0.0, float(np.percentile(log[log > 0.0], 99.0))
 
 
 def _draw_images(plan: Plan, source: Source, made: Images, path: Path) -> None:
-    """Methods down, views across, in one grey window."""
+    """Draw methods down, views across, in one grey window."""
     drawn = pictures.figure(7.4, 7.6)
     panels = drawn.subplots(len(METHODS), len(plan.compared_views), squeeze=False)
     low, high = _window(truth(source, plan.log_image_size))
@@ -178,7 +178,7 @@ def _draw_curve(axes: Axes, plan: Plan, made: Images, measure: Measure) -> None:
 
 
 def _draw_curves(plan: Plan, results: Results, path: Path) -> None:
-    """For each log the log itself, and each measure against the views."""
+    """Draw for each log the log itself, and each measure against the views."""
     drawn = pictures.figure(10.4, 2.7 * len(sources()) + 0.4)
     panels = drawn.subplots(len(sources()), 4, squeeze=False)
     for row, source in zip(panels, sources(), strict=True):
@@ -203,7 +203,7 @@ def _table(made: Images, own_error: float) -> str:
 
 
 def least_errors(made: Images, views: tuple[int, ...]) -> str:
-    """Which method has the least relative error, and where."""
+    """State which method has the least relative error, and at which numbers of views."""
     where: dict[str, list[str]] = {}
     for count in views:
         _, best = min((made[method, count][RELATIVE.key], method) for method in METHODS)
@@ -212,7 +212,7 @@ def least_errors(made: Images, views: tuple[int, ...]) -> str:
 
 
 def contradictions(made: Images, measure: Measure) -> tuple[list[tuple[Result, Result]], int]:
-    """Pairs of images whose outlines differ markedly: those of which a measure prefers the worse outlines, and all.
+    """List the pairs of images with very different outlines of which a measure prefers the worse; count all such pairs.
 
     Each pair has the image with the worse outlines first; the pair whose outlines differ most comes first.
     """
@@ -225,7 +225,7 @@ def contradictions(made: Images, measure: Measure) -> tuple[list[tuple[Result, R
 
 
 def _shows(plan: Plan, made: Images) -> str:
-    """What a log's table says, in words."""
+    """State what a log's table shows, in words."""
     by_ssim, marked = contradictions(made, SSIM)
     by_error, _ = contradictions(made, RELATIVE)
     text = (
@@ -244,7 +244,7 @@ def _shows(plan: Plan, made: Images) -> str:
 
 
 def section(plan: Plan, results: Results, folder: Path) -> Values:
-    """The images of the first log, the curves and tables of all."""
+    """Draw the images of the first log, the curves and tables of all."""
     parts = []
     for source in sources():
         made = images_of(plan, results, source)

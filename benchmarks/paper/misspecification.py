@@ -32,7 +32,7 @@ class Case:
         return Theta.from_vector(to_vector(TRUE_THETA) * np.array(self.left) + np.array(self.added))
 
 
-# The paper's letters; a zero stands where a parameter is left out.
+# The paper's letters; a zero where a parameter is left out.
 GALLERY = (
     Case("a", "[alpha0, r_D, 0, 0, 0]", left=(1.0, 1.0, 0.0, 0.0, 0.0)),
     Case("b", "[alpha0, r_D, h_S, 0, 0]", left=(1.0, 1.0, 1.0, 0.0, 0.0)),
@@ -51,7 +51,7 @@ ALONE = (
 
 
 def run(theta: list[float]) -> Result:
-    """The log's image with a theta, and its figures against that with the true one."""
+    """Reconstruct the log with a theta, and compare the image with the one by the true theta."""
     wrong, source = Theta.from_vector(np.array(theta)), sources()[0]
     error, similarity = log_quality(source, wrong)
     frame = wrong.source_frame(SCANNER.source_to_cor_mm)
@@ -66,12 +66,12 @@ def run(theta: list[float]) -> Result:
 
 
 def unit(case: Case) -> Unit:
-    """One image."""
+    """Return the unit of one image."""
     return Unit(f"misspecified-{case.name}", run, {"theta": to_vector(case.theta).tolist()})
 
 
 def units(plan: Plan) -> list[Unit]:  # noqa: ARG001 - as many as there are cases
-    """All images, the true one among them."""
+    """List the units of all images, the true one included."""
     return [unit(case) for case in (*GALLERY, *ALONE)]
 
 
@@ -99,7 +99,7 @@ def _draw(images: dict[str, Result], path: Path) -> None:
 
 
 def section(plan: Plan, results: Results, folder: Path) -> Values:  # noqa: ARG001 - as many as there are cases
-    """The gallery, its table, and that of single parameters."""
+    """Draw the gallery; return its table, and the table of single parameters."""
     found = {case.name: results[unit(case).name] for case in (*GALLERY, *ALONE)}
     _draw(found, folder / "misspecification.png")
     blurred, lost = [found[name] for name in "bce"], [found[name] for name in "ad"]

@@ -32,7 +32,7 @@ STYLES = ((pictures.ORANGE, "-"), (pictures.GREEN, "--"), (pictures.BLUE, "-."))
 
 
 def run_profile(objective: str, views: int, points: int) -> Result:
-    """An objective through the truth along each parameter of the source frame, on exact data: (5, points)."""
+    """Compute an objective through the truth along each parameter of the source frame, on exact data: (5, points)."""
     take = every_so_many(views)
     task = CalibrationTask(SCANNER, L_SHAPE, phantom_scan("l-shape", "exact", 0)[take], ANGLES[take])
     measure = PaperObjective(task, Rotation.AS_GIVEN, OBJECTIVES[objective])
@@ -56,7 +56,7 @@ def run_search(
     made_of: MadeOf,
     cells_binned: int = 1,
 ) -> Result:
-    """Differential evolution with one of the objectives and one of the stops."""
+    """Run differential evolution with one of the objectives and one of the stops."""
     take = every_so_many(views)
     chosen = OBJECTIVES[objective]
     options = PaperSettings(
@@ -75,14 +75,14 @@ def run_search(
 
 
 def profile_unit(plan: Plan, objective: str, views: int) -> Unit:
-    """The profiles of one objective."""
+    """Return the unit of the profiles of one objective."""
     settings = {"objective": objective, "views": views, "points": plan.profile_points}
     number = list(OBJECTIVES).index(objective)
     return Unit(f"profile-{number}-{views}", run_profile, settings, 20.0 if views > plan.sparse_views else 2.0)
 
 
 def search_units(plan: Plan, objective: str, stop: str) -> list[Unit]:
-    """The runs with one objective and one stop."""
+    """List the runs with one objective and one stop."""
     number, source = list(OBJECTIVES).index(objective), default_source()
     settings = {"objective": objective, "stop": stop, "views": plan.sparse_views, "made_of": source}
     settings |= {"image_size": plan.study_image_size}
@@ -101,14 +101,14 @@ def search_units(plan: Plan, objective: str, stop: str) -> list[Unit]:
 
 
 def units(plan: Plan) -> list[Unit]:
-    """Profiles from many and from few views, and the searches."""
+    """List the units: profiles from many and from few views, and the searches."""
     profiles = [profile_unit(plan, name, v) for name in OBJECTIVES for v in (plan.dense_views, plan.sparse_views)]
     searches = [u for name in OBJECTIVES for stop in ("published", "tight") for u in search_units(plan, name, stop)]
     return [*profiles, *searches]
 
 
 def optimum(offsets: FloatArray, values: FloatArray) -> float:
-    """Where a profile is least, by the parabola through its lowest point and that point's neighbours."""
+    """Locate a profile's minimum, by the parabola through its lowest point and that point's neighbours."""
     at = int(np.clip(np.argmin(values), 1, len(values) - 2))
     left, middle, right = values[at - 1 : at + 2]
     curvature = left - 2.0 * middle + right
@@ -118,7 +118,7 @@ def optimum(offsets: FloatArray, values: FloatArray) -> float:
 
 
 def half_width(offsets: FloatArray, values: FloatArray, level: float = LEVEL) -> float:
-    """Mean distance on both sides at which a profile is worse than its best by a share; NaN where it never is."""
+    """Compute the mean distance on both sides at which a profile is worse than its best by a share; NaN if never."""
     worse = (values - values.min()) / abs(values.min()) - level
     at = int(np.argmin(values))
     left, right = np.flatnonzero(worse[:at] > 0.0), at + np.flatnonzero(worse[at:] > 0.0)
@@ -194,7 +194,7 @@ def _search_rows(plan: Plan, results: Results) -> list[list[str]]:
 
 
 def section(plan: Plan, results: Results, folder: Path) -> Values:
-    """The profiles, where their optima are and how wide they are, and what searches with each end in."""
+    """Return the profiles' figures: places and widths of the optima, and the ends of searches with each objective."""
     _draw(plan, results, folder / "objectives.png")
     turns = np.degrees(np.linspace(-REACH[0], REACH[0], plan.profile_points))
     bias = {

@@ -41,7 +41,7 @@ class Counted:
         self.vector = self._low
 
     def __call__(self, x: FloatArray) -> float:
-        """J at a point of the cube."""
+        """Return J at a point of the cube."""
         if len(self.best) >= self._budget:
             raise BudgetSpentError
         vector = self._low + self._width * np.asarray(x)
@@ -53,14 +53,14 @@ class Counted:
 
 
 def evolve(objective: Counted, rng: np.random.Generator) -> None:
-    """best/1/bin, crossover 0.7, as published, without a stop."""
+    """Minimise by best/1/bin, crossover 0.7, as published, without a stop."""
     differential_evolution(
         objective, UNIT_CUBE, strategy="best1bin", recombination=0.7, maxiter=10**6, tol=0.0, polish=False, rng=rng
     )
 
 
 def restart_simplex(objective: Counted, rng: np.random.Generator) -> None:
-    """Nelder-Mead from one random point after another."""
+    """Minimise by Nelder-Mead from one random point after another."""
     while True:
         start = rng.uniform(size=5)
         steps = np.where(start > 0.5, -SIMPLEX_STEP, SIMPLEX_STEP)
@@ -75,12 +75,12 @@ def restart_simplex(objective: Counted, rng: np.random.Generator) -> None:
 
 
 def anneal(objective: Counted, rng: np.random.Generator) -> None:
-    """Generalised simulated annealing alone."""
+    """Minimise by generalised simulated annealing alone."""
     dual_annealing(objective, UNIT_CUBE, maxiter=10**6, maxfun=1e9, no_local_search=True, rng=rng)
 
 
 def anneal_and_descend(objective: Counted, rng: np.random.Generator) -> None:
-    """The same with SciPy's local search after each better point."""
+    """Minimise by dual annealing with SciPy's local search after each better point."""
     dual_annealing(objective, UNIT_CUBE, maxiter=10**6, maxfun=1e9, rng=rng)
 
 
@@ -94,7 +94,7 @@ STYLES = ((pictures.BLUE, "-"), (pictures.ORANGE, "--"), (pictures.GREEN, "-."),
 
 
 def run(optimiser: str, seed: int, budget: int, views: int, image_size: int, made_of: MadeOf) -> Result:
-    """One run to the end of its budget; starts again from elsewhere if the optimiser ends by itself."""
+    """Run an optimiser to the end of the budget; start again from elsewhere if the optimiser ends by itself."""
     take = every_so_many(views)
     task = CalibrationTask(SCANNER, L_SHAPE, phantom_scan("l-shape", made_of, 0)[take], ANGLES[take])
     objective = Counted(PaperObjective(task, Rotation.AS_GIVEN, PaperSettings(image_size=image_size)), budget)
@@ -113,7 +113,7 @@ def run(optimiser: str, seed: int, budget: int, views: int, image_size: int, mad
 
 
 def optimiser_units(plan: Plan, optimiser: str) -> list[Unit]:
-    """The runs of one optimiser."""
+    """List the runs of one optimiser."""
     settings = {
         "optimiser": optimiser,
         "budget": plan.optimiser_budget,
@@ -128,12 +128,12 @@ def optimiser_units(plan: Plan, optimiser: str) -> list[Unit]:
 
 
 def _default(plan: Plan) -> Unit:
-    """The product's calibration of the same scan."""
+    """Return the unit of the product's calibration of the same scan."""
     return default_unit("l-shape", default_source(), plan.sparse_views, 0)
 
 
 def units(plan: Plan) -> list[Unit]:
-    """All of them."""
+    """List all units."""
     return [_default(plan), *(unit for optimiser in OPTIMISERS for unit in optimiser_units(plan, optimiser))]
 
 
@@ -165,7 +165,7 @@ HEADER = (
 
 
 def section(plan: Plan, results: Results, folder: Path) -> Values:
-    """Success share, distribution of the best J, and its course."""
+    """Return the share of success, the distribution of the best J, and its course."""
     runs = {name: [results[unit.name] for unit in optimiser_units(plan, name)] for name in OPTIMISERS}
     best = min(run["best"][-1] for made in runs.values() for run in made)
     _draw(runs, best, folder / "optimisers.png")

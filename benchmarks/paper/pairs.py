@@ -23,7 +23,7 @@ TO_DEGREES = np.array([math.degrees(1.0), 1.0, 1.0, 1.0, math.degrees(1.0)])
 
 @dataclass(frozen=True)
 class Marker:
-    """How one kind of point is drawn."""
+    """The style of one kind of point."""
 
     label: str
     shape: str
@@ -42,23 +42,23 @@ MARKERS = {
 
 
 def curve_units(plan: Plan, views: int) -> list[Unit]:
-    """The `paper` method's runs."""
+    """List the `paper` method's runs."""
     runs = plan.dense_runs if views == plan.dense_views else plan.sparse_runs
     return [paper_unit(plan, PHANTOM, default_source(), views, seed) for seed in range(runs)]
 
 
 def _one(views: int) -> Unit:
-    """The product on the same scan as the published search."""
+    """Return the unit of the product on the same scan as the published search."""
     return default_unit(PHANTOM, default_source(), views, 0)
 
 
 def cloud_units(plan: Plan, views: int) -> list[Unit]:
-    """The product's runs, each on noise of its own."""
+    """List the product's runs, each on different noise."""
     return [default_unit(PHANTOM, "simulated", views, seed) for seed in range(plan.noise_seeds)]
 
 
 def units(plan: Plan) -> list[Unit]:
-    """Both methods at both numbers of views, and the product on the same scan as the published search."""
+    """List the units of both methods at both numbers of views, and of the product on the published search's scan."""
     return [
         unit
         for views in (plan.sparse_views, plan.dense_views)
@@ -71,18 +71,18 @@ def units(plan: Plan) -> list[Unit]:
 
 
 def thetas(results: Results, wanted: list[Unit]) -> FloatArray:
-    """Theta of each of the units, (runs, 5)."""
+    """Collect theta of each of the units, (runs, 5)."""
     return np.array([results[unit.name]["theta"] for unit in wanted])
 
 
 def twins(points: FloatArray) -> FloatArray:
-    """The exact twin of each theta, (points, 5)."""
+    """Compute the exact twin of each theta, (points, 5)."""
     made = [to_vector(Theta.from_vector(point).twin(SCANNER.source_to_cor_mm)) for point in points]
     return np.array(made).reshape(-1, 5)
 
 
 def pair_grid(points: dict[str, FloatArray], path: Path, title: str) -> None:
-    """Every pair of theta: `curve`, its twins, `found`, `twin` and `truth`, each (points, 5)."""
+    """Draw every pair of theta: `curve`, its twins, `found`, `twin` and `truth`, each (points, 5)."""
     drawn = pictures.figure(9.0, 8.6)
     grid = drawn.subplots(4, 4, squeeze=False)
     for row in range(4):
@@ -115,7 +115,7 @@ def _pair(axes: Axes, points: dict[str, FloatArray], x: int, y: int, *, last: bo
 
 
 def curve_points(plan: Plan, results: Results, views: int) -> dict[str, FloatArray]:
-    """What `pair_grid` draws."""
+    """Collect the points that `pair_grid` draws."""
     found = results[_one(views).name]
     curve = thetas(results, curve_units(plan, views))
     return {
@@ -128,7 +128,7 @@ def curve_points(plan: Plan, results: Results, views: int) -> dict[str, FloatArr
 
 
 def _close_up(plan: Plan, results: Results, path: Path) -> None:
-    """The product's answers under their own magnification, with the ellipse that one of them predicts."""
+    """Draw the product's answers under their own magnification, with the ellipse that one of them predicts."""
     drawn = pictures.figure(9.0, 6.0)
     pairs = ((1, 2), (3, 4), (0, 3))
     for row, views in enumerate((plan.dense_views, plan.sparse_views)):
@@ -166,7 +166,7 @@ HEADER = (
 
 
 def _spread(plan: Plan, results: Results, views: int) -> list[list[str]]:
-    """One row for each method."""
+    """Return one row for each method."""
     source = default_source()
     rows = []
     for name, made in (
@@ -185,7 +185,7 @@ def _spread(plan: Plan, results: Results, views: int) -> list[list[str]]:
 
 
 def section(plan: Plan, results: Results, folder: Path) -> Values:
-    """The pair plots at both numbers of views, the close-up, and how far the runs are apart."""
+    """Draw the pair plots at both numbers of views and the close-up, and return the distances between the runs."""
     source = default_source()
     rows: list[list[str]] = []
     for views in (plan.dense_views, plan.sparse_views):

@@ -1,4 +1,4 @@
-"""How the page's pictures look: colour-blind-safe colours (Okabe and Ito), units on every axis, small files."""
+"""Style of the page's pictures: colour-blind-safe colours (Okabe and Ito), units on every axis, small files."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -18,7 +18,7 @@ GREYS_KEPT = 20
 
 
 def figure(width_in: float, height_in: float) -> Figure:
-    """An empty figure whose parts do not overlap."""
+    """Return an empty figure whose parts do not overlap."""
     return Figure(figsize=(width_in, height_in), dpi=DPI, layout="constrained")
 
 
@@ -44,7 +44,7 @@ def save_greys(drawn: Figure, path: Path) -> None:
 
 
 def show_image(axes: Axes, image: Image, field_mm: float, limits: tuple[float, float], title: str) -> None:
-    """An image [x, y] as the product's PNGs have it: +x downwards, +y to the right."""
+    """Draw an image [x, y] as the product's PNGs have it: +x downwards, +y to the right."""
     half = 0.5 * field_mm
     axes.imshow(image, cmap="gray", vmin=limits[0], vmax=limits[1], extent=(-half, half, half, -half))
     axes.set_title(title, fontsize=9)
@@ -54,7 +54,7 @@ def show_image(axes: Axes, image: Image, field_mm: float, limits: tuple[float, f
 
 
 def ellipse(mean: FloatArray, covariance: FloatArray, *, squared_radius: float = 5.991) -> FloatArray:
-    """Outline (points, 2) of the region that holds 95 % of a Gaussian with this mean (2,) and covariance (2, 2)."""
+    """Return the outline (points, 2) of the 95 % region of a Gaussian with this mean (2,) and covariance (2, 2)."""
     values, vectors = np.linalg.eigh(covariance)
     turn = np.linspace(0.0, 2.0 * np.pi, 181)
     circle = np.stack([np.cos(turn), np.sin(turn)])
@@ -63,6 +63,6 @@ def ellipse(mean: FloatArray, covariance: FloatArray, *, squared_radius: float =
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A Markdown table."""
+    """Format a Markdown table."""
     lines = [header, ["---"] * len(header), *rows]
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)

@@ -1,4 +1,4 @@
-"""What the paper prints (arXiv 2206.14444), digit by digit, and what its rounded theta is worth here."""
+"""The paper's printed results (arXiv 2206.14444), digit by digit, and the errors of its rounded theta here."""
 
 import itertools
 from dataclasses import dataclass
@@ -49,20 +49,20 @@ TABLE_1: dict[str, tuple[PrintedRun, ...]] = {
 
 
 def shift_range(phantom: str) -> str:
-    """Least and largest source shift of a phantom's printed runs, as in `-81 and 425 mm`."""
+    """Format the least and largest source shift of a phantom's printed runs, as in `-81 and 425 mm`."""
     shifts = sorted((run.theta[2] for run in TABLE_1[phantom]), key=float)
     return f"{shifts[0]} and {shifts[-1]} mm"
 
 
 def errors_of(theta: FloatArray) -> tuple[float, float]:
-    """Ray error in mm and psi error in degrees of a theta (5,) against the truth."""
+    """Compute ray error in mm and psi error in degrees of a theta (5,) against the truth."""
     frame = Theta.from_vector(theta).source_frame(SCANNER.source_to_cor_mm)
     psi = float(np.degrees(angle_difference(frame.psi_rad, TRUE_FRAME.psi_rad)))
     return ray_error(SCANNER, TRUE_FRAME, frame).rms_mm, psi
 
 
 def judge(theta: list[float]) -> Result:
-    """A printed theta against the truth: as printed, and at the 32 corners of what rounds to it."""
+    """Compare a printed theta with the truth: as printed, and at the 32 corners of the rounding interval."""
     printed = np.array(theta)
     corners = [errors_of(printed + HALF_DIGIT * np.array(signs)) for signs in itertools.product((-1.0, 1.0), repeat=5)]
     rays, psi = errors_of(printed)

@@ -23,32 +23,32 @@ MadeOf = Literal["published", "simulated", "exact"]
 
 
 def default_source() -> Source:
-    """The published data where they are present."""
+    """Return the published data's name where they are present, else the simulated data's."""
     return sources()[0]
 
 
 @cache
 def phantom_scan(phantom: str, made_of: MadeOf, noise_seed: int) -> FloatArray:
-    """All 360 views of a built-in phantom: published, simulated with 2 % noise, or simulated exactly."""
+    """Return all 360 views of a built-in phantom: published, simulated with 2 % noise, or simulated exactly."""
     if made_of == "published":
         return published_l_phantom()
     return simulated(BUILT_IN[phantom], noise=NOISE if made_of == "simulated" else 0.0, seed=noise_seed)
 
 
 def every_so_many(views: int) -> slice:
-    """Takes that many of the 360 views, each with its own angle."""
+    """Return the slice that takes this number of the 360 views, each with its own angle."""
     return slice(None, None, len(ANGLES) // views)
 
 
 def binned(scanner: Scanner, sinogram: FloatArray, by: int) -> tuple[Scanner, FloatArray]:
-    """The same detector with cells taken together."""
+    """Average neighbouring cells; return the coarser scanner and its sinogram."""
     cells = scanner.num_detector_pixels // by
     coarse = Scanner(scanner.source_to_cor_mm, cells, scanner.detector_pitch_mm * by)
     return coarse, sinogram.reshape(len(sinogram), cells, by).mean(axis=2)
 
 
 def scores(theta: Theta, frame: SourceFrame, rotation: Rotation = Rotation.AS_GIVEN) -> Result:
-    """How far a geometry is from the true one, by every measure that the page uses."""
+    """Compute the distance of a geometry from the true one, by every measure that the page uses."""
     result: Result = {
         "theta": to_vector(theta).tolist(),
         "frame": to_vector(frame).tolist(),
@@ -72,7 +72,7 @@ def _described(found: CalibrationOutcome) -> Result:
 
 
 def run_default(phantom: str, made_of: MadeOf, views: int, seed: int) -> Result:
-    """The product's calibration; its seconds are those of a second, warm run."""
+    """Run the product's calibration; its seconds are measured on a second, warm run."""
     take = every_so_many(views)
     task = CalibrationTask(SCANNER, BUILT_IN[phantom], phantom_scan(phantom, made_of, seed)[take], ANGLES[take])
     calibrate(task, seed=seed)
@@ -91,7 +91,7 @@ def run_default(phantom: str, made_of: MadeOf, views: int, seed: int) -> Result:
 def run_paper(
     phantom: str, made_of: MadeOf, views: int, seed: int, image_size: int, cells_binned: int, max_generations: int
 ) -> Result:
-    """The published search as the product has it; noise and search have the same seed."""
+    """Run the published search as the product has it; noise and search have the same seed."""
     take = every_so_many(views)
     scanner, sinogram = binned(SCANNER, phantom_scan(phantom, made_of, seed)[take], cells_binned)
     found = calibrate_as_published(
@@ -103,7 +103,7 @@ def run_paper(
 
 
 def run_in_odl(phantom: str, made_of: MadeOf, views: int, seed: int) -> Result:
-    """The published pipeline, put together from the paper with ODL."""
+    """Run the published pipeline, put together from the paper with ODL."""
     # ODL takes seconds to import, and only the full run needs it.
     from published_pipeline import PublishedObjective, search  # noqa: PLC0415
 
@@ -125,20 +125,20 @@ def run_in_odl(phantom: str, made_of: MadeOf, views: int, seed: int) -> Result:
 
 
 def theta_with_first_angle(theta: Theta, further_deg: float) -> Theta:
-    """Theta with its initial angle turned by this number of degrees."""
+    """Return theta with its initial angle turned by this number of degrees."""
     vector = to_vector(theta)
     vector[0] += np.radians(further_deg)
     return Theta.from_vector(vector)
 
 
 def default_unit(phantom: str, made_of: MadeOf, views: int, seed: int) -> Unit:
-    """One run of the `default` method."""
+    """Return the unit of one run of the `default` method."""
     settings = {"phantom": phantom, "made_of": made_of, "views": views, "seed": seed}
     return Unit(f"default-{phantom}-{made_of}-{views}-{seed}", run_default, settings, 1.0)
 
 
 def paper_unit(plan: Plan, phantom: str, made_of: MadeOf, views: int, seed: int) -> Unit:
-    """One run of the `paper` method, its cells taken together where the views are dense."""
+    """Return the unit of one run of the `paper` method, its cells averaged where the views are dense."""
     dense = views > 2 * plan.sparse_views
     size = plan.dense_image_size if dense else plan.sparse_image_size
     settings = {
@@ -154,6 +154,6 @@ def paper_unit(plan: Plan, phantom: str, made_of: MadeOf, views: int, seed: int)
 
 
 def odl_unit(phantom: str, made_of: MadeOf, views: int, seed: int) -> Unit:
-    """One run of the published pipeline in ODL."""
+    """Return the unit of one run of the published pipeline in ODL."""
     settings = {"phantom": phantom, "made_of": made_of, "views": views, "seed": seed}
     return Unit(f"odl-{phantom}-{made_of}-{views}-{seed}", run_in_odl, settings, 1200.0 if views > 40 else 80.0)

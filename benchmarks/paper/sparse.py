@@ -19,12 +19,12 @@ OWN, COUNTED = "own", "counted"
 
 
 def counted_angles(views: int) -> FloatArray:
-    """Angles as a program makes them that knows only how many views there are: the middles of equal parts of a turn."""
+    """Return the angles of a program that knows only the number of views: the middles of equal parts of a turn."""
     return (np.arange(views) + 0.5) * TAU / views
 
 
 def run(views: int, angles: str, made_of: MadeOf) -> Result:
-    """A calibration with every view's own angle or with counted ones, and the log with it from all 360 views."""
+    """Calibrate with every view's own angle or with counted ones, and reconstruct the log from all 360 views."""
     take = every_so_many(views)
     given = ANGLES[take] if angles == OWN else counted_angles(views)
     found = calibrate(CalibrationTask(SCANNER, L_SHAPE, phantom_scan("l-shape", made_of, 0)[take], given), seed=0)
@@ -40,12 +40,12 @@ def run(views: int, angles: str, made_of: MadeOf) -> Result:
 
 
 def unit(views: int, angles: str) -> Unit:
-    """One calibration."""
+    """Return the unit of one calibration."""
     return Unit(f"sparse-{views}-{angles}", run, {"views": views, "angles": angles, "made_of": default_source()})
 
 
 def units(plan: Plan) -> list[Unit]:
-    """Both kinds of angles at every number of views."""
+    """List the units of both kinds of angles at every number of views."""
     return [unit(views, angles) for views in plan.compared_views for angles in (OWN, COUNTED)]
 
 
@@ -61,12 +61,12 @@ HEADER = (
 
 
 def _degrees(angles: FloatArray) -> str:
-    """The first two."""
+    """Format the first two angles in degrees."""
     return ", ".join(f"{angle:.4g}" for angle in np.degrees(angles[:2]))
 
 
 def section(plan: Plan, results: Results, folder: Path) -> Values:
-    """The log with three calibrations, and the turn that counted angles bring."""
+    """Draw the log with three calibrations, and return the turn by counted angles."""
     sparse = plan.sparse_views
     drawn = pictures.figure(8.4, 3.2)
     panels = drawn.subplots(1, 3)

@@ -1,4 +1,4 @@
-"""Results on disk: one small JSON file a unit, arrays beside it, so that an interrupted command goes on."""
+"""Results on disk: one small JSON file a unit, arrays next to it, so that an interrupted command can continue."""
 
 import json
 from pathlib import Path
@@ -10,7 +10,7 @@ from paper.experiment import Result, Unit
 
 
 def _settings(unit: Unit) -> Result:
-    """As they look after a journey through JSON."""
+    """Return the settings as they are after a round trip through JSON."""
     return dict(json.loads(json.dumps(dict(unit.settings))))
 
 
@@ -33,7 +33,7 @@ def forget(folder: Path, unit: Unit) -> None:
 
 
 def load(folder: Path, unit: Unit) -> Result | None:
-    """A unit's result, or None where this commit has made none with its settings."""
+    """Load a unit's result, or return None where this commit has made none with its settings."""
     path = folder / f"{unit.name}.json"
     if not path.is_file():
         return None

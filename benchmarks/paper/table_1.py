@@ -1,4 +1,4 @@
-"""The paper's Table 1: both phantoms, five runs each, what the paper prints beside the product's two methods."""
+"""The paper's Table 1: both phantoms, five runs each, the paper's printed results next to the product's two methods."""
 
 from pathlib import Path
 
@@ -16,13 +16,13 @@ MOST_CREDIBLE_MM = 5.0
 
 
 def scans() -> list[tuple[str, MadeOf]]:
-    """Phantom and data: of the rectangle with a hole there are simulated scans only."""
+    """List phantoms and data: of the rectangle with a hole there are simulated scans only."""
     published: list[tuple[str, MadeOf]] = [("l-shape", "published")] if "published" in sources() else []
     return [*published, ("l-shape", "simulated"), ("rectangle-with-hole", "simulated")]
 
 
 def runs(plan: Plan, phantom: str, made_of: MadeOf) -> dict[str, list[Unit]]:
-    """The runs of each method on one scan."""
+    """List the runs of each method on one scan."""
     seeds = range(plan.table_runs)
     found = {
         "default": [default_unit(phantom, made_of, plan.dense_views, seed) for seed in seeds],
@@ -34,12 +34,12 @@ def runs(plan: Plan, phantom: str, made_of: MadeOf) -> dict[str, list[Unit]]:
 
 
 def printed_unit(phantom: str, number: int) -> Unit:
-    """What one of the paper's runs is worth, from its printed theta."""
+    """Return the unit that judges one of the paper's runs by its printed theta."""
     return Unit(f"printed-{phantom}-{number}", judge, {"theta": TABLE_1[phantom][number].vector.tolist()}, 0.5)
 
 
 def units(plan: Plan) -> list[Unit]:
-    """All of them."""
+    """List all units."""
     printed = [printed_unit(phantom, number) for phantom, rows in TABLE_1.items() for number in range(len(rows))]
     return [*printed, *(unit for scan in scans() for method in runs(plan, *scan).values() for unit in method)]
 
@@ -76,7 +76,7 @@ def _truth() -> list[str]:
 
 
 def _printed_row(number: int, run: PrintedRun, found: Result) -> list[str]:
-    """What is printed, as it is printed; ray error and psi error with what the rounding makes of them."""
+    """Format a printed run as it is printed; ray error and psi error with their ranges by the rounding."""
     (least, most), (from_deg, to_deg) = found["ray_error_range_mm"], found["psi_error_range_deg"]
     rays = f"*{found['ray_error_mm']:.2f} ({least:.2f} to {most:.2f})*"
     psi = f"*{found['psi_error_deg']:+.2f} ({from_deg:+.2f} to {to_deg:+.2f})*"
@@ -84,7 +84,7 @@ def _printed_row(number: int, run: PrintedRun, found: Result) -> list[str]:
 
 
 def _printed(phantom: str, results: Results) -> tuple[list[list[str]], str]:
-    """The rows that the paper prints for a phantom, and what they show."""
+    """Format the rows that the paper prints for a phantom, and a sentence about them."""
     found = [results[printed_unit(phantom, number).name] for number in range(len(TABLE_1[phantom]))]
     made = list(enumerate(zip(TABLE_1[phantom], found, strict=True), 1))
     rows = [_printed_row(number, run, judged) for number, (run, judged) in made]
@@ -117,7 +117,7 @@ HEADER = (
 
 
 def section(plan: Plan, results: Results, folder: Path) -> Values:  # noqa: ARG001 - a table alone has no pictures
-    """One table for each scan, and what it shows."""
+    """Format one table for each scan, and sentences about its contents."""
     parts = []
     for number, (phantom, made_of) in enumerate(scans()):
         methods = runs(plan, phantom, made_of)
