@@ -150,7 +150,7 @@ def fill_scanner(
                 session.add(
                     ActivationRow(scanner_id=scanner_id, calibration_id=row.id, activated_at=at, reason="the rays pass")
                 )
-            record_measurement(session, row, at)
+            record_measurement(session, row, results.answer_of(kind, row.result), at)
         session.expunge_all()
 
 

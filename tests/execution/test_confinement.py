@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from missing_parts import skip_without
-from results import RESULTS, THETA
+from results import RESULTS, THETA, answer_of
 
 from sawmill_contracts import job_kinds
 from sawmill_contracts.built_in import BUILT_IN_PHANTOMS
@@ -38,7 +38,7 @@ def finish(store):
         claim = store.jobs.claim("test")
         output = store.files.make_attempt_folder(claim.job_id, claim.attempt)
         (output / SCAN_FILE).touch()
-        store.jobs.succeed(claim, RESULTS[claim.job.kind](), output)
+        store.jobs.succeed(claim, answer_of(claim.job.kind, RESULTS[claim.job.kind]()), output)
 
     return do
 

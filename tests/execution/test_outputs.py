@@ -21,7 +21,8 @@ VOLUME = "entry/reconstruction/data"
 def given(store, queue):
     """Of a reconstruction of the one row of a scan."""
     job = queue("succeed")
-    store.jobs.succeed(store.jobs.claim("test"), results.reading(), store.files.make_attempt_folder(job.id, 1))
+    reading = results.answer_of(job_kinds.INGEST, results.reading())
+    store.jobs.succeed(store.jobs.claim("test"), reading, store.files.make_attempt_folder(job.id, 1))
     ask = ReconstructionAsk(scan_id=job.subject_id, theta=results.THETA, size=16)
     return store.jobs.handed_over(store.reconstructions.accept(ask).job_id)
 
@@ -38,7 +39,8 @@ def output(tmp_path):
 
 
 def check(given, output, **changes):
-    check_output(job_kinds.RECONSTRUCT, given, results.reconstruction_result(**{"shape": SHAPE} | changes), output)
+    result = results.reconstruction_result(**{"shape": SHAPE} | changes)
+    check_output(job_kinds.RECONSTRUCT, given, results.answer_of(job_kinds.RECONSTRUCT, result), output)
 
 
 def test_what_a_job_of_its_kind_writes_is_taken_and_anything_else_is_not(given, output):
@@ -46,7 +48,7 @@ def test_what_a_job_of_its_kind_writes_is_taken_and_anything_else_is_not(given, 
     with pytest.raises(InvalidOutput, match=r"the shape \(2, 16, 16\), and \(1, 16, 16\) was asked for"):
         check(given, output, shape=(2, 16, 16))
     with pytest.raises(InvalidOutput, match="and none is due"):
-        check_output(job_kinds.PLAN, given, results.plan_result(), output)
+        check_output(job_kinds.PLAN, given, results.answer_of(job_kinds.PLAN, results.plan_result()), output)
     (output / "more").mkdir()
     with pytest.raises(InvalidOutput, match=r"and volume\.h5 is due"):
         check(given, output)

@@ -214,7 +214,7 @@ def test_a_result_is_published_once_its_process_is_gone(store, runner, queue, is
     publish, noted = store.jobs.succeed, []
 
     def succeed(claim, result, output, **options):
-        noted.append(is_running(int(result["remarks"][0].split()[-1])))
+        noted.append(is_running(int(result.remarks[0].split()[-1])))
         publish(claim, result, output, **options)
 
     monkeypatch.setattr(store.jobs, "succeed", succeed)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from results import answer_of
 from small_scanner import calibration, constants, scanner, sinogram, spec, theta, turn  # noqa: F401 - fixtures
 
 from sawmill_contracts import job_kinds
@@ -57,7 +58,7 @@ def finish(store: Store) -> Callable[[MillAttempt, dict[str, Any]], Job]:
         output = store.files.make_attempt_folder(claim.job_id, claim.attempt)
         for path in attempt.output.iterdir():
             path.rename(output / path.name)
-        store.jobs.succeed(claim, result, output)
+        store.jobs.succeed(claim, answer_of(claim.job.kind, result), output)
         return store.jobs.get(claim.job_id)
 
     return commit

@@ -80,7 +80,7 @@ class Sums:
         """The ledger is enough."""
 
     def record_success(self, session, kind, subject_id, result, now):
-        session.get(SumRow, subject_id).answer = result
+        session.get(SumRow, subject_id).answer = result.model_dump(mode="json")
 
     def record_end_without_result(self, session, kind, subject_id, reason, now):
         session.get(SumRow, subject_id).reason = reason

@@ -236,7 +236,7 @@ class FakeWorker:
         claim = self.claim()
         output = self.store.files.make_attempt_folder(claim.job_id, claim.attempt)
         write(output)
-        self.store.jobs.succeed(claim, result, output)
+        self.store.jobs.succeed(claim, results.answer_of(claim.job.kind, result), output)
 
 
 def seed(store: Store, worker: FakeWorker) -> None:

@@ -89,7 +89,8 @@ def test_memory_of_attempts(seeded, store, scrape):
         seeded.post("/v1/drifts", json={"scan_id": "example"})
         claim = store.jobs.claim("test")
         output = store.files.make_attempt_folder(claim.job_id, claim.attempt)
-        store.jobs.succeed(claim, results.drift_result(), output, peak_memory_bytes=peak_memory_bytes)
+        answer = results.answer_of(claim.job.kind, results.drift_result())
+        store.jobs.succeed(claim, answer, output, peak_memory_bytes=peak_memory_bytes)
     assert scrape("sawmill_attempt_peak_memory_bytes_sum", kind="drift") == 3 * 2**30
     assert scrape("sawmill_attempt_peak_memory_bytes_count", kind="drift") == 2
     assert scrape("sawmill_attempt_peak_memory_max_bytes", kind="drift") == 2**31

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from emptied_databases import EmptiedDatabases
 from postgres_server import PostgresDatabases
-from results import CONSTANTS, RESULTS
+from results import CONSTANTS, RESULTS, answer_of
 from sqlalchemy import insert
 
 from sawmill_contracts.geometry import ScannerConstants
@@ -139,7 +139,7 @@ def finish() -> Callable[..., Claim]:
         assert claim is not None
         output = store.files.make_attempt_folder(claim.job_id, claim.attempt)
         (output / "result").write_text(f"attempt {claim.attempt}")
-        store.jobs.succeed(claim, RESULTS[claim.job.kind](**changes), output)
+        store.jobs.succeed(claim, answer_of(claim.job.kind, RESULTS[claim.job.kind](**changes)), output)
         return claim
 
     return do

@@ -18,7 +18,7 @@ from typing import Any
 import pytest
 from databases import sqlite_alone
 from make_data_0_1_0 import ARCHIVE
-from results import CONSTANTS, RESULTS
+from results import CONSTANTS, RESULTS, answer_of
 from sqlalchemy import JSON, Boolean, Date, Float, Integer, String, text
 
 from sawmill_contracts import job_kinds
@@ -301,7 +301,7 @@ def one_backup(tmp_path_factory: pytest.TempPathFactory, empty_data: Path) -> Pa
             claim = store.jobs.claim("test")
             output = store.files.make_attempt_folder(claim.job_id, claim.attempt)
             (output / "scan.h5").write_text(f"line integrals {number}")
-            store.jobs.succeed(claim, RESULTS[job_kinds.INGEST](), output)
+            store.jobs.succeed(claim, answer_of(claim.job.kind, RESULTS[job_kinds.INGEST]()), output)
     (folder / "disk").mkdir()
     return take_backup(settings, folder / "disk", silent).path
 

@@ -3,8 +3,9 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 from pydantic import ValidationError
 from racing import race
-from results import reading
+from results import answer_of, reading
 
+from sawmill_contracts import job_kinds
 from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.reconstructions import ReconstructionAsk
 from sawmill_contracts.scans import ScanSpec, ScanState
@@ -21,6 +22,7 @@ AWAY = Failure(kind=FailureKind.PASSING, code="storage-unavailable", detail="the
 OURS = Failure(kind=FailureKind.INTERNAL, code="internal-error", detail="the job stopped on an unexpected KeyError")
 AT_ONCE = Retries(loss_wait_s=0, outage_wait_s=0)
 READING = reading()
+ANSWER = answer_of(job_kinds.INGEST, READING)
 
 
 def claim(store):
@@ -121,7 +123,7 @@ def test_an_attempt_that_lost_its_lease_changes_nothing(store, upload, finish):
     assert [job.state for job in take_back_all(store)] == [JobState.QUEUED]
     finish(store)
     for act in (
-        lambda: store.jobs.succeed(late, READING, output),
+        lambda: store.jobs.succeed(late, ANSWER, output),
         lambda: store.jobs.fail(late, OURS),
         lambda: store.jobs.heartbeat(late),
         lambda: store.jobs.cancelled(late),
@@ -137,8 +139,9 @@ def test_a_result_of_the_wrong_form_is_not_stored(store, upload):
     scan = upload(store)
     held = claim(store)
     output = store.files.make_attempt_folder(held.job_id, held.attempt)
+    given = store.jobs.handed_over(held.job_id)
     with pytest.raises(ValidationError):
-        store.jobs.succeed(held, READING | {"surprise": 1}, output)
+        store.jobs.check_output(job_kinds.INGEST, given, READING | {"surprise": 1}, output)
     assert store.scans.get(scan.id).state is ScanState.INGESTING
     assert store.jobs.get(held.job_id).state is JobState.RUNNING
 
@@ -147,7 +150,7 @@ def test_files_that_cannot_be_published_leave_the_row_as_it_was(store, upload):
     scan = upload(store)
     held = claim(store)
     with pytest.raises(FolderUnavailable, match="publishing a result was given up"):
-        store.jobs.succeed(held, READING, store.files.folder / "attempts" / "missing")
+        store.jobs.succeed(held, ANSWER, store.files.folder / "attempts" / "missing")
     assert store.scans.get(scan.id).state is ScanState.INGESTING
     assert store.jobs.get(held.job_id).state is JobState.RUNNING
 

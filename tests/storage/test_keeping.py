@@ -3,7 +3,7 @@
 from datetime import UTC, datetime
 
 import pytest
-from results import reading
+from results import answer_of, reading
 
 from sawmill_platform.contracts.jobs import Failure, FailureKind, JobState
 from sawmill_platform.errors import LeaseLost, NotFound
@@ -94,7 +94,7 @@ def test_what_was_kept_goes_when_the_job_ends(store, upload, end):
     claim, output = begin(store, "some")
     store.jobs.keep(claim, output, ["search"])
     if end == "succeed":
-        store.jobs.succeed(claim, reading(), output)
+        store.jobs.succeed(claim, answer_of(claim.job.kind, reading()), output)
     elif end == "fail":
         store.jobs.fail(claim, OURS)
     elif end == "cancelled":

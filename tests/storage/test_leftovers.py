@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from databases import sqlite_alone
-from results import RESULTS
+from results import RESULTS, answer_of
 from sqlalchemy import event
 from sqlalchemy.exc import OperationalError
 
@@ -165,7 +165,7 @@ def test_a_result_whose_commit_fails_is_not_there_and_its_job_runs_again(store, 
     output = store.files.make_attempt_folder(claimed.job_id, claimed.attempt)
     (output / "result").write_text("attempt 1")
     with failing_commit(store, error), pytest.raises((StorageFull, StorageUnavailable)):
-        store.jobs.succeed(claimed, RESULTS[job_kinds.INGEST](), output)
+        store.jobs.succeed(claimed, answer_of(job_kinds.INGEST, RESULTS[job_kinds.INGEST]()), output)
     assert store.jobs.get(claimed.job_id).state is JobState.RUNNING
     assert store.scans.get(scan_id).state is ScanState.INGESTING
     store.jobs.release(claimed)
@@ -179,7 +179,7 @@ def test_a_result_whose_commit_fails_is_not_there_and_its_job_runs_again(store, 
 def test_a_result_whose_commit_failed_goes_when_its_job_never_succeeds(store, observer, claimed):
     output = store.files.make_attempt_folder(claimed.job_id, claimed.attempt)
     with failing_commit(store, AWAY), pytest.raises(StorageUnavailable):
-        store.jobs.succeed(claimed, RESULTS[job_kinds.INGEST](), output)
+        store.jobs.succeed(claimed, answer_of(job_kinds.INGEST, RESULTS[job_kinds.INGEST]()), output)
     store.jobs.fail(claimed, INPUT)
     observer.look()
     assert observer.look(GRACE_S) == [store.files.results(job_kinds.INGEST, claimed.job.subject_id)]

@@ -1,7 +1,7 @@
 """How many jobs may wait, in all and of one key, on each database."""
 
 import pytest
-from results import CONSTANTS, plan_result
+from results import CONSTANTS, answer_of, plan_result
 
 from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.geometry import ScannerConstants
@@ -143,7 +143,8 @@ def test_when_to_come_back_follows_from_how_long_jobs_take_and_is_bounded(clocke
     def take(seconds):
         claim = store.jobs.claim("test")
         clock.advance(seconds=seconds)
-        store.jobs.succeed(claim, plan_result(), store.files.make_attempt_folder(claim.job_id, claim.attempt))
+        answer = answer_of(claim.job.kind, plan_result())
+        store.jobs.succeed(claim, answer, store.files.make_attempt_folder(claim.job_id, claim.attempt))
 
     for views in range(20, 30):
         plan(views)

@@ -7,7 +7,9 @@ from collections.abc import Callable
 from typing import Any
 
 from sawmill_contracts import job_kinds
+from sawmill_platform.contracts.base import Contract
 from sawmill_platform.contracts.jobs import JobKind
+from sawmill_platform.contracts.kinds import declaration_of
 
 CONSTANTS = {"source_to_cor_mm": 859.46, "num_detector_pixels": 768, "detector_pitch_mm": 1.5}
 THETA = {
@@ -159,6 +161,11 @@ def inspection_result(**changes: Any) -> dict[str, Any]:
         "reading": {"shape": {"views": 12, "rows": 4, "detector": 16}, "flats": 1},
         "missing": [missing],
     } | changes
+
+
+def answer_of(kind: JobKind, result: dict[str, Any]) -> Contract:
+    """A result as the supervisor passes it on: read by the contract of its kind."""
+    return declaration_of(kind).result.model_validate(result)
 
 
 RESULTS: dict[JobKind, Callable[..., dict[str, Any]]] = {

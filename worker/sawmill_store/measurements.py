@@ -12,7 +12,7 @@ from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_contracts.drifts import DriftResult
 from sawmill_contracts.measurements import Measurement, MeasurementKind, Movement
 from sawmill_mill.two_questions import TwoQuestions
-from sawmill_platform.contracts.base import Page
+from sawmill_platform.contracts.base import Contract, Page
 from sawmill_platform.database.database import Database
 from sawmill_platform.database.paging import found, read_numbered_page
 from sawmill_platform.database.tables import UtcDateTime
@@ -103,21 +103,19 @@ def _typical(scanner_id: str, since: datetime, until: datetime) -> ColumnElement
     return or_(*(MeasurementRow.number.in_(each) for each in numbers))
 
 
-def record_measurement(session: Session, subject: Answered, now: datetime) -> str | None:
+def record_measurement(session: Session, subject: Answered, result: Contract, now: datetime) -> str | None:
     """Add the measurement of a calibration or a drift check with a result, and return the result in a sentence.
 
     The time of the end is written into a drift check's result, and with it the age of the baseline. Other kinds measure
     nothing of a scanner.
     """
-    if isinstance(subject, CalibrationRow):
-        calibrated = CalibrationResult.model_validate(subject.result)
-        row, why = _of_calibration(subject, calibrated, now), _in_words(calibrated)
-    elif isinstance(subject, DriftRow):
-        checked = DriftResult.model_validate(subject.result)
-        if checked.at is None:
-            checked = checked.ended(now)
-            subject.result = checked.model_dump(mode="json")
-        row, why = _of_drift(subject, checked, now, counts_since(session, subject, checked)), checked.reason
+    if isinstance(subject, CalibrationRow) and isinstance(result, CalibrationResult):
+        row, why = _of_calibration(subject, result, now), _in_words(result)
+    elif isinstance(subject, DriftRow) and isinstance(result, DriftResult):
+        if result.at is None:
+            result = result.ended(now)
+            subject.result = result.model_dump(mode="json")
+        row, why = _of_drift(subject, result, now, counts_since(session, subject, result)), result.reason
     else:
         return None
     session.add(row)

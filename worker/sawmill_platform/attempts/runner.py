@@ -23,6 +23,7 @@ from sawmill_platform.attempts.protocol import AnyMessage, Assignment, Begun, Fa
 from sawmill_platform.attempts.template import Template, template_library
 from sawmill_platform.attempts.threading_layer import configure_threads
 from sawmill_platform.confinement.overuse import overuse
+from sawmill_platform.contracts.base import Contract
 from sawmill_platform.contracts.jobs import Failure, FailureKind, JobState
 from sawmill_platform.contracts.kinds import declaration_of
 from sawmill_platform.errors import (
@@ -267,8 +268,8 @@ class _Supervision:
             if isinstance(answer, Succeeded):
                 # With all processes that it has started: nobody writes to files that are checked and published.
                 self._process.end(self._settings.kill_grace_s)
-                self._check(answer, output)
-                self._publish(answer, output)
+                result = self._check(answer, output)
+                self._publish(result, answer.peak_memory_bytes, output)
                 return JobState.SUCCEEDED
         except InvalidOutput as error:
             structlog.get_logger().exception("attempt-left-nonsense")
@@ -307,8 +308,8 @@ class _Supervision:
         self._process.assign(Assignment(job=self._claim.job, given_json=self._given.model_dump_json(), output=output))
         return None
 
-    def _check(self, answer: Succeeded, output: Path) -> None:
-        """Check an attempt's output and note its files' digests, in a thread, while the lease is kept.
+    def _check(self, answer: Succeeded, output: Path) -> Contract:
+        """Return an attempt's result; check its files and note their digests, in a thread, while the lease is kept.
 
         Raises
         ------
@@ -321,29 +322,25 @@ class _Supervision:
         """
         kind = self._claim.job.kind
 
-        def check() -> None:
+        def check() -> Contract:
             with disk_outage_reported("checking a result"):
-                self._store.jobs.check_output(kind, self._given, answer.result, output)
+                result = self._store.jobs.check_output(kind, self._given, answer.result, output)
                 if declaration_of(kind).result_file is not None:
                     note_digests(output)
+                return result
 
         with ThreadPoolExecutor(1) as pool:
             checking = pool.submit(check)
             while not wait([checking], self._settings.progress_s).done:
                 self._cancellation_came_in()
-            checking.result()
+            return checking.result()
 
-    def _publish(self, answer: Succeeded, output: Path) -> None:
+    def _publish(self, result: Contract, peak_memory_bytes: int | None, output: Path) -> None:
         """Publish as soon as the database answers: an outage must not make a job compute its result again."""
         said = ""
         while True:
             try:
-                self._store.jobs.succeed(
-                    self._claim,
-                    answer.result,
-                    output,
-                    peak_memory_bytes=answer.peak_memory_bytes,
-                )
+                self._store.jobs.succeed(self._claim, result, output, peak_memory_bytes=peak_memory_bytes)
             except StorageUnavailable as error:
                 # Without its folder the result was published, and the row's commit failed: the job is run again.
                 if not output.exists() or self._stop.is_set():

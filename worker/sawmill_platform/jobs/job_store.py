@@ -19,7 +19,7 @@ from sqlalchemy.orm import Session, aliased
 
 from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.attempts import AttemptInput
-from sawmill_platform.contracts.base import Page
+from sawmill_platform.contracts.base import Contract, Page
 from sawmill_platform.contracts.event_kinds import EventKind
 from sawmill_platform.contracts.jobs import ENDED, Failure, FailureKind, Job, JobKind, JobState, Priority
 from sawmill_platform.contracts.kinds import declaration_of
@@ -260,8 +260,8 @@ class Jobs:
         with self._database.read() as session:
             return self._subjects.handed_over(session, found(session, JobRow, "job", job_id))
 
-    def check_output(self, kind: JobKind, given: AttemptInput, result: dict[str, Any], folder: Path) -> None:
-        """Refuse a folder with other files than a job of the kind leaves.
+    def check_output(self, kind: JobKind, given: AttemptInput, result: dict[str, Any], folder: Path) -> Contract:
+        """Return the result that an attempt's process sent; refuse a folder with other files than its kind leaves.
 
         Raises
         ------
@@ -270,7 +270,9 @@ class Jobs:
         pydantic.ValidationError
             The result is not of the type that jobs of this kind answer with.
         """
-        self._subjects.check_output(kind, given, result, folder)
+        answer: Contract = declaration_of(kind).result.model_validate(result)
+        self._subjects.check_output(kind, given, answer, folder)
+        return answer
 
     def keep(self, claim: Claim, output: Path, names: Sequence[str]) -> None:
         """Keep an attempt's checkpoints with the job, and reset the count of losses: the job has made progress.
@@ -298,7 +300,7 @@ class Jobs:
     def succeed(
         self,
         claim: Claim,
-        result: dict[str, Any],
+        result: Contract,
         output: Path,
         *,
         peak_memory_bytes: int | None = None,
@@ -310,7 +312,7 @@ class Jobs:
         claim
             Claim of the attempt.
         result
-            Answer of the job; stored with the job's subject.
+            Answer of the job, as `check_output` returned it; stored with the job's subject.
         output
             Folder of the attempt, flushed (`flush_tree`) by its writer; renamed to the subject's folder.
         peak_memory_bytes
@@ -320,17 +322,14 @@ class Jobs:
         ------
         LeaseLost
             The attempt no longer holds the job: nothing was published.
-        pydantic.ValidationError
-            The result is not of the type that jobs of this kind answer with.
         """
         kind, subject_id = claim.job.kind, claim.job.subject_id
-        checked = declaration_of(kind).result.model_validate(result).model_dump(mode="json")
         with self._ending() as session:
             row = _held(session, claim)
             event = self._end(
                 session, row, JobState.SUCCEEDED, event_kinds.SUCCEEDED, detail=_measured(peak_memory_bytes)
             )
-            event.why = self._subjects.record_success(session, kind, subject_id, checked, self._database.now())
+            event.why = self._subjects.record_success(session, kind, subject_id, result, self._database.now())
             session.flush()
             # Renamed while the row is locked: a late attempt cannot replace a newer one's files. When the commit fails
             # the files stay: it may have come through. If not, the next attempt replaces them, or `leftovers` does.

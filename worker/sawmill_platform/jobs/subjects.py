@@ -2,13 +2,14 @@
 
 from datetime import datetime
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 from sqlalchemy.orm import Session
 
 from sawmill_platform.contracts.attempts import AttemptInput
+from sawmill_platform.contracts.base import Contract
 from sawmill_platform.contracts.jobs import JobKind
-from sawmill_platform.database.tables import JobRow, Json
+from sawmill_platform.database.tables import JobRow
 
 
 class Subjects(Protocol):
@@ -24,22 +25,20 @@ class Subjects(Protocol):
         """
 
     def record_success(
-        self, session: Session, kind: JobKind, subject_id: str, result: Json, now: datetime
+        self, session: Session, kind: JobKind, subject_id: str, result: Contract, now: datetime
     ) -> str | None:
-        """Write a checked result to the job's subject; return a sentence for the ledger, or None."""
+        """Write a result to the job's subject; return a sentence for the ledger, or None."""
 
     def record_end_without_result(
         self, session: Session, kind: JobKind, subject_id: str, reason: str, now: datetime
     ) -> None:
         """Write to the job's subject that its job failed or was cancelled."""
 
-    def check_output(self, kind: JobKind, given: AttemptInput, result: dict[str, Any], folder: Path) -> None:
+    def check_output(self, kind: JobKind, given: AttemptInput, result: Contract, folder: Path) -> None:
         """Refuse a folder with other files than a job of the kind leaves.
 
         Raises
         ------
         InvalidOutput
             One sentence states what is wrong.
-        pydantic.ValidationError
-            The result is not of the type that jobs of this kind answer with.
         """

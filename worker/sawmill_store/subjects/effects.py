@@ -5,15 +5,16 @@ from datetime import datetime
 from sqlalchemy.orm import Session
 
 from sawmill_contracts import job_kinds, mill_events
+from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_contracts.kinds import AskedKind
 from sawmill_contracts.phantoms import PhantomState
 from sawmill_contracts.scans import ScanState
 from sawmill_mill.activation import activation_reason
 from sawmill_platform.acting import THE_SERVICE, Actor, acting_as
+from sawmill_platform.contracts.base import Contract
 from sawmill_platform.contracts.jobs import JobKind
 from sawmill_platform.contracts.kinds import declaration_of
 from sawmill_platform.database.paging import found
-from sawmill_platform.database.tables import Json
 from sawmill_platform.ledger.events import announce
 from sawmill_store.activations import activate
 from sawmill_store.measurements import record_measurement
@@ -21,23 +22,23 @@ from sawmill_store.requests.asked_rows import found_asked
 from sawmill_store.tables import CalibrationRow, PhantomRow, ScanRow
 
 
-def record_success(session: Session, kind: JobKind, subject_id: str, result: Json, now: datetime) -> str | None:
-    """Write a checked result to the job's subject; return a sentence about the result for the history, if any."""
-    declared = declaration_of(kind)
+def record_success(session: Session, kind: JobKind, subject_id: str, result: Contract, now: datetime) -> str | None:
+    """Write a result to the job's subject; return a sentence about the result for the history, if any."""
+    declared, stored = declaration_of(kind), result.model_dump(mode="json")
     if isinstance(declared, AskedKind):
         row = found_asked(session, declared, subject_id)
-        row.result = result
-        why = record_measurement(session, row, now)
-        if isinstance(row, CalibrationRow):
+        row.result = stored
+        why = record_measurement(session, row, result, now)
+        if isinstance(row, CalibrationRow) and isinstance(result, CalibrationResult):
             _activate_on_pass(session, row, result, now)
         return why
     if kind is job_kinds.INGEST:
         scan = found(session, ScanRow, "scan", subject_id)
-        scan.state, scan.reading = ScanState.READY, result
+        scan.state, scan.reading = ScanState.READY, stored
         announce(session, now, mill_events.SCAN_READY, "scan", scan.id, group_id=scan.scanner_id)
     else:
         phantom = found(session, PhantomRow, "phantom", subject_id)
-        phantom.state, phantom.drawing = PhantomState.READY, result
+        phantom.state, phantom.drawing = PhantomState.READY, stored
         announce(session, now, mill_events.PHANTOM_READY, "phantom", phantom.id)
     return None
 
@@ -55,12 +56,12 @@ def record_end_without_result(session: Session, kind: JobKind, subject_id: str, 
         announce(session, now, mill_events.PHANTOM_REFUSED, "phantom", phantom.id, detail={"reason": reason})
 
 
-def _activate_on_pass(session: Session, calibration: CalibrationRow, result: Json, now: datetime) -> None:
+def _activate_on_pass(session: Session, calibration: CalibrationRow, result: CalibrationResult, now: datetime) -> None:
     reason = activation_reason(
         wanted=calibration.activate,
         schedule_id=calibration.schedule_id,
-        rays_verdict=result["rays_verdict"] or result["verdict"],  # an earlier version has the verdict alone
-        has_moved=(result["comparison"] or {}).get("within_tolerance") is False,
+        rays_verdict=result.rays_verdict or result.verdict,  # an earlier version has the verdict alone
+        has_moved=result.comparison is not None and not result.comparison.within_tolerance,
     )
     if reason is not None:
         job = calibration.job

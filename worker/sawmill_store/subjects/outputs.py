@@ -17,13 +17,12 @@ from sawmill_contracts.handed_over import HandedOver
 from sawmill_contracts.reconstructions import Reconstruction, ReconstructionResult
 from sawmill_contracts.scans import ScanReading, ScanShape
 from sawmill_formats.errors import DamagedResult, NotAsWritten, damage_reported, quoted, regular_status
-from sawmill_platform.contracts.base import parse_rows
+from sawmill_platform.contracts.base import Contract, parse_rows
 from sawmill_platform.contracts.jobs import JobKind
-from sawmill_platform.contracts.kinds import declaration_of
 from sawmill_platform.errors import InvalidOutput
 
 
-def check_output(kind: JobKind, given: HandedOver, result: dict[str, Any], folder: Path) -> None:
+def check_output(kind: JobKind, given: HandedOver, result: Contract, folder: Path) -> None:
     """Refuse a folder with anything but the file that a job of this kind writes, or with a file that does not fit.
 
     Parameters
@@ -35,12 +34,9 @@ def check_output(kind: JobKind, given: HandedOver, result: dict[str, Any], folde
     ------
     InvalidOutput
         The output is wrong; one sentence gives the reason.
-    pydantic.ValidationError
-        The result does not fit the contract of this kind.
     """
-    answer = declaration_of(kind).result.model_validate(result)
     try:
-        _check_files(kind, given, answer, folder)
+        _check_files(kind, given, result, folder)
     except PermissionError as error:
         raise InvalidOutput("the job left files that nobody may read") from error
 
