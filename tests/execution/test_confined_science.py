@@ -69,7 +69,7 @@ def test_every_kind_of_job_does_its_work_with_its_own_files_alone(store, setting
         pass
     runner.close()
     jobs = store.jobs.page(limit=50).items
-    assert {job.kind for job in jobs} == set(JobKind.all())
+    assert {job.kind for job in jobs} == set(JobKind.all()), "ask for one of each kind in `asked`"
     assert {job.kind: job.failure for job in jobs if job.state is not JobState.SUCCEEDED} == {}
     log = "".join(capfd.readouterr())
     assert "Permission" not in log
