@@ -27,6 +27,7 @@ PARTIAL = {
     "service/sawmill_service/pages/scanners/scanner_history.py: EVENT_WORDS": "the other events are in no history",
     "worker/sawmill_worker/pictures/calibration_report.py: BY_METHOD": "the other methods need no remark",
     "worker/sawmill_store/requests/references.py: _WITHOUT_RESULT": "the other states have a result or will have one",
+    "worker/sawmill_store/subjects/outputs.py: _FILES": "jobs of the other kinds write no file",
     "worker/sawmill_store/tables.py: OWN_TABLES": "the rows of other kinds are in the table `asked`",
     "worker/sawmill_tomography/calibration/joint_fit/scan_model.py: LARGEST": "the other terms may have any size",
     "worker/sawmill_tomography/calibration/joint_fit/steps.py: arms": "the other terms do not move the phantom's rim",

@@ -12,6 +12,7 @@ from typing import Any
 
 from pydantic import Field
 
+import sawmill_contracts.job_kinds  # noqa: F401 - registers them
 from sawmill_platform.contracts.base import Contract
 from sawmill_platform.contracts.jobs import FailureKind, JobKind
 from sawmill_platform.contracts.kinds import declaration_of
