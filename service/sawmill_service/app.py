@@ -9,6 +9,7 @@ from prometheus_client import CollectorRegistry
 from starlette.routing import BaseRoute
 from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
 
+from sawmill_contracts.kinds import asked_kinds
 from sawmill_service.access import Access, check_scope
 from sawmill_service.dependencies import Wake
 from sawmill_service.event_feed import EventFeed
@@ -80,11 +81,8 @@ TAGS = [
         "name": "uploads",
         "description": "Files that arrive in parts; an upload can be resumed after a broken connection.",
     },
-    {"name": "inspections", "description": "Contents of a file, and what is missing, before it becomes a scan."},
     {"name": "scans", "description": "Projection stacks, uploaded as files and read by a job."},
-    {"name": "calibrations", "description": "Theta from a scan of a phantom, with everything known about it."},
-    {"name": "reconstructions", "description": "Slices of a log with a calibrated geometry."},
-    {"name": "drifts", "description": "Changes since a calibration, from a log's scan alone."},
+    *({"name": declared.kind.plural, "description": declared.about} for declared in asked_kinds() if declared.about),
     {"name": "jobs", "description": "All long work: state, queue, progress, cancelling."},
     {"name": "events", "description": "Stream of all events."},
     {"name": "schedules", "description": "Recalibration and drift checks at fixed times."},

@@ -595,6 +595,7 @@ DECLARATION = AskedKind(
     topic="calibration",
     noun="calibration",
     label=N_("Calibration"),
+    about="Theta from a scan of a phantom, with everything known about it.",
     lighter="ask for fewer rows or views, or for fewer generations of the published search",
     ask=CalibrationAsk,
     options=CalibrationOptions,

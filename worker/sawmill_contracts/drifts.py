@@ -222,6 +222,7 @@ DECLARATION = AskedKind(
     topic="drift-check",
     noun="drift",
     label=N_("Drift check"),
+    about="Changes since a calibration, from a log's scan alone.",
     lighter="ask for fewer rows",
     ask=DriftAsk,
     options=DriftOptions,

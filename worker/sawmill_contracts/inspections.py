@@ -222,6 +222,7 @@ DECLARATION = AskedKind(
     kind=job_kinds.INSPECT,
     noun="inspection",
     label=N_("Looking into a file"),
+    about="Contents of a file, and what is missing, before it becomes a scan.",
     upload="file",
     lighter="give a smaller file",
     ask=InspectionAsk,

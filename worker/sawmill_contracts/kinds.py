@@ -74,6 +74,8 @@ class AskedKind(KindDeclaration, Generic[Ask, Answer]):
         Path of the request, if not /v1/<plural>; the path may contain a reference's id.
     tag : str or None
         The group of its routes, if not <plural>.
+    about : str or None
+        Description of the group <plural> in the public document; None with `tag`.
     """
 
     ask: type[Ask]
@@ -92,6 +94,7 @@ class AskedKind(KindDeclaration, Generic[Ask, Answer]):
     needed_scope: Callable[[Ask], Scope] = lambda _: Scope.SUBMIT
     asked_at: str | None = None
     tag: str | None = None
+    about: str | None = None
     processor_s: int = 24 * 3600
     time_limit_s: int = 24 * 3600
     stall_s: int = 1800

@@ -477,6 +477,7 @@ DECLARATION = AskedKind(
     kind=job_kinds.RECONSTRUCT,
     noun="reconstruction",
     label=N_("Reconstruction of a log"),
+    about="Slices of a log with a calibrated geometry.",
     # A fitted method reports each iteration, and needs fifty or more iterations within its day: half an hour each at
     # most.
     stall_s=2 * 3600,

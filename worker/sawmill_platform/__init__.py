@@ -1,1 +1,1 @@
-"""A job service: job store, attempts, ledger, keys, files, uploads, webhooks and backups."""
+"""A job service: job store, attempts, ledger, keys, files, uploads and webhooks."""
