@@ -2,6 +2,7 @@
 
 import ast
 import importlib
+import re
 from collections.abc import Collection, Iterator
 from enum import Enum, StrEnum
 from pathlib import Path
@@ -9,13 +10,16 @@ from typing import NamedTuple, get_args
 
 import jinja2
 
+from sawmill_contracts.scanners import AlarmLimits
 from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.event_kinds import JOB_ENDS, EventKind
 from sawmill_platform.contracts.jobs import JobKind
 from sawmill_platform.contracts.kinds import declaration_of
 from sawmill_platform.contracts.registered import RegisteredWord
+from sawmill_service.pages.scanners import scanner_form
 from sawmill_service.pages.scanners.scanner_history import EVENT_WORDS
 from sawmill_store.history import SUBJECTS
+from sawmill_vocabulary import Adjustment
 
 ROOT = Path(__file__).parents[1]
 # Tables that lack members, each with what becomes of a member that it lacks.
@@ -149,3 +153,18 @@ def test_every_event_of_a_scanner_s_history_has_its_word():
     assert not without, "add them to EVENT_WORDS in service/sawmill_service/pages/scanners/scanner_history.py"
     unknown = {noun for event, noun in shown if not event.startswith("alarm-")} - SUBJECTS.keys()
     assert not unknown, "add them to SUBJECTS in worker/sawmill_store/history.py"
+
+
+def test_every_adjustment_has_its_row_in_the_table_of_faults():
+    page = (ROOT / "docs/geometry.md").read_text().split("## Scans with faults")[1].split("\n\n###")[0]
+    named = [
+        name for row in re.findall(r"^\| (`.*?) \|", page, re.MULTILINE) for name in re.findall(r"`([\w-]+)`", row)
+    ]
+    assert sorted(named) == sorted(Adjustment), "complete the table of docs/geometry.md#scans-with-faults"
+
+
+def test_every_limit_of_an_alarm_is_in_the_scanner_s_form():
+    in_form = {field.place[1] for field in scanner_form.FIELDS if field.place[0] == "alarms"}
+    assert in_form == AlarmLimits.model_fields.keys(), (
+        "add a field to service/sawmill_service/pages/scanners/scanner_form.py"
+    )
