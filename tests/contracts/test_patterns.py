@@ -13,9 +13,10 @@ from results import THETA
 
 from sawmill_contracts.phantoms import PhantomAsk
 from sawmill_contracts.reconstructions import ReconstructionAsk
+from sawmill_contracts.row_ranges import STEPPED_ROWS, SteppedRows
 from sawmill_contracts.schedules import ScheduleAsk
 from sawmill_platform.contracts import patterns
-from sawmill_platform.contracts.base import Name, SteppedRows
+from sawmill_platform.contracts.base import Name
 from sawmill_platform.contracts.given import hidden_characters
 from sawmill_platform.contracts.keys import KeyAsk
 
@@ -46,10 +47,10 @@ def test_cron_expressions_that_are_refused_do_not(cron):
 
 def test_rows_and_names_that_fit_their_patterns_are_read():
     assert taken(SteppedRows, "0:2500:10")
-    assert re.search(patterns.STEPPED_ROWS, "0:2500:10")
+    assert re.search(STEPPED_ROWS, "0:2500:10")
     for text in ("3", "a:b", "1:0", "0:8:0", "0:16\n"):
         assert not taken(SteppedRows, text), text
-        assert re.fullmatch(patterns.STEPPED_ROWS, text) is None, text
+        assert re.fullmatch(STEPPED_ROWS, text) is None, text
     names = {"Line 2": True, "Säge": True, "Mätäsvaara, linja 2 (å)": True, "": False, "  ": False, "a\nb": False}
     for name, fits in {**names, "a\u202eb": False, "a\u200bb": False, "\u200eab": False, "a\u061cb": False}.items():
         assert (re.fullmatch(patterns.NAME, name) is not None) is fits, name

@@ -11,8 +11,8 @@ from sawmill_contracts import job_kinds
 from sawmill_contracts.choices import MetalTreatment, Weighting
 from sawmill_contracts.geometry import GivenTheta
 from sawmill_contracts.kinds import AskedKind, Operation, Reference, stored_as
-from sawmill_platform.contracts import patterns
-from sawmill_platform.contracts.base import ChosenViews, Contract, Identifier, PositiveMm, Stamped, SteppedRows
+from sawmill_contracts.row_ranges import SteppedRows
+from sawmill_platform.contracts.base import ChosenViews, Contract, Identifier, PositiveMm, Stamped
 from sawmill_platform.contracts.conditions import Schema, bounded, one_of, require, without
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.jobs import Failure, JobState
@@ -43,17 +43,20 @@ def _one_number(value: object, info: ValidationInfo) -> object:
 OneNumber = BeforeValidator(_one_number)
 Positive = Annotated[float, Field(gt=0)]
 
+# For clients: a word, or a number from 0 to below 100.
+_COUPLING = r"^(auto|none|[0-9]{1,2}(\.[0-9]{1,6})?)$"
+
 
 def _coupling_as_text(value: object) -> object:
     """Return a coupling as text; a command's flag is a text, whether a word or a number, and JSON may have a number."""
     text = f"{value:.6f}" if isinstance(value, int | float) and not isinstance(value, bool) else value
-    if isinstance(text, str) and not re.fullmatch(patterns.COUPLING, text.strip()):
+    if isinstance(text, str) and not re.fullmatch(_COUPLING, text.strip()):
         msg = f"coupling must be auto, none, or a number from 0 to below 100 as in 0.4, not {text!r:.100}"
         raise ValueError(msg)
     return text
 
 
-_CouplingGiven = Annotated[str, Field(pattern=patterns.COUPLING)] | Annotated[float, Field(ge=0, lt=100)]
+_CouplingGiven = Annotated[str, Field(pattern=_COUPLING)] | Annotated[float, Field(ge=0, lt=100)]
 Coupling = Annotated[
     str,
     BeforeValidator(_coupling_as_text, json_schema_input_type=_CouplingGiven),

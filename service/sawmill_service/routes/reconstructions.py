@@ -12,8 +12,8 @@ from fastapi import Path, Query, Request, Response
 from pydantic import AfterValidator, Field, model_validator
 
 from sawmill_contracts.choices import Axis
-from sawmill_platform.contracts import patterns
-from sawmill_platform.contracts.base import LARGEST_NUMBER, Identifier, parse_span
+from sawmill_contracts.row_ranges import STEPPED_ROWS, parse_span
+from sawmill_platform.contracts.base import LARGEST_NUMBER, Identifier
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.keys import Scope
 from sawmill_service.dependencies import TheStore
@@ -107,7 +107,7 @@ class MosaicQuery(WindowQuery):
         None,
         description=f"Slices A:B or A:B:STEP instead, at most {MOST_TILES}.",
         examples=["0:2500:100"],
-        json_schema_extra={"pattern": patterns.STEPPED_ROWS},
+        json_schema_extra={"pattern": STEPPED_ROWS},
     )
     scale_bar: bool = Field(default=True, description="Whether the scale bar is drawn.")
 

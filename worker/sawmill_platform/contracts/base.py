@@ -1,6 +1,5 @@
 """The base of every contract, and types that many contracts share."""
 
-import re
 from datetime import datetime
 from typing import Annotated, Any, Generic, TypeVar
 
@@ -39,62 +38,6 @@ ChosenViews = Annotated[int, Field(ge=3, le=100_000)]
 # Bound of a number whose field has no closer one.
 LARGEST_NUMBER = 10**12
 Time = Annotated[AwareDatetime, Field(description="RFC 3339, UTC.", examples=["2026-03-02T05:30:00Z"])]
-
-
-_SPAN = re.compile(r"([0-9]{1,9}):([0-9]{1,9})(?::([0-9]{1,9}))?")
-
-
-def parse_span(what: str, text: str) -> slice:
-    """Read A:B or A:B:STEP as a slice.
-
-    Raises
-    ------
-    ValueError
-        The text has neither form, or the slice is empty.
-    """
-    match = _SPAN.fullmatch(text)
-    first, last, step = (None if part is None else int(part) for part in match.groups()) if match else (0, 0, None)
-    if first is None or last is None or first >= last or step == 0:
-        msg = f"{what} must be A:B with 0 <= A < B, as in 0:16, or A:B:STEP, as in 0:2500:10, not {text!r}"
-        raise ValueError(msg)
-    return slice(first, last, step)
-
-
-def parse_rows(rows: str) -> slice:
-    """Read A:B or A:B:STEP as a slice of rows."""
-    return parse_span("rows", rows)
-
-
-def _check_stepped_rows(text: str) -> str:
-    parse_rows(text)
-    return text
-
-
-def _check_rows(text: str) -> str:
-    if parse_rows(text).step is not None:
-        msg = f"rows that are averaged must be A:B, without a step, not {text!r}"
-        raise ValueError(msg)
-    return text
-
-
-Rows = Annotated[
-    str,
-    AfterValidator(_check_rows),
-    Field(
-        description="Detector rows A:B with A < B, the first included, the last not.",
-        examples=["0:16"],
-        json_schema_extra={"pattern": patterns.ROWS},
-    ),
-]
-SteppedRows = Annotated[
-    str,
-    AfterValidator(_check_stepped_rows),
-    Field(
-        description="Detector rows A:B, the first included, the last not, or every STEP-th of them, A:B[:STEP].",
-        examples=["0:16", "0:2500:10"],
-        json_schema_extra={"pattern": patterns.STEPPED_ROWS},
-    ),
-]
 
 
 def complaint(error: ValidationError) -> str:

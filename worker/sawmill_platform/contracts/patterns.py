@@ -3,10 +3,6 @@
 The expressions are for clients and generated code. The function that reads a text decides whether it is accepted.
 """
 
-# `sawmill_platform.contracts.base.parse_span` reads rows; no expression states that A is less than B.
-ROWS = r"^[0-9]{1,9}:[1-9][0-9]{0,8}$"
-STEPPED_ROWS = r"^[0-9]{1,9}:[1-9][0-9]{0,8}(:[1-9][0-9]{0,8})?$"
-
 # Control characters, line separators, and Unicode's format characters (category Cf), which are not seen or change the
 # direction of the text after them, so two names would look the same. Format characters beyond the first plane are in
 # `sawmill_platform.contracts.given` alone.
@@ -17,9 +13,6 @@ NOT_SHOWN = (
 # Texts that `sawmill_platform.contracts.given` accepts: characters that can be shown, in one line. A name is not blank.
 LINE = rf"^[^{NOT_SHOWN}]*$"
 NAME = rf"^[^{NOT_SHOWN}]*[^\s{NOT_SHOWN}][^{NOT_SHOWN}]*$"
-
-# A coupling in `sawmill_contracts.reconstructions`: a word, or a number from 0 to below 100.
-COUPLING = r"^(auto|none|[0-9]{1,2}(\.[0-9]{1,6})?)$"
 
 # The `next` of a list by time, of one by number, and of one by time and number.
 CURSOR = r"^[0-9]{1,17}\.[a-z0-9][a-z0-9-]{0,63}$"

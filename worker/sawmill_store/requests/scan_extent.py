@@ -2,8 +2,9 @@
 
 from sqlalchemy.orm import Session
 
+from sawmill_contracts.row_ranges import parse_rows
 from sawmill_contracts.scans import ScanShape
-from sawmill_platform.contracts.base import Contract, parse_rows
+from sawmill_platform.contracts.base import Contract
 from sawmill_platform.errors import Invalid
 from sawmill_store.tables import Answered, ScanRow
 

@@ -15,9 +15,10 @@ from sawmill_contracts import job_kinds
 from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_contracts.handed_over import HandedOver
 from sawmill_contracts.reconstructions import Reconstruction, ReconstructionResult
+from sawmill_contracts.row_ranges import parse_rows
 from sawmill_contracts.scans import ScanReading, ScanShape
 from sawmill_formats.errors import DamagedResult, NotAsWritten, damage_reported, quoted, regular_status
-from sawmill_platform.contracts.base import Contract, parse_rows
+from sawmill_platform.contracts.base import Contract
 from sawmill_platform.contracts.jobs import JobKind
 from sawmill_platform.errors import InvalidOutput
 

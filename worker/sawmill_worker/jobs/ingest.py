@@ -3,13 +3,13 @@
 import math
 from typing import Any
 
+from sawmill_contracts.row_ranges import parse_rows
 from sawmill_contracts.scans import ScanReading, ScanShape
 from sawmill_formats.input.angles import parse_angles
 from sawmill_formats.input.arrays import MAX_BYTES
 from sawmill_formats.input.canonical import CanonicalScan
 from sawmill_formats.input.reading import reading_scan
 from sawmill_platform.attempts.work import Needs
-from sawmill_platform.contracts.base import parse_rows
 from sawmill_vocabulary import DataKind, RowAlignment
 from sawmill_worker.jobs.attempt import MillAttempt
 from sawmill_worker.jobs.needs import FILE_BYTES, FILE_SHARE

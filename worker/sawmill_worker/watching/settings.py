@@ -19,8 +19,9 @@ from pydantic import (
     model_validator,
 )
 
+from sawmill_contracts.row_ranges import Rows
 from sawmill_contracts.scans import ScanFileOptions
-from sawmill_platform.contracts.base import Identifier, Rows
+from sawmill_platform.contracts.base import Identifier
 from sawmill_platform.contracts.given import Given, shown
 from sawmill_platform.contracts.jobs import Priority
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_contracts import calibrations as contracts
-from sawmill_platform.contracts.base import parse_rows
+from sawmill_contracts.row_ranges import parse_rows
 from sawmill_tomography.calibration.calibration import CalibrationOutcome
 from sawmill_tomography.calibration.phantom_rows import shows_another_body
 from sawmill_tomography.calibration.second_witness import LogWitness

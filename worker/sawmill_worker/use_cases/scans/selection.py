@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from sawmill_platform.contracts.base import parse_rows
+from sawmill_contracts.row_ranges import parse_rows
 from sawmill_worker.use_cases.failures import refused
 
 
