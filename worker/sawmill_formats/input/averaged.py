@@ -15,7 +15,7 @@ MOST_MASKED = 0.2
 AIR_SHARE = 0.02
 # Line integrals rise behind the log, counts and transmissions fall. A log leaves the mean of all samples, relative to
 # their range, several times as far from the air's level: 0.09 for a log of a tenth of the detector
-# (tests/readers/test_averaged.py).
+# (tests/formats/input/test_averaged.py).
 LEAST_FALL = 0.05
 # Largest logarithm: a transmission of exp(-50) is one quantum of 5e21.
 LARGEST_LOGARITHM = 50.0

@@ -16,8 +16,8 @@ from sawmill_formats.input.parts import Part, PartKind
 
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 LARGEST_PICTURE_PIXELS = 64 * 2**20
-# Most bytes a pixel while reading and tracing (tests/readers/test_bombs.py): grey values and their copy with a border
-# as float32, and as the float64 in which contours are found.
+# Most bytes a pixel while reading and tracing (tests/formats/input/test_bombs.py): grey values and their copy with a
+# border as float32, and as the float64 in which contours are found.
 BYTES_A_PIXEL = 18
 MEMORY_SHARE = 0.9
 # Bits of Pillow's modes; everything else has one byte for each of its bands.

@@ -41,7 +41,7 @@ BODY = 0.3
 # the next cells is above MARGIN_DEVIATIONS standard deviations of the mean.
 MARGIN, MOST_MARGIN, MARGIN_DEVIATIONS = 1, 8, 3.0
 # Largest radius of the searched disc, whose points are 1 mm apart. No saw takes so large a log, so the position of a
-# phantom farther out is wrong (tests/calibration_api/test_absurd_values.py).
+# phantom farther out is wrong (tests/calibration/test_absurd_values.py).
 LARGEST_RADIUS_MM = 2000.0
 # A body that covers a larger share of the samples is not metal in a phantom.
 MOST_SAMPLES = 0.25
