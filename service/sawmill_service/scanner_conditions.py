@@ -1,4 +1,4 @@
-"""How each scanner stands, read from the store for pages and metrics."""
+"""Conditions of scanners, read from the store for pages and metrics."""
 
 from collections import defaultdict
 from collections.abc import Iterable
@@ -19,7 +19,7 @@ SHOWN_SCANNERS = 200  # more than any mill has
 
 @dataclass(frozen=True)
 class ScannerCondition:
-    """What the pages show of one scanner.
+    """Condition of one scanner, as pages show it.
 
     `newest` is the newest calibration that succeeded, `failure` why a newer one did not; `active` is in use; `drift` is
     the newest drift check that succeeded or failed, `seen` the newest that could tell whether it has moved since
@@ -64,12 +64,12 @@ def _checked(check: Drift | None) -> Checked | None:
 
 
 def conditions_of(store: Store) -> list[ScannerCondition]:
-    """Of all scanners, the newest first; a few questions to the store, however many there are."""
+    """Return the conditions of all scanners, newest first, by a fixed number of statements."""
     return _conditions(store, store.overviews.read(limit=SHOWN_SCANNERS), store.alarms.open())
 
 
 def condition_of(store: Store, scanner: StoredScanner) -> ScannerCondition:
-    """How one of them stands, or `NotFound`: it was deleted a moment ago."""
+    """Return the condition of one scanner; raise `NotFound` if it was deleted a moment ago."""
     opened = store.alarms.open(scanner_id=scanner.id)
     found = _conditions(store, store.overviews.read(scanner_id=scanner.id), opened)
     if not found:

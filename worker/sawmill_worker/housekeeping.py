@@ -9,7 +9,6 @@ from sawmill_platform.workers.housekeeping import Duty, Housekeeping
 from sawmill_platform.workers.logs import going_on
 from sawmill_platform.workers.settings import ExecutionSettings
 from sawmill_store.store import Store
-from sawmill_worker.drift_following import follow_drift
 
 # Seconds of a round in which drift charts go on, if they are many or are begun anew; leases wait for it.
 DRIFT_S = 1.0
@@ -43,13 +42,15 @@ class MillHousekeeping(Housekeeping):
             structlog.get_logger().info("schedule-ran", **run.model_dump(mode="json"))
 
     def _follow_drift(self) -> None:
-        """Drift checks that ended since go into their scanners' charts; the science is imported with the first one."""
+        """Add the drift checks that have ended to their scanners' charts."""
         waiting, until_s = self._mill.drift_charts.waiting(), time.monotonic() + DRIFT_S
+        if waiting:  # a worker that is asked for no drift check holds no NumPy
+            from sawmill_worker.use_cases.drift.chart import follow  # noqa: PLC0415
         while waiting:
             going, waiting = waiting, []
             for scanner_id in going:
                 with going_on("drift-chart-put-off", scanner_id=scanner_id):  # the others' go on
-                    if self._mill.drift_charts.follow(scanner_id, follow_drift) and time.monotonic() < until_s:
+                    if self._mill.drift_charts.follow(scanner_id, follow) and time.monotonic() < until_s:
                         waiting.append(scanner_id)
 
     def _check_alarms(self) -> None:

@@ -1,4 +1,4 @@
-"""What the workers of a mill run."""
+"""Program of the workers of a mill."""
 
 from functools import partial
 

@@ -39,7 +39,7 @@ def list_audit(paging: Annotated[NumberedPaging, Query()], store: TheStore) -> P
     responses=SAVED | refuses("precondition-failed"),
 )
 def get_audit_file(request: Request, store: TheStore) -> Response:
-    """Every entry, the oldest first, one JSON object a line."""
+    """Send all entries, oldest first, as one JSON object a line."""
     # A weak tag: entries that are added while the file is sent are sent too.
     tag = 'W/"{}-{}"'.format(*store.audit.extent())
     if held := check_conditions(request.headers, tag):

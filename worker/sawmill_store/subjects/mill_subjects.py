@@ -6,14 +6,28 @@ from typing import cast
 
 from sqlalchemy.orm import Session
 
+from sawmill_contracts import job_kinds, mill_events
+from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_contracts.handed_over import HandedOver
+from sawmill_contracts.kinds import AskedKind
+from sawmill_contracts.phantoms import PhantomState
+from sawmill_contracts.scans import ScanState
+from sawmill_mill.activation import activation_reason
+from sawmill_platform.acting import THE_SERVICE, Actor, acting_as
 from sawmill_platform.contracts.attempts import AttemptInput
 from sawmill_platform.contracts.base import Contract
 from sawmill_platform.contracts.jobs import JobKind
+from sawmill_platform.contracts.kinds import declaration_of
+from sawmill_platform.database.paging import found
 from sawmill_platform.database.tables import JobRow
 from sawmill_platform.files.file_store import FileStore
-from sawmill_store.subjects import effects, outputs
+from sawmill_platform.ledger.events import announce
+from sawmill_store.activations import activate
+from sawmill_store.measurements import record_measurement
+from sawmill_store.requests.asked_rows import found_asked
+from sawmill_store.subjects import outputs
 from sawmill_store.subjects.handing_over import handed_over
+from sawmill_store.tables import CalibrationRow, PhantomRow, ScanRow
 
 
 class MillSubjects:
@@ -30,14 +44,52 @@ class MillSubjects:
         self, session: Session, kind: JobKind, subject_id: str, result: Contract, now: datetime
     ) -> str | None:
         """Write a result to the job's subject; return a sentence about the result for the history, if any."""
-        return effects.record_success(session, kind, subject_id, result, now)
+        declared, stored = declaration_of(kind), result.model_dump(mode="json")
+        if isinstance(declared, AskedKind):
+            row = found_asked(session, declared, subject_id)
+            row.result = stored
+            why = record_measurement(session, row, result, now)
+            if isinstance(row, CalibrationRow) and isinstance(result, CalibrationResult):
+                _activate_on_pass(session, row, result, now)
+            return why
+        if kind is job_kinds.INGEST:
+            scan = found(session, ScanRow, "scan", subject_id)
+            scan.state, scan.reading = ScanState.READY, stored
+            announce(session, now, mill_events.SCAN_READY, "scan", scan.id, group_id=scan.scanner_id)
+        else:
+            phantom = found(session, PhantomRow, "phantom", subject_id)
+            phantom.state, phantom.drawing = PhantomState.READY, stored
+            announce(session, now, mill_events.PHANTOM_READY, "phantom", phantom.id)
+        return None
 
     def record_end_without_result(
         self, session: Session, kind: JobKind, subject_id: str, reason: str, now: datetime
     ) -> None:
-        """Refuse the scan or the phantom whose job failed or was cancelled."""
-        effects.record_end_without_result(session, kind, subject_id, reason, now)
+        """Refuse the scan or phantom whose job failed or was cancelled; other subjects have the state of their job."""
+        if kind is job_kinds.INGEST:
+            scan = found(session, ScanRow, "scan", subject_id)
+            scan.state, scan.reason = ScanState.REFUSED, reason
+            why = {"reason": reason}
+            announce(session, now, mill_events.SCAN_REFUSED, "scan", scan.id, group_id=scan.scanner_id, detail=why)
+        elif kind is job_kinds.TRACE_PHANTOM:
+            phantom = found(session, PhantomRow, "phantom", subject_id)
+            phantom.state, phantom.reason = PhantomState.REFUSED, reason
+            announce(session, now, mill_events.PHANTOM_REFUSED, "phantom", phantom.id, detail={"reason": reason})
 
     def check_output(self, kind: JobKind, given: AttemptInput, result: Contract, folder: Path) -> None:
         """Refuse a folder with files that a job of this kind does not write."""
         outputs.check_output(kind, cast("HandedOver", given), result, folder)
+
+
+def _activate_on_pass(session: Session, calibration: CalibrationRow, result: CalibrationResult, now: datetime) -> None:
+    reason = activation_reason(
+        wanted=calibration.activate,
+        schedule_id=calibration.schedule_id,
+        rays_verdict=result.rays_verdict or result.verdict,  # an earlier version has the verdict alone
+        has_moved=result.comparison is not None and not result.comparison.within_tolerance,
+    )
+    if reason is not None:
+        job = calibration.job
+        by_request = Actor(job.asked_by or THE_SERVICE.name, job.key_id, request_id=job.request_id)
+        with acting_as(by_request):
+            activate(session, calibration.scanner_id, calibration.id, reason, now)

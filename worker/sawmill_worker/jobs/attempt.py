@@ -11,7 +11,7 @@ Asked = TypeVar("Asked", bound=Contract)
 
 
 class MillAttempt(work.Attempt[HandedOver]):
-    """One attempt at a job of the mill."""
+    """Attempt at a job of the mill."""
 
     @property
     def scanner(self) -> StoredScanner:
