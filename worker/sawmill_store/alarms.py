@@ -124,7 +124,7 @@ def _of_scanners(scanner_id: str | None) -> Select[Any]:
             ScannerRow.created_at.label("added_at"),
             ScannerRow.spec,
             _newest(ScanRow.created_at).label("scan_stored_at"),
-            _newest_accepted().label("scan_accepted_at"),
+            newest_accepted(EventRow.at).correlate(ScannerRow).scalar_subquery().label("scan_accepted_at"),
             _newest(ScanRow.created_at, *_READY).label("phantom_ready_at"),
             _newest_calibrated().label("phantom_calibrated_at"),
             _newest(ScanRow.created_at, *_COMING).label("phantom_coming_at"),
@@ -167,11 +167,13 @@ def _newest(column: InstrumentedAttribute[Any], *conditions: ColumnElement[bool]
     return mine.order_by(ScanRow.created_at.desc()).limit(1).correlate(ScannerRow).scalar_subquery()
 
 
-def _newest_accepted() -> ScalarSelect[Any]:
-    """Select the time of the newest scan, whether it is still stored or not: events outlast scans."""
+def newest_accepted(column: InstrumentedAttribute[Any]) -> Select[Any]:
+    """Select a column of the event of a scanner's newest scan, whether it is still stored or not: events outlast scans.
+
+    Retention keeps the event, so that an alarm knows by it when the last scan came.
+    """
     came = EventRow.group_id == ScannerRow.id, EventRow.what == event_kinds.QUEUED, EventRow.subject == "scan"
-    mine = select(EventRow.at).where(*came).order_by(EventRow.number.desc())
-    return mine.limit(1).correlate(ScannerRow).scalar_subquery()
+    return select(column).where(*came).order_by(EventRow.number.desc()).limit(1)
 
 
 def _newest_calibrated() -> ScalarSelect[Any]:

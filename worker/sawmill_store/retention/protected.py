@@ -11,10 +11,10 @@ from sawmill_contracts.kinds import asked_kinds
 from sawmill_contracts.retention import RetentionKind, StaysBecause
 from sawmill_contracts.scans import ScanState
 from sawmill_mill.retention import STAYS, stays_because
-from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.jobs import UNFINISHED
 from sawmill_platform.database.tables import EventRow, JobRow
 from sawmill_store.activations import active_calibration
+from sawmill_store.alarms import newest_accepted
 from sawmill_store.retention.retention_rules import STOCKS, Stock
 from sawmill_store.scheduled import last_looked_at, newest_phantom_scan, next_log
 from sawmill_store.tables import (
@@ -110,9 +110,7 @@ def _of_drifts(session: Session) -> Iterator[Protection]:
 
 
 def _of_events(session: Session) -> Iterator[Protection]:
-    came = EventRow.group_id == ScannerRow.id, EventRow.what == event_kinds.QUEUED, EventRow.subject == "scan"
-    newest = select(EventRow.number).where(*came).order_by(EventRow.number.desc()).limit(1)
-    if numbers := _newest(session, newest):
+    if numbers := _newest(session, newest_accepted(EventRow.number)):
         yield Protection(StaysBecause.NEWEST, EventRow.number.in_(numbers))
 
 
