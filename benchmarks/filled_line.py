@@ -55,7 +55,7 @@ class Line:
         missing = length - self.queued()
         if missing <= 0:
             return
-        database = self.store._database  # noqa: SLF001 - no client fills it so quickly
+        database = self.store.database
         now = database.now()
         with database.write() as session:
             like = session.scalars(select(PlanRow).limit(1)).one().options
@@ -83,7 +83,7 @@ class Line:
         self.fill(length)
         deadline, wanted = time.monotonic() + WINDOW_S, min(jobs, length)
         while True:
-            with self.store._database.read() as session:  # noqa: SLF001 - as above
+            with self.store.database.read() as session:
                 number, first, last = session.execute(ended).one()
             late = time.monotonic() > deadline
             if number >= wanted or (late and number > 1):
@@ -114,7 +114,7 @@ class Line:
         """Measure a page of jobs behind this share of the queue."""
         after = {}
         if depth:
-            with self.store._database.read() as session:  # noqa: SLF001 - as above
+            with self.store.database.read() as session:
                 oldest = select(JobRow.created_at, JobRow.id).order_by(JobRow.created_at, JobRow.id)
                 at, name = session.execute(oldest.offset(int((1.0 - depth) * length)).limit(1)).one()
             after = {"after": f"{round(at.timestamp() * 1e6)}.{name}"}

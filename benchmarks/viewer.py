@@ -130,8 +130,8 @@ def fill(store: Store, slices: int, size: int) -> None:
     write_volume(store.files.results(job_kinds.RECONSTRUCT, "r0"), slices, size)
     shape = {"views": 360, "rows": slices, "detector": 704}
     reading = {"format": "NXtomo", "shape": shape, "angular_range_deg": [0, 359]}
-    result, now = result_of(slices, size), store._database.now()  # noqa: SLF001 - rows that no job made
-    with store._database.write() as session:  # noqa: SLF001
+    result, now = result_of(slices, size), store.database.now()
+    with store.database.write() as session:
         for number in range(SCANS):
             at, scanner_id = now - timedelta(minutes=MINUTES_APART * number), f"line-{number % SCANNERS}"
             jobs = {"i": (job_kinds.INGEST, f"s{number}"), "j": (job_kinds.RECONSTRUCT, f"r{number}")}

@@ -153,13 +153,13 @@ def happen(store: Store, number: int) -> None:
         for k in range(number)
     ]
     if rows:
-        with store._database.write() as session:  # noqa: SLF001 - events in bulk
+        with store.database.write() as session:
             session.execute(insert(EventRow), rows)
 
 
 def delivery_rows(store: Store) -> int:
     """Count the rows of the table of deliveries."""
-    with store._database.read() as session:  # noqa: SLF001 - there is no such question to the store
+    with store.database.read() as session:
         return session.scalar(select(func.count()).select_from(DeliveryRow)) or 0
 
 

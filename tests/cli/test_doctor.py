@@ -202,7 +202,7 @@ def test_redis_that_refuses_the_password(found, monkeypatch, refusing_redis_url)
 
 def test_a_clock_that_is_off(found, data, monkeypatch):
     store = Store(StorageSettings(data_folder=data))
-    store._database.start_clock()
+    store.database.start_clock()
     store.close()
     offset_s = clock.machine_offset_s()
     monkeypatch.setattr(clock, "machine_offset_s", lambda: offset_s + 7200.0)

@@ -37,7 +37,7 @@ def test_it_sees_to_expired_leases_and_due_schedules(store, settings, queue, wai
     schedule = store.schedules.create(
         ScheduleSpec(scanner_id=store.scans.get(job.subject_id).scanner_id, cron="* * * * *")
     )
-    with store._database.write() as session:
+    with store.database.write() as session:
         session.connection().exec_driver_sql("UPDATE schedules SET next_due_at = created_at")
     stop = threading.Event()
     housekeeping = MillHousekeeping(store, settings, stop)
@@ -71,7 +71,7 @@ def test_a_drift_check_that_ended_goes_into_its_scanner_s_chart(store, settings,
     scan = store.scans.get(queue("succeed").subject_id)
     calibration = store.calibrations.accept(CalibrationAsk(scan_id=scan.id, phantom_id="l-shape"))
     since = store.now() - timedelta(hours=1)
-    with store._database.write() as session:
+    with store.database.write() as session:
         about = {"scanner_id": scan.scanner_id, "calibration_id": calibration.id}
         active = ActivationRow(**about, activated_at=since, reason="by hand")
         session.add(active)
@@ -125,7 +125,7 @@ def test_old_deliveries_are_forgotten_each_minute(store, settings, monkeypatch):
     housekeeping = MillHousekeeping(store, settings, threading.Event())
     housekeeping.once()
     assert len(store.webhooks.deliveries(webhook.id).items) == 1
-    with store._database.write() as session:
+    with store.database.write() as session:
         session.execute(update(DeliveryRow).values(last_at=store.now() - KEPT - timedelta(seconds=1)))
     housekeeping.once()
     assert len(store.webhooks.deliveries(webhook.id).items) == 1
@@ -140,7 +140,7 @@ def test_many_batches_go_by_the_rules_of_retention_in_a_round(store, settings, q
         queue("succeed")
     rules = RetentionRules(events_days=1)
     store.retention.replace(RetentionAsk(**rules.model_dump(), remove_at_most=1_000))
-    with store._database.write() as session:
+    with store.database.write() as session:
         session.execute(update(EventRow).where(text(REMOVABLE)).values(at=store.now() - timedelta(days=2)))
         session.execute(update(JobRow).values(state=JobState.CANCELLED))
     monkeypatch.setattr(retiring, "EVENTS_A_ROUND", 2)
@@ -168,8 +168,8 @@ def test_an_outage_of_all_duties_is_one_line(store, settings, monkeypatch):
         raise StorageUnavailable("the database does not answer: it was stopped")
 
     housekeeping = MillHousekeeping(store, settings, threading.Event())
-    monkeypatch.setattr(store._database, "read", away)
-    monkeypatch.setattr(store._database, "write", away)
+    monkeypatch.setattr(store.database, "read", away)
+    monkeypatch.setattr(store.database, "write", away)
     monkeypatch.setattr(store, "check_folder", away)
     with capture_logs() as log:
         for _ in range(5):

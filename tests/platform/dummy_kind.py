@@ -122,13 +122,13 @@ def supervise(folder: Path) -> None:
     store = JobServiceStore(StorageSettings(data_folder=folder / "data", database_url=None), files, Sums(files))
     store.prepare()
     for name, numbers in (("good", [1, 2, 3]), ("empty", [])):
-        with store._database.write() as session:
+        with store.database.write() as session:
             session.add(SumRow(id=name, created_at=store.now(), numbers={"of": numbers}))
             queue_job(session, ADD, name, store.now(), short=True, group_id=None)
     runner = Runner(store, ExecutionSettings(broker_url=None), threading.Event(), command=[sys.executable, __file__])
     states = [runner.run_next(), runner.run_next()]
     runner.close()
-    with store._database.read() as session:
+    with store.database.read() as session:
         answers = {row.id: [row.answer, row.reason] for row in session.query(SumRow)}
     events = [event.what for event in store.events.following(0)]
     ours = sorted({name.split(".")[0] for name in sys.modules if name.startswith("sawmill_")})

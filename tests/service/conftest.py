@@ -281,11 +281,11 @@ def seed(store: Store, worker: FakeWorker) -> None:
 
 def add_finished_job(store: Store, job_id: str) -> None:
     """A job with an id of our choice."""
-    with store._database.write() as session:
+    with store.database.write() as session:
         session.add(
             JobRow(
                 id=job_id,
-                created_at=store._database.now(),
+                created_at=store.database.now(),
                 kind=job_kinds.CALIBRATE,
                 state=JobState.SUCCEEDED,
                 subject_id="example",

@@ -96,7 +96,7 @@ def test_the_pages_ask_little_and_are_small_beside_ten_thousand_jobs(client, sto
     def count_row(row, _):
         rows.append(row)
 
-    event.listen(store._database.engine, "checkout", count_steps)
+    event.listen(store.database.engine, "checkout", count_steps)
     event.listen(JobRow, "load", count_row)
     for path in ("/jobs", "/jobs/now?kind=calibrate&state=", "/system", "/phantoms"):
         client.get(path)
@@ -112,9 +112,9 @@ def test_the_pages_ask_little_and_are_small_beside_ten_thousand_jobs(client, sto
 
 def fill(store) -> None:
     """Half of them wait, half have succeeded."""
-    now = store._database.now()
+    now = store.database.now()
     states = (JobState.QUEUED, JobState.SUCCEEDED)
     shared = {"created_at": now, "started_at": now, "kind": job_kinds.CALIBRATE, "subject_id": "example"}
     rows = [{"id": f"job-{number}", "state": states[number % 2], **shared} for number in range(DECK)]
-    with store._database.write() as session:
+    with store.database.write() as session:
         session.execute(insert(JobRow), rows)

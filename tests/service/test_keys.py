@@ -138,7 +138,7 @@ def test_a_job_keeps_the_key_that_asked_for_it(keyed, store):
     asked = answer.json()
     assert (answer.headers["X-Key-Id"], answer.headers["X-Job-Id"]) == (key.id, asked["job_id"])
     assert "X-Job-Id" not in keyed.get("/v1/scanners").headers
-    with store._database.read() as session:
+    with store.database.read() as session:
         assert session.get(JobRow, asked["job_id"]).key_id == key.id
 
 

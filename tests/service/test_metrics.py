@@ -136,8 +136,8 @@ def test_a_calibration_that_failed(store, worker, scrape, by):
 def test_jobs_that_wait_for_a_worker(seeded, store, scrape, monkeypatch):
     seeded.post("/v1/calibrations", json={"scan_id": "example"})
     assert scrape("sawmill_jobs_without_worker") == 0
-    now = store._database.now
-    monkeypatch.setattr(store._database, "now", lambda: now() + timedelta(minutes=1))
+    now = store.database.now
+    monkeypatch.setattr(store.database, "now", lambda: now() + timedelta(minutes=1))
     assert scrape("sawmill_jobs_without_worker") == 1
     store.jobs.claim("test")
     assert scrape("sawmill_jobs_without_worker") == 0

@@ -161,7 +161,7 @@ def test_a_secret_is_in_the_first_answer_alone_and_never_stored(seeded, store):
         again = seeded.post(path, headers=named({made: "key", rotated: "rotation"}[first]), **options)
         assert (again.status_code, again.json()["code"]) == (409, "secret-not-repeated")
         assert made.json()["id"] in again.json()["detail"]
-        with store._database.read() as session:
+        with store.database.read() as session:
             kept = str([row.answer for row in session.query(RepeatRow)])
         assert "line 2" in kept
         assert secret not in kept
@@ -182,11 +182,11 @@ def test_keys_of_different_callers_are_different_keys(seeded, store):
 
 def test_after_its_time_a_key_is_new(seeded, store):
     first = seeded.post("/v1/scanners", json=SCANNER, headers=named("once")).json()["id"]
-    with store._database.write() as session:
+    with store.database.write() as session:
         for row in session.query(RepeatRow):
             row.created_at -= KEPT - timedelta(minutes=1)
     assert seeded.post("/v1/scanners", json=SCANNER, headers=named("once")).json()["id"] == first
-    with store._database.write() as session:
+    with store.database.write() as session:
         for row in session.query(RepeatRow):
             row.created_at -= timedelta(minutes=1)
     assert seeded.post("/v1/scanners", json=SCANNER, headers=named("once")).json()["id"] != first

@@ -58,7 +58,7 @@ def fill_the_other_tables(store: Store) -> None:
     """Add a row to each table that the examples leave empty."""
     now = store.now()
     store.keys.create(KeyAsk(name="line 2", scope=Scope.SUBMIT))
-    with store._database.write() as session:
+    with store.database.write() as session:
         active = session.scalars(select(ActivationRow)).one()
         look = session.scalars(select(MeasurementRow).where(MeasurementRow.kind == MeasurementKind.DRIFT)).one()
         look.method, look.activation_number, look.awaits_chart, look.pooled_looks = "view-pairs", active.number, None, 1

@@ -14,7 +14,7 @@ from sawmill_service.pages.system.retention_form import KINDS, REASONS
 
 @pytest.fixture
 def in_forty_days(store):
-    store._database.now = lambda: datetime.now(UTC) + timedelta(days=40)
+    store.database.now = lambda: datetime.now(UTC) + timedelta(days=40)
 
 
 @pytest.mark.usefixtures("in_forty_days")

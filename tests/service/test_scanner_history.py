@@ -137,7 +137,7 @@ def test_the_page_shows_charts_entries_and_the_way_to_the_file(seeded):
 
 
 def test_a_deleted_calibration_is_shown_with_its_numbers_and_without_a_link(seeded, store):
-    with store._database.write() as session:
+    with store.database.write() as session:
         for table in (ActivationRow, DriftRow, ReconstructionRow, CalibrationRow):
             session.execute(delete(table))
     page = seeded.get(f"{PAGE}?kind=calibration").text
@@ -149,7 +149,7 @@ def test_a_deleted_calibration_is_shown_with_its_numbers_and_without_a_link(seed
 
 def test_an_unknown_kind_of_event_is_shown_by_its_name(seeded, store):
     entry = store.history.page("example").items[0]
-    with store._database.write() as session:
+    with store.database.write() as session:
         later = {"at": entry.at, "topic": HistoryKind.SETTINGS, "what": event_kinds.CLOCK_STEPPED, "subject": "scanner"}
         session.add(EventRow(group_id="example", subject_id="example", **later))
     assert "clock-stepped" in seeded.get(PAGE).text
@@ -224,7 +224,7 @@ def test_a_year_is_a_small_page_and_few_queries(seeded, store):
         | {"subject": kinds[one["kind"]][1], "subject_id": one["subject_id"]}
         for one in measured
     ]
-    with store._database.write() as session:
+    with store.database.write() as session:
         session.execute(insert(MeasurementRow), measured)
         session.execute(insert(EventRow), entries)
     page = seeded.get(f"{PAGE}?days=365")
@@ -239,7 +239,7 @@ def test_a_year_is_a_small_page_and_few_queries(seeded, store):
 def plan_of(store, **which):
     """How SQLite answers a page."""
     statements = []
-    engine = store._database.engine
+    engine = store.database.engine
 
     def note(*sent):
         statement, parameters = sent[2:4]

@@ -200,7 +200,7 @@ def test_two_years_of_daily_measurements_are_a_small_page(seeded, store):
         for day in range(1, 730)
         for kind in MeasurementKind
     ]
-    with store._database.write() as session:
+    with store.database.write() as session:
         session.execute(insert(MeasurementRow), rows)
     page = seeded.get("/scanners/example?days=730")
     assert len(page.content) < 200_000  # of the 300 000 that a page may have with its styles and scripts
@@ -211,7 +211,7 @@ def test_two_years_of_daily_measurements_are_a_small_page(seeded, store):
 def chart_of_example(store, finding):
     """A chart of three looks in the last hours."""
     found = finding.model_dump(mode="json")
-    with store._database.write() as session:
+    with store.database.write() as session:
         active = session.scalars(select(ActivationRow).where(ActivationRow.scanner_id == "example")).all()[-1]
         for hour in range(3):
             session.add(
@@ -335,7 +335,7 @@ def test_a_schedule_is_made_of_plain_choices_or_of_cron_and_deleted(seeded, stor
 
 def test_times_of_a_zone_that_this_machine_does_not_know_are_shown_in_utc(seeded, store):
     made = store.schedules.create(ScheduleSpec(scanner_id="example-spare", cron="30 5 * * *"))
-    with store._database.write() as session:
+    with store.database.write() as session:
         session.get(ScheduleRow, made.id).time_zone = "Mars/Olympus"
     page = seeded.get("/scanners/example-spare").text
     assert "Every day at 05:30, Mars/Olympus" in page
@@ -420,7 +420,7 @@ def test_finnish_decimals_are_read(seeded, store):
 
 def test_a_schedule_s_outcome_leads_to_a_report_only_where_there_is_one(seeded, store):
     running = store.calibrations.accept(CalibrationAsk(scan_id="example")).id
-    with store._database.write() as session:
+    with store.database.write() as session:
         for minute, calibration_id in enumerate(("example", running, None)):
             due_at = NOW.replace(minute=minute)
             session.add(

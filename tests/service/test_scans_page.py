@@ -40,7 +40,7 @@ def upload(store, name: str) -> str:
 def test_a_list_shows_what_became_of_each_scan(seeded, store):
     refused, coming = upload(store, "a <bad> scan"), upload(store, "a coming scan")
     reason = "the file has 359 angles for 360 views: give angles_deg"
-    with store._database.write() as session:
+    with store.database.write() as session:
         row = session.get(ScanRow, refused)
         row.state, row.reason = "refused", reason
     answer = seeded.get("/scans")
@@ -65,7 +65,7 @@ def test_a_list_is_filtered_by_scanner_and_day_in_the_address(seeded, store, kin
     assert titles(seeded.get(f"/{kind}?scanner_id=&day=&zone=")) == everything
     assert titles(seeded.get(f"/{kind}?scanner_id=example")) == everything
     assert titles(seeded.get(f"/{kind}?scanner_id=example-spare")) == []
-    today = store._database.now()
+    today = store.database.now()
     for zone in ("Europe/Helsinki", "America/Los_Angeles"):
         days = {(today + timedelta(days=n)).date().isoformat() for n in (-1, 0, 1)}
         found = [titles(seeded.get(f"/{kind}?day={day}&zone={zone}")) for day in days]
@@ -94,7 +94,7 @@ def test_a_filter_that_is_none_is_a_page_for_people(seeded, query, code):
 
 
 def test_a_long_list_leads_to_older_items(seeded, store):
-    with store._database.write() as session:
+    with store.database.write() as session:
         template = session.get(ScanRow, "example")
         known = {column.key: getattr(template, column.key) for column in ScanRow.__table__.columns}
         for number in range(30):
@@ -217,7 +217,7 @@ def test_a_log_s_page_has_what_the_method_reports(seeded, store):
         "unconverged_slices": 2,
         "remarks": ["the rays <cross> a nail"],
     }
-    with store._database.write() as session:
+    with store.database.write() as session:
         row = session.get(ReconstructionRow, "example")
         row.result = row.result | {"method": method, "preparation": ["dark fields taken off"]}
     answer = seeded.get("/logs/example")
@@ -234,7 +234,7 @@ def test_a_log_s_page_has_what_the_method_reports(seeded, store):
         assert fact in shown
     assert "sigma" not in shown
     coupled = method | {"name": "total_variation", "beta": None, "weight": 120.0, "coupling": 0.4}
-    with store._database.write() as session:
+    with store.database.write() as session:
         row = session.get(ReconstructionRow, "example")
         row.result = row.result | {"method": coupled}
     assert "weight 120 coupling 0.4" in words(seeded.get("/logs/example"))

@@ -70,8 +70,8 @@ def test_a_new_key_is_in_its_answer_alone(guarded, log_text):
 
 
 def test_what_a_database_refuses_is_not_repeated(store):
-    without_state = {"id": "sesame", "created_at": store._database.now(), "kind": "plan", "subject_id": "sesame-value"}
-    with pytest.raises(IntegrityError) as refused, Session(store._database.engine) as session:
+    without_state = {"id": "sesame", "created_at": store.database.now(), "kind": "plan", "subject_id": "sesame-value"}
+    with pytest.raises(IntegrityError) as refused, Session(store.database.engine) as session:
         session.execute(insert(JobRow), [without_state])
     assert SECRET not in str(refused.value)
 

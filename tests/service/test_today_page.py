@@ -253,9 +253,9 @@ def test_many_scanners_take_no_more_questions_than_one(seeded, store):
     def statements() -> int:
         asked = []
         listener = lambda *_: asked.append(None)  # noqa: E731
-        event.listen(store._database.engine, "before_cursor_execute", listener)
+        event.listen(store.database.engine, "before_cursor_execute", listener)
         assert seeded.get("/today/rows").status_code == 200
-        event.remove(store._database.engine, "before_cursor_execute", listener)
+        event.remove(store.database.engine, "before_cursor_execute", listener)
         return len(asked)
 
     statements()  # the first look at a new service asks for the time as well

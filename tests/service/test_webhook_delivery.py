@@ -76,9 +76,9 @@ def hook(store, receiver):
 
 
 def happen(store, number: int = 1) -> None:
-    with store._database.write() as session:
+    with store.database.write() as session:
         for k in range(number):
-            announce(session, store._database.now(), mill_events.ALARM_OPENED, "scanner", f"line-{k}")
+            announce(session, store.database.now(), mill_events.ALARM_OPENED, "scanner", f"line-{k}")
 
 
 def send(store, sending: WebhookSending | None = None) -> None:

@@ -24,8 +24,8 @@ URL = "https://alarms.mill.example/sawmill"
 
 
 def happen(store) -> Event:
-    with store._database.write() as session:
-        announce(session, store._database.now(), mill_events.ALARM_OPENED, "scanner", "line-2")
+    with store.database.write() as session:
+        announce(session, store.database.now(), mill_events.ALARM_OPENED, "scanner", "line-2")
     return store.events.following(0)[-1]
 
 
@@ -163,8 +163,8 @@ def test_the_doctor_names_a_webhook_that_fails_its_reason_and_the_cure(store):
 
 def undo(store) -> None:
     """An event that is written and not committed."""
-    with suppress(ZeroDivisionError), store._database.write() as session:
-        announce(session, store._database.now(), mill_events.ALARM_OPENED, "scanner", "undone")
+    with suppress(ZeroDivisionError), store.database.write() as session:
+        announce(session, store.database.now(), mill_events.ALARM_OPENED, "scanner", "undone")
         session.flush()
         _ = 1 / 0
 
@@ -174,7 +174,7 @@ def test_each_event_is_a_line_of_the_log_once_it_is_committed(store, log_lines):
     [line] = [line for line in log_lines() if line["event"] == "event"]
     assert (line["number"], line["what"], line["subject_id"]) == (event.number, "alarm-opened", "line-2")
     undo(store)
-    with store._database.write_as_one():
+    with store.database.write_as_one():
         undo(store)
         happen(store)
         assert log_lines() == []

@@ -194,13 +194,13 @@ def test_a_scanner_that_cannot_be_read_is_logged_and_keeps_its_alarms_while_othe
     finish(store)
     clock.advance(hours=2)
     drawing = {"measurements": [{"what": "x", "measured_mm": "long"}]}
-    with store._database.write() as session:
+    with store.database.write() as session:
         session.execute(update(PhantomRow).where(PhantomRow.id == measured).values(drawing=drawing))
     with capture_logs() as log:
         assert {alarm.scanner_id for _, alarm in store.alarms.check()} == {other}
     logged = {(entry["event"], entry["scanner_id"]) for entry in log}
     assert logged == {("alarms-unreadable", scanner.id), ("event", other)}
-    with store._database.write() as session:
+    with store.database.write() as session:
         spec = store.scanners.get(other).model_dump(mode="json") | {"alarms": {"quiet_after_hours": "often"}}
         session.execute(update(ScannerRow).where(ScannerRow.id == other).values(spec=spec))
     with capture_logs() as log:

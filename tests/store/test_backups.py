@@ -135,7 +135,7 @@ def test_what_is_restored_elsewhere_is_all_there_and_goes_on(
     key = store.keys.create(KeyAsk(name="line 2", scope=Scope.SUBMIT))
     session = store.sessions.open(hash_of(key.secret), lasting=False)
     schedule = store.schedules.create(ScheduleSpec(scanner_id=scanner.id, cron="* * * * *"))
-    with store._database.write() as changing:
+    with store.database.write() as changing:
         changing.execute(text("UPDATE schedules SET next_due_at = :at"), {"at": f"{now - timedelta(days=3):%F %T}"})
     half = store.uploads.create(UploadAsk(size_bytes=10), UploadQuota(3, 25, 40))
     part = store.uploads.begin_part(half.id, 0)

@@ -22,7 +22,7 @@ def off_by(monkeypatch, hours: float) -> None:
 
 
 def now(store: Store) -> datetime:
-    return store._database.now()
+    return store.database.now()
 
 
 @pytest.mark.dialect
@@ -44,7 +44,7 @@ def test_a_process_whose_clock_is_off_has_the_store_s_time(store, settings, monk
 
 @sqlite_alone
 def test_an_old_boot_s_time_is_written_over(store, settings):
-    with store._database.write() as session:
+    with store.database.write() as session:
         row = session.get(ClockRow, 1)
         row.boot, row.offset_s = "an earlier one", 0.0
     again = Store.open(settings)
@@ -93,4 +93,4 @@ def test_no_wall_clock_has_a_part_in_it_once_it_is_known(store, monkeypatch):
     now(store)
     monkeypatch.setattr(clock, "machine_offset_s", lambda: pytest.fail("asked for the machine's own time"))
     now(store)
-    store._database.clock.refresh()
+    store.database.clock.refresh()

@@ -28,7 +28,7 @@ MIGRATIONS = Base.metadata.info["migrations"]
 
 @pytest.mark.dialect
 def test_the_migrations_make_the_tables_of_the_models(store):
-    with store._database.engine.connect() as connection:
+    with store.database.engine.connect() as connection:
         context = MigrationContext.configure(connection, opts={"compare_type": True})
         assert compare_metadata(context, Base.metadata) == []
 
@@ -37,7 +37,7 @@ def test_the_migrations_make_the_tables_of_the_models(store):
 def test_the_newest_revision_is_alembics_head_and_not_migrated_again(store, monkeypatch):
     assert newest_revision() == ScriptDirectory(MIGRATIONS).get_current_head()
     monkeypatch.setattr("sawmill_platform.database.database._migrate", pytest.fail)
-    store._database.upgrade()
+    store.database.upgrade()
 
 
 @pytest.mark.dialect
@@ -79,7 +79,7 @@ def test_tables_of_no_release_or_of_a_later_one_are_refused_in_a_sentence_and_st
 
 
 def test_tables_of_a_later_version_are_refused_with_both_versions(store, settings, tmp_path):
-    with store._database.write() as session:
+    with store.database.write() as session:
         assert session.scalar(text("SELECT product_version FROM alembic_version")) == VERSION
         session.execute(text("UPDATE alembic_version SET version_num = '0022', product_version = '0.3.0'"))
     this = rf"this program, version {VERSION} \(revision {newest_revision()}\), cannot read: start version 0\.3\.0"
@@ -122,7 +122,7 @@ def test_a_schedule_from_before_time_zones_runs_as_it_did_and_is_unchanged_by_th
 
 @sqlite_alone
 def test_a_commit_is_durable_and_references_are_checked(store):
-    with store._database.read() as session:
+    with store.database.read() as session:
         pragmas = {name: session.execute(text(f"PRAGMA {name}")).scalar() for name in ("journal_mode", "synchronous")}
         foreign_keys = session.execute(text("PRAGMA foreign_keys")).scalar()
     assert pragmas == {"journal_mode": "wal", "synchronous": 2}

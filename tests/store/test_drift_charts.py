@@ -96,7 +96,7 @@ def charted(store, scanner):
 
     def enter_looks(changes, since=None):
         random = np.random.default_rng(18)
-        with store._database.write() as session:
+        with store.database.write() as session:
             active = session.scalars(select(ActivationRow).order_by(ActivationRow.number.desc()).limit(1)).one()
             start = since or active.activated_at
             for number, change in enumerate(changes):
@@ -130,7 +130,7 @@ def charted(store, scanner):
 def rows(store):
     """Of drift checks, the oldest first."""
     checks = select(MeasurementRow).where(MeasurementRow.kind == MeasurementKind.DRIFT).order_by(MeasurementRow.number)
-    with store._database.read() as session:
+    with store.database.read() as session:
         return list(session.scalars(checks))
 
 
@@ -169,7 +169,7 @@ def test_a_portion_that_another_process_has_put_in_meanwhile_leaves_the_chart(
     charted([(0.0, 0.0)] * 5)
     go_on(store, scanner)
     before = store.drift_charts.of_scanner(scanner.id)
-    with store._database.read() as session:
+    with store.database.read() as session:
         chart = session.scalars(select(DriftChartRow)).one()
     # PostgreSQL shows a waiting look first and then the chart that has it.
     place, nothing = (chart.activation_number, chart.looks), ([], [], [], False)
@@ -222,7 +222,7 @@ def test_a_chart_that_cannot_be_read_is_begun_anew_in_portions_and_nobody_waits_
     go_on(store, scanner)
     (known,) = store.drift_charts.of_scanner(scanner.id).charts
     pools = [row.pooled_cor_column_mm for row in rows(store)]
-    with store._database.write() as session:
+    with store.database.write() as session:
         session.execute(update(DriftChartRow).values(state={"layout": 1}))
     charted([(0.12, 0.0)])
     numbers = []
@@ -247,7 +247,7 @@ def test_a_look_that_comes_after_a_later_calibration_s_is_left_out(store, scanne
     calibrated()
     charted([(0.0, 0.0)] * 3)
     go_on(store, scanner)
-    with store._database.write() as session:
+    with store.database.write() as session:
         late = session.scalars(select(MeasurementRow).order_by(MeasurementRow.number).limit(1).offset(2)).one()
         late.activation_number, late.awaits_chart = 1, True
     go_on(store, scanner)
@@ -275,7 +275,7 @@ def test_a_jump_opens_one_alarm_which_the_next_calibration_closes(store, scanner
     assert store.history.page(scanner.id, kind=HistoryKind.ALARM).items[0].why == alarm_sentence(opened.alarm)
     store.calibrations.activate(first, "the button was pressed once more")
     assert (store.drift_charts.of_scanner(scanner.id).charts, store.alarms.check()) == ([chart], [])
-    with store._database.write() as session:
+    with store.database.write() as session:
         session.execute(update(DriftChartRow).values(alarm={"at": "yesterday"}))
     with capture_logs() as log:
         assert store.alarms.check() == []

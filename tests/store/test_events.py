@@ -35,7 +35,7 @@ def words(events) -> list[tuple[str, str | None, str | None]]:
 
 
 def announced(session: Session, store, scanner_id: str) -> None:
-    announce(session, store._database.now(), mill_events.SCANNER_CHANGED, "scanner", scanner_id, group_id=scanner_id)
+    announce(session, store.database.now(), mill_events.SCANNER_CHANGED, "scanner", scanner_id, group_id=scanner_id)
     session.flush()
 
 
@@ -172,9 +172,9 @@ def test_events_behind_a_number_are_those_of_one_scanner_or_of_all(store, scanne
 
 def write_pair(store, reader) -> tuple[Session, list[str]]:
     """A transaction that holds a number, beside one that took a later number and is committed; and what is read."""
-    late = Session(store._database.engine)
+    late = Session(store.database.engine)
     announced(late, store, "late")
-    with store._database.write() as session:
+    with store.database.write() as session:
         announced(session, store, "early")
     return late, [event.scanner_id for event in reader.read()]
 
@@ -218,7 +218,7 @@ def test_a_number_that_is_never_committed_is_passed_by(store, reader):
 @sqlite_alone
 def test_on_sqlite_numbers_are_committed_in_their_order(store, reader):
     for name in ("first", "second"):
-        with store._database.write() as session:
+        with store.database.write() as session:
             announced(session, store, name)
     assert [event.scanner_id for event in reader.read()] == ["first", "second"]
 

@@ -41,7 +41,7 @@ def store(apart):
 
 
 def identity_of(store):
-    with store._database.read() as session:
+    with store.database.read() as session:
         return session.execute(text("SELECT identity FROM data_folder")).scalar_one()
 
 

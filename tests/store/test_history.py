@@ -135,7 +135,7 @@ def test_pages_batches_and_bounds_leave_nothing_out(store, scanner, ready_scan, 
 @pytest.mark.usefixtures("calibrated")
 def test_what_it_measured_stays_when_a_calibration_goes(store, scanner, ready_scan):
     before = store.history.page(scanner.id).items
-    with store._database.write() as session:
+    with store.database.write() as session:
         session.execute(delete(ActivationRow))
         session.execute(delete(CalibrationRow))
     assert store.history.page(scanner.id).items == [

@@ -22,7 +22,7 @@ def looked(store):
 
     def look():
         now_s = 0.0
-        observer = Leftovers(store._database, store.files, grace_s=GRACE_S, now_s=lambda: now_s)
+        observer = Leftovers(store.database, store.files, grace_s=GRACE_S, now_s=lambda: now_s)
         observer.remove_some()
         now_s = 2.0 * GRACE_S
         return observer.remove_some()

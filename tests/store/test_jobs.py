@@ -218,7 +218,7 @@ def test_waits_double_up_to_a_minute_and_are_spread(clocked_store, clock, upload
         waits.append((store.jobs.get(scan.job_id).not_before - clock.now).total_seconds())
         assert store.jobs.claim("test") is None
         assert list(store.jobs.queued_job_ids()) == []
-        with store._database.write() as session:
+        with store.database.write() as session:
             session.connection().exec_driver_sql("UPDATE jobs SET not_before_s = 0")
     for waited, nominal in zip(waits, [5, 10, 20, 40, 60, 60], strict=True):
         assert 0.7 * nominal < waited < 1.3 * nominal

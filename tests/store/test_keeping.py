@@ -53,7 +53,7 @@ def test_an_outage_after_progress_is_the_first_one_again(store, upload):
         store.jobs.fail(claim, FULL)
         waited_s = (store.jobs.get(claim.job_id).not_before - before).total_seconds()
         assert 3.0 < waited_s < 8.0, "the first wait, 5 s and a quarter of it at random"
-        with store._database.write() as session:
+        with store.database.write() as session:
             session.connection().exec_driver_sql("UPDATE jobs SET not_before_s = 0")
 
 

@@ -38,7 +38,7 @@ def test_a_secret_is_shown_once_and_stored_as_a_hash(store):
     assert key.secret not in repr(key)
     assert opens(store, key)
     assert not hasattr(store.keys.all().keys[0], "secret")
-    with store._database.read() as session:
+    with store.database.read() as session:
         assert key.secret not in str(session.execute(text("SELECT * FROM keys")).all())
     assert [entry for entry in store.audit.all() if key.secret in str(entry)] == []
 
@@ -101,13 +101,13 @@ def test_the_audit_names_who_and_only_grows(store):
     with pytest.raises(Invalid, match="must be the next of an earlier page, not '-1'"):
         store.audit.page(after="-1")
     changes = ["UPDATE events SET who = 'nobody'", "DELETE FROM events"]
-    if store._database.engine.dialect.name == "sqlite":
+    if store.database.engine.dialect.name == "sqlite":
         names = "number, at, class, what, who, subject_id"
         changes.append(f"INSERT OR REPLACE INTO events ({names}) SELECT {names} FROM events")  # noqa: S608 - constants
     for change in changes:
         with (
             pytest.raises(DBAPIError, match="decisions of the ledger stay as they are"),
-            store._database.engine.begin() as connection,
+            store.database.engine.begin() as connection,
         ):
             connection.execute(text(change))
     assert list(store.audit.all()) == [made, revoked]

@@ -60,7 +60,7 @@ def test_a_new_kind_s_rows_stand_in_the_common_table(store, scanner, ready_scan,
     assert done[1].calibration_id == calibration.id
     assert (store.plans.page().items, store.drifts.page(scan_id=ready_scan.id).items) == ([done[0]], [done[1]])
     assert store.drifts.page(scan_id="other").items == []
-    with store._database.read() as session:
+    with store.database.read() as session:
         assert {row.id for row in session.query(AskedRow)} == {plan.id, drift.id}
 
 

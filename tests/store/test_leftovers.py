@@ -32,7 +32,7 @@ class Observer:
 
     def __init__(self, store: Store) -> None:
         self.now_s = 0.0
-        self.leftovers = Leftovers(store._database, store.files, grace_s=GRACE_S, now_s=lambda: self.now_s)
+        self.leftovers = Leftovers(store.database, store.files, grace_s=GRACE_S, now_s=lambda: self.now_s)
 
     def look(self, after_s: float = 0.0) -> list[Path]:
         self.now_s += after_s
@@ -65,11 +65,11 @@ def failing_commit(store: Store, error: Exception) -> Iterator[None]:
     def fail(_):
         raise OperationalError("COMMIT", {}, error)
 
-    event.listen(store._database.engine, "commit", fail)
+    event.listen(store.database.engine, "commit", fail)
     try:
         yield
     finally:
-        event.remove(store._database.engine, "commit", fail)
+        event.remove(store.database.engine, "commit", fail)
 
 
 def test_what_no_row_knows_goes_after_its_grace_and_nothing_else_does(store, observer, ready_scan, claimed):
@@ -128,7 +128,7 @@ def test_what_is_named_and_not_yet_committed_stays(store, observer, upload):
         goes_on.wait(60.0)
 
     accepting = threading.Thread(target=upload, args=(store,), kwargs={"scan_id": "mine"})
-    event.listen(store._database.engine, "commit", linger, once=True)
+    event.listen(store.database.engine, "commit", linger, once=True)
     accepting.start()
     named.wait(60.0)
     folder = store.files.upload(job_kinds.INGEST, "mine").parent
@@ -205,7 +205,7 @@ def test_a_round_is_cheap_however_many_folders_there_are(store, observer):
     for index in range(number):
         (store.files.folder / "plans" / f"nobodys-{index}").mkdir()
     statements: list[str] = []
-    event.listen(store._database.engine, "before_cursor_execute", lambda *given: statements.append(given[2]))
+    event.listen(store.database.engine, "before_cursor_execute", lambda *given: statements.append(given[2]))
     counts = []
     for _ in range(3):
         observer.look()

@@ -113,7 +113,7 @@ def test_of_very_many_a_chart_reads_the_newest_and_the_farthest_of_each_part_of_
         }
         for number in range(many)
     ]
-    with store._database.write() as session:
+    with store.database.write() as session:
         for first in range(0, many, 500):  # each within the time that a statement may take on a busy machine
             session.execute(insert(MeasurementRow), rows[first : first + 500])
     found, total = store.measurements.movements_of(scanner.id, start, start + many * step)

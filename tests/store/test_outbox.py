@@ -37,8 +37,8 @@ def happen(store, *kinds: EventKind) -> list[int]:
     """Write events in one transaction each; their numbers."""
     numbers = []
     for kind in kinds:
-        with store._database.write() as session:
-            announce(session, store._database.now(), kind, "scanner", "line-2", group_id="line-2")
+        with store.database.write() as session:
+            announce(session, store.database.now(), kind, "scanner", "line-2", group_id="line-2")
         numbers.append(store.events.newest_number())
     return numbers
 
@@ -227,7 +227,7 @@ def test_what_was_delivered_is_forgotten_after_a_week(store, outbox, clock):
     store.webhooks.forget_deliveries()
     assert len(store.webhooks.deliveries(webhook.id).items) == 1
     store.webhooks.delete(webhook.id)
-    with store._database.read() as session:
+    with store.database.read() as session:
         assert session.scalar(select(func.count()).select_from(DeliveryRow)) == 0
 
 
@@ -260,8 +260,8 @@ def test_lists_turn_pages_and_every_change_is_audited(store, outbox, monkeypatch
 def test_an_event_that_is_committed_late_is_sent_before_those_behind_it(store, outbox):
     webhook = store.webhooks.create(WebhookAsk(url=URL))
     reader = outbox.reader()
-    with Session(store._database.engine) as slow, slow.begin():
-        announce(slow, store._database.now(), mill_events.ALARM_OPENED, "scanner", "slow")
+    with Session(store.database.engine) as slow, slow.begin():
+        announce(slow, store.database.now(), mill_events.ALARM_OPENED, "scanner", "slow")
         slow.flush()
         [later] = happen(store, mill_events.ALARM_CLOSED)
         reader.read()

@@ -114,7 +114,7 @@ def test_what_a_schedule_asks_for_is_never_lost_and_its_event_says_that_it_waits
     with acting_as(SOMEBODY):
         for views in range(20, 26):
             plan(views)
-    with store._database.write() as session:
+    with store.database.write() as session:
         session.get(ScheduleRow, schedule.id).next_due_at = store.now()
     (run,) = store.schedules.run_due()
     assert run.outcome == "queued"

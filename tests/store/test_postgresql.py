@@ -63,14 +63,14 @@ def test_a_paused_server_is_given_up_and_waited_for_by_one_thread_alone(store, p
         assert_refused(store)
         assert_refused(store)
     assert len(asked) == 1
-    store._database._reading._wait_again_at = 0.0
+    store.database._reading._wait_again_at = 0.0
     check_until_it_answers(store)
 
 
 def test_a_statement_in_progress_is_given_up_when_the_server_is_paused(store, postgres):
     with (
         pytest.raises(StorageUnavailable, match="has not answered for 4 s"),
-        store._database.read() as session,
+        store.database.read() as session,
         postgres.paused(),
     ):
         session.connection().exec_driver_sql("SELECT 1")
@@ -91,7 +91,7 @@ def test_a_row_that_somebody_has_locked_is_given_up_while_it_is_locked(store, sc
         other.execute("SELECT 1 FROM scanners FOR UPDATE")
         with pytest.raises(StorageUnavailable, match="lock timeout"):
             store.scanners.update(scanner.id, ScannerSpec(name="Line 3", constants=scanner.constants))
-    with store._database.read() as session:
+    with store.database.read() as session:
         limits = [session.scalar(text(f"SHOW {name}")) for name in ("lock_timeout", "statement_timeout")]
     assert limits == ["3s", "3500ms"]
 
@@ -100,7 +100,7 @@ def test_each_of_the_api_s_threads_has_a_connection(store):
     threads = threading.Barrier(40, timeout=60)
 
     def use(_):
-        with store._database.read():
+        with store.database.read():
             threads.wait()
 
     with ThreadPoolExecutor(40) as pool:

@@ -98,7 +98,7 @@ def test_an_answer_is_kept_for_its_time_and_then_removed(clocked_store, clock):
     assert second.id != first.id
     clock.now += KEPT
     clocked_store.repeats.forget_old()
-    with clocked_store._database.read() as session:
+    with clocked_store.database.read() as session:
         assert session.connection().exec_driver_sql("SELECT count(*) FROM repeats").scalar() == 0
 
 

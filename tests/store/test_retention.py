@@ -38,12 +38,12 @@ UNFIT = {"shape": {"views": 2, "rows": 1, "detector": 768}}
 @pytest.fixture
 def mill(store, clock):
     """The store, with a clock that the test moves, as its files and rows."""
-    store._database.now = clock
+    store.database.now = clock
     return store
 
 
 def log(store, upload, finish, **reading):
-    store._database.now.advance(seconds=1)
+    store.database.now.advance(seconds=1)
     scan = upload(store, phantom_id=None)
     finish(store, **reading)
     return scan.id
@@ -51,7 +51,7 @@ def log(store, upload, finish, **reading):
 
 def calibrated(store, upload, finish, **ask):
     """A phantom scan and its calibration."""
-    store._database.now.advance(seconds=1)
+    store.database.now.advance(seconds=1)
     scan = upload(store)
     finish(store)
     accepted = store.calibrations.accept(CalibrationAsk(scan_id=scan.id, **ask))
@@ -66,7 +66,7 @@ def put(store, rules):
 
 def carried_out(store):
     """What a keeper removes that starts now, by kind."""
-    keeper = RetentionKeeper(store._database, store.files)
+    keeper = RetentionKeeper(store.database, store.files)
     gone: dict[RetentionKind, int] = {}
     for _ in range(1000):
         removed = keeper.remove_some()
@@ -180,7 +180,7 @@ def test_each_protection_keeps_what_it_is_for_and_nothing_else_does(mill, full_m
     def without(because):
         return lambda session, kind: [each for each in protected.protections(session, kind) if each.because != because]
 
-    with mill._database.read() as session:
+    with mill.database.read() as session:
         for kind, reasons in STAYS.items():
             assert {each.because for each in protected.protections(session, kind)} == set(reasons), kind
     kept, previews = {}, {kind: shown(kind) for kind in {kind for _, kind in full_mill}}
@@ -371,7 +371,7 @@ def test_an_activation_and_a_removal_at_one_time_wait_for_one_another(mill, sett
         about_to_commit.set()
         goes_on.wait(60.0)
 
-    event.listen(other._database.engine, "commit", linger, once=True)
+    event.listen(other.database.engine, "commit", linger, once=True)
     activating = threading.Thread(target=other.calibrations.activate, args=(activated, "at this moment"))
     activating.start()
     about_to_commit.wait(60.0)
@@ -381,7 +381,7 @@ def test_an_activation_and_a_removal_at_one_time_wait_for_one_another(mill, sett
     assert mill.calibrations.get(activated).state == JobState.SUCCEEDED
 
     # The other way round: it is gone when the activation gets its turn.
-    with mill._database.write() as session:
+    with mill.database.write() as session:
         assert session.get(JobRow, "none") is None
     with pytest.raises(NotFound):
         other.calibrations.activate(removed, "too late")
@@ -452,7 +452,7 @@ def test_a_kill_between_rows_and_files_leaves_what_leftovers_remove(mill, settin
     if not child:
         own = Store(settings, clock=clock)
         own.files.remove = lambda _: os.kill(os.getpid(), signal.SIGKILL)
-        RetentionKeeper(own._database, own.files).remove_some()
+        RetentionKeeper(own.database, own.files).remove_some()
         os._exit(0)
     assert os.WTERMSIG(os.waitpid(child, 0)[1]) == signal.SIGKILL
     places = [mill.files.results(job_kinds.INGEST, old), mill.files.upload(job_kinds.INGEST, old).parent]
@@ -460,7 +460,7 @@ def test_a_kill_between_rows_and_files_leaves_what_leftovers_remove(mill, settin
     assert all(place.exists() for place in places)
     assert mill.retention.get().removed[0].number == 1
     now_s = [0.0]
-    leftovers = Leftovers(mill._database, mill.files, grace_s=1.0, now_s=lambda: now_s[0])
+    leftovers = Leftovers(mill.database, mill.files, grace_s=1.0, now_s=lambda: now_s[0])
     leftovers.remove_some()
     now_s[0] = 2.0
     assert sorted(leftovers.remove_some()) == sorted(places)
@@ -493,7 +493,7 @@ def a_month_of_logs(store, scanner_id, first, month):
     scan = {"scanner_id": scanner_id, "spec": {}, "state": ScanState.READY, "size_bytes": 100, "sha256": "0" * 64}
     jobs = [{**job, "id": f"job-{name}", "subject_id": name, "created_at": at} for name, at in rows]
     scans = [{**scan, "id": name, "created_at": at, "job_id": f"job-{name}", "stored_bytes": 100} for name, at in rows]
-    with store._database.write() as session:
+    with store.database.write() as session:
         session.execute(insert(JobRow), jobs)
         session.execute(insert(ScanRow), scans)
 
@@ -503,20 +503,20 @@ def test_five_simulated_months_stay_within_their_rules(mill, clock, scanner, upl
     scan_id, calibration_id = calibrated(mill, upload, finish)
     mill.calibrations.activate(calibration_id, "of these months")
     put(mill, RetentionRules(log_scans_days=60, log_scans_bytes=7_000, phantom_scans_days=30, events_days=30))
-    keeper = RetentionKeeper(mill._database, mill.files, now_s=lambda: clock().timestamp())
+    keeper = RetentionKeeper(mill.database, mill.files, now_s=lambda: clock().timestamp())
     for month in range(5):
         first = clock()
         clock.advance(days=30)
         a_month_of_logs(mill, scanner.id, first, month)
         while keeper.remove_some() is not None:
             pass
-        with mill._database.read() as session:
+        with mill.database.read() as session:
             kept = session.scalars(select(ScanRow.created_at).where(ScanRow.phantom_id.is_(None))).all()
         assert len(kept) == min(60, 30 * (month + 1))
         assert min(kept) > clock() - timedelta(days=60)
     assert mill.retention.get().removed[0].number == 3 * 30
     assert mill.scans.get(scan_id).state is ScanState.READY
-    with mill._database.read() as session:
+    with mill.database.read() as session:
         assert len(session.scalars(select(JobRow.id)).all()) == 62
     assert len(mill.events.following(0)) < 10
 

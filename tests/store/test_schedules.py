@@ -237,7 +237,7 @@ def test_a_schedule_that_cannot_run_is_missed_once_and_stops_no_other(store, sca
     # As an earlier version took it.
     outdated_spec = ScheduleSpec(scanner_id=scanner.id, cron=spec.cron, options={"views": 10**13})
     abroad, outdated, checks = (store.schedules.create(each) for each in (spec, outdated_spec, spec))
-    with store._database.write() as session:
+    with store.database.write() as session:
         session.get(ScheduleRow, abroad.id).time_zone = "Mars/Olympus"
     log_scan()
     clock.advance(minutes=29)

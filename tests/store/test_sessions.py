@@ -19,7 +19,7 @@ def store(clocked_store):
 
 
 def count(store):
-    with store._database.read() as session:
+    with store.database.read() as session:
         return session.scalar(select(func.count()).select_from(SessionRow))
 
 
@@ -28,7 +28,7 @@ def test_a_session_is_found_by_its_secret_which_is_not_stored(store):
     assert len(secret) == 43  # 256 bits, in base64
     assert store.sessions.find(secret).opened_by_hash == OPENER
     assert store.sessions.find(secret + "x") is store.sessions.find(OPENER) is None
-    with store._database.read() as session:
+    with store.database.read() as session:
         assert secret not in str(session.execute(text("SELECT * FROM sessions")).all())
 
 

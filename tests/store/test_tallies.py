@@ -63,7 +63,7 @@ def test_what_is_counted_grows_whether_it_was_counted_before_or_not(store, end, 
         counts.append(store.tallies.read().fates[of_ingest(SUCCEEDED, duration=2)].number)
         clock.advance(seconds=0.6 * SETTLED.total_seconds())
     assert counts == [1, 2, 3]
-    assert store.tallies.read().fates == Tallies(store._database).read().fates
+    assert store.tallies.read().fates == Tallies(store.database).read().fates
     assert store.tallies._counted_to > 0
 
 

@@ -46,7 +46,7 @@ def test_a_list_takes_as_many_statements_whatever_its_length(store, add_jobs):
     add_jobs(40, job_kinds.PLAN, short=True, priority=Priority.BATCH)
     store.jobs.page(limit=1)
     statements = []
-    event.listen(store._database.engine, "before_cursor_execute", lambda *given: statements.append(given[2]))
+    event.listen(store.database.engine, "before_cursor_execute", lambda *given: statements.append(given[2]))
     assert len(store.jobs.page(limit=200).items) == 190
     # The page, what runs, and in each lane what waits and whose turn it is; how long jobs took is known by now.
     assert sum(statement.startswith(("SELECT", "WITH")) for statement in statements) == 6

@@ -20,7 +20,7 @@ def test_writers_wait_as_long_as_one_after_the_other_has_its_turn(store):
 
     def write(_):
         together.wait()
-        with store._database.write():
+        with store.database.write():
             time.sleep(0.3)
 
     with ThreadPoolExecutor(13) as pool:
@@ -31,7 +31,7 @@ def test_writers_behind_one_that_does_not_end_are_refused_and_those_after_it_are
     begun, enough = threading.Event(), threading.Event()
 
     def hold():
-        with store._database.write():
+        with store.database.write():
             begun.set()
             assert enough.wait(60)
 

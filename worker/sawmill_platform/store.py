@@ -54,6 +54,8 @@ class JobServiceStore:
         Places of jobs in the queue, which are limited.
     files
         The data folder.
+    database
+        Connections to the tables.
     settings
         Settings with which another process can open the same store.
     """
@@ -64,21 +66,21 @@ class JobServiceStore:
         refuse_half_restored(settings.data_folder)
         self.settings = settings
         self.files = files
-        self._database = Database(make_engine(settings.url, settings.database_password_file), clock)
-        self.places = Places(self._database, settings)
-        self.uploads = Uploads(self._database, files)
-        self.jobs = Jobs(self._database, files, subjects)
-        self.tallies = Tallies(self._database)
-        self.events = Events(self._database)
-        self.keys = KeyStore(self._database)
-        self.sessions = Sessions(self._database)
-        self.audit = Audit(self._database)
-        self.repeats = Repeats(self._database)
-        self.webhooks = WebhookStore(self._database)
+        self.database = Database(make_engine(settings.url, settings.database_password_file), clock)
+        self.places = Places(self.database, settings)
+        self.uploads = Uploads(self.database, files)
+        self.jobs = Jobs(self.database, files, subjects)
+        self.tallies = Tallies(self.database)
+        self.events = Events(self.database)
+        self.keys = KeyStore(self.database)
+        self.sessions = Sessions(self.database)
+        self.audit = Audit(self.database)
+        self.repeats = Repeats(self.database)
+        self.webhooks = WebhookStore(self.database)
 
     def outbox(self) -> Outbox:
         """Return the events that are to be sent to webhooks, for one sender."""
-        return Outbox(self._database)
+        return Outbox(self.database)
 
     def named_folders(self, connection: Connection) -> Sequence[Path]:  # noqa: ARG002
         """Return some folders that rows of an earlier version name, and that identify its data folder."""
@@ -105,9 +107,9 @@ class JobServiceStore:
         settle = partial(settle_identity, folder=self.files.folder, may_begin=may_begin, named=self.named_folders)
         try:
             self._prepare_folder(may_begin=may_begin)
-            self._database.upgrade(and_then=settle)
+            self.database.upgrade(and_then=settle)
             self.files.make_folders()
-            self._database.start_clock()
+            self.database.start_clock()
             self.fill_new()
         except BaseException:
             self.close()
@@ -116,7 +118,7 @@ class JobServiceStore:
     def _prepare_folder(self, *, may_begin: bool) -> None:
         """Make the folder of a new database file, if a new one is allowed; refuse a folder on a read-only disk."""
         folder, file = self.files.folder, self.settings.database_file
-        if not may_begin and ((file is not None and not file.is_file()) or self._database.is_new()):
+        if not may_begin and ((file is not None and not file.is_file()) or self.database.is_new()):
             raise FolderUnavailable(
                 f"the data folder {str(folder)!r} and its database have not been set up: mount the right folder, or "
                 "start sawmill serve first"
@@ -129,23 +131,23 @@ class JobServiceStore:
     @property
     def time_has_an_owner(self) -> bool:
         """True if the time is a row that one process owns; false if it is a database server's time."""
-        return self._database.engine.dialect.name == "sqlite"
+        return self.database.engine.dialect.name == "sqlite"
 
     def now(self) -> datetime:
         """Return the time for the time stamps of rows."""
-        return self._database.now()
+        return self.database.now()
 
     def clock_off_s(self) -> float:
         """Return the seconds by which this machine's clock is ahead of the store's."""
-        return self._database.clock.off_s()
+        return self.database.clock.off_s()
 
     def database_report(self) -> DatabaseReport:
         """Return the database's name, size and response time, or raise `StorageUnavailable`."""
-        return report_of(self._database)
+        return report_of(self.database)
 
     def damage(self) -> list[str]:
         """Return the defects that the database finds in its file, or raise `StorageUnavailable`."""
-        return damage_of(self._database)
+        return damage_of(self.database)
 
     def check(self, *, reserve_bytes: int | None = None) -> None:
         """Check that rows and files can be written.
@@ -171,7 +173,7 @@ class JobServiceStore:
 
     def fill_spare_room(self) -> None:
         """Keep room for cancellations free as long as the disk does not count as full; raise `OSError`."""
-        self._database.spare_room.fill(self.settings.disk_reserve_bytes)
+        self.database.spare_room.fill(self.settings.disk_reserve_bytes)
 
     def check_folder(self) -> None:
         """Check that the data folder is the one of the database.
@@ -181,7 +183,7 @@ class JobServiceStore:
         StorageUnavailable
             The database does not answer, or (`FolderUnavailable`) the folder is missing, empty or another one.
         """
-        with self._database.read() as session:
+        with self.database.read() as session:
             check_identity(session, self.files.folder)
 
     def check_room_for(self, size_bytes: int) -> int:
@@ -198,7 +200,7 @@ class JobServiceStore:
             Less would be free, the data folder is not in its place, or the database could not write the rows of the
             upload.
         """
-        self._database.check_writable()
+        self.database.check_writable()
         self.check_folder()
         reserved_bytes = self.settings.disk_reserve_bytes + self.uploads.promised_bytes()
         needed_by = f"an upload of {size_bytes} bytes, beside others that were begun and SAWMILL_DISK_RESERVE_BYTES,"
@@ -207,8 +209,8 @@ class JobServiceStore:
 
     def as_one(self) -> AbstractContextManager[object]:
         """Return one transaction of all that this thread does with the store within the block."""
-        return self._database.write_as_one()
+        return self.database.write_as_one()
 
     def close(self) -> None:
         """Close the connections to the database."""
-        self._database.engine.dispose()
+        self.database.engine.dispose()

@@ -49,33 +49,33 @@ class Store(JobServiceStore):
     def __init__(self, settings: StorageSettings, *, clock: Clock | None = None) -> None:
         files = MillFiles(settings.data_folder)
         super().__init__(settings, files, MillSubjects(files), clock)
-        self.scanners = Scanners(self._database)
-        self.phantoms = Phantoms(self._database, self.files, self.places)
-        self.scans = Scans(self._database, self.files, self.places)
-        self.inspections = Inspections(self._database, self.files, self.places)
-        self.calibrations = Calibrations(self._database, self.files, self.places)
+        self.scanners = Scanners(self.database)
+        self.phantoms = Phantoms(self.database, self.files, self.places)
+        self.scans = Scans(self.database, self.files, self.places)
+        self.inspections = Inspections(self.database, self.files, self.places)
+        self.calibrations = Calibrations(self.database, self.files, self.places)
         self.reconstructions = self.asked(reconstructions.DECLARATION)
         self.plans = self.asked(plans.DECLARATION)
         self.drifts = self.asked(drifts.DECLARATION)
-        self.measurements = Measurements(self._database)
-        self.drift_charts = DriftCharts(self._database)
-        self.history = Histories(self._database)
-        self.schedules = Schedules(self._database, self.calibrations, self.drifts)
-        self.alarms = Alarms(self._database)
-        self.overviews = Overviews(self._database)
-        self.retention = RetentionStore(self._database)
+        self.measurements = Measurements(self.database)
+        self.drift_charts = DriftCharts(self.database)
+        self.history = Histories(self.database)
+        self.schedules = Schedules(self.database, self.calibrations, self.drifts)
+        self.alarms = Alarms(self.database)
+        self.overviews = Overviews(self.database)
+        self.retention = RetentionStore(self.database)
 
     def asked(self, declared: AskedKind[Ask, Answer]) -> Asked[Ask, Answer]:
         """Return the store of the requests of one kind."""
-        return Asked(self._database, self.files, self.places, declared)
+        return Asked(self.database, self.files, self.places, declared)
 
     def leftovers(self, *, grace_s: float) -> Leftovers:
         """Return the remover of files that no row names; files are removed after a grace, seconds."""
-        return Leftovers(self._database, self.files, grace_s=grace_s)
+        return Leftovers(self.database, self.files, grace_s=grace_s)
 
     def retention_keeper(self) -> RetentionKeeper:
         """Return the remover of everything that the rules of retention reach."""
-        return RetentionKeeper(self._database, self.files)
+        return RetentionKeeper(self.database, self.files)
 
     @classmethod
     def open(cls, settings: StorageSettings, *, clock: Clock | None = None, may_begin: bool = True) -> Self:
@@ -110,4 +110,4 @@ class Store(JobServiceStore):
         StorageUnavailable, OSError
             The database does not answer, or the data folder cannot be read.
         """
-        return lost_files(self._database, self.files.folder)
+        return lost_files(self.database, self.files.folder)

@@ -155,7 +155,7 @@ def test_jobs_are_followed_and_cancelled_and_keys_end(site, store, worker):
 
 
 def test_rules_of_retention_are_shown_before_they_hold(site, store):
-    store._database.now = lambda: datetime.now(UTC) + timedelta(days=40)
+    store.database.now = lambda: datetime.now(UTC) + timedelta(days=40)
     page = site.open("/retention", viewport=PHONE)
     drifts = page.get_by_role("group", name="Drift checks")
     drifts.get_by_label("Keep for days").fill("soon")

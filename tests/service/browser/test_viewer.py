@@ -64,7 +64,7 @@ def put_volume(store, log_id: str, volume: np.ndarray, *, row_pitch_mm: float, f
         input_sha256="0" * 64,
     ) as file:
         file.write(0, volume)
-    with store._database.write() as session:
+    with store.database.write() as session:
         row = session.get(ReconstructionRow, log_id)
         row.result = row.result | {"shape": volume.shape, "pixel_mm": PIXEL_MM, "value_range": [0.0, 4.0]}
 
