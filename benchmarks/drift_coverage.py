@@ -26,7 +26,7 @@ from sawmill_tomography.drift.change import SIGNIFICANT, DetectorFit, DriftError
 from sawmill_tomography.drift.chart.looks import FEWEST_BASELINE_LOOKS, Baseline, DriftCheckPoint
 from sawmill_tomography.drift.detector_fit import detector_fit
 from sawmill_tomography.geometry.geometry import FloatArray
-from sawmill_vocabulary import Rotation
+from sawmill_vocabulary import DetectorEstimate, Rotation
 
 VIEWS = (8, 10, 12, 16, 20, 30, 45, 60, 90, 120, 180, 360)
 ROWS = (1, 4, 16, 60, 250, 1000, 2500)
@@ -104,13 +104,13 @@ class Study:
             for name in classes:
                 self.absolute[name].add(error, _absolute(fit), quiet=drift is None)
             if log < BASELINE:
-                looks.append(DriftCheckPoint(0.0, error, fit.covariance[:2, :2]))
+                looks.append(DriftCheckPoint(0.0, DetectorEstimate.of(error, fit.covariance[:2, :2])))
             elif len(looks) >= FEWEST_BASELINE_LOOKS:
                 # The error of the calibrated SDD is in all looks alike.
-                zero = Baseline.of(looks).estimate
+                zero = Baseline.of(looks).estimate.change
                 for name in classes:
                     self.baseline[name].add(
-                        error - zero.change, fit.covariance[:2, :2] + zero.covariance, quiet=moved is None
+                        error - zero.values, fit.covariance[:2, :2] + zero.covariance, quiet=moved is None
                     )
 
     def report(self) -> None:

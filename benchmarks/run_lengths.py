@@ -29,6 +29,7 @@ from sawmill_tomography.drift.chart.matrices import inverse, scaled
 from sawmill_tomography.drift.chart.segments import Segment
 from sawmill_tomography.drift.chart.spread import LookSpread
 from sawmill_tomography.geometry.geometry import FloatArray
+from sawmill_vocabulary import DetectorEstimate
 
 LOOKS_A_DAY, DAYS_A_YEAR = 2000, 365.0
 BASELINE_DAYS = BASELINE_LOOKS / LOOKS_A_DAY
@@ -160,7 +161,8 @@ class Simulated:
         all_ = self.history.scatter
         scatter = LookSpread(all_.differences, all_.squares[scanner], all_.mean[scanner], all_.covariance[scanner])
         newest = (
-            DriftCheckPoint(*look) for look in zip(self.days, *(values[scanner] for values in self.looks), strict=True)
+            DriftCheckPoint(float(days), DetectorEstimate.of(*look))
+            for days, *look in zip(self.days, *(values[scanner] for values in self.looks), strict=True)
         )
         return DriftChart(history=History(tuple(segments), scatter), newest=tuple(newest)).finding()
 
@@ -278,9 +280,9 @@ def print_delays(errors: Errors, scanners: int, rng: np.random.Generator) -> Non
         for each in right:
             first, last = each.finding.between_days or (math.inf, -math.inf)
             held.append(first <= change.at[each.scanner] <= last)
-            if each.finding.change is not None and each.finding.covariance is not None:
-                sizes.append((each.finding.change[0] - change.size) / math.sqrt(each.finding.covariance[0, 0]))
-                shares.append(each.finding.change[0] / change.size)
+            if (size := each.finding.change) is not None:
+                sizes.append((size.cor_column_mm - change.size) / size.deviations[0])
+                shares.append(size.cor_column_mm / change.size)
         print(
             f"{change.name:28s} {len(findings) / len(looks):5.1%} {np.median(looks):7.0f} "
             f"{np.quantile(looks, 0.9, method='higher'):6.0f}   {len(right) / max(len(findings), 1):9.1%}  "

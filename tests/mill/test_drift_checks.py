@@ -5,7 +5,7 @@ from datetime import UTC, datetime, timedelta
 import pytest
 
 from sawmill_mill.drift_checks import DriftCheck, counts_for_chart
-from sawmill_vocabulary import Rotation
+from sawmill_vocabulary import DetectorEstimate, Rotation
 
 NOON = datetime(2026, 3, 2, 12, 0, tzinfo=UTC)
 CHECK = DriftCheck(
@@ -16,11 +16,11 @@ CHECK = DriftCheck(
     rotation=Rotation.AS_GIVEN,
     active_rotation=Rotation.AS_GIVEN,
     method="view-pairs",
-    covariance=((0.0025, -6e-5, 0.0), (-6e-5, 4e-6, 0.0), (0.0, 0.0, 0.0)),
+    change=DetectorEstimate(0.1, 0.001, ((0.0025, -6e-5), (-6e-5, 4e-6))),
     is_counted=False,
 )
-# So much that it cannot be inverted any more once it was stored in degrees.
-CORRELATED = (7.635460506186958e-05, 5.802928303579087e-05, 0.0), (5.802928303579087e-05, 4.410209033128191e-05, 0.0)
+# Rounding decides whether these can be inverted.
+CORRELATED = ((7.635460506186958e-05, 5.802928303579087e-05), (5.802928303579087e-05, 4.410209033128191e-05))
 
 
 @pytest.mark.parametrize(
@@ -32,8 +32,8 @@ CORRELATED = (7.635460506186958e-05, 5.802928303579087e-05, 0.0), (5.80292830357
         ({"log_came_at": NOON}, False),
         ({"rotation": Rotation.REVERSED}, False),
         ({"method": None}, False),
-        ({"covariance": ((0.0,) * 3,) * 3}, False),
-        ({"covariance": (*CORRELATED, (0.0,) * 3)}, False),
+        ({"change": DetectorEstimate(0.1, 0.001, ((0.0, 0.0), (0.0, 0.0)))}, False),
+        ({"change": DetectorEstimate(0.1, 0.001, CORRELATED)}, False),
     ],
 )
 def test_a_check_of_a_later_log_counts_once_if_it_can_be_compared_with_the_others(changes, counts):

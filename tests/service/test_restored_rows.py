@@ -63,7 +63,7 @@ def fill_the_other_tables(store: Store) -> None:
         look = session.scalars(select(MeasurementRow).where(MeasurementRow.kind == MeasurementKind.DRIFT)).one()
         look.method, look.activation_number, look.awaits_chart, look.pooled_looks = "view-pairs", active.number, None, 1
         look.pooled_cor_column_mm = look.pooled_cor_column_standard_deviation_mm = 0.1
-        look.pooled_tilt_deg = look.pooled_tilt_standard_deviation_deg = 0.1
+        look.pooled_tilt_rad = look.pooled_tilt_standard_deviation_rad = 0.1
         about = {"scanner_id": "example", "method": "view-pairs", "activation_number": active.number, "looks": 1}
         found = {"changed_at": now, "finding": FINDING, "alarm": {"at": now.isoformat(), "finding": FINDING}}
         answer = KeptAnswer(status=201, headers={}, body="{}")

@@ -208,8 +208,8 @@ def test_a_year_is_a_small_page_and_few_queries(seeded, store):
             "within_tolerance": True,
             "cor_column_mm": -209.0 + 0.01 * (number % 17),
             "cor_column_standard_deviation_mm": 0.05,
-            "tilt_deg": -4.0 + 0.01 * (number % 23),
-            "tilt_standard_deviation_deg": 0.05,
+            "tilt_rad": -0.07 + 0.0002 * (number % 23),
+            "tilt_standard_deviation_rad": 0.001,
             "source_to_detector_mm": 1600.0 + number % 7,
             "relative_residual": 0.01,
         }

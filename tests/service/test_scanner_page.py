@@ -193,7 +193,7 @@ def test_two_years_of_daily_measurements_are_a_small_page(seeded, store):
             "ray_change_mm": 0.1 + 0.05 * math.sin(day),
             "within_tolerance": True,
             "cor_column_mm": -147.0 + math.cos(day),
-            "tilt_deg": -4.0 + math.sin(2.0 * day),
+            "tilt_rad": -0.07 + 0.02 * math.sin(2.0 * day),
             "source_to_detector_mm": 1600.0,
             "relative_residual": 0.01,
         }
@@ -223,8 +223,8 @@ def chart_of_example(store, finding):
                     against_id=active.calibration_id,
                     cor_column_mm=-209.0,
                     cor_column_change_mm=0.1,
-                    tilt_deg=-4.7,
-                    tilt_change_deg=0.0,
+                    tilt_rad=math.radians(-4.7),
+                    tilt_change_rad=0.0,
                     source_to_detector_mm=1619.3,
                     relative_residual=0.01,
                     method="view-pairs",
@@ -232,8 +232,8 @@ def chart_of_example(store, finding):
                     pooled_looks=50,
                     pooled_cor_column_mm=-209.0,
                     pooled_cor_column_standard_deviation_mm=0.006,
-                    pooled_tilt_deg=-4.7,
-                    pooled_tilt_standard_deviation_deg=0.01,
+                    pooled_tilt_rad=math.radians(-4.7),
+                    pooled_tilt_standard_deviation_rad=math.radians(0.01),
                 )
             )
         session.add(

@@ -1,6 +1,7 @@
 """A data folder of version 0.1.0 is served and worked on by this version; `make_data_0_1_0.py` made it."""
 
 import io
+import math
 import tarfile
 
 import h5py
@@ -66,6 +67,13 @@ def test_measurements_and_the_history_are_filled_from_what_0_1_0_stored(client):
     assert measured.keys() == {("calibration", "example"), ("drift", "example"), ("calibration", "second")}
     assert measured["drift", "example"]["against_id"] == measured["calibration", "second"]["against_id"] == "example"
     assert all(each["cor_column_standard_deviation_mm"] > 0.0 for each in measurements)
+    second = get(client, "/v1/calibrations/second").json()
+    check = get(client, "/v1/drifts/example").json()["result"]
+    changes = second["comparison"]["tilt_change_deg"], math.degrees(check["change"]["tilt_rad"])
+    tilts = [math.degrees(tilt_rad) for tilt_rad in (second["source_frame"]["tilt_rad"], check["measured"]["tilt_rad"])]
+    rows = measured["calibration", "second"], measured["drift", "example"]
+    assert [each["tilt_change_deg"] for each in rows] == pytest.approx(changes)
+    assert [each["tilt_deg"] for each in rows] == pytest.approx(tilts)
     history = get(client, "/v1/scanners/example/history/entries").json()["items"]
     assert [(each["what"], each["subject_id"]) for each in history] == [
         ("cancelled", "cancelled"),

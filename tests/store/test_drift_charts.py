@@ -111,10 +111,10 @@ def charted(store, scanner):
                         cor_column_mm=COLUMN + column,
                         cor_column_standard_deviation_mm=DEVIATIONS[0],
                         cor_column_change_mm=column,
-                        tilt_deg=math.degrees(TILT + tilt),
-                        tilt_standard_deviation_deg=math.degrees(DEVIATIONS[1]),
-                        tilt_change_deg=math.degrees(tilt),
-                        cor_column_tilt_covariance_mm_deg=math.degrees(COVARIANCE[0, 1]),
+                        tilt_rad=TILT + tilt,
+                        tilt_standard_deviation_rad=DEVIATIONS[1],
+                        tilt_change_rad=tilt,
+                        covariance=COVARIANCE.tolist(),
                         source_to_detector_mm=1619.3,
                         relative_residual=0.01,
                         method="view-pairs",
@@ -204,7 +204,7 @@ def test_each_look_goes_into_its_chart_once_whoever_looks_and_after_a_kill(store
     at_once = follow({}, "view-pairs", [], looks_of(store, chart.since))
     assert chart.finding == at_once.finding
     newest = rows(store)[-1]
-    assert newest.pooled_cor_column_mm == pytest.approx(at_once.pools[-1].cor_column_mm, abs=1e-9)
+    assert newest.pooled_cor_column_mm == pytest.approx(at_once.pools[-1].detector.cor_column_mm, abs=1e-9)
     assert abs(newest.pooled_cor_column_mm - COLUMN) < 4.0 * newest.pooled_cor_column_standard_deviation_mm < 0.04
 
 

@@ -107,7 +107,7 @@ def test_of_very_many_a_chart_reads_the_newest_and_the_farthest_of_each_part_of_
             "subject_id": f"one-{number}",
             "ray_change_mm": 2.0 if number == 1333 else None if number == 2444 else 0.01,
             "cor_column_mm": -209.0,
-            "tilt_deg": -4.0,
+            "tilt_rad": -0.07,
             "source_to_detector_mm": 1600.0,
             "relative_residual": 0.01,
         }

@@ -5,6 +5,7 @@ from pydantic import Field
 from sawmill_contracts.choices import DriftMethod
 from sawmill_contracts.detector_values import DetectorDeviation, DetectorGeometry
 from sawmill_platform.contracts.base import Contract, Covariance, Time
+from sawmill_vocabulary import DetectorEstimate
 
 
 class KnownBaseline(Contract):
@@ -30,6 +31,11 @@ class KnownBaseline(Contract):
         "calibration's.",
         examples=[[[0.0001, 0.0], [0.0, 1e-08]]],
     )
+
+    @property
+    def offset(self) -> DetectorEstimate:
+        """The zero less the calibrated values, with the zero's own errors."""
+        return DetectorEstimate.of((self.cor_column_offset_mm, self.tilt_offset_rad), self.covariance)
 
 
 class DriftBaseline(KnownBaseline):

@@ -15,7 +15,7 @@ from sawmill_contracts.row_ranges import Rows
 from sawmill_platform.contracts.base import Contract, Covariance, Identifier, Stamped, Time
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.jobs import Failure, JobState
-from sawmill_vocabulary import Rotation, Theta
+from sawmill_vocabulary import DetectorEstimate, Rotation, Theta
 from sawmill_vocabulary.texts import N_
 
 
@@ -184,6 +184,12 @@ class DriftResult(Contract):
         description="SHA-256 of the scan's file, in hexadecimal digits.",
         examples=["9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08"],
     )
+
+    @property
+    def detector_change(self) -> DetectorEstimate:
+        """The measured u_c and tau less the calibrated ones, with this scan's own errors."""
+        own = [row[:2] for row in self.covariance[:2]]
+        return DetectorEstimate.of((self.change.cor_column_mm, self.change.tilt_rad), own)
 
     def ended(self, at: datetime) -> Self:
         """Return the result with its time of end, and so with its baseline's age."""

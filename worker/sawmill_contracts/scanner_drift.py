@@ -9,6 +9,7 @@ from pydantic import Field, model_validator
 from sawmill_contracts.choices import DriftFindingKind, DriftMethod
 from sawmill_contracts.drift_baselines import KnownBaseline
 from sawmill_platform.contracts.base import Contract, Identifier, Time
+from sawmill_vocabulary import DetectorEstimate
 
 # Number of drift checks that the pooled line takes together: 36 minutes of a day of 2 000 logs.
 POOLED_LOOKS = 50
@@ -131,31 +132,23 @@ class CountedLook(NamedTuple):
     ----------
     days
         Days since the calibration became the active one.
-    cor_column_mm, tilt_rad
-        Measured values.
-    cor_column_change_mm, tilt_change_rad
-        Measured values less calibrated ones.
-    covariance
-        Covariance of (u_c, tilt), in mm and radians.
+    calibrated
+        Calibrated (u_c, tau).
+    change
+        Measured values less calibrated ones, with the check's own errors.
     """
 
     at: datetime
     days: float
-    cor_column_mm: float
-    tilt_rad: float
-    cor_column_change_mm: float
-    tilt_change_rad: float
-    covariance: tuple[tuple[float, float], tuple[float, float]]
+    calibrated: tuple[float, float]
+    change: DetectorEstimate
 
 
 class Pool(NamedTuple):
-    """Mean of some drift checks: their number, u_c and tau with their standard deviations."""
+    """Mean of some drift checks, and their number."""
 
     looks: int
-    cor_column_mm: float
-    cor_column_standard_deviation_mm: float
-    tilt_rad: float
-    tilt_standard_deviation_rad: float
+    detector: DetectorEstimate
 
 
 class Followed(NamedTuple):

@@ -30,6 +30,7 @@ from sawmill_platform.database.paging import found
 from sawmill_store.activations import active_since
 from sawmill_store.drift_looks import lock_scanner
 from sawmill_store.tables import ActivationRow, DriftChartRow, MeasurementRow, ScannerRow
+from sawmill_vocabulary import DetectorEstimate
 
 # Drift checks in one transaction: less than 0.1 s of computing, and a hundredth of a second with the write lock.
 PORTION = 100
@@ -211,30 +212,22 @@ def _write(chart: DriftChartRow, followed: Followed, portion: _Portion) -> None:
 
 def _pooled(number: int, pool: Pool) -> dict[str, Any]:
     """Return the columns of a measurement that is in its chart, and so waits no longer."""
+    (column, tilt), (column_deviation, tilt_deviation) = pool.detector.values, pool.detector.deviations
     return {
         "number": number,
         "awaits_chart": None,
         "pooled_looks": pool.looks,
-        "pooled_cor_column_mm": pool.cor_column_mm,
-        "pooled_cor_column_standard_deviation_mm": pool.cor_column_standard_deviation_mm,
-        "pooled_tilt_deg": math.degrees(pool.tilt_rad),
-        "pooled_tilt_standard_deviation_deg": math.degrees(pool.tilt_standard_deviation_rad),
+        "pooled_cor_column_mm": column,
+        "pooled_cor_column_standard_deviation_mm": column_deviation,
+        "pooled_tilt_rad": tilt,
+        "pooled_tilt_standard_deviation_rad": tilt_deviation,
     }
 
 
 def _counted(row: MeasurementRow, since: datetime) -> CountedLook:
-    """Read a drift check that counts; all columns of `CountedLook` are known for such a check."""
-    column, tilt = row.cor_column_standard_deviation_mm or 0.0, math.radians(row.tilt_standard_deviation_deg or 0.0)
-    cross = math.radians(row.cor_column_tilt_covariance_mm_deg or 0.0)
-    return CountedLook(
-        at=row.at,
-        days=(row.at - since).total_seconds() / _DAY_S,
-        cor_column_mm=row.cor_column_mm,
-        tilt_rad=math.radians(row.tilt_deg),
-        cor_column_change_mm=row.cor_column_change_mm or 0.0,
-        tilt_change_rad=math.radians(row.tilt_change_deg or 0.0),
-        covariance=((column**2, cross), (cross, tilt**2)),
-    )
+    """Read a drift check that counts; its change and covariance are known."""
+    change = DetectorEstimate.of((row.cor_column_change_mm or 0.0, row.tilt_change_rad or 0.0), row.covariance or [])
+    return CountedLook(row.at, (row.at - since).total_seconds() / _DAY_S, row.calibrated, change)
 
 
 def _newest_look(session: Session, chart: DriftChartRow) -> MeasurementRow:
@@ -247,8 +240,7 @@ def read_chart(session: Session, chart: DriftChartRow) -> PooledDrift:
     activation, newest = session.get_one(ActivationRow, chart.activation_number), _newest_look(session, chart)
     pooled = {name: getattr(newest, name) for name in PooledDrift.model_fields if name.startswith("pooled_")}
     zero = None if chart.baseline is None else KnownBaseline.model_validate(chart.baseline)
-    calibrated_mm = newest.cor_column_mm - (newest.cor_column_change_mm or 0.0)
-    calibrated_deg = newest.tilt_deg - (newest.tilt_change_deg or 0.0)
+    column, tilt = newest.calibrated
     return PooledDrift.model_validate(
         pooled
         | {
@@ -258,8 +250,8 @@ def read_chart(session: Session, chart: DriftChartRow) -> PooledDrift:
             "looks": chart.looks,
             "last_at": chart.changed_at,
             "baseline": zero,
-            "baseline_cor_column_mm": zero and calibrated_mm + zero.cor_column_offset_mm,
-            "baseline_tilt_deg": zero and calibrated_deg + math.degrees(zero.tilt_offset_rad),
+            "baseline_cor_column_mm": zero and column + zero.cor_column_offset_mm,
+            "baseline_tilt_deg": zero and math.degrees(tilt + zero.tilt_offset_rad),
             "finding": chart.finding,
             "alarm": chart.alarm and chart.alarm["finding"],
         }

@@ -34,7 +34,7 @@ def counts_since(session: Session, check: DriftRow, result: DriftResult) -> int 
         rotation=result.rotation,
         active_rotation=None if calibration.result is None else calibration.result["rotation"],
         method=result.method,
-        covariance=result.covariance,
+        change=result.detector_change,
         is_counted=session.scalar(select(same)) is True,
     )
     return active.number if counts_for_chart(finished) else None

@@ -145,9 +145,9 @@ def _of_calibration(row: CalibrationRow, result: CalibrationResult, now: datetim
         cor_column_mm=frame.cor_column_mm,
         cor_column_standard_deviation_mm=deviation and deviation.cor_column_mm,
         cor_column_change_mm=change and change.cor_column_change_mm,
-        tilt_deg=math.degrees(frame.tilt_rad),
-        tilt_standard_deviation_deg=None if deviation is None else _degrees(deviation.tilt_rad),
-        tilt_change_deg=change and change.tilt_change_deg,
+        tilt_rad=frame.tilt_rad,
+        tilt_standard_deviation_rad=deviation and deviation.tilt_rad,
+        tilt_change_rad=None if change is None else math.radians(change.tilt_change_deg),
         source_to_detector_mm=frame.source_to_detector_mm,
         source_to_detector_standard_deviation_mm=deviation and deviation.source_to_detector_mm,
         source_distance_mm=frame.source_distance_mm,
@@ -176,26 +176,22 @@ def _of_drift(row: DriftRow, result: DriftResult, now: datetime, activation_numb
         cor_column_mm=result.measured.cor_column_mm,
         cor_column_standard_deviation_mm=result.standard_deviation.cor_column_mm,
         cor_column_change_mm=result.change.cor_column_mm,
-        tilt_deg=math.degrees(result.measured.tilt_rad),
-        tilt_standard_deviation_deg=math.degrees(result.standard_deviation.tilt_rad),
-        tilt_change_deg=math.degrees(result.change.tilt_rad),
+        tilt_rad=result.measured.tilt_rad,
+        tilt_standard_deviation_rad=result.standard_deviation.tilt_rad,
+        tilt_change_rad=result.change.tilt_rad,
         source_to_detector_mm=result.measured.source_to_detector_mm,
         source_to_detector_standard_deviation_mm=result.standard_deviation.source_to_detector_mm,
         relative_residual=result.relative_residual,
-        cor_column_tilt_covariance_mm_deg=math.degrees(result.covariance[0][1]),
+        covariance=result.detector_change.covariance,
         method=result.method,
         baseline_looks=zero and zero.looks,
         baseline_age_hours=zero and zero.age_hours,
         cor_column_baseline_change_mm=zero and zero.change.cor_column_mm,
-        tilt_baseline_change_deg=None if zero is None else math.degrees(zero.change.tilt_rad),
+        tilt_baseline_change_rad=zero and zero.change.tilt_rad,
         activation_number=activation_number,
         input_sha256=result.input_sha256,
         awaits_chart=None if activation_number is None else True,
     )
-
-
-def _degrees(angle_rad: float | None) -> float | None:
-    return None if angle_rad is None else math.degrees(angle_rad)
 
 
 def read_measurement(row: MeasurementRow) -> Measurement:

@@ -1,10 +1,13 @@
 """The rows of a mill. Specifications and results are JSON: the contracts own their shape."""
 
+import math
+from collections.abc import Sequence
 from datetime import date, datetime
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from sqlalchemy import (
+    JSON,
     BigInteger,
     Float,
     ForeignKey,
@@ -13,6 +16,7 @@ from sqlalchemy import (
     UniqueConstraint,
     text,
 )
+from sqlalchemy.ext.hybrid import hybrid_property
 from sqlalchemy.orm import Mapped, declared_attr, mapped_column, relationship
 
 from sawmill_contracts import job_kinds
@@ -221,6 +225,11 @@ class ActivationRow(Base):
     reason: Mapped[str]
 
 
+def _in_degrees(name: str) -> hybrid_property[Any]:
+    """Convert a column in radians to degrees, in rows and in statements."""
+    return hybrid_property(lambda row: None if getattr(row, name) is None else getattr(row, name) * math.degrees(1.0))
+
+
 class MeasurementRow(Base):
     """A measurement of a scanner by a calibration or a drift check."""
 
@@ -268,9 +277,9 @@ class MeasurementRow(Base):
     cor_column_mm: Mapped[float] = mapped_column(Float(53))
     cor_column_standard_deviation_mm: Mapped[float | None] = mapped_column(Float(53))
     cor_column_change_mm: Mapped[float | None] = mapped_column(Float(53))
-    tilt_deg: Mapped[float] = mapped_column(Float(53))
-    tilt_standard_deviation_deg: Mapped[float | None] = mapped_column(Float(53))
-    tilt_change_deg: Mapped[float | None] = mapped_column(Float(53))
+    tilt_rad: Mapped[float] = mapped_column(Float(53))
+    tilt_standard_deviation_rad: Mapped[float | None] = mapped_column(Float(53))
+    tilt_change_rad: Mapped[float | None] = mapped_column(Float(53))
     source_to_detector_mm: Mapped[float] = mapped_column(Float(53))
     source_to_detector_standard_deviation_mm: Mapped[float | None] = mapped_column(Float(53))
     source_distance_mm: Mapped[float | None] = mapped_column(Float(53))
@@ -281,14 +290,14 @@ class MeasurementRow(Base):
     scale_uncertainty_percent: Mapped[float | None] = mapped_column(Float(53))
     verdict: Mapped[str | None] = mapped_column(String(20))
     rays_verdict: Mapped[str | None] = mapped_column(String(20))
-    # Only drift checks have the columns from here on. Covariance, in addition to the two standard deviations.
-    cor_column_tilt_covariance_mm_deg: Mapped[float | None] = mapped_column(Float(53))
+    # Only drift checks have the columns from here on. Covariance of (u_c, tau), of which charts show the deviations.
+    covariance: Mapped[Sequence[Sequence[float]] | None] = mapped_column(JSON(none_as_null=True))
     method: Mapped[str | None] = mapped_column(String(20))
     # Change against the baseline, where the check had one.
     baseline_looks: Mapped[int | None]
     baseline_age_hours: Mapped[float | None] = mapped_column(Float(53))
     cor_column_baseline_change_mm: Mapped[float | None] = mapped_column(Float(53))
-    tilt_baseline_change_deg: Mapped[float | None] = mapped_column(Float(53))
+    tilt_baseline_change_rad: Mapped[float | None] = mapped_column(Float(53))
     # The activation in whose chart the check is; null: the check does not count for the scanner's chart.
     activation_number: Mapped[int | None]
     input_sha256: Mapped[str | None] = mapped_column(String(64))
@@ -298,8 +307,26 @@ class MeasurementRow(Base):
     pooled_looks: Mapped[int | None]
     pooled_cor_column_mm: Mapped[float | None] = mapped_column(Float(53))
     pooled_cor_column_standard_deviation_mm: Mapped[float | None] = mapped_column(Float(53))
-    pooled_tilt_deg: Mapped[float | None] = mapped_column(Float(53))
-    pooled_tilt_standard_deviation_deg: Mapped[float | None] = mapped_column(Float(53))
+    pooled_tilt_rad: Mapped[float | None] = mapped_column(Float(53))
+    pooled_tilt_standard_deviation_rad: Mapped[float | None] = mapped_column(Float(53))
+
+    # Angles as the contracts `Measurement`, `Movement` and `PooledDrift` have them.
+    tilt_deg = _in_degrees("tilt_rad")
+    tilt_standard_deviation_deg = _in_degrees("tilt_standard_deviation_rad")
+    tilt_change_deg = _in_degrees("tilt_change_rad")
+    tilt_baseline_change_deg = _in_degrees("tilt_baseline_change_rad")
+    pooled_tilt_deg = _in_degrees("pooled_tilt_rad")
+    pooled_tilt_standard_deviation_deg = _in_degrees("pooled_tilt_standard_deviation_rad")
+
+    @property
+    def cor_column_tilt_covariance_mm_deg(self) -> float | None:
+        """Covariance of u_c and tau, as the contract `Measurement` has it."""
+        return None if self.covariance is None else math.degrees(self.covariance[0][1])
+
+    @property
+    def calibrated(self) -> tuple[float, float]:
+        """Calibrated (u_c, tau), from which the changes are counted; the measured values where there is no change."""
+        return self.cor_column_mm - (self.cor_column_change_mm or 0.0), self.tilt_rad - (self.tilt_change_rad or 0.0)
 
 
 class DriftChartRow(Base):

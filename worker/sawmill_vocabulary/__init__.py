@@ -31,6 +31,7 @@ from sawmill_vocabulary.choices import (
     Weighting,
     WitnessTaken,
 )
+from sawmill_vocabulary.detector_estimate import DetectorEstimate
 from sawmill_vocabulary.geometry import (
     FEWEST_PAIRED_VIEWS,
     LARGEST_MM,
@@ -79,6 +80,7 @@ __all__ = [
     "ColorMap",
     "CoordinateMm",
     "DataKind",
+    "DetectorEstimate",
     "Disc",
     "FaultyCells",
     "FilterName",

@@ -15,7 +15,7 @@ from sawmill_tomography.geometry.ray_error import ray_error
 from sawmill_tomography.phantoms.built_in import L_SHAPE
 from sawmill_tomography.phantoms.log_model import SAPWOOD_PER_MM, LogModel
 from sawmill_tomography.projection.simulate import simulate_stack
-from sawmill_vocabulary import Agreement, MovedBody, Rotation
+from sawmill_vocabulary import Agreement, DetectorEstimate, MovedBody, Rotation
 
 SCANNER = Scanner(source_to_cor_mm=859.46, num_detector_pixels=256, detector_pitch_mm=4.5)
 THETA = Theta(0.7, 715.0, 180.0, 30.0, 0.15)
@@ -77,7 +77,7 @@ def test_of_twenty_views_the_log_is_heard_by_pairs_of_them(full_turn):
     assert (witness.agreement, witness.moved, witness.taken) == (Agreement.AGREE, None, "both")
     assert witness.log.movement is None
     # 50 000 photons and 8 rows of 20 views of 256 cells: 0.03 mm, and three standard deviations.
-    assert abs(witness.log.seen[0] - TRUE.cor_column_mm) < 3.0 * np.sqrt(witness.log.covariance[0, 0]) < 0.2
+    assert abs(witness.log.detector.cor_column_mm - TRUE.cor_column_mm) < 3.0 * witness.log.detector.deviations[0] < 0.2
     assert heard.error_bars.predicted_ray_error.rms_mm <= alone.error_bars.predicted_ray_error.rms_mm
     assert heard.judgement.verdict == alone.judgement.verdict
 
@@ -99,8 +99,8 @@ def heard():
     covariance[2, 3] = covariance[3, 2] = 0.5 * 0.2 * 0.01
 
     def compare(column_mm, movement=STILL, rotation=Rotation.AS_GIVEN, *, phantom_moved=False):
-        seen = to_vector(TRUE)[[3, 4]] + [column_mm, 0.0]
-        log = LogAnswer(seen, np.diag([0.02, 3e-3]) ** 2, np.zeros(2), rotation, movement)
+        seen = DetectorEstimate.of(to_vector(TRUE)[[3, 4]] + [column_mm, 0.0], np.diag([0.02, 3e-3]) ** 2)
+        log = LogAnswer(seen, np.zeros(2), rotation, movement)
         return compare_witnesses(
             SCANNER, TRUE, covariance, log, Rotation.AS_GIVEN, phantom_moved=phantom_moved, radius_mm=150.0
         )
@@ -153,9 +153,8 @@ def test_r_is_held_where_it_would_be_less_than_the_scanners():
     scanner = replace(SCANNER, source_to_cor_mm=TRUE.source_distance_mm)
     covariance = np.diag([1e-4, 0.2, 0.2, 0.01, 1e-4]) ** 2
     covariance[1, 3] = covariance[3, 1] = -0.9 * 0.2 * 0.01
-    log = LogAnswer(
-        to_vector(TRUE)[[3, 4]] + [0.01, 0.0], np.diag([0.01, 3e-3]) ** 2, np.zeros(2), Rotation.AS_GIVEN, STILL
-    )
+    seen = DetectorEstimate.of(to_vector(TRUE)[[3, 4]] + [0.01, 0.0], np.diag([0.01, 3e-3]) ** 2)
+    log = LogAnswer(seen, np.zeros(2), Rotation.AS_GIVEN, STILL)
     witness = compare_witnesses(scanner, TRUE, covariance, log, Rotation.AS_GIVEN, phantom_moved=False, radius_mm=150.0)
     assert witness.vector[1] == TRUE.source_distance_mm
     # As well known as before, and what holding it moved: both witnesses put R 0.09 mm nearer.

@@ -11,6 +11,7 @@ from sawmill_tomography.drift.chart.history import History
 from sawmill_tomography.drift.chart.looks import BASELINE_LOOKS, DriftCheckPoint
 from sawmill_tomography.drift.chart.spread import LookSpread
 from sawmill_tomography.drift.chart.state import chart_from_state, chart_to_state
+from sawmill_vocabulary import DetectorEstimate
 
 ALONG, TILT = 0.005, math.radians(0.09)
 LOOK = np.array([[(25.0 * TILT) ** 2 + ALONG**2, -25.0 * TILT**2], [-25.0 * TILT**2, TILT**2]])
@@ -31,7 +32,8 @@ def looks(seed, number, moved=nowhere, *, outliers=0.01, larger=1.0):
         error = larger * np.linalg.cholesky(covariance) @ rng.standard_normal(2)
         if rng.random() < outliers:
             error *= 15.0
-        yield DriftCheckPoint(k / A_DAY, [0.3 + moved(k / A_DAY) + error[0], 0.01 + error[1]], covariance)
+        change = 0.3 + moved(k / A_DAY) + error[0], 0.01 + error[1]
+        yield DriftCheckPoint(k / A_DAY, DetectorEstimate.of(change, covariance))
 
 
 def charted(given, chart=None):
@@ -61,7 +63,7 @@ def test_a_jump_is_found_with_its_size_and_time(size_mm):
     assert found.kind is DriftKind.JUMP
     assert found.between_days[0] <= 0.0613 <= found.between_days[1] < 0.08
     assert found.between_days[0] > 0.04
-    assert abs(found.change[0] - size_mm) < 3.0 * math.sqrt(found.covariance[0, 0])
+    assert abs(found.change.cor_column_mm - size_mm) < 3.0 * found.change.deviations[0]
     assert found.log_odds > 0.0
 
 
@@ -77,7 +79,7 @@ def test_a_jump_in_the_midst_of_ten_looks_has_its_size_from_the_first_alarm_on(s
     for each in found:
         assert each.kind is DriftKind.JUMP
         assert each.between_days[0] <= at <= each.between_days[1]
-        assert abs(SEEN @ each.change - size_mm) < 2.5 * math.sqrt(SEEN @ each.covariance @ SEEN) < 0.02
+        assert abs(SEEN @ each.change.values - size_mm) < 2.5 * math.sqrt(SEEN @ each.change.covariance @ SEEN) < 0.02
 
 
 @pytest.mark.parametrize("before", [8, 15, 20, 27, 40])
@@ -88,8 +90,8 @@ def test_a_jump_among_the_first_looks_is_none_of_zero(before):
     found = chart.finding()
     assert found.kind is DriftKind.JUMP
     assert found.between_days[0] <= at <= found.between_days[1]
-    assert abs(SEEN @ found.change - 0.06) < 2.5 * math.sqrt(SEEN @ found.covariance @ SEEN) < 0.02
-    assert SEEN @ chart.baseline.estimate.change == pytest.approx(0.3 + 25.0 * 0.01, abs=0.01)
+    assert abs(SEEN @ found.change.values - 0.06) < 2.5 * math.sqrt(SEEN @ found.change.covariance @ SEEN) < 0.02
+    assert SEEN @ chart.baseline.estimate.change.values == pytest.approx(0.3 + 25.0 * 0.01, abs=0.01)
     assert chart.baseline.estimate.looks - chart.baseline.estimate.outliers <= before
 
 
@@ -97,7 +99,7 @@ def test_a_trend_is_found_with_its_slope_and_time():
     found = charted(looks(3, 1200, lambda days: 0.2 * max(days - 0.1, 0.0))).finding()
     assert found.kind is DriftKind.TREND
     assert found.between_days[0] <= 0.1 <= found.between_days[1]
-    assert abs(found.change[0] - 0.2) < 3.0 * math.sqrt(found.covariance[0, 0])
+    assert abs(found.change.cor_column_mm - 0.2) < 3.0 * found.change.deviations[0]
     assert found.log_odds > math.log(100.0)
 
 
@@ -109,7 +111,7 @@ def test_a_jump_stays_a_jump_hours_later():
     found = chart.finding()
     assert found.kind is DriftKind.JUMP
     assert found.began_days == pytest.approx(0.0513, abs=0.02)
-    assert found.change[0] == pytest.approx(0.2, abs=0.02)
+    assert found.change.cor_column_mm == pytest.approx(0.2, abs=0.02)
 
 
 def test_outliers_and_covariances_that_are_too_small_raise_no_alarm():

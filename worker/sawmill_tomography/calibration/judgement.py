@@ -316,7 +316,7 @@ def _undecided(alternatives: Alternatives, relative_residual: float) -> bool:
 
 def _disagreement(witness: LogWitness) -> str:
     """Return a sentence: by how much log and phantom differ, which of the two is wrong, and what to do."""
-    column, tilt = witness.difference
+    column, tilt = witness.difference.values
     differ = (
         f"the log beside the phantom puts the COR {column:+.3f} mm and the tilt {math.degrees(tilt):+.3f} degrees from "
         "where the phantom puts them, beyond both error bars"

@@ -13,7 +13,7 @@ from sawmill_tomography.calibration.fit_parameters import FitParameter
 from sawmill_tomography.drift.change import LogMovement
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner, SourceFrame, to_vector
 from sawmill_tomography.geometry.ray_error import predicted_ray_error
-from sawmill_vocabulary import Agreement, MovedBody, Rotation, WitnessTaken
+from sawmill_vocabulary import Agreement, DetectorEstimate, MovedBody, Rotation, WitnessTaken
 
 # Chi-squared, 2 degrees of freedom: 95 % of agreeing pairs are below AGREE and 99.9 % below DISAGREE. Between the two
 # limits the answers are combined, and the errors enlarged by the difference (Birge 1932).
@@ -28,9 +28,7 @@ class LogAnswer:
 
     Attributes
     ----------
-    seen : (2,) float64
-        u_c (mm) and tau (rad).
-    covariance : (2, 2) float64
+    detector : DetectorEstimate
     sdd_sensitivity : (2,) float64
         Change of u_c and tau per mm of SDD.
     rotation : Rotation
@@ -39,8 +37,7 @@ class LogAnswer:
         None where the scan has too few views to show whether the log moved.
     """
 
-    seen: FloatArray
-    covariance: FloatArray
+    detector: DetectorEstimate
     sdd_sensitivity: FloatArray
     rotation: Rotation
     movement: LogMovement | None
@@ -55,9 +52,9 @@ class LogWitness:
     log : LogAnswer
     other_sense : bool
         The log turned in the other sense than the phantom's fit: the log is then not used.
-    phantom_seen, phantom_covariance : (2,), (2, 2) float64
+    phantom : DetectorEstimate
         u_c and tau of the phantom's rows alone.
-    difference, difference_covariance : (2,), (2, 2) float64
+    difference : DetectorEstimate
         u_c and tau of the log less u_c and tau of the phantom.
     chi_squared : float
         Chi-squared of the difference, with 2 degrees of freedom.
@@ -74,10 +71,8 @@ class LogWitness:
 
     log: LogAnswer
     other_sense: bool
-    phantom_seen: FloatArray
-    phantom_covariance: FloatArray
-    difference: FloatArray
-    difference_covariance: FloatArray
+    phantom: DetectorEstimate
+    difference: DetectorEstimate
     chi_squared: float
     ray_change_mm: float
     agreement: Agreement
@@ -87,14 +82,9 @@ class LogWitness:
     covariance: FloatArray
 
     @property
-    def reported(self) -> FloatArray:
-        """Reported u_c and tau, (2,)."""
-        return self.vector[BOTH]
-
-    @property
-    def reported_covariance(self) -> FloatArray:
-        """Covariance of the reported u_c and tau, (2, 2)."""
-        return self.covariance[np.ix_(BOTH, BOTH)]
+    def reported(self) -> DetectorEstimate:
+        """Reported u_c and tau."""
+        return _detector(self.vector, self.covariance)
 
 
 def compare_witnesses(
@@ -121,10 +111,10 @@ def compare_witnesses(
     vector = to_vector(frame)
     sees = np.zeros((2, len(vector)))
     sees[[0, 1], BOTH] = 1.0
-    difference = log.seen - vector[BOTH]
+    difference = log.detector.values - vector[BOTH]
     # At another SDD the log gives another u_c and tau.
     sees[:, FitParameter.SDD] = -log.sdd_sensitivity
-    spread = sees @ covariance @ sees.T + log.covariance
+    spread = sees @ covariance @ sees.T + log.detector.covariance
     chi_squared = float(difference @ np.linalg.solve(spread, difference))
     agreement = _agreement(chi_squared)
     moved = _moved(log.movement, agreement, phantom_moved=phantom_moved)
@@ -136,19 +126,18 @@ def compare_witnesses(
         case "phantom":
             conditioned = vector, covariance
         case "log":
-            conditioned = prior.replaced(difference, log.covariance)
+            conditioned = prior.replaced(difference, np.array(log.detector.covariance))
         case "both":
-            conditioned = prior.combined(difference, log.covariance, max(1.0, chi_squared / AGREE))
+            widened = max(1.0, chi_squared / AGREE)
+            conditioned = prior.combined(difference, np.array(log.detector.covariance), widened)
     bias = np.zeros((len(vector), 1))
     bias[BOTH, 0] = difference
     change = predicted_ray_error(scanner, frame, bias @ bias.T, radius_mm=radius_mm)
     return LogWitness(
         log,
         other_sense,
-        vector[BOTH],
-        covariance[np.ix_(BOTH, BOTH)],
-        difference,
-        spread,
+        _detector(vector, covariance),
+        DetectorEstimate.of(difference, spread),
         chi_squared,
         change.rms_mm,
         agreement,
@@ -156,6 +145,10 @@ def compare_witnesses(
         taken,
         *_with_theta(scanner, *conditioned),
     )
+
+
+def _detector(vector: FloatArray, covariance: FloatArray) -> DetectorEstimate:
+    return DetectorEstimate.of(vector[BOTH], covariance[np.ix_(BOTH, BOTH)])
 
 
 def _agreement(chi_squared: float) -> Agreement:

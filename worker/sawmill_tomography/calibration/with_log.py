@@ -12,7 +12,7 @@ from sawmill_tomography.calibration.fit_parameters import FitParameter
 from sawmill_tomography.calibration.judgement import Evidence, JudgementLimits, judge
 from sawmill_tomography.calibration.scale import scale_uncertainty
 from sawmill_tomography.calibration.second_witness import BOTH, LogAnswer, LogWitness, compare_witnesses
-from sawmill_tomography.drift.change import ConjugateFit, DetectorFit
+from sawmill_tomography.drift.change import ConjugateFit
 from sawmill_tomography.drift.detector_fit import detector_fit
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner, SourceFrame, Theta
 from sawmill_tomography.geometry.ray_error import predicted_ray_error
@@ -62,20 +62,11 @@ def _ask_log(
         If the views are too few, or this log does not show u_c and tau.
     """
     fit = detector_fit(scanner, sinogram, angles_rad, frame, rotation)
-    sensitivity, covariance = _at_known_distance(fit)
-    seen = np.array([fit.cor_column_mm, fit.tilt_rad])
-    seen += sensitivity * (frame.source_to_detector_mm - fit.source_to_detector_mm)
+    detector = fit.at_distance(frame.source_to_detector_mm)
     turned = fit.rotation if fit.rotation_decided else rotation
     # Pairs of views refuse a log that moves far, and do not show where a log jumped a little.
-    return LogAnswer(seen, covariance, sensitivity, turned, fit.movement if isinstance(fit, ConjugateFit) else None)
-
-
-def _at_known_distance(fit: DetectorFit) -> tuple[FloatArray, FloatArray]:
-    """Compute the change of (u_c, tau) per mm of SDD, (2,), and the covariance (2, 2) of both at a known SDD."""
-    if fit.distance_held:
-        return fit.distance_sensitivity, fit.covariance[:2, :2]
-    sensitivity = fit.covariance[:2, 2] / fit.covariance[2, 2]
-    return sensitivity, fit.covariance[:2, :2] - np.outer(sensitivity, fit.covariance[2, :2])
+    movement = fit.movement if isinstance(fit, ConjugateFit) else None
+    return LogAnswer(detector, fit.sdd_sensitivity, turned, movement)
 
 
 def _following(calibration: CalibrationOutcome, evidence: Evidence, witness: LogWitness) -> CalibrationOutcome:
@@ -110,7 +101,7 @@ def _moved(fit: Fit, witness: LogWitness) -> Fit:
     frame = SourceFrame.from_vector(witness.vector)
     values = fit.covariance.values
     own = values[np.ix_(BOTH, BOTH)]
-    step = values[np.ix_(POSITION, BOTH)] @ np.linalg.solve(own, witness.vector[BOTH] - witness.phantom_seen)
+    step = values[np.ix_(POSITION, BOTH)] @ np.linalg.solve(own, witness.vector[BOTH] - witness.phantom.values)
     x, y = fit.position_mm
     return replace(fit, frame=frame, position_mm=(x + float(step[0]), y + float(step[1])))
 

@@ -12,10 +12,9 @@ from typing import Literal
 import numpy as np
 
 from sawmill_tomography.calibration.fit_parameters import FitParameter
-from sawmill_tomography.drift.chart.looks import DriftCheckPoint
 from sawmill_tomography.geometry.geometry import FloatArray, GeometryError, Scanner, SourceFrame
 from sawmill_tomography.geometry.ray_error import predicted_ray_error, ray_error, scale_deviation
-from sawmill_vocabulary import Rotation
+from sawmill_vocabulary import DetectorEstimate, Rotation
 
 # The numbers of the geometry that a log's rays show, in the order of their vectors.
 SEEN = [FitParameter.U_C, FitParameter.TILT, FitParameter.SDD]
@@ -144,6 +143,21 @@ class DetectorFit:
         spread: FloatArray = np.sqrt(np.diag(self.covariance))
         return spread
 
+    @property
+    def sdd_sensitivity(self) -> FloatArray:
+        """Change of (u_c, tau) per mm of SDD, (2,), whether SDD was held or fitted."""
+        if self.distance_held:
+            return self.distance_sensitivity
+        fitted: FloatArray = self.covariance[:2, 2] / self.covariance[2, 2]
+        return fitted
+
+    def at_distance(self, source_to_detector_mm: float) -> DetectorEstimate:
+        """Return u_c and tau as they follow for a known SDD."""
+        values = seen_vector(self)[:2] + self.sdd_sensitivity * (source_to_detector_mm - self.source_to_detector_mm)
+        return DetectorEstimate.of(
+            values, self.covariance[:2, :2] - np.outer(self.sdd_sensitivity, self.covariance[2, :2])
+        )
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ConjugateFit(DetectorFit):
@@ -225,7 +239,7 @@ def drift_change(
     calibrated_covariance: FloatArray | None,
     fit: DetectorFit,
     *,
-    zero: DriftCheckPoint | None = None,
+    zero: DetectorEstimate | None = None,
     radius_mm: float = 150.0,
 ) -> DriftChange:
     """Compare the fit to a scan of a log with a calibration, or with a baseline.
@@ -234,7 +248,7 @@ def drift_change(
     ----------
     calibrated_covariance : (5, 5) float64
         Covariance of (psi, R, SDD, u_c, tau); None where the calibration has no error bars, which then count as zero.
-    zero : DriftCheckPoint
+    zero : DetectorEstimate
         A baseline's change since this calibration; the change of u_c and tau is counted from the baseline.
     radius_mm : float
         Radius of the disc in which rays are compared.
@@ -242,7 +256,7 @@ def drift_change(
     change, covariance = seen_vector(fit) - seen_vector(calibrated), fit.covariance.copy()
     if zero is not None:
         # An error of the held SDD is in the baseline's drift checks too, and cancels in the difference.
-        change[:2] -= zero.change
+        change[:2] -= zero.values
         covariance[:2, :2] += zero.covariance
         covariance[2, 2] += 0.0 if calibrated_covariance is None else calibrated_covariance[SEEN[2], SEEN[2]]
     elif calibrated_covariance is not None:
@@ -263,9 +277,9 @@ def drift_change(
     return DriftChange(change, covariance, rays, uncertainty, scale, of_scale)
 
 
-def zero_offset_mm(scanner: Scanner, calibrated: SourceFrame, zero: DriftCheckPoint, *, radius_mm: float) -> float:
+def zero_offset_mm(scanner: Scanner, calibrated: SourceFrame, zero: DetectorEstimate, *, radius_mm: float) -> float:
     """Return the RMS distance of the rays between a baseline and the calibration, with R, psi and SDD held."""
-    u_c, tau = (float(value) for value in seen_vector(calibrated)[:2] + zero.change)
+    u_c, tau = (float(value) for value in seen_vector(calibrated)[:2] + zero.values)
     moved = replace(calibrated, cor_column_mm=u_c, tilt_rad=tau)
     return _moved_rays(scanner, calibrated, moved, radius_mm)[0]
 

@@ -342,18 +342,18 @@ def _create_measurements() -> sa.Table:
         *_perhaps(ray_change_mm=_REAL, ray_change_tolerance_mm=_REAL, scale_change_percent=_REAL),
         *_needed(cor_column_mm=_REAL),
         *_perhaps(cor_column_change_mm=_REAL),
-        *_needed(tilt_deg=_REAL),
-        *_perhaps(tilt_change_deg=_REAL),
+        *_needed(tilt_rad=_REAL),
+        *_perhaps(tilt_change_rad=_REAL),
         *_needed(source_to_detector_mm=_REAL),
         *_perhaps(source_distance_mm=_REAL),
         *_needed(relative_residual=_REAL),
         *_perhaps(gain=_REAL, ray_error_rms_mm=_REAL, ray_error_upper_95_mm=_REAL, scale_uncertainty_percent=_REAL),
-        *_perhaps(cor_column_standard_deviation_mm=_REAL, tilt_standard_deviation_deg=_REAL),
+        *_perhaps(cor_column_standard_deviation_mm=_REAL, tilt_standard_deviation_rad=_REAL),
         *_perhaps(source_to_detector_standard_deviation_mm=_REAL),
-        *_perhaps(cor_column_tilt_covariance_mm_deg=_REAL, baseline_age_hours=_REAL),
-        *_perhaps(cor_column_baseline_change_mm=_REAL, tilt_baseline_change_deg=_REAL),
+        *_perhaps(covariance=_JSON, baseline_age_hours=_REAL),
+        *_perhaps(cor_column_baseline_change_mm=_REAL, tilt_baseline_change_rad=_REAL),
         *_perhaps(pooled_cor_column_mm=_REAL, pooled_cor_column_standard_deviation_mm=_REAL),
-        *_perhaps(pooled_tilt_deg=_REAL, pooled_tilt_standard_deviation_deg=_REAL),
+        *_perhaps(pooled_tilt_rad=_REAL, pooled_tilt_standard_deviation_rad=_REAL),
         *_perhaps(baseline_looks=_INTEGER, activation_number=_INTEGER, pooled_looks=_INTEGER),
         *_perhaps(method=_WORD, input_sha256=_ID, awaits_chart=_FLAG),
         sa.ForeignKeyConstraint(["scanner_id"], ["scanners.id"], name="fk_measurements_scanner_id"),
@@ -419,8 +419,8 @@ def _of_calibration(result: Values) -> Values:
         "within_tolerance": change.get("within_tolerance"),
         "cor_column_mm": frame["cor_column_mm"],
         "cor_column_change_mm": change.get("cor_column_change_mm"),
-        "tilt_deg": math.degrees(frame["tilt_rad"]),
-        "tilt_change_deg": change.get("tilt_change_deg"),
+        "tilt_rad": frame["tilt_rad"],
+        "tilt_change_rad": math.radians(change["tilt_change_deg"]) if change else None,
         "source_to_detector_mm": frame["source_to_detector_mm"],
         "source_distance_mm": frame["source_distance_mm"],
         "relative_residual": result["residual"]["relative"],
@@ -440,18 +440,17 @@ def _of_drift(calibration_id: str, result: Values) -> Values:
         "within_tolerance": result["within_tolerance"],
         "cor_column_mm": measured["cor_column_mm"],
         "cor_column_change_mm": change["cor_column_mm"],
-        "tilt_deg": math.degrees(measured["tilt_rad"]),
-        "tilt_change_deg": math.degrees(change["tilt_rad"]),
+        "tilt_rad": measured["tilt_rad"],
+        "tilt_change_rad": change["tilt_rad"],
         "source_to_detector_mm": measured["source_to_detector_mm"],
         "relative_residual": result["relative_residual"],
     } | _deviations(result["standard_deviation"])
 
 
 def _deviations(deviation: Values) -> Values:
-    tilt_rad = deviation.get("tilt_rad")
     return {
         "cor_column_standard_deviation_mm": deviation.get("cor_column_mm"),
-        "tilt_standard_deviation_deg": None if tilt_rad is None else math.degrees(tilt_rad),
+        "tilt_standard_deviation_rad": deviation.get("tilt_rad"),
         "source_to_detector_standard_deviation_mm": deviation.get("source_to_detector_mm"),
     }
 

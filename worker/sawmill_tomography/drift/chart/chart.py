@@ -14,7 +14,7 @@ from sawmill_tomography.drift.chart.history import Group, History
 from sawmill_tomography.drift.chart.jump import jump_at
 from sawmill_tomography.drift.chart.looks import BASELINE_LOOKS, Baseline, DriftCheckPoint, pooled, stacked
 from sawmill_tomography.drift.chart.spread import LookSpread
-from sawmill_tomography.geometry.geometry import FloatArray
+from sawmill_vocabulary import DetectorEstimate
 
 # Drift checks pooled in one group: 7 minutes of a day of 2 000 logs, and four outliers of ten do no harm.
 GROUP_LOOKS = 10
@@ -36,7 +36,7 @@ class DriftKind(StrEnum):
     TREND = "trend"
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class ChartFinding:
     """Result of a chart: whether, when and by how much the geometry changed.
 
@@ -52,10 +52,8 @@ class ChartFinding:
         For a jump or a trend: time of the last drift check before the change, in days since the calibration.
     between_days : (float, float) or None
         Interval of 95 % of that time.
-    change : (2,) float64 or None
-        The jump of u_c (mm) and tau (rad), or the trend in mm and rad a day.
-    covariance : (2, 2) float64 or None
-        Covariance of the change.
+    change : DetectorEstimate or None
+        The jump, or the trend in mm and rad a day.
     log_odds : float
         Natural logarithm of the likelihood ratio of this kind of change to the other kind.
     """
@@ -66,8 +64,7 @@ class ChartFinding:
     scatter: float = 1.0
     began_days: float | None = None
     between_days: tuple[float, float] | None = None
-    change: FloatArray | None = None
-    covariance: FloatArray | None = None
+    change: DetectorEstimate | None = None
     log_odds: float = 0.0
 
     @property
@@ -120,7 +117,7 @@ class DriftChart:
             return result
         since, until = result.between_days
         jump = jump_at(result.began_days, history.segments, self.newest, history.scatter, QUIET)
-        result = replace(result, change=jump.change, covariance=jump.covariance)
+        result = replace(result, change=jump.change)
         if not jump.looks_before:
             return result
         # The jump is within the newest group.
@@ -131,7 +128,7 @@ class DriftChart:
 def _begun(looks: tuple[DriftCheckPoint, ...]) -> DriftChart:
     """Return the chart of the baseline's drift checks; zero is their mean before a jump, if there is a jump."""
     groups = [looks[first : first + GROUP_LOOKS] for first in range(0, len(looks), GROUP_LOOKS)]
-    history = History.starting_with(map(_group, groups), LookSpread.of_looks(*stacked(looks)))
+    history = History.starting_with(map(_group, groups), LookSpread.of_looks(*stacked(look.change for look in looks)))
     chart = DriftChart(history=history, newest=groups[-1])
     began_days = chart.finding().began_days
     zero = looks if began_days is None else [look for look in looks if look.days <= began_days]
@@ -141,7 +138,7 @@ def _begun(looks: tuple[DriftCheckPoint, ...]) -> DriftChart:
 def _group(looks: tuple[DriftCheckPoint, ...]) -> Group:
     """Pool a group at the last drift check's time, so that a jump within it lies between two groups' times."""
     group = pooled(looks)
-    return np.asarray(looks[-1].days), group.change, group.covariance
+    return np.asarray(looks[-1].days), np.array(group.change.values), np.array(group.change.covariance)
 
 
 def likelier(steps: StepAndTrendFits, trends: StepAndTrendFits, now_days: float) -> ChartFinding:
@@ -169,7 +166,6 @@ def likelier(steps: StepAndTrendFits, trends: StepAndTrendFits, now_days: float)
         evidence,
         began_days=float(model.began_days[at]),
         between_days=between,
-        change=model.change[at],
-        covariance=model.covariance[at],
+        change=DetectorEstimate.of(model.change[at], model.covariance[at]),
         log_odds=0.5 * (best[of_kind] - best[1 - of_kind]),
     )

@@ -15,13 +15,13 @@ from sawmill_tomography.drift.chart.matrices import inverse, scaled, squared_len
 from sawmill_tomography.drift.chart.segments import Segment
 from sawmill_tomography.drift.chart.spread import LookSpread
 from sawmill_tomography.geometry.geometry import FloatArray
+from sawmill_vocabulary import DetectorEstimate
 
 
 class Jump(NamedTuple):
-    """Size (2,) and covariance (2, 2) of a jump, and the number of the newest drift checks before the jump."""
+    """Size of a jump, and the number of the newest drift checks before the jump."""
 
-    change: FloatArray
-    covariance: FloatArray
+    change: DetectorEstimate
     looks_before: int
 
 
@@ -51,14 +51,15 @@ def jump_at(
     if len(later) == 1:
         return _within(newest, mean, covariance, scatter, quiet)
     mean_later, covariance_later = _mean(later[1:])
-    return Jump(mean_later - mean, scaled(covariance + covariance_later, scatter.ratio) + quiet, 0)
+    own = scaled(covariance + covariance_later, scatter.ratio)
+    return Jump(DetectorEstimate.of(mean_later - mean, own + quiet), 0)
 
 
 def _within(
     looks: Sequence[DriftCheckPoint], mean: FloatArray, covariance: FloatArray, scatter: LookSpread, quiet: FloatArray
 ) -> Jump:
     """Average the jumps before each drift check, weighted by likelihood; outliers count as if at `OUTLYING`."""
-    change, own = stacked(looks)
+    change, own = stacked(look.change for look in looks)
     precision = inverse(scaled(own, scatter.ratio))
     before = _bounded(change - mean, precision)
     unlikely, sizes, errors = [], [], []
@@ -72,7 +73,7 @@ def _within(
     size = weights @ np.stack(sizes)
     apart = np.stack(sizes) - size
     spread = np.einsum("k,kij->ij", weights, np.stack(errors) + apart[:, :, None] * apart[:, None, :])
-    return Jump(size, spread, int(np.argmin(unlikely)))
+    return Jump(DetectorEstimate.of(size, spread), int(np.argmin(unlikely)))
 
 
 def _mean(segments: Sequence[Segment]) -> tuple[FloatArray, FloatArray]:

@@ -1,7 +1,7 @@
 """Drift checks: a single scan's change since the calibration; several pooled into one, and a baseline."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from sawmill_tomography.drift.chart.matrices import inverse, squared_length, times
 from sawmill_tomography.geometry.geometry import FloatArray
+from sawmill_vocabulary import DetectorEstimate
 
 # A check farther from the pooled estimate than this many standard deviations counts by as much as one at that distance
 # (Huber 1964): 4 % of normal checks.
@@ -24,7 +25,7 @@ BASELINE_LOOKS = 50
 FEWEST_BASELINE_LOOKS = 3
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class DriftCheckPoint:
     """A drift check: a scan's change since the calibration.
 
@@ -32,10 +33,9 @@ class DriftCheckPoint:
     ----------
     days : float
         Time of the scan, in days since the calibration.
-    change : (2,) float64
-        Change of u_c (mm on the detector) and of the detector's tilt tau (rad).
-    covariance : (2, 2) float64
-        Covariance of this scan's own error. The calibration's error, which all drift checks share, is left out.
+    change : DetectorEstimate
+        Change since the calibration, with this scan's own error. The calibration's error, which all drift checks share,
+        is left out.
 
     Raises
     ------
@@ -44,40 +44,25 @@ class DriftCheckPoint:
     """
 
     days: float
-    change: FloatArray
-    covariance: FloatArray
+    change: DetectorEstimate
 
     def __post_init__(self) -> None:
-        change, covariance = np.asarray(self.change, np.float64), np.asarray(self.covariance, np.float64)
-        if change.shape != (2,) or covariance.shape != (2, 2):
-            raise ValueError(
-                f"a look has a change of shape (2,) and a covariance of shape (2, 2), not {change.shape} and "
-                f"{covariance.shape}"
-            )
-        if not (np.isfinite(self.days) and np.isfinite(change).all() and np.isfinite(covariance).all()):
-            raise ValueError(f"a look has finite values, not {self.days}, {change.tolist()}, {covariance.tolist()}")
-        (first, cross), (also_cross, second) = covariance.tolist()
+        (first, cross), (also_cross, second) = self.change.covariance
+        if not np.isfinite([self.days, *self.change.values, first, cross, also_cross, second]).all():
+            raise ValueError(f"a look has finite values, not {self.days} and {self.change}")
         symmetric = math.isclose(cross, also_cross, rel_tol=1e-6, abs_tol=1e-9 * math.sqrt(abs(first * second)))
-        if not (symmetric and first > 0.0 and first * second > cross * also_cross):
-            raise ValueError(f"a look's covariance is symmetric and positive definite, not {covariance.tolist()}")
-        object.__setattr__(self, "change", change)
-        object.__setattr__(self, "covariance", covariance)
-
-    @property
-    def deviation(self) -> FloatArray:
-        """Standard deviations, (2,), of u_c (mm) and tau (rad)."""
-        deviation: FloatArray = np.sqrt(np.diag(self.covariance))
-        return deviation
+        if not (symmetric and self.change.relative_determinant > 0.0):
+            raise ValueError(f"a look's covariance is symmetric and positive definite, not {self.change.covariance}")
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class PooledDriftCheckPoint(DriftCheckPoint):
     """Several drift checks pooled into one.
 
     Attributes
     ----------
-    days, change, covariance
-        The checks' mean time; their generalised least squares estimate and its covariance.
+    days, change
+        The checks' mean time, and their generalised least squares estimate.
     looks, outliers : int
         Number of pooled checks, and number of outliers among them that were left out.
     """
@@ -126,9 +111,10 @@ def _outlying(distance: FloatArray) -> NDArray[np.bool_]:
     return far
 
 
-def stacked(looks: Sequence[DriftCheckPoint]) -> tuple[FloatArray, FloatArray]:
-    """Stack the drift checks' changes (looks, 2) and covariances (looks, 2, 2)."""
-    return np.stack([look.change for look in looks]), np.stack([look.covariance for look in looks])
+def stacked(changes: Iterable[DetectorEstimate]) -> tuple[FloatArray, FloatArray]:
+    """Stack the values (looks, 2) and the covariances (looks, 2, 2) of the drift checks' changes."""
+    values, covariances = zip(*((change.values, change.covariance) for change in changes), strict=True)
+    return np.array(values), np.array(covariances)
 
 
 def pooled(looks: Sequence[DriftCheckPoint]) -> PooledDriftCheckPoint:
@@ -141,17 +127,16 @@ def pooled(looks: Sequence[DriftCheckPoint]) -> PooledDriftCheckPoint:
     """
     if not looks:
         raise ValueError("0 looks cannot be pooled: give at least one")
-    means = pooled_means(*stacked(looks))
+    means = pooled_means(*stacked(look.change for look in looks))
     return PooledDriftCheckPoint(
         float(np.mean([look.days for look in looks])),
-        means.mean,
-        inverse(means.precision),
+        DetectorEstimate.of(means.mean, inverse(means.precision)),
         len(looks),
         int(np.count_nonzero(means.weights == 0.0)),
     )
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Baseline:
     """The first drift checks after a calibration, which define zero.
 

@@ -11,6 +11,7 @@ from sawmill_tomography.drift.chart.looks import Baseline, DriftCheckPoint, Pool
 from sawmill_tomography.drift.chart.segments import Segment
 from sawmill_tomography.drift.chart.spread import LookSpread
 from sawmill_tomography.geometry.geometry import FloatArray
+from sawmill_vocabulary import DetectorEstimate
 
 # Version of the layout below: a chart of another layout is built again from the drift checks.
 LAYOUT = 2
@@ -79,12 +80,12 @@ def _numbers(value: object, *shape: int) -> FloatArray:
 
 
 def _look_to_state(look: DriftCheckPoint) -> dict[str, Any]:
-    return {"days": look.days, "change": look.change.tolist(), "covariance": look.covariance.tolist()}
+    return {"days": look.days, "change": look.change.values, "covariance": look.change.covariance}
 
 
 def _look(state: Mapping[str, Any]) -> dict[str, Any]:
-    days = float(_numbers(state["days"]))
-    return {"days": days, "change": _numbers(state["change"], 2), "covariance": _numbers(state["covariance"], 2, 2)}
+    change = DetectorEstimate.of(_numbers(state["change"], 2), _numbers(state["covariance"], 2, 2))
+    return {"days": float(_numbers(state["days"])), "change": change}
 
 
 def _baseline(state: Mapping[str, Any]) -> Baseline:

@@ -104,14 +104,14 @@ def witness_of(calibration: CalibrationOutcome, calibration_input: CalibrationIn
     return contracts.SecondWitness(
         log_rows=(calibration_input.log_rows[0], calibration_input.log_rows[-1] + 1),
         log_rows_averaged=len(calibration_input.log_rows),
-        log=_pair(witness.log.seen),
-        log_standard_deviation=_deviation(witness.log.covariance),
-        phantom=_pair(witness.phantom_seen),
-        phantom_standard_deviation=_deviation(witness.phantom_covariance),
-        difference=_pair(witness.difference),
-        difference_standard_deviation=_deviation(witness.difference_covariance),
-        reported=_pair(witness.reported),
-        reported_standard_deviation=_deviation(witness.reported_covariance),
+        log=_pair(witness.log.detector.values),
+        log_standard_deviation=_pair(witness.log.detector.deviations),
+        phantom=_pair(witness.phantom.values),
+        phantom_standard_deviation=_pair(witness.phantom.deviations),
+        difference=_pair(witness.difference.values),
+        difference_standard_deviation=_pair(witness.difference.deviations),
+        reported=_pair(witness.reported.values),
+        reported_standard_deviation=_pair(witness.reported.deviations),
         chi_squared=witness.chi_squared,
         ray_change_mm=witness.ray_change_mm,
         agreement=witness.agreement,
@@ -176,10 +176,6 @@ def _span(rows: tuple[int, ...]) -> str:
     return f"{rows[0]}:{rows[-1] + 1}"
 
 
-def _pair(values: FloatArray) -> contracts.ColumnAndTilt:
-    column, tilt = (float(value) for value in values)
+def _pair(values: tuple[float, float]) -> contracts.ColumnAndTilt:
+    column, tilt = values
     return contracts.ColumnAndTilt(cor_column_mm=column, tilt_rad=tilt)
-
-
-def _deviation(covariance: FloatArray) -> contracts.ColumnAndTilt:
-    return _pair(np.sqrt(np.diag(covariance)))

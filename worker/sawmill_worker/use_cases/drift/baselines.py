@@ -5,7 +5,6 @@ from collections.abc import Iterable, Iterator, Sequence
 from datetime import datetime
 from pathlib import Path
 
-import numpy as np
 from pydantic import ValidationError
 
 from sawmill_contracts.calibrations import CalibrationResult
@@ -15,9 +14,7 @@ from sawmill_contracts.drifts import DriftResult
 from sawmill_platform.contracts.attempts import JobFailure
 from sawmill_platform.contracts.base import placed_complaint
 from sawmill_tomography.drift.chart.looks import Baseline, DriftCheckPoint
-from sawmill_worker.use_cases.drift.given_geometry import (
-    GivenGeometry,
-)
+from sawmill_worker.use_cases.drift.given_geometry import GivenGeometry
 from sawmill_worker.use_cases.failures import refused
 
 # Answers written by the service or the command line have a few kilobytes.
@@ -29,16 +26,15 @@ def known_baseline(
 ) -> KnownBaseline:
     """Convert a baseline to its contract."""
     zero = baseline.estimate
-    column, tilt = (float(value) for value in zero.change)
     return KnownBaseline(
         method=method,
         looks=zero.looks,
         outliers=zero.outliers,
         first_at=first_at,
         last_at=last_at,
-        cor_column_offset_mm=column,
-        tilt_offset_rad=tilt,
-        covariance=zero.covariance.tolist(),
+        cor_column_offset_mm=zero.change.cor_column_mm,
+        tilt_offset_rad=zero.change.tilt_rad,
+        covariance=[list(row) for row in zero.change.covariance],
     )
 
 
@@ -91,16 +87,11 @@ def baselines_of(
 
 def _of(method: DriftMethod, results: Sequence[DriftResult]) -> KnownBaseline:
     try:
-        baseline = Baseline.of([_look(result) for result in results])
+        baseline = Baseline.of([DriftCheckPoint(0.0, result.detector_change) for result in results])
     except ValueError as error:
         raise refused("baseline", f"by {method}, {error}") from error
     times = [result.at for result in results if result.at is not None]
     return known_baseline(baseline, method, min(times, default=None), max(times, default=None))
-
-
-def _look(result: DriftResult) -> DriftCheckPoint:
-    change = np.array([result.change.cor_column_mm, result.change.tilt_rad])
-    return DriftCheckPoint(0.0, change, np.array(result.covariance)[:2, :2])
 
 
 def _why_not(result: DriftResult, calibration: CalibrationResult, checked_sha256: str) -> str | None:

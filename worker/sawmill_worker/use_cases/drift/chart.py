@@ -14,9 +14,8 @@ from sawmill_tomography.drift.chart.chart import ChartFinding, DriftChart
 from sawmill_tomography.drift.chart.looks import DriftCheckPoint, pooled_means, stacked
 from sawmill_tomography.drift.chart.matrices import inverse
 from sawmill_tomography.drift.chart.state import chart_from_state, chart_to_state
-from sawmill_worker.use_cases.drift.baselines import (
-    known_baseline,
-)
+from sawmill_vocabulary import DetectorEstimate
+from sawmill_worker.use_cases.drift.baselines import known_baseline
 
 
 def follow(
@@ -30,7 +29,7 @@ def follow(
     start = looks[0].at - timedelta(days=looks[0].days)
     finding, baseline, alarm, scatters = _reported(chart.finding(), start), None, None, []
     for counted in looks:
-        previous, chart = chart, chart.with_look(_look(counted))
+        previous, chart = chart, chart.with_look(DriftCheckPoint(counted.days, counted.change))
         if chart.baseline is not None and previous.baseline is None:
             first_at, last_at = (
                 start + timedelta(days=days) for days in (previous.pending[0].days, chart.baseline.until_days)
@@ -46,51 +45,34 @@ def follow(
     return Followed(chart_to_state(chart), baseline, finding, alarm, pools)
 
 
-def _look(counted: CountedLook) -> DriftCheckPoint:
-    change = np.array([counted.cor_column_change_mm, counted.tilt_change_rad])
-    return DriftCheckPoint(counted.days, change, np.array(counted.covariance))
-
-
 def _pools(before: Sequence[CountedLook], looks: Sequence[CountedLook], scatters: Sequence[float]) -> Iterator[Pool]:
     """Yield for each drift check the pool of the latest checks, as uncertain as the checks scatter by then."""
-    change, covariance = stacked([_look(counted) for counted in (*before, *looks)])
+    change, covariance = stacked([counted.change for counted in (*before, *looks)])
     newest = iter(zip(looks, scatters, strict=True))
     ends = range(len(before) + 1, len(before) + len(looks) + 1)
     for number, its_ends in groupby(ends, lambda end: min(end, POOLED_LOOKS)):
         which = np.array([range(end - number, end) for end in its_ends])
         means = pooled_means(change[which], covariance[which])
-        deviations = np.sqrt(np.diagonal(inverse(means.precision), axis1=-2, axis2=-1))
-        for (column, tilt), deviation in zip(means.mean, deviations, strict=True):
+        for mean, own in zip(means.mean, inverse(means.precision), strict=True):
             counted, scatter = next(newest)
-            yield Pool(
-                number,
-                float(counted.cor_column_mm - counted.cor_column_change_mm + column),
-                float(scatter * deviation[0]),
-                float(counted.tilt_rad - counted.tilt_change_rad + tilt),
-                float(scatter * deviation[1]),
-            )
+            yield Pool(number, DetectorEstimate.of(counted.calibrated + mean, scatter**2 * own))
 
 
 def _reported(finding: ChartFinding, start: datetime) -> DriftFinding:
     plain = DriftFinding(
         kind=finding.kind.value, evidence=finding.evidence, limit=finding.limit, scatter=finding.scatter
     )
-    if (
-        finding.began_days is None
-        or finding.between_days is None
-        or finding.change is None
-        or finding.covariance is None
-    ):
+    if finding.began_days is None or finding.between_days is None or finding.change is None:
         return plain
-    (column, tilt), (column_deviation, tilt_deviation) = finding.change, np.sqrt(np.diag(finding.covariance))
+    (column, tilt), (column_deviation, tilt_deviation) = finding.change.values, finding.change.deviations
     # Checks have the clock times at which they ended, and the clock may have been set back.
     first, last = sorted(finding.between_days)
     return plain.model_copy(
         update={
             "began_at": start + timedelta(days=min(max(finding.began_days, first), last)),
             "began_between": (start + timedelta(days=first), start + timedelta(days=last)),
-            "cor_column_change_mm": float(column),
-            "cor_column_standard_deviation_mm": float(column_deviation),
+            "cor_column_change_mm": column,
+            "cor_column_standard_deviation_mm": column_deviation,
             "tilt_change_deg": math.degrees(tilt),
             "tilt_standard_deviation_deg": math.degrees(tilt_deviation),
         }

@@ -30,7 +30,6 @@ from sawmill_tomography.drift.change import (
     seen_vector,
     zero_offset_mm,
 )
-from sawmill_tomography.drift.chart.looks import DriftCheckPoint
 from sawmill_tomography.drift.detector_fit import detector_fit
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner, SourceFrame
 from sawmill_tomography.geometry.log_radius import refuse_log_beyond_source
@@ -153,7 +152,7 @@ def run_drift(drift_input: DriftInput) -> DriftResult:
     baseline = next((each for each in drift_input.baselines if each.method == method), None)
     changed, zero = absolute, None
     if baseline is not None:
-        changed = drift_change(scanner, calibrated, covariance, fit, zero=_zero_of(baseline), radius_mm=radius_mm)
+        changed = drift_change(scanner, calibrated, covariance, fit, zero=baseline.offset, radius_mm=radius_mm)
         zero = _reported(baseline, scanner, calibrated, fit, changed, radius_mm)
     turned_over = fit.rotation is not reference.rotation
     within = None if nominal else _within(changed, drift_input, zero, turned_over=turned_over)
@@ -258,11 +257,6 @@ def _of_the_detector(
     return cause if zero is None else f"since the first {zero.looks} logs after the calibration, {cause}"
 
 
-def _zero_of(baseline: KnownBaseline) -> DriftCheckPoint:
-    change = np.array([baseline.cor_column_offset_mm, baseline.tilt_offset_rad])
-    return DriftCheckPoint(0.0, change, np.array(baseline.covariance))
-
-
 def _method(fit: DetectorFit) -> DriftMethod:
     return "opposite-rays" if isinstance(fit, ConjugateFit) else "view-pairs"
 
@@ -275,10 +269,9 @@ def _reported(
     changed: DriftChange,
     radius_mm: float,
 ) -> DriftBaseline:
-    zero = _zero_of(baseline)
     return DriftBaseline(
         **dict(baseline),
-        ray_offset_mm=zero_offset_mm(scanner, calibrated, zero, radius_mm=radius_mm),
+        ray_offset_mm=zero_offset_mm(scanner, calibrated, baseline.offset, radius_mm=radius_mm),
         change=_detector(changed.change),
         change_standard_deviation=_deviation(fit, changed.deviation),
         significance=_deviation(fit, changed.significance),

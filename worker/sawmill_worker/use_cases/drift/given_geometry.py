@@ -16,7 +16,7 @@ from sawmill_tomography.geometry.geometry import (
     cell_centres_mm,
 )
 from sawmill_tomography.reconstruction.object_extent import seen_radius_mm
-from sawmill_vocabulary import LARGEST_ASSUMED_LOG_RADIUS_MM, Rotation
+from sawmill_vocabulary import LARGEST_ASSUMED_LOG_RADIUS_MM, DetectorEstimate, Rotation
 
 
 @dataclass(frozen=True)
@@ -68,53 +68,37 @@ def with_coarse_column(
 
 @dataclass(frozen=True)
 class Correction:
-    """Correction of a given geometry by a scan, with SDD held at the given value.
-
-    Attributes
-    ----------
-    column_deviation_mm, tilt_deviation_rad : float
-        Standard deviations of u_c and tau at the given SDD.
-    """
+    """Correction of a given geometry by a scan: theta, and its u_c and tau at the given SDD."""
 
     theta: Theta
-    frame: SourceFrame
-    column_deviation_mm: float
-    tilt_deviation_rad: float
+    detector: DetectorEstimate
 
 
 def corrected_theta(geometry: GivenGeometry, fit: DetectorFit) -> Correction:
     """Set u_c and tau to the scan's values at the given SDD, which a ruler measures better than a log shows it."""
-    frame, covariance = geometry.source_frame, fit.covariance
-    values, spread = np.array([fit.cor_column_mm, fit.tilt_rad]), covariance[:2, :2]
-    if not fit.distance_held:
-        by_distance = covariance[:2, 2] / covariance[2, 2]
-        values = values + by_distance * (frame.source_to_detector_mm - fit.source_to_detector_mm)
-        spread = spread - np.outer(by_distance, covariance[2, :2])
-    column, tilt = values.tolist()
-    corrected = replace(frame, cor_column_mm=column, tilt_rad=tilt)
+    detector = fit.at_distance(geometry.source_frame.source_to_detector_mm)
+    corrected = replace(geometry.source_frame, cor_column_mm=detector.cor_column_mm, tilt_rad=detector.tilt_rad)
     sign = int(math.copysign(1, geometry.theta.source_shift_mm))
-    theta = corrected.theta(geometry.scanner.source_to_cor_mm, source_shift_sign=sign)
-    deviations = np.sqrt(np.diag(spread)).tolist()
-    return Correction(theta, corrected, *deviations)
+    return Correction(corrected.theta(geometry.scanner.source_to_cor_mm, source_shift_sign=sign), detector)
 
 
 def found_column(geometry: GivenGeometry, fit: DetectorFit, correction: Correction) -> str:
     """Describe what was found and what was kept, in one sentence each, with the `--theta` for a reconstruction."""
-    theta = correction.theta
+    theta, (column, tilt) = correction.theta, correction.detector.values
+    column_deviation, tilt_deviation = correction.detector.deviations
     written = (
         f"{math.degrees(theta.initial_angle_rad):.8g}deg,{theta.detector_to_cor_mm:.8g},{theta.source_shift_mm:.8g},"
         f"{theta.detector_shift_mm:.8g},{math.degrees(math.atan(theta.detector_tilt)):.6g}deg"
     )
     turned = "" if fit.rotation is Rotation.AS_GIVEN else f" --rotation {fit.rotation.value}"
     sentence = (
-        f"the COR falls on the detector at u_c {correction.frame.cor_column_mm:.4g} ± "
-        f"{correction.column_deviation_mm:.2g} mm with a tilt of {math.degrees(correction.frame.tilt_rad):.3g} ± "
-        f"{math.degrees(correction.tilt_deviation_rad):.2g} degrees (standard deviations): reconstruct with --theta "
-        f"{written}{turned}, in which these two are measured, and R, SDD and the first angle are as given"
+        f"the COR falls on the detector at u_c {column:.4g} ± {column_deviation:.2g} mm with a tilt "
+        f"of {math.degrees(tilt):.3g} ± {math.degrees(tilt_deviation):.2g} degrees (standard deviations): reconstruct "
+        f"with --theta {written}{turned}, in which these two are measured, and R, SDD and the first angle are as given"
     )
     if fit.rotation is not geometry.rotation:
         sentence += f"; the views turn {fit.rotation.value}, not {geometry.rotation.value}"
     distance, deviation = fit.source_to_detector_mm, fit.deviation[2]
-    if abs(distance - correction.frame.source_to_detector_mm) > SIGNIFICANT * deviation > 0.0:
+    if abs(distance - geometry.source_frame.source_to_detector_mm) > SIGNIFICANT * deviation > 0.0:
         sentence += f"; the scan itself shows an SDD of {distance:.5g} ± {deviation:.2g} mm: check the distances"
     return sentence
