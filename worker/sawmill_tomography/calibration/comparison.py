@@ -13,10 +13,10 @@ from sawmill_tomography.geometry.ray_error import RayError, ray_error, scale_dev
 
 @dataclass(frozen=True)
 class ChangeLimits:
-    """Largest allowed changes between two calibrations; an `angle_change_deg` of None allows any first angle."""
+    """Largest allowed changes between two calibrations; a `psi_change_rad` of None allows any first angle."""
 
     ray_change_mm: float
-    angle_change_deg: float | None
+    psi_change_rad: float | None
     log_radius_mm: float
     scale_change_percent: float
 
@@ -38,10 +38,10 @@ class GeometryChange:
     ray_change_mm: float
     scale_change_percent: float
     scale_change_uncertainty_percent: float | None
-    angle_change_deg: float
+    psi_change_rad: float
     cor_column_change_mm: float
     source_distance_change_mm: float
-    tilt_change_deg: float
+    tilt_change_rad: float
     within_tolerance: bool
     reason: str
 
@@ -57,10 +57,10 @@ def compare(
         ray_change_mm=moved.rms_mm,
         scale_change_percent=100.0 * moved.scale_change,
         scale_change_uncertainty_percent=spread,
-        angle_change_deg=math.degrees(angle_difference(new.frame.psi_rad, active.frame.psi_rad)),
+        psi_change_rad=angle_difference(new.frame.psi_rad, active.frame.psi_rad),
         cor_column_change_mm=new.frame.cor_column_mm - active.frame.cor_column_mm,
         source_distance_change_mm=new.frame.source_distance_mm - active.frame.source_distance_mm,
-        tilt_change_deg=math.degrees(new.frame.tilt_rad - active.frame.tilt_rad),
+        tilt_change_rad=new.frame.tilt_rad - active.frame.tilt_rad,
         within_tolerance=True,
         reason="",
     )
@@ -88,10 +88,10 @@ def _complaints(
             yield f"the rays moved {moved_mm:.2f} mm RMS where {limits.ray_change_mm:.2f} mm is allowed: {cause}"
         if resized:
             yield f"{_described_scale(change)} where {limits.scale_change_percent:.2g} % is allowed: {cause}"
-    if limits.angle_change_deg is not None and abs(change.angle_change_deg) > limits.angle_change_deg:
+    if limits.psi_change_rad is not None and abs(change.psi_change_rad) > limits.psi_change_rad:
         yield (
-            f"the first angle changed by {change.angle_change_deg:+.3f} degrees and the rays did not move: the phantom "
-            "was mounted turned, or the encoder's zero moved"
+            f"the first angle changed by {math.degrees(change.psi_change_rad):+.3f} degrees and the rays did not move: "
+            "the phantom was mounted turned, or the encoder's zero moved"
         )
 
 

@@ -1,5 +1,7 @@
 """Comparison of a new calibration with the active calibration, as a contract."""
 
+import math
+
 import numpy as np
 
 from sawmill_contracts.calibrations import CalibrationResult, CalibrationSucceeded, Comparison
@@ -23,6 +25,13 @@ def compared(active: CalibrationSucceeded, new: CalibratedGeometry, scanner: Sto
     """Compute what changed since the active calibration, by the scanner's constants and tolerances."""
     tolerances = scanner.tolerances
     radius_mm = scanner.log_radius_mm or active.radius_mm
-    limits = ChangeLimits(tolerances.ray_change_mm, tolerances.angle_change_deg, radius_mm, tolerances.scale_percent)
+    psi_rad = None if tolerances.angle_change_deg is None else math.radians(tolerances.angle_change_deg)
+    limits = ChangeLimits(tolerances.ray_change_mm, psi_rad, radius_mm, tolerances.scale_percent)
     change = compare(scanner.constants, geometry_of(active), new, limits)
-    return Comparison(calibration_id=active.id, tolerance_mm=limits.ray_change_mm, **vars(change))
+    return Comparison(
+        calibration_id=active.id,
+        tolerance_mm=limits.ray_change_mm,
+        angle_change_deg=math.degrees(change.psi_change_rad),
+        tilt_change_deg=math.degrees(change.tilt_change_rad),
+        **{name: value for name, value in vars(change).items() if name in Comparison.model_fields},
+    )
