@@ -204,7 +204,7 @@ def test_each_look_goes_into_its_chart_once_whoever_looks_and_after_a_kill(store
     at_once = follow({}, "view-pairs", [], looks_of(store, chart.since))
     assert chart.finding == at_once.finding
     newest = rows(store)[-1]
-    assert newest.pooled_cor_column_mm == pytest.approx(at_once.pools[-1].detector.cor_column_mm, abs=1e-9)
+    assert newest.pooled_cor_column_mm == pytest.approx(at_once.pools[-1][0].cor_column_mm, abs=1e-9)
     assert abs(newest.pooled_cor_column_mm - COLUMN) < 4.0 * newest.pooled_cor_column_standard_deviation_mm < 0.04
 
 

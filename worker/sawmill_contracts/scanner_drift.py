@@ -144,13 +144,6 @@ class CountedLook(NamedTuple):
     change: DetectorEstimate
 
 
-class Pool(NamedTuple):
-    """Mean of some drift checks, and their number."""
-
-    looks: int
-    detector: DetectorEstimate
-
-
 class Followed(NamedTuple):
     """State of a chart after further drift checks.
 
@@ -159,7 +152,7 @@ class Followed(NamedTuple):
     state
         State of the chart, as JSON.
     pools
-        Pooled values at each of the new drift checks, in their order: this one and those before it.
+        Mean at each of the new drift checks, in their order, and of how many: this one and those before it.
     alarm
         First finding that is a jump or a trend, and the time at which its drift check ended.
     """
@@ -168,7 +161,7 @@ class Followed(NamedTuple):
     baseline: KnownBaseline | None
     finding: DriftFinding
     alarm: tuple[DriftFinding, datetime] | None
-    pools: list[Pool]
+    pools: list[tuple[DetectorEstimate, int]]
 
 
 # Function that continues a chart, from its state (empty: a new chart), the method, the newest drift checks that it has

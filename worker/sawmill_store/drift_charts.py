@@ -21,7 +21,6 @@ from sawmill_contracts.scanner_drift import (
     CountedLook,
     Follow,
     Followed,
-    Pool,
     PooledDrift,
     ScannerDrift,
 )
@@ -182,7 +181,7 @@ def _write_portion(session: Session, chart: DriftChartRow | None, portion: _Port
             session.flush()
             chart = None
         pools = zip(portion.numbers, followed.pools, strict=True)
-        session.execute(update(MeasurementRow), [_pooled(number, pool) for number, pool in pools])
+        session.execute(update(MeasurementRow), [_pooled(number, *pool) for number, pool in pools])
         if chart is None:
             about = {"scanner_id": portion.scanner_id, "activation_number": portion.activation_number}
             chart = DriftChartRow(**about, method=portion.method)
@@ -210,13 +209,13 @@ def _write(chart: DriftChartRow, followed: Followed, portion: _Portion) -> None:
         chart.alarm = {"at": found_at.isoformat(), "finding": finding.model_dump(mode="json")}
 
 
-def _pooled(number: int, pool: Pool) -> dict[str, Any]:
+def _pooled(number: int, mean: DetectorEstimate, looks: int) -> dict[str, Any]:
     """Return the columns of a measurement that is in its chart, and so waits no longer."""
-    (column, tilt), (column_deviation, tilt_deviation) = pool.detector.values, pool.detector.deviations
+    (column, tilt), (column_deviation, tilt_deviation) = mean.values, mean.deviations
     return {
         "number": number,
         "awaits_chart": None,
-        "pooled_looks": pool.looks,
+        "pooled_looks": looks,
         "pooled_cor_column_mm": column,
         "pooled_cor_column_standard_deviation_mm": column_deviation,
         "pooled_tilt_rad": tilt,

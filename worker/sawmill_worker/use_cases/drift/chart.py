@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from sawmill_contracts.choices import DriftMethod
-from sawmill_contracts.scanner_drift import POOLED_LOOKS, CountedLook, DriftFinding, Followed, Pool
+from sawmill_contracts.scanner_drift import POOLED_LOOKS, CountedLook, DriftFinding, Followed
 from sawmill_tomography.drift.chart.chart import ChartFinding, DriftChart
 from sawmill_tomography.drift.chart.looks import DriftCheckPoint, pooled_means, stacked
 from sawmill_tomography.drift.chart.matrices import inverse
@@ -45,8 +45,10 @@ def follow(
     return Followed(chart_to_state(chart), baseline, finding, alarm, pools)
 
 
-def _pools(before: Sequence[CountedLook], looks: Sequence[CountedLook], scatters: Sequence[float]) -> Iterator[Pool]:
-    """Yield for each drift check the pool of the latest checks, as uncertain as the checks scatter by then."""
+def _pools(
+    before: Sequence[CountedLook], looks: Sequence[CountedLook], scatters: Sequence[float]
+) -> Iterator[tuple[DetectorEstimate, int]]:
+    """Yield for each drift check the mean of the latest checks, as uncertain as the checks scatter by then."""
     change, covariance = stacked([counted.change for counted in (*before, *looks)])
     newest = iter(zip(looks, scatters, strict=True))
     ends = range(len(before) + 1, len(before) + len(looks) + 1)
@@ -55,7 +57,7 @@ def _pools(before: Sequence[CountedLook], looks: Sequence[CountedLook], scatters
         means = pooled_means(change[which], covariance[which])
         for mean, own in zip(means.mean, inverse(means.precision), strict=True):
             counted, scatter = next(newest)
-            yield Pool(number, DetectorEstimate.of(counted.calibrated + mean, scatter**2 * own))
+            yield DetectorEstimate.of(counted.calibrated + mean, scatter**2 * own), number
 
 
 def _reported(finding: ChartFinding, start: datetime) -> DriftFinding:

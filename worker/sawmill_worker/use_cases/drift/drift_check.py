@@ -156,7 +156,6 @@ def run_drift(drift_input: DriftInput) -> DriftResult:
         zero = _reported(baseline, scanner, calibrated, fit, changed, radius_mm)
     turned_over = fit.rotation is not reference.rotation
     within = None if nominal else _within(changed, drift_input, zero, turned_over=turned_over)
-    correction = None if nominal is None else corrected_theta(nominal, fit)
     return DriftResult(
         measured=_detector(seen_vector(fit)),
         standard_deviation=_deviation(fit, fit.deviation),
@@ -166,7 +165,7 @@ def run_drift(drift_input: DriftInput) -> DriftResult:
         change_standard_deviation=_deviation(fit, absolute.deviation),
         significance=_deviation(fit, absolute.significance),
         reference="given-geometry" if nominal else "calibration" if zero is None else "baseline",
-        theta=None if correction is None else correction.theta,
+        theta=None if nominal is None else corrected_theta(nominal, fit),
         baseline=zero,
         moved=changed.moved and nominal is None,
         ray_change_mm=changed.ray_change_mm,
@@ -178,8 +177,8 @@ def run_drift(drift_input: DriftInput) -> DriftResult:
         within_tolerance=within,
         reason=(
             _reason(drift_input, fit, changed, zero, within=within, turned_over=turned_over)
-            if nominal is None or correction is None
-            else found_column(nominal, fit, correction)
+            if nominal is None
+            else found_column(nominal, fit)
         ),
         method=method,
         not_seen=_not_seen(fit, zero),

@@ -16,7 +16,7 @@ from sawmill_tomography.geometry.geometry import (
     cell_centres_mm,
 )
 from sawmill_tomography.reconstruction.object_extent import seen_radius_mm
-from sawmill_vocabulary import LARGEST_ASSUMED_LOG_RADIUS_MM, DetectorEstimate, Rotation
+from sawmill_vocabulary import LARGEST_ASSUMED_LOG_RADIUS_MM, Rotation
 
 
 @dataclass(frozen=True)
@@ -66,26 +66,19 @@ def with_coarse_column(
     return replace(frame, cor_column_mm=float(np.clip(column, u[0], u[-1])))
 
 
-@dataclass(frozen=True)
-class Correction:
-    """Correction of a given geometry by a scan: theta, and its u_c and tau at the given SDD."""
-
-    theta: Theta
-    detector: DetectorEstimate
-
-
-def corrected_theta(geometry: GivenGeometry, fit: DetectorFit) -> Correction:
+def corrected_theta(geometry: GivenGeometry, fit: DetectorFit) -> Theta:
     """Set u_c and tau to the scan's values at the given SDD, which a ruler measures better than a log shows it."""
     detector = fit.at_distance(geometry.source_frame.source_to_detector_mm)
     corrected = replace(geometry.source_frame, cor_column_mm=detector.cor_column_mm, tilt_rad=detector.tilt_rad)
     sign = int(math.copysign(1, geometry.theta.source_shift_mm))
-    return Correction(corrected.theta(geometry.scanner.source_to_cor_mm, source_shift_sign=sign), detector)
+    return corrected.theta(geometry.scanner.source_to_cor_mm, source_shift_sign=sign)
 
 
-def found_column(geometry: GivenGeometry, fit: DetectorFit, correction: Correction) -> str:
+def found_column(geometry: GivenGeometry, fit: DetectorFit) -> str:
     """Describe what was found and what was kept, in one sentence each, with the `--theta` for a reconstruction."""
-    theta, (column, tilt) = correction.theta, correction.detector.values
-    column_deviation, tilt_deviation = correction.detector.deviations
+    theta, given_distance = corrected_theta(geometry, fit), geometry.source_frame.source_to_detector_mm
+    detector = fit.at_distance(given_distance)
+    (column, tilt), (column_deviation, tilt_deviation) = detector.values, detector.deviations
     written = (
         f"{math.degrees(theta.initial_angle_rad):.8g}deg,{theta.detector_to_cor_mm:.8g},{theta.source_shift_mm:.8g},"
         f"{theta.detector_shift_mm:.8g},{math.degrees(math.atan(theta.detector_tilt)):.6g}deg"
@@ -99,6 +92,6 @@ def found_column(geometry: GivenGeometry, fit: DetectorFit, correction: Correcti
     if fit.rotation is not geometry.rotation:
         sentence += f"; the views turn {fit.rotation.value}, not {geometry.rotation.value}"
     distance, deviation = fit.source_to_detector_mm, fit.deviation[2]
-    if abs(distance - geometry.source_frame.source_to_detector_mm) > SIGNIFICANT * deviation > 0.0:
+    if abs(distance - given_distance) > SIGNIFICANT * deviation > 0.0:
         sentence += f"; the scan itself shows an SDD of {distance:.5g} ± {deviation:.2g} mm: check the distances"
     return sentence
