@@ -76,8 +76,8 @@ def corrected_theta(geometry: GivenGeometry, fit: DetectorFit) -> Theta:
 
 def found_column(geometry: GivenGeometry, fit: DetectorFit) -> str:
     """Describe what was found and what was kept, in one sentence each, with the `--theta` for a reconstruction."""
-    theta, given_distance = corrected_theta(geometry, fit), geometry.source_frame.source_to_detector_mm
-    detector = fit.at_distance(given_distance)
+    theta, given_sdd_mm = corrected_theta(geometry, fit), geometry.source_frame.source_to_detector_mm
+    detector = fit.at_distance(given_sdd_mm)
     (column, tilt), (column_deviation, tilt_deviation) = detector.values, detector.deviations
     written = (
         f"{math.degrees(theta.initial_angle_rad):.8g}deg,{theta.detector_to_cor_mm:.8g},{theta.source_shift_mm:.8g},"
@@ -92,6 +92,6 @@ def found_column(geometry: GivenGeometry, fit: DetectorFit) -> str:
     if fit.rotation is not geometry.rotation:
         sentence += f"; the views turn {fit.rotation.value}, not {geometry.rotation.value}"
     distance, deviation = fit.source_to_detector_mm, fit.deviation[2]
-    if abs(distance - given_distance) > SIGNIFICANT * deviation > 0.0:
+    if abs(distance - given_sdd_mm) > SIGNIFICANT * deviation > 0.0:
         sentence += f"; the scan itself shows an SDD of {distance:.5g} ± {deviation:.2g} mm: check the distances"
     return sentence
