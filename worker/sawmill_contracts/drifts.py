@@ -11,8 +11,9 @@ from sawmill_contracts.detector_values import DetectorDeviation, DetectorGeometr
 from sawmill_contracts.drift_baselines import DriftBaseline
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.kinds import AskedKind, Operation, Reference, stored_as
+from sawmill_contracts.quantities import Covariance
 from sawmill_contracts.row_ranges import Rows
-from sawmill_platform.contracts.base import Contract, Covariance, Identifier, Stamped, Time
+from sawmill_platform.contracts.base import Contract, Identifier, Stamped, Time
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.jobs import Failure, JobState
 from sawmill_vocabulary import Rotation, Theta

@@ -6,7 +6,8 @@ from typing import Annotated
 from pydantic import AfterValidator, Field, WithJsonSchema, computed_field, model_validator
 from pydantic.dataclasses import dataclass
 
-from sawmill_platform.contracts.base import Contract, PositiveMm, check_range
+from sawmill_contracts.quantities import PositiveMm
+from sawmill_platform.contracts.base import Contract
 from sawmill_vocabulary import LARGEST_MM, CoordinateMm, Scanner, SourceFrame, Theta, ThetaBounds
 
 # A detector's cell is larger than the wavelength of light, and the source is outside of any log.
@@ -37,15 +38,23 @@ class ScannerConstants(Scanner):
     )
 
 
+def _check_range(value: tuple[float, float]) -> tuple[float, float]:
+    """Check that the value is a range [low, high]."""
+    if not value[0] < value[1]:
+        msg = f"a range must be [low, high] with low < high, not {list(value)}"
+        raise ValueError(msg)
+    return value
+
+
 # Bounds of the vocabulary's fields, for types with tighter bounds.
 _BOUNDS = {one.name: one.metadata for one in fields(ThetaBounds)}
 _THETA = {one.name: one.metadata for one in fields(Theta)}
 
 Slope = Annotated[float, Field(ge=-10, le=10)]
 # Ranges that `ThetaBounds` may have in a request.
-CoordinateRange = Annotated[tuple[CoordinateMm, CoordinateMm], AfterValidator(check_range)]
-DistanceRange = Annotated[tuple[Annotated[float, Field(ge=0, le=LARGEST_MM)], PositiveMm], AfterValidator(check_range)]
-SlopeRange = Annotated[tuple[Slope, Slope], AfterValidator(check_range)]
+CoordinateRange = Annotated[tuple[CoordinateMm, CoordinateMm], AfterValidator(_check_range)]
+DistanceRange = Annotated[tuple[Annotated[float, Field(ge=0, le=LARGEST_MM)], PositiveMm], AfterValidator(_check_range)]
+SlopeRange = Annotated[tuple[Slope, Slope], AfterValidator(_check_range)]
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,15 @@ PHANTOM_DELETED = EventKind.register("phantom-deleted", is_decision=True)
 SCHEDULE_CREATED = EventKind.register("schedule-created", is_decision=True, topic="schedule")
 SCHEDULE_CHANGED = EventKind.register("schedule-changed", is_decision=True, topic="schedule")
 SCHEDULE_DELETED = EventKind.register("schedule-deleted", is_decision=True, topic="schedule")
-SCHEDULE_MISSED = EventKind.register("schedule-missed", topic="schedule")
+SCHEDULE_MISSED = EventKind.register(
+    "schedule-missed",
+    topic="schedule",
+    meaning="a due time, `due_at`, passed and nothing was queued, for `reason`, once until the schedule runs again",
+)
 INSPECTION_DELETED = EventKind.register("inspection-deleted", is_decision=True)
-ALARM_OPENED = EventKind.register("alarm-opened", topic="alarm")
+ALARM_OPENED = EventKind.register(
+    "alarm-opened",
+    topic="alarm",
+    meaning="an alarm of a scanner, the `detail`, which `/v1/alarms` lists until `alarm-closed`",
+)
 ALARM_CLOSED = EventKind.register("alarm-closed", topic="alarm")
