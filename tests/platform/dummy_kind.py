@@ -69,6 +69,8 @@ class SumRow(Resource):
 class Sums:
     """The subjects of these jobs."""
 
+    named_folders = ()
+
     def __init__(self, files):
         self._files = files
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import sawmill_platform
 
 # Names of the product that clients, services and disks know: packages, variables, the command, queues, files and keys.
-PRODUCT = re.compile(r'sawmill[_.-]\w*|"sawmill"|sawmill serve', re.IGNORECASE)
+PRODUCT = re.compile(r'sawmill[_.-]\w*|"sawmill"|sawmill (serve|restore)', re.IGNORECASE)
 MILL = re.compile(r"scanner|\bscans?\b|phantom|calibrat|reconstruct|inspection|tomogra|mills?\b|board", re.IGNORECASE)
 
 

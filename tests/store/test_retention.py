@@ -24,7 +24,6 @@ from sawmill_platform.errors import Conflict, NotFound
 from sawmill_store.retention import protected, retention_store
 from sawmill_store.retention import retention_runner as retiring
 from sawmill_store.retention.growth import Filling, growth_of
-from sawmill_store.retention.leftovers import Leftovers
 from sawmill_store.retention.retention_runner import RetentionKeeper
 from sawmill_store.store import Store
 from sawmill_store.tables import ReconstructionRow, ScanRow
@@ -460,7 +459,7 @@ def test_a_kill_between_rows_and_files_leaves_what_leftovers_remove(mill, settin
     assert all(place.exists() for place in places)
     assert mill.retention.get().removed[0].number == 1
     now_s = [0.0]
-    leftovers = Leftovers(mill.database, mill.files, grace_s=1.0, now_s=lambda: now_s[0])
+    leftovers = mill.leftovers(grace_s=1.0, now_s=lambda: now_s[0])
     leftovers.remove_some()
     now_s[0] = 2.0
     assert sorted(leftovers.remove_some()) == sorted(places)

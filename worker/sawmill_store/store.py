@@ -1,9 +1,6 @@
 """Everything that a mill stores, behind one object."""
 
-from pathlib import Path
 from typing import Self
-
-from sqlalchemy import Connection
 
 from sawmill_contracts import drifts, plans, reconstructions
 from sawmill_contracts.built_in import BUILT_IN_PHANTOMS
@@ -12,7 +9,6 @@ from sawmill_platform.database.clock import Clock
 from sawmill_platform.settings import StorageSettings
 from sawmill_platform.store import JobServiceStore
 from sawmill_store.alarms import Alarms
-from sawmill_store.backups.named_files import lost_files
 from sawmill_store.calibrations import Calibrations
 from sawmill_store.drift_charts import DriftCharts
 from sawmill_store.history import Histories
@@ -22,8 +18,6 @@ from sawmill_store.mill_files import MillFiles
 from sawmill_store.overviews import Overviews
 from sawmill_store.phantoms import Phantoms
 from sawmill_store.requests.asked import Asked
-from sawmill_store.retention.leftovers import Leftovers
-from sawmill_store.retention.named_by_rows import first_named
 from sawmill_store.retention.retention_runner import RetentionKeeper
 from sawmill_store.retention.retention_store import RetentionStore
 from sawmill_store.scanners import Scanners
@@ -69,10 +63,6 @@ class Store(JobServiceStore):
         """Return the store of the requests of one kind."""
         return Asked(self.database, self.files, self.places, declared)
 
-    def leftovers(self, *, grace_s: float) -> Leftovers:
-        """Return the remover of files that no row names; files are removed after a grace, seconds."""
-        return Leftovers(self.database, self.files, grace_s=grace_s)
-
     def retention_keeper(self) -> RetentionKeeper:
         """Return the remover of everything that the rules of retention reach."""
         return RetentionKeeper(self.database, self.files)
@@ -94,20 +84,6 @@ class Store(JobServiceStore):
         store.prepare(may_begin=may_begin)
         return store
 
-    def named_folders(self, connection: Connection) -> list[Path]:
-        """Return some of the folders that rows name."""
-        return first_named(connection, self.files.folder)
-
     def fill_new(self) -> None:
         """Write the phantoms that come with the software."""
         self.phantoms.seed_built_in(BUILT_IN_PHANTOMS)
-
-    def lost_files(self) -> list[str]:
-        """Return the paths in the data folder of files that rows name and that are missing.
-
-        Raises
-        ------
-        StorageUnavailable, OSError
-            The database does not answer, or the data folder cannot be read.
-        """
-        return lost_files(self.database, self.files.folder)

@@ -20,7 +20,7 @@ from sawmill_platform.database.database import Database
 from sawmill_platform.database.tables import REMOVABLE, EventRow, JobDependencyRow, JobRow
 from sawmill_platform.files.file_store import FileStore
 from sawmill_platform.ledger.events import announce
-from sawmill_store.retention.leftovers import noted
+from sawmill_platform.retention.leftovers import noted
 from sawmill_store.retention.measured_bytes import freed_bytes_of, measure_some, places_of
 from sawmill_store.retention.protected import may_go, none_of, protections
 from sawmill_store.retention.retention_rules import STOCKS, Reach, Stock, last_old_event, reach_of

@@ -1,0 +1,1 @@
+"""Removal of files and rows that are no longer needed."""
