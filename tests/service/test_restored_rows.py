@@ -33,6 +33,7 @@ from sawmill_platform.database.tables import (
     Ranked,
     Registered,
     RepeatRow,
+    RetentionRow,
     SenderRow,
     UtcDateTime,
 )
@@ -41,7 +42,7 @@ from sawmill_platform.keys.repeats import KeptAnswer
 from sawmill_platform.settings import StorageSettings
 from sawmill_store.backups import READERS, restore, take_backup
 from sawmill_store.store import Store
-from sawmill_store.tables import ActivationRow, AlarmRow, DriftChartRow, MeasurementRow, RetentionRow, ScheduleRunRow
+from sawmill_store.tables import ActivationRow, AlarmRow, DriftChartRow, MeasurementRow, ScheduleRunRow
 
 pytestmark = pytest.mark.slow
 

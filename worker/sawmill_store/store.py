@@ -1,11 +1,14 @@
 """Everything that a mill stores, behind one object."""
 
+import time
+from collections.abc import Callable
 from typing import Self
 
 from sawmill_contracts import drifts, plans, reconstructions
 from sawmill_contracts.built_in import BUILT_IN_PHANTOMS
 from sawmill_contracts.kinds import Answer, Ask, AskedKind
 from sawmill_platform.database.clock import Clock
+from sawmill_platform.retention.retention_runner import RetentionKeeper
 from sawmill_platform.settings import StorageSettings
 from sawmill_platform.store import JobServiceStore
 from sawmill_store.alarms import Alarms
@@ -18,8 +21,8 @@ from sawmill_store.mill_files import MillFiles
 from sawmill_store.overviews import Overviews
 from sawmill_store.phantoms import Phantoms
 from sawmill_store.requests.asked import Asked
-from sawmill_store.retention.retention_runner import RetentionKeeper
 from sawmill_store.retention.retention_store import RetentionStore
+from sawmill_store.retention.stocks import STOCKS, events_kept_by
 from sawmill_store.scanners import Scanners
 from sawmill_store.scans import Scans
 from sawmill_store.schedules import Schedules
@@ -63,9 +66,9 @@ class Store(JobServiceStore):
         """Return the store of the requests of one kind."""
         return Asked(self.database, self.files, self.places, declared)
 
-    def retention_keeper(self) -> RetentionKeeper:
-        """Return the remover of everything that the rules of retention reach."""
-        return RetentionKeeper(self.database, self.files)
+    def retention_keeper(self, *, now_s: Callable[[], float] = time.monotonic) -> RetentionKeeper:
+        """Return the remover of everything that the rules of retention reach; `now_s` is its clock, seconds."""
+        return RetentionKeeper(self.database, self.files, STOCKS, events_kept_by, now_s=now_s)
 
     @classmethod
     def open(cls, settings: StorageSettings, *, clock: Clock | None = None, may_begin: bool = True) -> Self:

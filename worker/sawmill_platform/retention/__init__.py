@@ -1,1 +1,1 @@
-"""Removal of files and rows that are no longer needed."""
+"""Removal of rows that rules of retention reach, with their files, and of files that no row names."""
