@@ -29,7 +29,6 @@ from sawmill_contracts.scans import ScanSpec
 from sawmill_contracts.schedules import ScheduleSpec
 from sawmill_platform.backups import restoring, taking
 from sawmill_platform.backups.checking import check_backup
-from sawmill_platform.backups.errors import BackupRefused
 from sawmill_platform.backups.folders import backups_in, remove_older
 from sawmill_platform.backups.laying import Laying
 from sawmill_platform.backups.manifest import FILES, MANIFEST, MANIFEST_SUM, read_entries, read_manifest
@@ -42,7 +41,7 @@ from sawmill_platform.contracts.uploads import UploadAsk
 from sawmill_platform.database.database import Database, newest_revision
 from sawmill_platform.database.engines import make_engine
 from sawmill_platform.database.tables import Base, Ranked, Registered, UtcDateTime
-from sawmill_platform.errors import Damaged, StorageFull, StorageMisconfigured
+from sawmill_platform.errors import BackupRefused, Damaged, StorageFull, StorageMisconfigured
 from sawmill_platform.files import whole_files
 from sawmill_platform.files.file_store import RESTORING, read_identity
 from sawmill_platform.files.upload_stream import AsSent

@@ -6,10 +6,28 @@ from typing import Annotated
 from pydantic import AfterValidator, Field, WithJsonSchema, computed_field, model_validator
 from pydantic.dataclasses import dataclass
 
-from sawmill_contracts.quantities import PositiveMm
 from sawmill_platform.contracts.base import Contract
 from sawmill_vocabulary import LARGEST_MM, CoordinateMm, Scanner, SourceFrame, Theta, ThetaBounds
 
+
+def _check_range(value: tuple[float, float]) -> tuple[float, float]:
+    """Check that the value is a range [low, high]."""
+    if not value[0] < value[1]:
+        msg = f"a range must be [low, high] with low < high, not {list(value)}"
+        raise ValueError(msg)
+    return value
+
+
+def _check_square(rows: list[list[float]]) -> list[list[float]]:
+    lengths = [len(row) for row in rows]
+    if not rows or lengths != [len(rows)] * len(rows):
+        msg = f"a covariance must have as many numbers in each row as it has rows, not {lengths} in {len(rows)} rows"
+        raise ValueError(msg)
+    return rows
+
+
+Covariance = Annotated[list[list[float]], AfterValidator(_check_square)]
+PositiveMm = Annotated[float, Field(gt=0, le=LARGEST_MM)]
 # A detector's cell is larger than the wavelength of light, and the source is outside of any log.
 SMALLEST_MM = {"source_to_cor_mm": 1.0, "detector_pitch_mm": 1e-3, "row_pitch_mm": 1e-3}
 # The contract states these bounds, and `ScannerAsk` checks them: earlier versions have stored smaller values.
@@ -36,14 +54,6 @@ class ScannerConstants(Scanner):
             "examples": [2.0],
         },
     )
-
-
-def _check_range(value: tuple[float, float]) -> tuple[float, float]:
-    """Check that the value is a range [low, high]."""
-    if not value[0] < value[1]:
-        msg = f"a range must be [low, high] with low < high, not {list(value)}"
-        raise ValueError(msg)
-    return value
 
 
 # Bounds of the vocabulary's fields, for types with tighter bounds.

@@ -18,14 +18,10 @@ SCHEDULE_CREATED = EventKind.register("schedule-created", is_decision=True, topi
 SCHEDULE_CHANGED = EventKind.register("schedule-changed", is_decision=True, topic="schedule")
 SCHEDULE_DELETED = EventKind.register("schedule-deleted", is_decision=True, topic="schedule")
 SCHEDULE_MISSED = EventKind.register(
-    "schedule-missed",
-    topic="schedule",
-    meaning="a due time, `due_at`, passed and nothing was queued, for `reason`, once until the schedule runs again",
+    "schedule-missed", "nothing was queued at `due_at`, for `reason`; reported once", topic="schedule"
 )
 INSPECTION_DELETED = EventKind.register("inspection-deleted", is_decision=True)
 ALARM_OPENED = EventKind.register(
-    "alarm-opened",
-    topic="alarm",
-    meaning="an alarm of a scanner, the `detail`, which `/v1/alarms` lists until `alarm-closed`",
+    "alarm-opened", "`detail` is the alarm, which `/v1/alarms` lists until `alarm-closed`", topic="alarm"
 )
 ALARM_CLOSED = EventKind.register("alarm-closed", topic="alarm")

@@ -11,7 +11,7 @@ from pydantic import ConfigDict, Field, field_validator, model_validator
 
 from sawmill_contracts import job_kinds
 from sawmill_contracts.choices import Axis
-from sawmill_contracts.quantities import PositiveMm
+from sawmill_contracts.geometry import PositiveMm
 from sawmill_platform.contracts.base import Contract, Identifier, Name, Stamped
 from sawmill_platform.contracts.given import Given, GivenDay
 from sawmill_platform.contracts.kinds import UploadedKind

@@ -5,16 +5,19 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager
 from datetime import datetime
 from functools import partial
+from pathlib import Path
 
-from sawmill_platform.backups.named_files import lost_files
+from sqlalchemy import Connection
+
+from sawmill_platform.backups.named_files import lost_files, named_by
 from sawmill_platform.database.clock import Clock
 from sawmill_platform.database.database import Database
 from sawmill_platform.database.engines import make_engine
 from sawmill_platform.database.report import DatabaseReport, damage_of, report_of
+from sawmill_platform.database.tables import Base
 from sawmill_platform.errors import FolderUnavailable
 from sawmill_platform.files.file_store import FileStore, refuse_half_restored, refuse_read_only
 from sawmill_platform.files.folder_identity import check_identity, settle_identity
-from sawmill_platform.files.named_folders import first_named
 from sawmill_platform.jobs.job_store import Jobs
 from sawmill_platform.jobs.queue_limits import Places
 from sawmill_platform.jobs.subjects import Subjects
@@ -116,8 +119,7 @@ class JobServiceStore:
         StorageMisconfigured, StorageFull, StorageUnavailable
             The database cannot be used.
         """
-        named = partial(first_named, self._named_folders, self.files.folder)
-        settle = partial(settle_identity, folder=self.files.folder, may_begin=may_begin, named=named)
+        settle = partial(settle_identity, folder=self.files.folder, may_begin=may_begin, named=self._needed_folders)
         try:
             self._prepare_folder(may_begin=may_begin)
             self.database.upgrade(and_then=settle)
@@ -127,6 +129,11 @@ class JobServiceStore:
         except BaseException:
             self.close()
             raise
+
+    def _needed_folders(self, connection: Connection) -> list[Path]:
+        """Return the folders that rows of an earlier version name, and that identify its data folder."""
+        named = named_by(connection, self._named_folders, Base.metadata.tables)
+        return [self.files.folder / each.path for each in named if each.needed]
 
     def _prepare_folder(self, *, may_begin: bool) -> None:
         """Make the folder of a new database file, if a new one is allowed; refuse a folder on a read-only disk."""

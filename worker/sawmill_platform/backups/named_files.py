@@ -3,6 +3,7 @@
 import os
 import stat
 from collections.abc import Collection, Iterable, Iterator, Sequence
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import NamedTuple
 
@@ -11,7 +12,7 @@ from sqlalchemy import Connection, Select, Table
 from sawmill_platform.database.database import Database
 from sawmill_platform.database.tables import Base, UploadRow
 from sawmill_platform.files.file_store import EXAMPLES, UNFINISHED
-from sawmill_platform.files.named_folders import NamedFolder, machine_clock, unused_uploads
+from sawmill_platform.files.named_folders import NamedFolder, unused_uploads
 
 
 class Named(NamedTuple):
@@ -68,7 +69,7 @@ def named_by(connection: Connection, folders: Iterable[NamedFolder], tables: Col
     """
     named = [Named(EXAMPLES, needed=False)]
     for folder in folders:
-        ids, needed = folder.ids(machine_clock), folder.file is not None
+        ids, needed = folder.ids(lambda: datetime.now(UTC)), folder.file is not None
         if _is_there(ids, tables):
             named += [
                 Named(f"{folder.path}/{name}", needed, file=folder.file or "") for name in connection.scalars(ids)

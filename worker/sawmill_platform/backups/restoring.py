@@ -19,7 +19,6 @@ from sqlalchemy.orm import Session
 
 from sawmill_platform.backups.checking import CheckedBackup, Reporter, compare
 from sawmill_platform.backups.copying import check_room_for, copy
-from sawmill_platform.backups.errors import BackupRefused
 from sawmill_platform.backups.manifest import DATA, Entry, Manifest, folders, open_plain
 from sawmill_platform.backups.row_contracts import Readers, refuse_unfit_row
 from sawmill_platform.backups.rows import go_on_counting, read_rows
@@ -28,7 +27,7 @@ from sawmill_platform.contracts.jobs import JobState
 from sawmill_platform.database.database import Database, has_tables, is_known, newest_revision
 from sawmill_platform.database.engines import make_engine
 from sawmill_platform.database.tables import JobRow
-from sawmill_platform.errors import Damaged
+from sawmill_platform.errors import BackupRefused, Damaged
 from sawmill_platform.files.file_store import IDENTITY, RESTORING
 from sawmill_platform.files.folder_identity import write_identity
 from sawmill_platform.files.whole_files import flush, flushed_file_system

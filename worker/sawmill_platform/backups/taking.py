@@ -15,7 +15,6 @@ from typing import NamedTuple
 
 from sqlalchemy import inspect
 
-from sawmill_platform.backups.errors import BackupRefused
 from sawmill_platform.backups.folders import alone_in, backups_in, new_name, partial_of
 from sawmill_platform.backups.laying import Laying
 from sawmill_platform.backups.manifest import (
@@ -36,7 +35,7 @@ from sawmill_platform.backups.rows import write_rows
 from sawmill_platform.database.database import Database, known_revision
 from sawmill_platform.database.engines import make_engine
 from sawmill_platform.database.tables import DataFolderRow
-from sawmill_platform.errors import Damaged, StorageUnavailable
+from sawmill_platform.errors import BackupRefused, Damaged, StorageUnavailable
 from sawmill_platform.files.file_store import refuse_half_restored
 from sawmill_platform.files.folder_identity import check_identity
 from sawmill_platform.files.named_folders import NamedFolder
@@ -75,12 +74,6 @@ def take_backup(
 
     Parameters
     ----------
-    settings
-        Data folder and database.
-    into
-        Folder of the backups.
-    on_progress
-        Function that is called after each file, and during long files.
     named
         Folders in which rows name files.
 

@@ -40,8 +40,6 @@ def overuse(
         Folder of the attempt.
     kind
         Kind of the job.
-    limits
-        Largest sizes of the attempt's memory and of a file.
     reserve_bytes
         Bytes that should stay free on the disk.
 

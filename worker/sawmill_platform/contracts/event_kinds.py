@@ -14,17 +14,11 @@ class EventKind(RegisteredWord):
     is_decision: bool
     is_public: bool
     topic: str | None
-    meaning: str | None
+    about: str
 
     @classmethod
     def register(
-        cls,
-        word: str,
-        *,
-        is_decision: bool = False,
-        is_public: bool = True,
-        topic: str | None = None,
-        meaning: str | None = None,
+        cls, word: str, about: str = "", *, is_decision: bool = False, is_public: bool = True, topic: str | None = None
     ) -> Self:
         """Add a kind of event.
 
@@ -32,6 +26,8 @@ class EventKind(RegisteredWord):
         ----------
         word
             Name of the kind.
+        about
+            Explanation of the kind for the public document, without a full stop, if the word does not say it.
         is_decision
             True if somebody decides it: the audit keeps such events for ever, with who decided and from where.
         is_public
@@ -39,19 +35,17 @@ class EventKind(RegisteredWord):
         topic
             The heading under which the history of a group keeps it; null: no history does. The ends of jobs have the
             topic of their kind of job.
-        meaning
-            Explanation of the kind for the public document, without a full stop; null: the word says it.
         """
         kind = cls._add(word)
-        kind.is_decision, kind.is_public, kind.topic, kind.meaning = is_decision, is_public, topic, meaning
+        kind.is_decision, kind.is_public, kind.topic, kind.about = is_decision, is_public, topic, about
         return kind
 
     @classmethod
     def __get_pydantic_json_schema__(cls, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
-        """List the words as an enumeration, with the meanings of some."""
-        meanings = "; ".join(f"`{kind}`: {kind.meaning}" for kind in cls.all() if kind.meaning)
+        """List the words as an enumeration, with the explanations of some."""
+        explained = "; ".join(f"`{kind}`: {kind.about}" for kind in cls.all() if kind.about)
         listed = super().__get_pydantic_json_schema__(schema, handler)
-        return listed | {"description": f"{cls.__doc__} {meanings}."}
+        return listed | {"description": f"{cls.__doc__} {explained}."}
 
     @classmethod
     def decisions(cls) -> tuple[Self, ...]:
@@ -73,10 +67,10 @@ QUEUED = EventKind.register("queued")
 STARTED = EventKind.register("started")
 SUCCEEDED = EventKind.register("succeeded")
 FAILED = EventKind.register("failed")
-LOST = EventKind.register("lost", meaning="the attempt ended without an answer")
-PUT_OFF = EventKind.register("put-off", meaning="an outage ended the attempt, which is no loss")
-GIVEN_BACK = EventKind.register("given-back", meaning="the worker of the attempt stopped, or another job went first")
-CANCEL_REQUESTED = EventKind.register("cancel-requested", meaning="the worker of the job was requested to stop")
+LOST = EventKind.register("lost", "the attempt ended without an answer")
+PUT_OFF = EventKind.register("put-off", "an outage ended the attempt, which is no loss")
+GIVEN_BACK = EventKind.register("given-back", "the worker of the attempt stopped, or another job went first")
+CANCEL_REQUESTED = EventKind.register("cancel-requested", "the worker of the job was requested to stop")
 CANCELLED = EventKind.register("cancelled")
 UPLOAD_CREATED = EventKind.register("upload-created")
 UPLOAD_COMPLETE = EventKind.register("upload-complete")
@@ -89,19 +83,18 @@ WEBHOOK_CREATED = EventKind.register("webhook-created", is_decision=True)
 WEBHOOK_CHANGED = EventKind.register("webhook-changed", is_decision=True)
 WEBHOOK_ROTATED = EventKind.register("webhook-rotated", is_decision=True)
 WEBHOOK_TESTED = EventKind.register("webhook-tested", is_decision=True)
-WEBHOOK_PAUSED = EventKind.register("webhook-paused", meaning="nothing is sent to the webhook any more, for `reason`")
+WEBHOOK_PAUSED = EventKind.register("webhook-paused", "nothing is sent to the webhook any more, for `reason`")
 WEBHOOK_DELETED = EventKind.register("webhook-deleted", is_decision=True)
 RETENTION_CHANGED = EventKind.register("retention-changed", is_decision=True)
 RETENTION_REMOVED = EventKind.register(
-    "retention-removed",
-    meaning="the rules of `/v1/retention` removed rows or files of the kind `subject_id`",
+    "retention-removed", "the rules of `/v1/retention` removed objects of the kind `subject_id`"
 )
 JOB_CANCELLED = EventKind.register("job-cancelled", is_decision=True, is_public=False)
 LOGGED_IN = EventKind.register("logged-in", is_decision=True, is_public=False)
 LOGGED_OUT = EventKind.register("logged-out", is_decision=True, is_public=False)
-CLOCK_STEPPED = EventKind.register("clock-stepped", meaning="the service followed a step of its machine's clock")
-CLOCK_OFF = EventKind.register("clock-off", meaning="the worker's clock differs from the service's by more than 5 s")
-RESTORED = EventKind.register("restored", meaning="the database lacks what happened after the backup that was restored")
+CLOCK_STEPPED = EventKind.register("clock-stepped", "the service followed a step of its machine's clock")
+CLOCK_OFF = EventKind.register("clock-off", "the worker's clock differs from the service's by more than 5 s")
+RESTORED = EventKind.register("restored", "the database lacks what happened after the backup that was restored")
 
 JOB_ENDS = frozenset({SUCCEEDED, FAILED, CANCELLED})
 """Kinds of events that end a job."""

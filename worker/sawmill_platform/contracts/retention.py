@@ -5,15 +5,7 @@ from typing import Any, Literal, NamedTuple
 
 
 class Limits(NamedTuple):
-    """Limits of one kind.
-
-    Attributes
-    ----------
-    days : int or None
-        Number of days for which objects are kept. None: for good.
-    most_bytes : int or None
-        Bytes that the objects may have together. None: there is no rule, or the kind has no files.
-    """
+    """Days for which objects of a kind are kept, and bytes that they may have together; None: there is no rule."""
 
     days: int | None
     most_bytes: int | None

@@ -1,11 +1,9 @@
 """Folders of the data folder in which rows name files, as the package that owns the rows declares them."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
-from datetime import UTC, datetime
-from pathlib import Path
 
-from sqlalchemy import Connection, Select, select
+from sqlalchemy import Select, select
 
 from sawmill_platform.contracts.jobs import UNFINISHED
 from sawmill_platform.contracts.uploads import UploadState
@@ -15,7 +13,6 @@ from sawmill_platform.files import file_store
 
 Ids = Select[str]
 """Statement that selects ids, to which a condition may be added."""
-_LOOKED_AT = 100
 
 
 @dataclass(frozen=True)
@@ -37,11 +34,6 @@ class NamedFolder:
     file: str | None = None
 
 
-def machine_clock() -> datetime:
-    """Return the time of this machine, for rows that are read without a store."""
-    return datetime.now(UTC)
-
-
 def unused_uploads() -> Ids:
     """Select the uploads that may have a file in `unfinished`."""
     return select(UploadRow.id).where(UploadRow.state != UploadState.USED)
@@ -52,9 +44,3 @@ OF_THE_SERVICE = (
     NamedFolder(file_store.UNFINISHED, lambda _: unused_uploads()),
 )
 """Folders of checkpoints and unfinished uploads."""
-
-
-def first_named(named: Iterable[NamedFolder], folder: Path, connection: Connection) -> list[Path]:
-    """Return some of the folders below a data folder that rows name and that must exist."""
-    needed = {each.path: each.ids(machine_clock).limit(_LOOKED_AT) for each in named if each.file is not None}
-    return [folder / path / name for path, ids in needed.items() for name in connection.scalars(ids)]

@@ -15,15 +15,10 @@ from sawmill_platform.files.named_folders import NamedFolder
 
 
 class Subjects(Protocol):
-    """Rows that jobs work on; every method but the last is called within the job store's transaction.
-
-    Attributes
-    ----------
-    named_folders : sequence of NamedFolder
-        Folders in which these rows name files.
-    """
+    """Rows that jobs work on; every method but the last is called within the job store's transaction."""
 
     named_folders: Sequence[NamedFolder]
+    """Folders in which these rows name files."""
 
     def handed_over(self, session: Session, job: JobRow) -> AttemptInput:
         """Return the input of an attempt at a job.
