@@ -8,7 +8,7 @@ from pydantic import Field
 
 from sawmill_platform.contracts.base import LARGEST_NUMBER, Contract, Time
 from sawmill_platform.contracts.given import Given
-from sawmill_platform.contracts.retention import Limits, limits_of
+from sawmill_platform.contracts.retention import limits_of
 
 # More than any disk holds, and exact as a number of JSON.
 LARGEST_BYTES = 10**15
@@ -95,13 +95,9 @@ class RetentionRules(Contract):
         None, description="Number of days after which an event is removed. Null: no rule.", examples=[90]
     )
 
-    def limits_of(self, kind: str) -> Limits:
-        """Return the limits of a kind."""
-        return limits_of(dict(self), kind)
-
     def kinds(self) -> Iterator[RetentionKind]:
         """Return the kinds that have a rule."""
-        return (kind for kind in RetentionKind if any(self.limits_of(kind)))
+        return (kind for kind in RetentionKind if any(limits_of(dict(self), kind)))
 
 
 class RetentionAsk(RetentionRules, Given):

@@ -95,13 +95,7 @@ class JobServiceStore:
         """Write the rows that every store has."""
 
     def lost_files(self) -> list[str]:
-        """Return the paths in the data folder of files that rows name and that are missing.
-
-        Raises
-        ------
-        StorageUnavailable, OSError
-            The database does not answer, or the data folder cannot be read.
-        """
+        """Return the paths of files that rows name and that are missing; errors are those of `lost_files`."""
         return lost_files(self.database, self._named_folders, self.files.folder)
 
     def prepare(self, *, may_begin: bool = True) -> None:

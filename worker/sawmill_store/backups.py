@@ -2,7 +2,6 @@
 
 from datetime import datetime
 from functools import partial
-from types import MappingProxyType
 
 from pydantic import TypeAdapter
 from sqlalchemy.orm import Session
@@ -114,23 +113,21 @@ def _read_schedule(session: Session, row: ScheduleRow) -> Schedule:
     return read_schedule(session, row)
 
 
-READERS: Readers = MappingProxyType(
-    {
-        **OF_THE_SERVICE,
-        EventRow: _read_event,
-        ScannerRow: read_scanner,
-        PhantomRow: _read_phantom,
-        ScanRow: _read_scan,
-        **dict.fromkeys((AskedRow, CalibrationRow, ReconstructionRow, DriftRow, PlanRow), _read_asked),
-        ActivationRow: loaded,
-        MeasurementRow: lambda _, row: read_measurement(row),
-        DriftChartRow: _read_chart,
-        ScheduleRow: _read_schedule,
-        ScheduleRunRow: lambda _, row: read_schedule_run(row),
-        AlarmRow: _read_alarm,
-        RetentionRow: lambda _, row: read_retention(row, row.changed_at),
-    }
-)
+READERS: Readers = {
+    **OF_THE_SERVICE,
+    EventRow: _read_event,
+    ScannerRow: read_scanner,
+    PhantomRow: _read_phantom,
+    ScanRow: _read_scan,
+    **dict.fromkeys((AskedRow, CalibrationRow, ReconstructionRow, DriftRow, PlanRow), _read_asked),
+    ActivationRow: loaded,
+    MeasurementRow: lambda _, row: read_measurement(row),
+    DriftChartRow: _read_chart,
+    ScheduleRow: _read_schedule,
+    ScheduleRunRow: lambda _, row: read_schedule_run(row),
+    AlarmRow: _read_alarm,
+    RetentionRow: lambda _, row: read_retention(row, row.changed_at),
+}
 
 take_backup = partial(taking.take_backup, named=NAMED_FOLDERS)
 """Take a backup of a mill's store (`sawmill_platform/backups/taking.py`)."""

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 from pydantic import BaseModel, TypeAdapter, ValidationError
@@ -130,17 +129,15 @@ def loaded(_: Session, row: Base) -> Base:
     return row
 
 
-OF_THE_SERVICE: Readers = MappingProxyType(
-    {
-        JobRow: lambda _, row: read_job(row),
-        JobDependencyRow: loaded,
-        EventRow: read_any_event,
-        UploadRow: lambda _, row: read_upload(row),
-        KeyRow: lambda _, row: read_key(row),
-        WebhookRow: read_webhook,
-        DeliveryRow: lambda _, row: read_delivery(row),
-        SenderRow: loaded,
-        RepeatRow: _read_repeat,
-    }
-)
+OF_THE_SERVICE: Readers = {
+    JobRow: lambda _, row: read_job(row),
+    JobDependencyRow: loaded,
+    EventRow: read_any_event,
+    UploadRow: lambda _, row: read_upload(row),
+    KeyRow: lambda _, row: read_key(row),
+    WebhookRow: read_webhook,
+    DeliveryRow: lambda _, row: read_delivery(row),
+    SenderRow: loaded,
+    RepeatRow: _read_repeat,
+}
 """Readers of the tables of the job service."""

@@ -15,7 +15,7 @@ from sqlalchemy import CursorResult, and_, delete, or_, select, text, update
 from sqlalchemy.orm import Session
 
 from sawmill_platform.contracts import event_kinds
-from sawmill_platform.contracts.retention import Limits, limits_of
+from sawmill_platform.contracts.retention import limits_of
 from sawmill_platform.database.database import Database
 from sawmill_platform.database.tables import REMOVABLE, EventRow, JobDependencyRow, JobRow, RetentionRow
 from sawmill_platform.files.file_store import FileStore
@@ -43,13 +43,6 @@ class Removal(NamedTuple):
     kind: str
     number: int
     freed_bytes: int
-
-
-class _Task(NamedTuple):
-    """Reach of the rules in force for one stock; for events the number of the last event."""
-
-    revision: int
-    reach: Reach | int
 
 
 class RetentionKeeper:
@@ -84,7 +77,7 @@ class RetentionKeeper:
         self._due_s = now_s()
         self._measures = False
         self._known: int | None = None
-        self._tasks: list[_Task] = []
+        self._reaches: list[Reach | int] = []  # of each stock, and for events the number of the last event
 
     def remove_some(self) -> Removal | None:
         """Measure new files and remove the next batch, if there is one: every ten minutes, and after a change of rules.
@@ -107,44 +100,41 @@ class RetentionKeeper:
         if is_due or self._measures:
             self._measures = measure_some(self._database, self._files, self._stocks.values())
         if is_due or revision != self._known:
-            self._due_s, self._known, self._tasks = self._now_s() + EVERY_S, revision, self._find_tasks()
-        while self._tasks:
-            task = self._tasks.pop(0)
-            removed, is_full = self._remove(task)
+            self._due_s, self._known, self._reaches = self._now_s() + EVERY_S, revision, self._find_reaches()
+        while self._reaches:
+            reach = self._reaches.pop(0)
+            removed, is_full = self._remove_events(reach) if isinstance(reach, int) else self._remove_stored(reach)
             if is_full:
-                self._tasks.insert(0, task)
+                self._reaches.insert(0, reach)
             if removed is not None:
                 return removed
         return None
 
-    def _find_tasks(self) -> list[_Task]:
+    def _find_reaches(self) -> list[Reach | int]:
         now = self._database.now()
         with self._database.read() as session:
             row = session.get(RetentionRow, THE_ROW)
             if row is None:
                 return []
-            tasks, waits = list[_Task](), waits_since(row, now)
+            waits, limits = (
+                waits_since(row, now),
+                {kind: limits_of(row.rules, kind) for kind in (*self._stocks, EVENTS)},
+            )
             if waits is not None:  # the clock may have leapt, so that everything seems too old
                 _log.warning("retention-days-wait", since=waits.isoformat())
-            for kind in (*self._stocks, EVENTS):
-                limits, stock = limits_of(row.rules, kind), self._stocks.get(kind)
-                if waits is not None:
-                    limits = limits._replace(days=None)
-                if any(limits):
-                    tasks.append(_Task(row.revision, _reach_of(session, stock, limits, now)))
+                limits = {kind: each._replace(days=None) for kind, each in limits.items()}
+            ruled = [stock for kind, stock in self._stocks.items() if any(limits[kind])]
+            reaches: list[Reach | int] = [reach_of(session, stock, limits[stock.kind], now) for stock in ruled]
+            if any(limits[EVENTS]):
+                reaches.append(last_old_event(session, limits[EVENTS].days, now))
         if waits is None:
             with self._database.write() as session:
                 same = RetentionRow.number == THE_ROW, RetentionRow.revision == row.revision
                 session.execute(update(RetentionRow).where(*same).values(followed_at=now))
-        return tasks
+        return reaches
 
-    def _remove(self, task: _Task) -> tuple[Removal | None, bool]:
-        """Remove a batch of a kind; return the summary, and whether there may be more."""
-        if isinstance(task.reach, int):
-            return self._remove_events(task, task.reach)
-        return self._remove_stored(task, task.reach)
-
-    def _remove_stored(self, task: _Task, reach: Reach) -> tuple[Removal | None, bool]:
+    def _remove_stored(self, reach: Reach) -> tuple[Removal | None, bool]:
+        """Remove a batch of a stock; return the summary, and whether there may be more."""
         stock = reach.stock
         with self._database.read() as session:
             chosen = _oldest(session, reach)
@@ -152,7 +142,7 @@ class RetentionKeeper:
             return None, False
         is_full = len(chosen) == ITEMS_A_ROUND
         with self._database.write() as session:
-            row = _held_rules(session, task)
+            row = _held_rules(session, self._known)
             if row is None:
                 return None, False
             _lock(session, stock, chosen)
@@ -166,9 +156,10 @@ class RetentionKeeper:
         self._delete_files(places)
         return removed, is_full
 
-    def _remove_events(self, task: _Task, last: int) -> tuple[Removal | None, bool]:
+    def _remove_events(self, last: int) -> tuple[Removal | None, bool]:
+        """Remove a batch of events; the result is as in `_remove_stored`."""
         with self._database.write() as session:
-            row = _held_rules(session, task)
+            row = _held_rules(session, self._known)
             if row is None:
                 return None, False
             goes = text(REMOVABLE), EventRow.number <= last, none_of(self._events_kept_by(session))
@@ -208,19 +199,15 @@ class RetentionKeeper:
             raise errors[0]
 
 
-def _reach_of(session: Session, stock: Stock | None, limits: Limits, now: datetime) -> Reach | int:
-    return last_old_event(session, limits.days, now) if stock is None else reach_of(session, stock, limits, now)
-
-
 def waits_since(row: RetentionRow, now: datetime) -> datetime | None:
     """Return the time when days were last counted, if a person must confirm the rules after so long; otherwise None."""
     last = row.followed_at or row.changed_at
     return last if now - last > LONGEST_GAP else None
 
 
-def _held_rules(session: Session, task: _Task) -> RetentionRow | None:
+def _held_rules(session: Session, revision: int | None) -> RetentionRow | None:
     """Lock and return the row of the rules; None where another process has locked it, or the rules have changed."""
-    held = select(RetentionRow).where(RetentionRow.number == THE_ROW, RetentionRow.revision == task.revision)
+    held = select(RetentionRow).where(RetentionRow.number == THE_ROW, RetentionRow.revision == revision)
     return session.scalar(held.with_for_update(skip_locked=True))
 
 

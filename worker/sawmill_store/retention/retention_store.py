@@ -21,7 +21,7 @@ from sawmill_contracts.retention import (
 )
 from sawmill_platform.acting import actor
 from sawmill_platform.contracts import event_kinds
-from sawmill_platform.contracts.retention import rule_name
+from sawmill_platform.contracts.retention import limits_of, rule_name
 from sawmill_platform.database.database import Database, lock_for_setup
 from sawmill_platform.database.tables import REMOVABLE, EventRow, RetentionRow
 from sawmill_platform.errors import Conflict
@@ -59,7 +59,7 @@ class RetentionStore:
         with self._database.read() as session:
             rules = rules_of(session.get(RetentionRow, THE_ROW))
             now, stocks = self._database.now(), [stock for stock in STOCKS.values() if stock.has_bytes]
-            kinds = [filling_of(session, stock, rules.limits_of(stock.kind), now) for stock in stocks]
+            kinds = [filling_of(session, stock, limits_of(dict(rules), stock.kind), now) for stock in stocks]
             return growth_of(kinds, free_bytes)
 
     def replace(self, ask: RetentionAsk) -> Retention:
@@ -134,7 +134,7 @@ def _of_kind(session: Session, kind: RetentionKind, rules: RetentionRules, at: d
 
 
 def _of_stock(session: Session, stock: Stock, rules: RetentionRules, at: datetime) -> KindPreview:
-    table, reach = stock.table, reach_of(session, stock, rules.limits_of(stock.kind), at)
+    table, reach = stock.table, reach_of(session, stock, limits_of(dict(rules), stock.kind), at)
     kept = list(stock.kept_by(session))
     reached = reach.beyond()
     goes = and_(reached, none_of(kept))
