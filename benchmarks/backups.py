@@ -26,15 +26,14 @@ from sawmill_contracts import job_kinds
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import ScanState
+from sawmill_platform.backups.checking import check_backup
 from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.jobs import Failure, FailureKind, JobState
 from sawmill_platform.database.database import Database
 from sawmill_platform.database.engines import make_engine
 from sawmill_platform.database.tables import EventRow, JobRow
 from sawmill_platform.settings import StorageSettings
-from sawmill_store.backups.checking import check_backup
-from sawmill_store.backups.restoring import restore
-from sawmill_store.backups.taking import take_backup
+from sawmill_store.backups import restore, take_backup
 from sawmill_store.store import Store
 from sawmill_store.tables import ScanRow
 

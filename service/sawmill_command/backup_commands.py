@@ -13,7 +13,7 @@ from sawmill_worker.commands.command_line import Command
 from sawmill_worker.commands.terminal import ending_when_terminated, say, showing_progress
 
 if TYPE_CHECKING:
-    from sawmill_store.backups.manifest import Manifest
+    from sawmill_platform.backups.manifest import Manifest
 
 app = typer.Typer()
 
@@ -34,9 +34,9 @@ def backup(
 
     Files that an earlier backup in the folder has are not copied again, where its file system has hard links.
     """
-    from sawmill_store.backups.folders import remove_older
-    from sawmill_store.backups.newest import note_newest
-    from sawmill_store.backups.taking import take_backup
+    from sawmill_platform.backups.folders import remove_older
+    from sawmill_platform.backups.newest import note_newest
+    from sawmill_store.backups import take_backup
 
     settings = storage_settings(data)
     with _reported("There is no backup"), showing_progress("backup") as on_progress:
@@ -62,9 +62,10 @@ def restore(
     data: Data = None,
 ) -> None:
     """Restore a backup into an empty data folder and an empty database, every checksum compared."""
+    from sawmill_platform.backups.checking import check_backup
+    from sawmill_platform.backups.restoring import check_empty
     from sawmill_platform.workers.sole_service import refuse_second, sole_service
-    from sawmill_store.backups import restoring
-    from sawmill_store.backups.checking import check_backup
+    from sawmill_store import backups
 
     if check:
         with _reported("This backup cannot be restored"), showing_progress("check") as on_progress:
@@ -77,9 +78,9 @@ def restore(
     settings = storage_settings(data)
     with _reported("Nothing was restored"), showing_progress("restore") as on_progress:
         refuse_second(settings)
-        restoring.check_empty(settings)
+        check_empty(settings)
         with sole_service(settings):
-            done = restoring.restore(backup, settings, on_progress)
+            done = backups.restore(backup, settings, on_progress)
     what = "What an earlier restore had read" if done is None else _described(done)
     say(f"{what} is in {settings.data_folder}: the service may start.")
 

@@ -98,7 +98,7 @@ class EventFeed:
                 self._events.following, number, through=complete_from, group_id=scanner_id, limit=_BATCH
             )
             through = behind[-1].number if len(behind) == _BATCH else complete_from
-        return through, [event for event in behind if scanner_id in {None, event.scanner_id}]
+        return through, [event for event in behind if scanner_id in {None, event.group_id}]
 
     async def _poll(self) -> None:
         """Read new events, unless a read for another stream runs or has just ended."""

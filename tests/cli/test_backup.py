@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
+from sawmill_platform.backups.newest import Newest
 from sawmill_platform.contracts.keys import KeyAsk, Scope
 from sawmill_platform.files.file_store import LAST_BACKUP, RESTORING
 from sawmill_platform.settings import StorageSettings
 from sawmill_platform.workers.sole_service import sole_service
-from sawmill_store.backups.newest import Newest
 from sawmill_store.store import Store
 
 

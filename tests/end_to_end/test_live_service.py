@@ -20,10 +20,9 @@ from live_service import Offline, serving, stop_outside_a_transaction, wait_unti
 from tiers import first_by_day
 
 from sawmill_contracts.schedules import ScheduleSpec
+from sawmill_platform.backups.checking import check_backup
 from sawmill_platform.settings import StorageSettings
-from sawmill_store.backups.checking import check_backup
-from sawmill_store.backups.restoring import restore
-from sawmill_store.backups.taking import take_backup
+from sawmill_store.backups import restore, take_backup
 from sawmill_store.store import Store
 from sawmill_tomography.geometry.geometry import Theta
 

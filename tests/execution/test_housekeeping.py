@@ -21,10 +21,10 @@ from sawmill_platform.contracts.webhooks import WebhookAsk
 from sawmill_platform.database.tables import REMOVABLE, DeliveryRow, EventRow, JobRow
 from sawmill_platform.errors import StorageUnavailable
 from sawmill_platform.jobs.job_store import Pulse
+from sawmill_platform.retention import retention_runner as retiring
 from sawmill_platform.webhooks.outbox import DeliveryAttempt
 from sawmill_platform.webhooks.webhook_store import KEPT
 from sawmill_platform.workers.logs import configure_logs
-from sawmill_store.retention import retention_runner as retiring
 from sawmill_store.tables import ActivationRow, MeasurementRow, ScannerRow
 from sawmill_worker.housekeeping import MillHousekeeping
 

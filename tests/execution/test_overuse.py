@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from sawmill_contracts.job_kinds import RECONSTRUCT
 from sawmill_platform.attempts.protocol import Begun
 from sawmill_platform.confinement.overuse import DEEPEST, SMALL_BYTES, overuse
 from sawmill_platform.contracts.jobs import FailureKind
@@ -39,7 +40,7 @@ def looked_at(tmp_path):
 
     def look(*, file_bytes=MIB, data_bytes=2**40, reserve_bytes=0):
         limits = Begun(data_bytes=data_bytes, file_bytes=file_bytes)
-        return overuse(os.getpid(), tmp_path, limits, reserve_bytes=reserve_bytes)
+        return overuse(os.getpid(), tmp_path, RECONSTRUCT, limits, reserve_bytes=reserve_bytes)
 
     return look
 
@@ -97,8 +98,12 @@ def test_a_process_without_its_first_thread_takes_what_the_others_have(tmp_path)
         try:
             while "State:\tZ" not in Path(f"/proc/{process.pid}/status").read_text():
                 time.sleep(0.01)
-            of_memory = overuse(process.pid, tmp_path, Begun(data_bytes=MIB, file_bytes=MIB), reserve_bytes=0)
-            of_disk = overuse(process.pid, tmp_path, Begun(data_bytes=2**40, file_bytes=MIB), reserve_bytes=0)
+            of_memory = overuse(
+                process.pid, tmp_path, RECONSTRUCT, Begun(data_bytes=MIB, file_bytes=MIB), reserve_bytes=0
+            )
+            of_disk = overuse(
+                process.pid, tmp_path, RECONSTRUCT, Begun(data_bytes=2**40, file_bytes=MIB), reserve_bytes=0
+            )
         finally:
             process.kill()
     assert (of_memory.code, of_disk.code) == ("out-of-memory", "file-too-large")
@@ -138,8 +143,8 @@ def test_the_reserve_of_the_disk_is_kept_from_attempts_that_write_much(tmp_path,
 
 def test_a_folder_that_is_gone_is_an_outage(tmp_path):
     with pytest.raises(FolderUnavailable):
-        overuse(None, tmp_path / "gone", Begun(data_bytes=MIB, file_bytes=MIB), reserve_bytes=0)
+        overuse(None, tmp_path / "gone", RECONSTRUCT, Begun(data_bytes=MIB, file_bytes=MIB), reserve_bytes=0)
 
 
 def test_a_process_that_has_ended_takes_its_files_alone(tmp_path):
-    assert overuse(None, tmp_path, Begun(data_bytes=MIB, file_bytes=MIB), reserve_bytes=0) is None
+    assert overuse(None, tmp_path, RECONSTRUCT, Begun(data_bytes=MIB, file_bytes=MIB), reserve_bytes=0) is None

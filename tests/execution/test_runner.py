@@ -140,7 +140,7 @@ def test_the_end_of_a_job_is_reported_to_those_who_may_wait_for_it(store, settin
         ("refuse", FailureKind.INPUT, "angles-missing", "give angles_deg"),
         ("quote-a-nul", FailureKind.INPUT, "angles-missing", "the dataset 'data\ufffd' has no angles"),
         ("blunder", FailureKind.INTERNAL, "internal-error", "unexpected KeyError"),
-        ("eat-memory", FailureKind.INPUT, "out-of-memory", "ask for fewer rows"),
+        ("eat-memory", FailureKind.INPUT, "out-of-memory", "give a smaller file"),
         ("answer-nonsense", FailureKind.INTERNAL, "invalid-result", "a defect"),
     ],
 )

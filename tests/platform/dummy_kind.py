@@ -12,6 +12,9 @@ from sqlalchemy.orm import Mapped, mapped_column
 from sawmill_platform.attempts.attempt import main as attempt_main
 from sawmill_platform.attempts.runner import Runner
 from sawmill_platform.attempts.work import Attempt, Needs
+from sawmill_platform.backups.restoring import restore
+from sawmill_platform.backups.row_contracts import OF_THE_SERVICE, loaded
+from sawmill_platform.backups.taking import take_backup
 from sawmill_platform.contracts.attempts import AttemptInput, JobFailure
 from sawmill_platform.contracts.base import Contract
 from sawmill_platform.contracts.jobs import FailureKind, JobKind
@@ -69,6 +72,8 @@ class SumRow(Resource):
 class Sums:
     """The subjects of these jobs."""
 
+    named_folders = ()
+
     def __init__(self, files):
         self._files = files
 
@@ -112,14 +117,15 @@ def run(attempt):
 
 
 def supervise(folder: Path) -> None:
-    """Queue and run two jobs, and print what became of them."""
+    """Queue and run two jobs, restore a backup of them elsewhere, and print what became of them."""
     migrations = folder / "migrations"
     (migrations / "versions").mkdir(parents=True)
     (migrations / "versions" / "0001_first.py").write_text(MIGRATION)
     (migrations / "env.py").write_text(ENVIRONMENT)
     Base.metadata.info["migrations"] = migrations
     files = FileStore(folder / "data")
-    store = JobServiceStore(StorageSettings(data_folder=folder / "data", database_url=None), files, Sums(files))
+    settings, copy = (StorageSettings(data_folder=folder / name, database_url=None) for name in ("data", "copy"))
+    store = JobServiceStore(settings, files, Sums(files))
     store.prepare()
     for name, numbers in (("good", [1, 2, 3]), ("empty", [])):
         with store.database.write() as session:
@@ -128,9 +134,17 @@ def supervise(folder: Path) -> None:
     runner = Runner(store, ExecutionSettings(broker_url=None), threading.Event(), command=[sys.executable, __file__])
     states = [runner.run_next(), runner.run_next()]
     runner.close()
+    events = [event.what for event in store.events.following(0)]
+    store.close()
+    (folder / "backups").mkdir()
+    taken = take_backup(settings, folder / "backups", lambda _: None, named=Sums.named_folders)
+    restore(taken.path, copy, lambda _: None, readers={**OF_THE_SERVICE, SumRow: loaded})
+    store = JobServiceStore(copy, files := FileStore(copy.data_folder), Sums(files))
+    store.prepare(may_begin=False)
     with store.database.read() as session:
         answers = {row.id: [row.answer, row.reason] for row in session.query(SumRow)}
-    events = [event.what for event in store.events.following(0)]
+    assert [event.what for event in store.events.following(0)] == [*events, "restored"]
+    assert store.leftovers(grace_s=1.0).remove_some() == store.lost_files() == []
     ours = sorted({name.split(".")[0] for name in sys.modules if name.startswith("sawmill_")})
     print(json.dumps({"states": states, "answers": answers, "events": events, "packages": ours}))
     store.close()

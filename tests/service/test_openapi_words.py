@@ -135,7 +135,7 @@ def test_the_example_of_every_body_is_valid(document):
 
 def test_a_message_to_a_webhook_is_as_described(document):
     message = document["webhooks"]["event"]["post"]["requestBody"]["content"]["application/json"]["schema"]
-    event = Event(number=42, at=datetime.now(UTC), what="alarm-opened", scanner_id="example", detail={"what": "drift"})
+    event = Event(number=42, at=datetime.now(UTC), what="alarm-opened", group_id="example", detail={"what": "drift"})
     validator = Draft202012Validator(message | {"components": document["components"]})
     validator.validate(json.loads(body_of_event(event)))
     assert not validator.is_valid(event.model_dump(mode="json"))

@@ -19,6 +19,9 @@ from sawmill_contracts import mill_events
 from sawmill_contracts.alarms import AlarmKind
 from sawmill_contracts.measurements import MeasurementKind
 from sawmill_contracts.scanner_drift import DriftFinding
+from sawmill_platform.backups.manifest import read_manifest
+from sawmill_platform.backups.row_contracts import refuse_unfit_row
+from sawmill_platform.backups.rows import LEFT_OUT, read_rows
 from sawmill_platform.contracts.keys import KeyAsk, Scope
 from sawmill_platform.contracts.webhooks import DeliveryState
 from sawmill_platform.database.database import Database
@@ -30,19 +33,16 @@ from sawmill_platform.database.tables import (
     Ranked,
     Registered,
     RepeatRow,
+    RetentionRow,
     SenderRow,
     UtcDateTime,
 )
 from sawmill_platform.errors import Damaged
 from sawmill_platform.keys.repeats import KeptAnswer
 from sawmill_platform.settings import StorageSettings
-from sawmill_store.backups.manifest import read_manifest
-from sawmill_store.backups.restoring import restore
-from sawmill_store.backups.row_contracts import READ, refuse_unfit_row
-from sawmill_store.backups.rows import LEFT_OUT, read_rows
-from sawmill_store.backups.taking import take_backup
+from sawmill_store.backups import READERS, restore, take_backup
 from sawmill_store.store import Store
-from sawmill_store.tables import ActivationRow, AlarmRow, DriftChartRow, MeasurementRow, RetentionRow, ScheduleRunRow
+from sawmill_store.tables import ActivationRow, AlarmRow, DriftChartRow, MeasurementRow, ScheduleRunRow
 
 pytestmark = pytest.mark.slow
 
@@ -126,7 +126,7 @@ def changed(backup: Path, tmp_path: Path, empty_tables: Database) -> Callable[..
         try:
             with empty_tables.write() as session:
                 read_rows(session.connection(), folder, tables)
-                refuse_unfit_row(session, folder)
+                refuse_unfit_row(session, folder, READERS)
                 session.rollback()
         except Damaged as error:
             return str(error)
@@ -156,7 +156,7 @@ def misfits(column: Column[Any]) -> list[Any]:
 
 
 def test_each_table_is_read_by_a_contract():
-    assert sorted(kind.__tablename__ for kind in READ) == TABLES
+    assert sorted(kind.__tablename__ for kind in READERS) == TABLES
 
 
 @pytest.mark.parametrize("table", [pytest.param(table, marks=pytest.mark.nightly) for table in TABLES])

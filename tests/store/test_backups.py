@@ -27,6 +27,13 @@ from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import ScanSpec
 from sawmill_contracts.schedules import ScheduleSpec
+from sawmill_platform.backups import restoring, taking
+from sawmill_platform.backups.checking import check_backup
+from sawmill_platform.backups.folders import backups_in, remove_older
+from sawmill_platform.backups.laying import Laying
+from sawmill_platform.backups.manifest import FILES, MANIFEST, MANIFEST_SUM, read_entries, read_manifest
+from sawmill_platform.backups.restoring import check_empty
+from sawmill_platform.backups.rows import LEFT_OUT, read_rows
 from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.jobs import JobState
 from sawmill_platform.contracts.keys import KeyAsk, Scope
@@ -34,7 +41,7 @@ from sawmill_platform.contracts.uploads import UploadAsk
 from sawmill_platform.database.database import Database, newest_revision
 from sawmill_platform.database.engines import make_engine
 from sawmill_platform.database.tables import Base, Ranked, Registered, UtcDateTime
-from sawmill_platform.errors import Damaged, StorageFull, StorageMisconfigured
+from sawmill_platform.errors import BackupRefused, Damaged, StorageFull, StorageMisconfigured
 from sawmill_platform.files import whole_files
 from sawmill_platform.files.file_store import RESTORING, read_identity
 from sawmill_platform.files.upload_stream import AsSent
@@ -42,15 +49,7 @@ from sawmill_platform.keys.key_store import hash_of
 from sawmill_platform.ledger.events import NUMBERS_SKIPPED
 from sawmill_platform.settings import StorageSettings
 from sawmill_platform.uploads.upload_store import UploadQuota
-from sawmill_store.backups import restoring, taking
-from sawmill_store.backups.checking import check_backup
-from sawmill_store.backups.errors import BackupRefused
-from sawmill_store.backups.folders import backups_in, remove_older
-from sawmill_store.backups.laying import Laying
-from sawmill_store.backups.manifest import FILES, MANIFEST, MANIFEST_SUM, read_entries, read_manifest
-from sawmill_store.backups.restoring import check_empty, restore
-from sawmill_store.backups.rows import LEFT_OUT, read_rows
-from sawmill_store.backups.taking import take_backup
+from sawmill_store.backups import restore, take_backup
 from sawmill_store.store import Store
 from sawmill_vocabulary import DataKind
 from sawmill_vocabulary.version import VERSION
@@ -529,7 +528,7 @@ def test_what_must_not_be_done_is_refused_in_a_sentence(store, settings, upload,
         with pytest.raises(BackupRefused, match="the database of SAWMILL_DATABASE_URL is not empty"):
             restore(backup, elsewhere.model_copy(update={"database_url": settings.database_url}), silent)
     free = SimpleNamespace(free=3)
-    monkeypatch.setattr("sawmill_store.backups.copying.shutil.disk_usage", lambda _: free)
+    monkeypatch.setattr("sawmill_platform.backups.copying.shutil.disk_usage", lambda _: free)
     with pytest.raises(StorageFull, match=r"needs 0.00 GB, and 0.00 GB are free for it where"):
         restore(backup, elsewhere, silent)
     assert list(elsewhere.data_folder.iterdir()) == []

@@ -17,7 +17,7 @@ from sawmill_platform.database.engines import make_engine
 from sawmill_platform.database.tables import Base
 from sawmill_platform.errors import StorageFull, StorageMisconfigured, StorageUnavailable
 from sawmill_platform.settings import StorageSettings
-from sawmill_store.backups.taking import take_backup
+from sawmill_store.backups import take_backup
 from sawmill_store.store import Store
 from sawmill_vocabulary.version import VERSION
 

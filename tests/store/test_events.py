@@ -31,7 +31,7 @@ def reader(store):
 
 
 def words(events) -> list[tuple[str, str | None, str | None]]:
-    return [(event.what, event.subject, event.scanner_id) for event in events]
+    return [(event.what, event.subject, event.group_id) for event in events]
 
 
 def announced(session: Session, store, scanner_id: str) -> None:
@@ -113,7 +113,7 @@ def test_scanners_and_schedules_that_change_and_due_times_that_pass_are_announce
         "due_at": "2026-03-02T05:30:00+00:00",
         "reason": "nothing ran schedules then; later there was no new scan of a phantom",
     }
-    assert {event.scanner_id for event in events} == {scanner.id}
+    assert {event.group_id for event in events} == {scanner.id}
 
 
 def test_uploads_that_are_refused_or_expire_are_announced_with_the_reason(store, clock, reader):
@@ -176,13 +176,13 @@ def write_pair(store, reader) -> tuple[Session, list[str]]:
     announced(late, store, "late")
     with store.database.write() as session:
         announced(session, store, "early")
-    return late, [event.scanner_id for event in reader.read()]
+    return late, [event.group_id for event in reader.read()]
 
 
 def read_until(reader, wanted: list[str]) -> list[str]:
     read = []
     for _ in range(1200):
-        read += [event.scanner_id for event in reader.read()]
+        read += [event.group_id for event in reader.read()]
         if len(read) >= len(wanted):
             break
         time.sleep(0.05)
@@ -220,7 +220,7 @@ def test_on_sqlite_numbers_are_committed_in_their_order(store, reader):
     for name in ("first", "second"):
         with store.database.write() as session:
             announced(session, store, name)
-    assert [event.scanner_id for event in reader.read()] == ["first", "second"]
+    assert [event.group_id for event in reader.read()] == ["first", "second"]
 
 
 def test_a_job_s_numbers_are_those_of_its_newest_event_and_of_its_end(store, upload, finish):

@@ -18,7 +18,7 @@ from sawmill_platform.errors import (
 )
 from sawmill_platform.files.file_store import IDENTITY, FileStore, read_identity
 from sawmill_platform.settings import StorageSettings
-from sawmill_store.backups.taking import take_backup
+from sawmill_store.backups import take_backup
 from sawmill_store.store import Store
 
 sqlite_alone = pytest.mark.parametrize("database_url", ["sqlite"], indirect=True)

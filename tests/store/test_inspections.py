@@ -5,7 +5,6 @@ import pytest
 from sawmill_contracts import job_kinds
 from sawmill_contracts.inspections import FILE_KEPT, InspectionOptions
 from sawmill_contracts.scans import ScanSpec
-from sawmill_store.retention.leftovers import Leftovers
 from sawmill_vocabulary import DataKind
 
 GRACE_S = 3600.0
@@ -22,7 +21,7 @@ def looked(store):
 
     def look():
         now_s = 0.0
-        observer = Leftovers(store.database, store.files, grace_s=GRACE_S, now_s=lambda: now_s)
+        observer = store.leftovers(grace_s=GRACE_S, now_s=lambda: now_s)
         observer.remove_some()
         now_s = 2.0 * GRACE_S
         return observer.remove_some()

@@ -17,7 +17,7 @@ from sawmill_contracts.scans import ScanState
 from sawmill_platform.contracts.jobs import Failure, FailureKind, JobKind, JobState
 from sawmill_platform.errors import StorageFull, StorageUnavailable
 from sawmill_platform.jobs.job_store import Claim
-from sawmill_store.retention.leftovers import NAMES_A_ROUND, Leftovers
+from sawmill_platform.retention.leftovers import NAMES_A_ROUND
 from sawmill_store.store import Store
 
 GRACE_S = 3600.0
@@ -32,7 +32,7 @@ class Observer:
 
     def __init__(self, store: Store) -> None:
         self.now_s = 0.0
-        self.leftovers = Leftovers(store.database, store.files, grace_s=GRACE_S, now_s=lambda: self.now_s)
+        self.leftovers = store.leftovers(grace_s=GRACE_S, now_s=lambda: self.now_s)
 
     def look(self, after_s: float = 0.0) -> list[Path]:
         self.now_s += after_s

@@ -5,7 +5,7 @@ import pytest
 from sawmill_contracts import job_kinds
 from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.reconstructions import ReconstructionAsk
-from sawmill_store.backups import named_files
+from sawmill_platform.backups import named_files
 
 pytestmark = pytest.mark.slow
 
@@ -35,8 +35,8 @@ def test_uploads_and_results_without_their_file_are_lost(store, upload, finish):
 def test_what_is_deleted_meanwhile_is_not_lost(store, ready_scan, monkeypatch):
     named_by = named_files.named_by
 
-    def deleted_after_the_look(connection, tables):
-        named = named_by(connection, tables)
+    def deleted_after_the_look(connection, folders, tables):
+        named = named_by(connection, folders, tables)
         monkeypatch.undo()
         store.scans.delete(ready_scan.id)
         return named

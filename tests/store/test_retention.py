@@ -3,6 +3,7 @@
 import os
 import signal
 import threading
+from dataclasses import replace
 from datetime import timedelta
 
 import pytest
@@ -17,15 +18,12 @@ from sawmill_contracts.reconstructions import ReconstructionAsk
 from sawmill_contracts.retention import RetentionAsk, RetentionKind, RetentionRules, StaysBecause
 from sawmill_contracts.scans import ScanState
 from sawmill_contracts.schedules import ScheduleSpec
-from sawmill_mill.retention import STAYS
 from sawmill_platform.contracts.jobs import JobState
 from sawmill_platform.database.tables import JobRow
 from sawmill_platform.errors import Conflict, NotFound
-from sawmill_store.retention import protected, retention_store
-from sawmill_store.retention import retention_runner as retiring
-from sawmill_store.retention.growth import Filling, growth_of
-from sawmill_store.retention.leftovers import Leftovers
-from sawmill_store.retention.retention_runner import RetentionKeeper
+from sawmill_platform.retention import retention_runner as retiring
+from sawmill_platform.retention.growth import Filling, growth_of
+from sawmill_store.retention.stocks import STOCKS, events_kept_by
 from sawmill_store.store import Store
 from sawmill_store.tables import ReconstructionRow, ScanRow
 
@@ -66,7 +64,7 @@ def put(store, rules):
 
 def carried_out(store):
     """What a keeper removes that starts now, by kind."""
-    keeper = RetentionKeeper(store.database, store.files)
+    keeper = store.retention_keeper()
     gone: dict[RetentionKind, int] = {}
     for _ in range(1000):
         removed = keeper.remove_some()
@@ -177,19 +175,22 @@ def test_each_protection_keeps_what_it_is_for_and_nothing_else_does(mill, full_m
         rules = RetentionRules(**{f"{kind.replace('-', '_')}_days": 1})
         return next(each for each in mill.retention.preview(rules).kinds if each.kind is kind)
 
-    def without(because):
-        return lambda session, kind: [each for each in protected.protections(session, kind) if each.because != because]
+    def without(because, stock):
+        return replace(
+            stock, kept_by=lambda session: [each for each in stock.kept_by(session) if each.because != because]
+        )
 
     with mill.database.read() as session:
-        for kind, reasons in STAYS.items():
-            assert {each.because for each in protected.protections(session, kind)} == set(reasons), kind
+        assert [each.because for each in events_kept_by(session)] == [StaysBecause.NEWEST]
+        for stock in STOCKS.values():
+            assert StaysBecause.UNFINISHED_JOB in {each.because for each in stock.kept_by(session)}, stock.kind
     kept, previews = {}, {kind: shown(kind) for kind in {kind for _, kind in full_mill}}
     for (because, kind), identifiers in full_mill.items():
         stays = {each.because: set(each.first_ids) for each in previews[kind].stays}
         assert stays[because] == identifiers, (because, kind)
         kept.setdefault(kind, set()).update(identifiers)
         with monkeypatch.context() as taken_away:
-            taken_away.setattr(retention_store, "protections", without(because))
+            taken_away.setitem(STOCKS, kind, without(because, STOCKS[kind]))
             going = {each.id for each in shown(kind).first}
         others = {name for (other, of), names in full_mill.items() if of is kind and other != because for name in names}
         assert going >= identifiers - others, (because, kind)
@@ -452,7 +453,7 @@ def test_a_kill_between_rows_and_files_leaves_what_leftovers_remove(mill, settin
     if not child:
         own = Store(settings, clock=clock)
         own.files.remove = lambda _: os.kill(os.getpid(), signal.SIGKILL)
-        RetentionKeeper(own.database, own.files).remove_some()
+        own.retention_keeper().remove_some()
         os._exit(0)
     assert os.WTERMSIG(os.waitpid(child, 0)[1]) == signal.SIGKILL
     places = [mill.files.results(job_kinds.INGEST, old), mill.files.upload(job_kinds.INGEST, old).parent]
@@ -460,7 +461,7 @@ def test_a_kill_between_rows_and_files_leaves_what_leftovers_remove(mill, settin
     assert all(place.exists() for place in places)
     assert mill.retention.get().removed[0].number == 1
     now_s = [0.0]
-    leftovers = Leftovers(mill.database, mill.files, grace_s=1.0, now_s=lambda: now_s[0])
+    leftovers = mill.leftovers(grace_s=1.0, now_s=lambda: now_s[0])
     leftovers.remove_some()
     now_s[0] = 2.0
     assert sorted(leftovers.remove_some()) == sorted(places)
@@ -503,7 +504,7 @@ def test_five_simulated_months_stay_within_their_rules(mill, clock, scanner, upl
     scan_id, calibration_id = calibrated(mill, upload, finish)
     mill.calibrations.activate(calibration_id, "of these months")
     put(mill, RetentionRules(log_scans_days=60, log_scans_bytes=7_000, phantom_scans_days=30, events_days=30))
-    keeper = RetentionKeeper(mill.database, mill.files, now_s=lambda: clock().timestamp())
+    keeper = mill.retention_keeper(now_s=lambda: clock().timestamp())
     for month in range(5):
         first = clock()
         clock.advance(days=30)

@@ -191,7 +191,7 @@ def test_without_an_active_calibration_there_is_nothing_to_compare_a_log_with(st
     clock.advance(minutes=30)
     assert store.schedules.run_due()[0].outcome == "no-active-calibration"
     (missed,) = [event for event in store.events.following(0) if event.what == "schedule-missed"]
-    assert (missed.scanner_id, "no active calibration" in missed.detail["reason"]) == (scanner.id, True)
+    assert (missed.group_id, "no active calibration" in missed.detail["reason"]) == (scanner.id, True)
 
 
 def missed(store, schedule):

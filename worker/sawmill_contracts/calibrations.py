@@ -20,6 +20,8 @@ from sawmill_contracts.choices import (
     WitnessTaken,
 )
 from sawmill_contracts.geometry import (
+    Covariance,
+    PositiveMm,
     ReportedSourceFrame,
     ScannerConstants,
     SourceFrameDeviation,
@@ -27,8 +29,8 @@ from sawmill_contracts.geometry import (
 )
 from sawmill_contracts.kinds import AskedKind, Operation, Reference
 from sawmill_contracts.phantoms import SizeTolerancePercent
-from sawmill_contracts.row_ranges import Rows
-from sawmill_platform.contracts.base import ChosenViews, Contract, Covariance, Identifier, PositiveMm, Stamped
+from sawmill_contracts.row_ranges import ChosenViews, Rows
+from sawmill_platform.contracts.base import Contract, Identifier, Stamped
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.jobs import Failure
 from sawmill_platform.contracts.keys import Scope

@@ -4,7 +4,8 @@ from pydantic import Field
 
 from sawmill_contracts.choices import DriftMethod
 from sawmill_contracts.detector_values import DetectorDeviation, DetectorGeometry
-from sawmill_platform.contracts.base import Contract, Covariance, Time
+from sawmill_contracts.geometry import Covariance
+from sawmill_platform.contracts.base import Contract, Time
 from sawmill_vocabulary import DetectorEstimate
 
 

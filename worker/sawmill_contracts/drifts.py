@@ -9,10 +9,10 @@ from sawmill_contracts import job_kinds
 from sawmill_contracts.choices import DisturbedPart, DriftMethod, DriftReference
 from sawmill_contracts.detector_values import DetectorDeviation, DetectorGeometry
 from sawmill_contracts.drift_baselines import DriftBaseline
-from sawmill_contracts.geometry import ScannerConstants
+from sawmill_contracts.geometry import Covariance, ScannerConstants
 from sawmill_contracts.kinds import AskedKind, Operation, Reference, stored_as
 from sawmill_contracts.row_ranges import Rows
-from sawmill_platform.contracts.base import Contract, Covariance, Identifier, Stamped, Time
+from sawmill_platform.contracts.base import Contract, Identifier, Stamped, Time
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.jobs import Failure, JobState
 from sawmill_vocabulary import DetectorEstimate, Rotation, Theta

@@ -6,9 +6,28 @@ from typing import Annotated
 from pydantic import AfterValidator, Field, WithJsonSchema, computed_field, model_validator
 from pydantic.dataclasses import dataclass
 
-from sawmill_platform.contracts.base import Contract, PositiveMm, check_range
+from sawmill_platform.contracts.base import Contract
 from sawmill_vocabulary import LARGEST_MM, CoordinateMm, Scanner, SourceFrame, Theta, ThetaBounds
 
+
+def _check_range(value: tuple[float, float]) -> tuple[float, float]:
+    """Check that the value is a range [low, high]."""
+    if not value[0] < value[1]:
+        msg = f"a range must be [low, high] with low < high, not {list(value)}"
+        raise ValueError(msg)
+    return value
+
+
+def _check_square(rows: list[list[float]]) -> list[list[float]]:
+    lengths = [len(row) for row in rows]
+    if not rows or lengths != [len(rows)] * len(rows):
+        msg = f"a covariance must have as many numbers in each row as it has rows, not {lengths} in {len(rows)} rows"
+        raise ValueError(msg)
+    return rows
+
+
+Covariance = Annotated[list[list[float]], AfterValidator(_check_square)]
+PositiveMm = Annotated[float, Field(gt=0, le=LARGEST_MM)]
 # A detector's cell is larger than the wavelength of light, and the source is outside of any log.
 SMALLEST_MM = {"source_to_cor_mm": 1.0, "detector_pitch_mm": 1e-3, "row_pitch_mm": 1e-3}
 # The contract states these bounds, and `ScannerAsk` checks them: earlier versions have stored smaller values.
@@ -43,9 +62,9 @@ _THETA = {one.name: one.metadata for one in fields(Theta)}
 
 Slope = Annotated[float, Field(ge=-10, le=10)]
 # Ranges that `ThetaBounds` may have in a request.
-CoordinateRange = Annotated[tuple[CoordinateMm, CoordinateMm], AfterValidator(check_range)]
-DistanceRange = Annotated[tuple[Annotated[float, Field(ge=0, le=LARGEST_MM)], PositiveMm], AfterValidator(check_range)]
-SlopeRange = Annotated[tuple[Slope, Slope], AfterValidator(check_range)]
+CoordinateRange = Annotated[tuple[CoordinateMm, CoordinateMm], AfterValidator(_check_range)]
+DistanceRange = Annotated[tuple[Annotated[float, Field(ge=0, le=LARGEST_MM)], PositiveMm], AfterValidator(_check_range)]
+SlopeRange = Annotated[tuple[Slope, Slope], AfterValidator(_check_range)]
 
 
 @dataclass(frozen=True)

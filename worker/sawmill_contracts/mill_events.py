@@ -17,7 +17,11 @@ PHANTOM_DELETED = EventKind.register("phantom-deleted", is_decision=True)
 SCHEDULE_CREATED = EventKind.register("schedule-created", is_decision=True, topic="schedule")
 SCHEDULE_CHANGED = EventKind.register("schedule-changed", is_decision=True, topic="schedule")
 SCHEDULE_DELETED = EventKind.register("schedule-deleted", is_decision=True, topic="schedule")
-SCHEDULE_MISSED = EventKind.register("schedule-missed", topic="schedule")
+SCHEDULE_MISSED = EventKind.register(
+    "schedule-missed", "nothing was queued at `due_at`, for `reason`; reported once", topic="schedule"
+)
 INSPECTION_DELETED = EventKind.register("inspection-deleted", is_decision=True)
-ALARM_OPENED = EventKind.register("alarm-opened", topic="alarm")
+ALARM_OPENED = EventKind.register(
+    "alarm-opened", "`detail` is the alarm, which `/v1/alarms` lists until `alarm-closed`", topic="alarm"
+)
 ALARM_CLOSED = EventKind.register("alarm-closed", topic="alarm")

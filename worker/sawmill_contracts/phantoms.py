@@ -11,7 +11,8 @@ from pydantic import ConfigDict, Field, field_validator, model_validator
 
 from sawmill_contracts import job_kinds
 from sawmill_contracts.choices import Axis
-from sawmill_platform.contracts.base import Contract, Identifier, Name, PositiveMm, Stamped
+from sawmill_contracts.geometry import PositiveMm
+from sawmill_platform.contracts.base import Contract, Identifier, Name, Stamped
 from sawmill_platform.contracts.given import Given, GivenDay
 from sawmill_platform.contracts.kinds import UploadedKind
 from sawmill_vocabulary import STANDARD_SIZE_TOLERANCE, Disc, Point, Shape, TrueAxis, fault_of_outline

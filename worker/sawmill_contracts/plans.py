@@ -6,10 +6,10 @@ from pydantic import Field
 
 from sawmill_contracts import job_kinds
 from sawmill_contracts.calibrations import PredictedRayError, StandardDeviation
-from sawmill_contracts.geometry import GivenTheta, ReportedSourceFrame, ScannerConstants
+from sawmill_contracts.geometry import Covariance, GivenTheta, ReportedSourceFrame, ScannerConstants
 from sawmill_contracts.kinds import AskedKind, Operation, Reference, stored_as
 from sawmill_contracts.phantoms import SizeTolerancePercent
-from sawmill_platform.contracts.base import Contract, Covariance, Identifier, Stamped
+from sawmill_platform.contracts.base import Contract, Identifier, Stamped
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.jobs import Failure, JobState
 from sawmill_vocabulary import Theta

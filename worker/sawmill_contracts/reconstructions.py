@@ -9,10 +9,10 @@ from pydantic.fields import FieldInfo
 
 from sawmill_contracts import job_kinds
 from sawmill_contracts.choices import MetalTreatment, Weighting
-from sawmill_contracts.geometry import GivenTheta
+from sawmill_contracts.geometry import GivenTheta, PositiveMm
 from sawmill_contracts.kinds import AskedKind, Operation, Reference, stored_as
-from sawmill_contracts.row_ranges import SteppedRows
-from sawmill_platform.contracts.base import ChosenViews, Contract, Identifier, PositiveMm, Stamped
+from sawmill_contracts.row_ranges import ChosenViews, SteppedRows
+from sawmill_platform.contracts.base import Contract, Identifier, Stamped
 from sawmill_platform.contracts.conditions import Schema, bounded, one_of, require, without
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.jobs import Failure, JobState

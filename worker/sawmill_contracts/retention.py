@@ -2,12 +2,13 @@
 
 from collections.abc import Iterator
 from enum import StrEnum
-from typing import Annotated, Literal
+from typing import Annotated
 
 from pydantic import Field
 
 from sawmill_platform.contracts.base import LARGEST_NUMBER, Contract, Time
 from sawmill_platform.contracts.given import Given
+from sawmill_platform.contracts.retention import limits_of
 
 # More than any disk holds, and exact as a number of JSON.
 LARGEST_BYTES = 10**15
@@ -94,24 +95,9 @@ class RetentionRules(Contract):
         None, description="Number of days after which an event is removed. Null: no rule.", examples=[90]
     )
 
-    def days_of(self, kind: RetentionKind) -> int | None:
-        """Return the number of days that a kind is kept; None: for good."""
-        days: int | None = getattr(self, rule_name(kind, "days"))
-        return days
-
-    def bytes_of(self, kind: RetentionKind) -> int | None:
-        """Return the number of bytes of a kind that are kept; None: all, or the kind has no files."""
-        most: int | None = getattr(self, rule_name(kind, "bytes"), None)
-        return most
-
     def kinds(self) -> Iterator[RetentionKind]:
         """Return the kinds that have a rule."""
-        return (kind for kind in RetentionKind if self.days_of(kind) is not None or self.bytes_of(kind) is not None)
-
-
-def rule_name(kind: RetentionKind, unit: Literal["days", "bytes"]) -> str:
-    """Return the field that has a kind's rule."""
-    return f"{kind.value.replace('-', '_')}_{unit}"
+        return (kind for kind in RetentionKind if any(limits_of(dict(self), kind)))
 
 
 class RetentionAsk(RetentionRules, Given):

@@ -1,4 +1,4 @@
-"""Ranges of detector rows in requests: A:B, and A:B:STEP."""
+"""Ranges of detector rows in requests, A:B and A:B:STEP, and numbers of views."""
 
 import re
 from typing import Annotated
@@ -62,3 +62,4 @@ SteppedRows = Annotated[
         json_schema_extra={"pattern": STEPPED_ROWS},
     ),
 ]
+ChosenViews = Annotated[int, Field(ge=3, le=100_000)]

@@ -4,8 +4,8 @@ from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
-from sawmill_contracts.geometry import SMALLEST_MM, GivenThetaBounds, ScannerConstants
-from sawmill_platform.contracts.base import Contract, Identifier, Name, PositiveMm, Stamped
+from sawmill_contracts.geometry import SMALLEST_MM, GivenThetaBounds, PositiveMm, ScannerConstants
+from sawmill_platform.contracts.base import Contract, Identifier, Name, Stamped
 from sawmill_platform.contracts.given import Given
 from sawmill_vocabulary import Handedness, Rotation, ThetaBounds
 

@@ -7,10 +7,11 @@ from typing import Annotated, Self
 from pydantic import AfterValidator, Field, StringConstraints, model_validator
 
 from sawmill_contracts import job_kinds
+from sawmill_contracts.geometry import PositiveMm
 from sawmill_contracts.preparing import PrepareOptions
 from sawmill_contracts.row_ranges import Rows
 from sawmill_platform.contracts import patterns
-from sawmill_platform.contracts.base import Contract, Identifier, Name, PositiveMm, Stamped
+from sawmill_platform.contracts.base import Contract, Identifier, Name, Stamped
 from sawmill_platform.contracts.conditions import Schema, one_of, require, without
 from sawmill_platform.contracts.kinds import UploadedKind
 from sawmill_vocabulary import DataKind, RowAlignment

@@ -9,6 +9,7 @@ StorageError
 ├── UploadTooLarge      more bytes than allowed
 ├── Damaged             other bytes than declared
 ├── InvalidOutput       other files than the kind of job leaves
+├── BackupRefused       no backup or restore is possible now
 ├── LeaseLost           another attempt owns the job
 ├── StorageFull         no room left on the disk
 └── StorageUnavailable  the database does not answer, or the data folder cannot be used
@@ -88,6 +89,10 @@ class InvalidOutput(StorageError):  # noqa: N818
     """An attempt left other files than jobs of the kind leave: nothing is published."""
 
     code = "invalid-result"
+
+
+class BackupRefused(StorageError):  # noqa: N818
+    """A backup or a restore is not possible now; the sentence says what to change."""
 
 
 class LeaseLost(StorageError):  # noqa: N818

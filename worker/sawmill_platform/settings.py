@@ -37,8 +37,7 @@ class StorageSettings(BaseSettings):
     )
     max_queued_jobs_per_key: Annotated[int, Field(ge=1)] = Field(
         5_000,
-        description="Of these, jobs that were asked for with one key: a line's day, 2 000 logs that are read and "
-        "reconstructed, has room.",
+        description="Of these, jobs that were asked for with one key: the 4 000 jobs of a busy day have room.",
     )
 
     @property

@@ -1,6 +1,7 @@
 """Rows and files of the job service, behind one object that other packages extend."""
 
-from collections.abc import Sequence
+import time
+from collections.abc import Callable
 from contextlib import AbstractContextManager
 from datetime import datetime
 from functools import partial
@@ -8,10 +9,12 @@ from pathlib import Path
 
 from sqlalchemy import Connection
 
+from sawmill_platform.backups.named_files import lost_files, named_by
 from sawmill_platform.database.clock import Clock
 from sawmill_platform.database.database import Database
 from sawmill_platform.database.engines import make_engine
 from sawmill_platform.database.report import DatabaseReport, damage_of, report_of
+from sawmill_platform.database.tables import Base
 from sawmill_platform.errors import FolderUnavailable
 from sawmill_platform.files.file_store import FileStore, refuse_half_restored, refuse_read_only
 from sawmill_platform.files.folder_identity import check_identity, settle_identity
@@ -24,6 +27,7 @@ from sawmill_platform.keys.repeats import Repeats
 from sawmill_platform.keys.sessions import Sessions
 from sawmill_platform.ledger.audit import Audit
 from sawmill_platform.ledger.events import Events
+from sawmill_platform.retention.leftovers import Leftovers
 from sawmill_platform.settings import StorageSettings
 from sawmill_platform.uploads.upload_store import Uploads
 from sawmill_platform.webhooks.outbox import Outbox
@@ -66,6 +70,7 @@ class JobServiceStore:
         refuse_half_restored(settings.data_folder)
         self.settings = settings
         self.files = files
+        self._named_folders = subjects.named_folders
         self.database = Database(make_engine(settings.url, settings.database_password_file), clock)
         self.places = Places(self.database, settings)
         self.uploads = Uploads(self.database, files)
@@ -82,12 +87,16 @@ class JobServiceStore:
         """Return the events that are to be sent to webhooks, for one sender."""
         return Outbox(self.database)
 
-    def named_folders(self, connection: Connection) -> Sequence[Path]:  # noqa: ARG002
-        """Return some folders that rows of an earlier version name, and that identify its data folder."""
-        return ()
+    def leftovers(self, *, grace_s: float, now_s: Callable[[], float] = time.monotonic) -> Leftovers:
+        """Return the remover of files that no row names; its parameters are those of `Leftovers`."""
+        return Leftovers(self.database, self.files, self._named_folders, grace_s=grace_s, now_s=now_s)
 
     def fill_new(self) -> None:
         """Write the rows that every store has."""
+
+    def lost_files(self) -> list[str]:
+        """Return the paths of files that rows name and that are missing; errors are those of `lost_files`."""
+        return lost_files(self.database, self._named_folders, self.files.folder)
 
     def prepare(self, *, may_begin: bool = True) -> None:
         """Bring the tables up to date, in the folder of their database; close the store if that fails.
@@ -104,7 +113,7 @@ class JobServiceStore:
         StorageMisconfigured, StorageFull, StorageUnavailable
             The database cannot be used.
         """
-        settle = partial(settle_identity, folder=self.files.folder, may_begin=may_begin, named=self.named_folders)
+        settle = partial(settle_identity, folder=self.files.folder, may_begin=may_begin, named=self._needed_folders)
         try:
             self._prepare_folder(may_begin=may_begin)
             self.database.upgrade(and_then=settle)
@@ -114,6 +123,11 @@ class JobServiceStore:
         except BaseException:
             self.close()
             raise
+
+    def _needed_folders(self, connection: Connection) -> list[Path]:
+        """Return the folders that rows of an earlier version name, and that identify its data folder."""
+        named = named_by(connection, self._named_folders, Base.metadata.tables)
+        return [self.files.folder / each.path for each in named if each.needed]
 
     def _prepare_folder(self, *, may_begin: bool) -> None:
         """Make the folder of a new database file, if a new one is allowed; refuse a folder on a read-only disk."""

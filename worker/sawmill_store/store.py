@@ -1,18 +1,17 @@
 """Everything that a mill stores, behind one object."""
 
-from pathlib import Path
+import time
+from collections.abc import Callable
 from typing import Self
-
-from sqlalchemy import Connection
 
 from sawmill_contracts import drifts, plans, reconstructions
 from sawmill_contracts.built_in import BUILT_IN_PHANTOMS
 from sawmill_contracts.kinds import Answer, Ask, AskedKind
 from sawmill_platform.database.clock import Clock
+from sawmill_platform.retention.retention_runner import RetentionKeeper
 from sawmill_platform.settings import StorageSettings
 from sawmill_platform.store import JobServiceStore
 from sawmill_store.alarms import Alarms
-from sawmill_store.backups.named_files import lost_files
 from sawmill_store.calibrations import Calibrations
 from sawmill_store.drift_charts import DriftCharts
 from sawmill_store.history import Histories
@@ -22,10 +21,8 @@ from sawmill_store.mill_files import MillFiles
 from sawmill_store.overviews import Overviews
 from sawmill_store.phantoms import Phantoms
 from sawmill_store.requests.asked import Asked
-from sawmill_store.retention.leftovers import Leftovers
-from sawmill_store.retention.named_by_rows import first_named
-from sawmill_store.retention.retention_runner import RetentionKeeper
 from sawmill_store.retention.retention_store import RetentionStore
+from sawmill_store.retention.stocks import STOCKS, events_kept_by
 from sawmill_store.scanners import Scanners
 from sawmill_store.scans import Scans
 from sawmill_store.schedules import Schedules
@@ -69,13 +66,9 @@ class Store(JobServiceStore):
         """Return the store of the requests of one kind."""
         return Asked(self.database, self.files, self.places, declared)
 
-    def leftovers(self, *, grace_s: float) -> Leftovers:
-        """Return the remover of files that no row names; files are removed after a grace, seconds."""
-        return Leftovers(self.database, self.files, grace_s=grace_s)
-
-    def retention_keeper(self) -> RetentionKeeper:
-        """Return the remover of everything that the rules of retention reach."""
-        return RetentionKeeper(self.database, self.files)
+    def retention_keeper(self, *, now_s: Callable[[], float] = time.monotonic) -> RetentionKeeper:
+        """Return the remover of everything that the rules of retention reach; `now_s` is its clock, seconds."""
+        return RetentionKeeper(self.database, self.files, STOCKS, events_kept_by, now_s=now_s)
 
     @classmethod
     def open(cls, settings: StorageSettings, *, clock: Clock | None = None, may_begin: bool = True) -> Self:
@@ -94,20 +87,6 @@ class Store(JobServiceStore):
         store.prepare(may_begin=may_begin)
         return store
 
-    def named_folders(self, connection: Connection) -> list[Path]:
-        """Return some of the folders that rows name."""
-        return first_named(connection, self.files.folder)
-
     def fill_new(self) -> None:
         """Write the phantoms that come with the software."""
         self.phantoms.seed_built_in(BUILT_IN_PHANTOMS)
-
-    def lost_files(self) -> list[str]:
-        """Return the paths in the data folder of files that rows name and that are missing.
-
-        Raises
-        ------
-        StorageUnavailable, OSError
-            The database does not answer, or the data folder cannot be read.
-        """
-        return lost_files(self.database, self.files.folder)

@@ -37,7 +37,7 @@ Base.registry.update_type_annotation_map(
     }
 )
 
-# Bytes of the upload and the results: null until measured, after the job has ended (`retention/measured_bytes.py`).
+# Bytes of the upload and the results: null until measured, after the job has ended (`measure_some`).
 StoredBytes = Annotated[int | None, mapped_column(BigInteger)]
 
 
@@ -392,19 +392,3 @@ class AlarmRow(Base):
     phantom_id: Mapped[str | None] = mapped_column(String(64))
     expired_on: Mapped[date | None]
     drift: Mapped[Json | None]
-
-
-class RetentionRow(Base):
-    """The one row of the rules of retention, with number and freed bytes of the removals so far, by kind."""
-
-    __tablename__ = "retention"
-
-    number: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
-    rules: Mapped[Json]
-    # Number that grows with each change of the rules.
-    revision: Mapped[int]
-    changed_at: Mapped[datetime]
-    changed_by: Mapped[str] = mapped_column(String(200))
-    # Time when days were last counted; null: not since the change.
-    followed_at: Mapped[datetime | None]
-    removed: Mapped[Json]

@@ -1,4 +1,4 @@
-"""The duties of a mill's housekeeping: schedules, drift charts, alarms, retention and leftovers."""
+"""The duties of a mill's housekeeping: schedules, drift charts, alarms and retention."""
 
 import threading
 import time
@@ -22,7 +22,6 @@ class MillHousekeeping(Housekeeping):
     def __init__(self, store: Store, settings: ExecutionSettings, stop: threading.Event) -> None:
         super().__init__(store, settings, stop)
         self._mill = store
-        self._leftovers = store.leftovers(grace_s=settings.leftovers_s)
         self._retention = store.retention_keeper()
 
     def duties(self) -> list[Duty]:
@@ -31,7 +30,7 @@ class MillHousekeeping(Housekeeping):
 
     def duties_with_files(self) -> list[Duty]:
         """Return the duties of each round in which the data folder is in its place."""
-        return [*super().duties_with_files(), self._retire, self._remove_leftovers]
+        return [*super().duties_with_files(), self._retire]
 
     def seldom_duties(self) -> list[Duty]:
         """Return the duties of one round in `SELDOM_S`."""
@@ -62,9 +61,3 @@ class MillHousekeeping(Housekeeping):
         until_s = time.monotonic() + RETENTION_S
         while self._retention.remove_some() is not None and time.monotonic() < until_s:
             pass
-
-    def _remove_leftovers(self) -> None:
-        removed = self._leftovers.remove_some()
-        if removed:
-            first = str(removed[0].relative_to(self._mill.files.folder))
-            structlog.get_logger().info("leftovers-removed", number=len(removed), first=first)

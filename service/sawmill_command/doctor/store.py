@@ -7,6 +7,7 @@ from pathlib import Path
 
 from sawmill_command.doctor.findings import DoctorFinding, State
 from sawmill_command.doctor.webhooks import webhooks
+from sawmill_platform.backups.newest import newest_backup
 from sawmill_platform.database.report import DatabaseReport
 from sawmill_platform.errors import FolderUnavailable, StorageError, StorageFull, StorageMisconfigured
 from sawmill_platform.files.folder_identity import refuse_used
@@ -16,7 +17,6 @@ from sawmill_platform.workers.housekeeping import TOLERABLE_S
 from sawmill_service.pages.system.system_parts import PLENTY_DAYS, SEEN
 from sawmill_service.routes.health import Readiness, health_of
 from sawmill_service.settings import ServiceSettings
-from sawmill_store.backups.newest import newest_backup
 from sawmill_store.store import Store
 
 _SLOW_S = 0.5

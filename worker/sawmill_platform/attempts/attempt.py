@@ -36,7 +36,7 @@ from sawmill_platform.attempts.threading_layer import load
 from sawmill_platform.attempts.work import Attempt, Work
 from sawmill_platform.confinement.confinement import confine_to, installation, move_into
 from sawmill_platform.contracts.attempts import JobFailure
-from sawmill_platform.contracts.jobs import Failure, FailureKind
+from sawmill_platform.contracts.jobs import Failure, FailureKind, JobKind
 from sawmill_platform.errors import FolderUnavailable
 from sawmill_platform.files.file_store import flush_tree, work_of
 from sawmill_platform.workers.logs import about_attempt, configure_logs
@@ -73,7 +73,8 @@ def _attempt(channel: BinaryIO, work: Work[Any], settings: ExecutionSettings) ->
         with about_attempt(assignment.job):
             attempt = _attempt_at(assignment, work, channel)
             answer, error = _answer(
-                _gone_files_are_outages(attempt)(partial(_run, attempt, work, settings, supervisor, channel))
+                _gone_files_are_outages(attempt)(partial(_run, attempt, work, settings, supervisor, channel)),
+                assignment.job.kind,
             )
             measured = answer.model_copy(update={"peak_memory_bytes": peak_memory_bytes()})
             channel.write(to_line(measured))  # before logging: a log that cannot be written must not lose the answer
@@ -93,7 +94,7 @@ def _end_with(supervisor: BinaryIO) -> None:
     os._exit(1)
 
 
-def _answer(run: Callable[[], dict[str, object]]) -> tuple[Succeeded | Failed, Exception | None]:
+def _answer(run: Callable[[], dict[str, object]], kind: JobKind) -> tuple[Succeeded | Failed, Exception | None]:
     """Return the attempt's answer, and the exception if it was not foreseen."""
     try:
         return Succeeded(result=run()), None
@@ -101,9 +102,9 @@ def _answer(run: Callable[[], dict[str, object]]) -> tuple[Succeeded | Failed, E
         return Failed(failure=Failure(kind=error.kind, code=error.code, detail=error.detail)), None
     except MemoryError as error:
         traceback.clear_frames(error.__traceback__)  # they hold what filled the memory, and an answer takes some
-        return Failed(failure=failure_of(error)), None
+        return Failed(failure=failure_of(error, kind)), None
     except Exception as error:  # noqa: BLE001 - `_log` logs it once the answer is out
-        failure = failure_of(error)
+        failure = failure_of(error, kind)
         return Failed(failure=failure), error if failure.kind is FailureKind.INTERNAL else None
 
 

@@ -20,12 +20,12 @@ LIMITS_MET = frozenset({"too-long", "file-too-large", "out-of-memory", "too-many
 _NO_THREAD = "can't start new thread"
 
 
-def failure_of(error: Exception) -> Failure:
-    """Return the failure for an exception; an unforeseen exception is our fault and its details go to the log."""
+def failure_of(error: Exception, kind: JobKind) -> Failure:
+    """Return the failure for a job's exception; an unforeseen exception is our fault, and the log has its details."""
     outage = outage_of(error, "the attempt") if isinstance(error, OSError) else error
     if isinstance(outage, StorageFull | StorageUnavailable):
         return Failure(kind=FailureKind.PASSING, code=outage.code, detail=str(outage))
-    beyond = _beyond_a_limit(error)
+    beyond = _beyond_a_limit(error, kind)
     if beyond is not None:
         return beyond
     detail = f"the job stopped on an unexpected {type(error).__name__}, which is a defect; see the worker's log"
@@ -44,7 +44,7 @@ def died(exit_code: int, kind: JobKind) -> Failure:
     if number == signal.SIGXCPU:
         return too_long(kind, processor_s(kind), of=" of processor time")
     if number == signal.SIGXFSZ:
-        return _too_large()
+        return _too_large(kind)
     how = f"was ended from outside by signal {number}" if exit_code < 0 else f"ended with exit code {exit_code}"
     detail = f"the job's process {how} before it had an answer; the system's log may say why"
     return Failure(kind=FailureKind.PASSING, code="attempt-died", detail=detail)
@@ -62,13 +62,13 @@ def _crashed(how: signal.Signals, kind: JobKind) -> Failure:
     return Failure(kind=FailureKind.INTERNAL, code="attempt-crashed", detail=detail)
 
 
-def _beyond_a_limit(error: Exception) -> Failure | None:
+def _beyond_a_limit(error: Exception, kind: JobKind) -> Failure | None:
     """Return the failure of a job that exceeded a process limit (`attempts.limits`); None for other errors."""
     number = error.errno if isinstance(error, OSError) else None
     if isinstance(error, MemoryError) or number == errno.ENOMEM or str(error) == _NO_THREAD:
-        return _out_of_memory()
+        return _out_of_memory(kind)
     if number == errno.EFBIG:
-        return _too_large()
+        return _too_large(kind)
     if number == errno.EMFILE:
         most, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
         detail = f"the job needs more than the {most} open files that it may have: give a file of fewer parts"
@@ -76,10 +76,10 @@ def _beyond_a_limit(error: Exception) -> Failure | None:
     return None
 
 
-def _out_of_memory() -> Failure:
+def _out_of_memory(kind: JobKind) -> Failure:
     limit, _ = resource.getrlimit(resource.RLIMIT_DATA)
     than = "there is" if limit == resource.RLIM_INFINITY else f"the {limit / 2**30:.3g} GiB that it may take"
-    detail = f"the job needs more memory than {than}: ask for fewer rows, fewer views or a smaller size"
+    detail = f"the job needs more memory than {than}: {declaration_of(kind).lighter}"
     return Failure(kind=FailureKind.INPUT, code="out-of-memory", detail=detail)
 
 
@@ -110,6 +110,6 @@ def duration(seconds: float) -> str:
     return f"{seconds:.3g} seconds"
 
 
-def _too_large() -> Failure:
-    detail = "the job writes a larger file than it may: ask for fewer rows or a smaller size"
+def _too_large(kind: JobKind) -> Failure:
+    detail = f"the job writes a larger file than it may: {declaration_of(kind).lighter}"
     return Failure(kind=FailureKind.INPUT, code="file-too-large", detail=detail)

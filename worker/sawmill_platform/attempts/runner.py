@@ -200,7 +200,7 @@ class Runner:
                     with disk_outage_reported("an attempt"):  # at any place; otherwise the job would wait for its lease
                         state = self._attempt(claim, process)
                 except (StorageFull, StorageUnavailable) as error:
-                    state = self._put_off(claim, failure_of(error))
+                    state = self._put_off(claim, failure_of(error, claim.job.kind))
             except LeaseLost:
                 log.warning("lease-lost")
             log.info("attempt-ended", state=state)
@@ -301,7 +301,7 @@ class _Supervision:
             return Failed(failure=Failure(kind=FailureKind.INPUT, code=error.code, detail=str(error)))
         except ValidationError as error:
             structlog.get_logger().exception("row-not-read")
-            return Failed(failure=failure_of(error))
+            return Failed(failure=failure_of(error, self._claim.job.kind))
         self._input = self._given.file
         if self._input is not None:
             self._store.files.check_file(self._input)
@@ -410,7 +410,9 @@ class _Supervision:
             return None
         reserve_bytes = self._store.settings.disk_reserve_bytes
         with disk_outage_reported("an attempt"):
-            return overuse(self._process.process_id, output, self._limits, reserve_bytes=reserve_bytes)
+            return overuse(
+                self._process.process_id, output, self._claim.job.kind, self._limits, reserve_bytes=reserve_bytes
+            )
 
     def _keep(self, message: Kept, output: Path) -> None:
         try:
@@ -438,7 +440,7 @@ class _Supervision:
             if self._input is not None:
                 self._store.files.check_file(self._input)
         except (StorageFull, StorageUnavailable) as error:
-            return failure_of(error)
+            return failure_of(error, self._claim.job.kind)
         return None
 
     def _cancellation_came_in(self) -> bool:

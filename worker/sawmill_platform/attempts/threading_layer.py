@@ -16,7 +16,7 @@ LAYER = "NUMBA_THREADING_LAYER"
 
 def tbb_library() -> Path | None:
     """Return the path of the library of the wheel `tbb`; None if it is missing, cannot be loaded or is not selected."""
-    from importlib.metadata import PackageNotFoundError, files  # noqa: PLC0415 - a fifth of the start of `sawmill --version`
+    from importlib.metadata import PackageNotFoundError, files  # noqa: PLC0415 - a fifth of the start of a command
 
     if platform.machine() != "x86_64" or os.environ.get(LAYER, "tbb") != "tbb":
         return None
@@ -33,7 +33,7 @@ def configure_threads(environment: MutableMapping[str, str] = os.environ) -> Non
     """Set the variables that libraries read when they are loaded, unless they are set already.
 
     OpenBLAS has one thread: the matrices are so small that its threads wait longer for each other than they compute,
-    which doubled the processor time of a job with an input of 20 views.
+    which doubled the processor time of a job with a small input.
     """
     environment.setdefault("OPENBLAS_NUM_THREADS", "1")
 

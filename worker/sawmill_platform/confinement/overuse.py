@@ -9,7 +9,8 @@ from itertools import islice
 from pathlib import Path
 
 from sawmill_platform.attempts.protocol import Begun
-from sawmill_platform.contracts.jobs import Failure, FailureKind
+from sawmill_platform.contracts.jobs import Failure, FailureKind, JobKind
+from sawmill_platform.contracts.kinds import declaration_of
 from sawmill_platform.errors import StorageFull, disk_outage_reported
 from sawmill_platform.files.file_store import checkpoints_of
 
@@ -23,7 +24,9 @@ SMALL_BYTES = 16 * 2**20
 BLOCK_BYTES = 512
 
 
-def overuse(process_id: int | None, output: Path, limits: Begun, *, reserve_bytes: int) -> Failure | None:
+def overuse(
+    process_id: int | None, output: Path, kind: JobKind, limits: Begun, *, reserve_bytes: int
+) -> Failure | None:
     """Compare an attempt's memory, threads and files with its limits.
 
     The files of the result together may have the size that one file may have, and so may the checkpoints that have not
@@ -35,6 +38,8 @@ def overuse(process_id: int | None, output: Path, limits: Begun, *, reserve_byte
         Id of the attempt, which has one process; null: the id is not known any more.
     output
         Folder of the attempt.
+    kind
+        Kind of the job.
     reserve_bytes
         Bytes that should stay free on the disk.
 
@@ -56,17 +61,19 @@ def overuse(process_id: int | None, output: Path, limits: Begun, *, reserve_byte
         return Failure(kind=FailureKind.INPUT, code="out-of-memory", detail=detail)
     private, shared, mapped = _memory(threads)
     if shared > SMALL_BYTES and private + shared > limits.data_bytes:
-        return _too_much("out-of-memory", "private and shared memory", private + shared, limits.data_bytes)
+        return _too_much(kind, "out-of-memory", "private and shared memory", private + shared, limits.data_bytes)
     with disk_outage_reported("looking at a job's files"):
         # A page of it that is mapped keeps all of a file.
         within = f"{output.resolve()}/"
         if any(line.endswith(" (deleted)") and within in line for line in mapped):
             detail = "the job has removed a file that it still maps, so that nobody sees how much of the disk it takes"
             return Failure(kind=FailureKind.INPUT, code="file-too-large", detail=detail)
-        return _overuse_of_disk(_removed_and_open(threads), output, limits, reserve_bytes)
+        return _overuse_of_disk(_removed_and_open(threads), output, kind, limits, reserve_bytes)
 
 
-def _overuse_of_disk(nameless_bytes: int, output: Path, limits: Begun, reserve_bytes: int) -> Failure | None:
+def _overuse_of_disk(
+    nameless_bytes: int, output: Path, kind: JobKind, limits: Begun, reserve_bytes: int
+) -> Failure | None:
     kept, others = 0, nameless_bytes
     for number, (path, size_bytes) in enumerate(_below(output)):
         if number == MOST_FILES or size_bytes is None:
@@ -77,7 +84,7 @@ def _overuse_of_disk(nameless_bytes: int, output: Path, limits: Begun, reserve_b
         else:
             others += size_bytes
     if max(kept, others) > limits.file_bytes:
-        return _too_much("file-too-large", "disk for its files together", max(kept, others), limits.file_bytes)
+        return _too_much(kind, "file-too-large", "disk for its files together", max(kept, others), limits.file_bytes)
     free_bytes = shutil.disk_usage(output).free
     if free_bytes < reserve_bytes and kept + others > SMALL_BYTES:
         raise StorageFull(
@@ -150,10 +157,10 @@ def _below(folder: Path) -> Iterator[tuple[Path, int | None]]:
                 waiting.append((Path(entry.path), depth + 1))
 
 
-def _too_much(code: str, what: str, taken_bytes: int, most_bytes: int) -> Failure:
+def _too_much(kind: JobKind, code: str, what: str, taken_bytes: int, most_bytes: int) -> Failure:
     detail = (
-        f"the job takes {_size(taken_bytes)} of {what}, and may take {_size(most_bytes)}: ask for fewer rows or a "
-        "smaller size"
+        f"the job takes {_size(taken_bytes)} of {what}, and may take {_size(most_bytes)}: "
+        f"{declaration_of(kind).lighter}"
     )
     return Failure(kind=FailureKind.INPUT, code=code, detail=detail)
 

@@ -15,7 +15,7 @@ class AuditEntry(Contract):
     at: Time = Field(examples=["2026-03-02T05:30:00Z"])
     who: str = Field(
         description="Name of the key; `schedule` and its id, or `the service` where no person acted.",
-        examples=["scanner software of line 2"],
+        examples=["software of line 2"],
     )
     key_id: Identifier | None = Field(
         description="Id of the key that the request carried. Null: the request carried none.",
@@ -28,7 +28,7 @@ class AuditEntry(Contract):
         description="The `X-Request-Id` of the request, as in its answer and in the log. Null: there was no request.",
         examples=["0f8b4c6d0d8a4b0e9d0c5b8f3f1e2a77"],
     )
-    action: EventKind = Field(description="Action.", examples=["calibration-activated"])
+    action: EventKind = Field(description="Action.", examples=["key-created"])
     subject_id: str = Field(description="Id of the object of the action.", examples=["example"])
     detail: dict[str, Any] | None = Field(
         description="The object's properties and the reason, where known.", examples=[{"reason": "checked by hand"}]

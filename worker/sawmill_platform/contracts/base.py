@@ -4,7 +4,6 @@ from datetime import datetime
 from typing import Annotated, Any, Generic, TypeVar
 
 from pydantic import (
-    AfterValidator,
     AwareDatetime,
     BaseModel,
     ConfigDict,
@@ -14,7 +13,6 @@ from pydantic import (
 )
 
 from sawmill_platform.contracts import patterns
-from sawmill_vocabulary import LARGEST_MM
 
 
 class Contract(BaseModel):
@@ -33,8 +31,6 @@ Name = Annotated[
     StringConstraints(min_length=1, max_length=200),
     Field(description="One line that is not blank.", json_schema_extra={"pattern": patterns.NAME}),
 ]
-PositiveMm = Annotated[float, Field(gt=0, le=LARGEST_MM)]
-ChosenViews = Annotated[int, Field(ge=3, le=100_000)]
 # Bound of a number whose field has no closer one.
 LARGEST_NUMBER = 10**12
 Time = Annotated[AwareDatetime, Field(description="RFC 3339, UTC.", examples=["2026-03-02T05:30:00Z"])]
@@ -53,25 +49,6 @@ def placed_complaint(error: ValidationError) -> str:
     """Return a contract's first complaint, after the place of the value."""
     place = ".".join(str(part) for part in error.errors()[0]["loc"])
     return f"{place}: {complaint(error)}" if place else complaint(error)
-
-
-def check_range(value: tuple[float, float]) -> tuple[float, float]:
-    """Check that the value is a range [low, high]."""
-    if not value[0] < value[1]:
-        msg = f"a range must be [low, high] with low < high, not {list(value)}"
-        raise ValueError(msg)
-    return value
-
-
-def _check_square(rows: list[list[float]]) -> list[list[float]]:
-    lengths = [len(row) for row in rows]
-    if not rows or lengths != [len(rows)] * len(rows):
-        msg = f"a covariance must have as many numbers in each row as it has rows, not {lengths} in {len(rows)} rows"
-        raise ValueError(msg)
-    return rows
-
-
-Covariance = Annotated[list[list[float]], AfterValidator(_check_square)]
 
 
 Item = TypeVar("Item")

@@ -1,6 +1,9 @@
 """Kinds of events: the words of the job service; other packages register theirs."""
 
-from typing import Self
+from typing import Any, Self
+
+from pydantic import GetJsonSchemaHandler
+from pydantic_core import CoreSchema
 
 from sawmill_platform.contracts.registered import RegisteredWord
 
@@ -11,10 +14,11 @@ class EventKind(RegisteredWord):
     is_decision: bool
     is_public: bool
     topic: str | None
+    about: str
 
     @classmethod
     def register(
-        cls, word: str, *, is_decision: bool = False, is_public: bool = True, topic: str | None = None
+        cls, word: str, about: str = "", *, is_decision: bool = False, is_public: bool = True, topic: str | None = None
     ) -> Self:
         """Add a kind of event.
 
@@ -22,6 +26,8 @@ class EventKind(RegisteredWord):
         ----------
         word
             Name of the kind.
+        about
+            Explanation of the kind for the public document, without a full stop, if the word does not say it.
         is_decision
             True if somebody decides it: the audit keeps such events for ever, with who decided and from where.
         is_public
@@ -31,8 +37,15 @@ class EventKind(RegisteredWord):
             topic of their kind of job.
         """
         kind = cls._add(word)
-        kind.is_decision, kind.is_public, kind.topic = is_decision, is_public, topic
+        kind.is_decision, kind.is_public, kind.topic, kind.about = is_decision, is_public, topic, about
         return kind
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        """List the words as an enumeration, with the explanations of some."""
+        explained = "; ".join(f"`{kind}`: {kind.about}" for kind in cls.all() if kind.about)
+        listed = super().__get_pydantic_json_schema__(schema, handler)
+        return listed | {"description": f"{cls.__doc__} {explained}."}
 
     @classmethod
     def decisions(cls) -> tuple[Self, ...]:
@@ -54,10 +67,10 @@ QUEUED = EventKind.register("queued")
 STARTED = EventKind.register("started")
 SUCCEEDED = EventKind.register("succeeded")
 FAILED = EventKind.register("failed")
-LOST = EventKind.register("lost")
-PUT_OFF = EventKind.register("put-off")
-GIVEN_BACK = EventKind.register("given-back")
-CANCEL_REQUESTED = EventKind.register("cancel-requested")
+LOST = EventKind.register("lost", "the attempt ended without an answer")
+PUT_OFF = EventKind.register("put-off", "an outage ended the attempt, which is no loss")
+GIVEN_BACK = EventKind.register("given-back", "the worker of the attempt stopped, or another job went first")
+CANCEL_REQUESTED = EventKind.register("cancel-requested", "the worker of the job was requested to stop")
 CANCELLED = EventKind.register("cancelled")
 UPLOAD_CREATED = EventKind.register("upload-created")
 UPLOAD_COMPLETE = EventKind.register("upload-complete")
@@ -70,16 +83,18 @@ WEBHOOK_CREATED = EventKind.register("webhook-created", is_decision=True)
 WEBHOOK_CHANGED = EventKind.register("webhook-changed", is_decision=True)
 WEBHOOK_ROTATED = EventKind.register("webhook-rotated", is_decision=True)
 WEBHOOK_TESTED = EventKind.register("webhook-tested", is_decision=True)
-WEBHOOK_PAUSED = EventKind.register("webhook-paused")
+WEBHOOK_PAUSED = EventKind.register("webhook-paused", "nothing is sent to the webhook any more, for `reason`")
 WEBHOOK_DELETED = EventKind.register("webhook-deleted", is_decision=True)
 RETENTION_CHANGED = EventKind.register("retention-changed", is_decision=True)
-RETENTION_REMOVED = EventKind.register("retention-removed")
+RETENTION_REMOVED = EventKind.register(
+    "retention-removed", "the rules of `/v1/retention` removed objects of the kind `subject_id`"
+)
 JOB_CANCELLED = EventKind.register("job-cancelled", is_decision=True, is_public=False)
 LOGGED_IN = EventKind.register("logged-in", is_decision=True, is_public=False)
 LOGGED_OUT = EventKind.register("logged-out", is_decision=True, is_public=False)
-CLOCK_STEPPED = EventKind.register("clock-stepped")
-CLOCK_OFF = EventKind.register("clock-off")
-RESTORED = EventKind.register("restored")
+CLOCK_STEPPED = EventKind.register("clock-stepped", "the service followed a step of its machine's clock")
+CLOCK_OFF = EventKind.register("clock-off", "the worker's clock differs from the service's by more than 5 s")
+RESTORED = EventKind.register("restored", "the database lacks what happened after the backup that was restored")
 
 JOB_ENDS = frozenset({SUCCEEDED, FAILED, CANCELLED})
 """Kinds of events that end a job."""

@@ -84,25 +84,23 @@ class Failure(Contract):
     kind: FailureKind = Field(
         description="Cause of the failure, and so whether the job is tried again.", examples=["input"]
     )
-    code: str = Field(description="Stable code, for programs.", examples=["phantom-not-found"])
+    code: str = Field(description="Stable code, for programs.", examples=["too-long"])
     detail: str = Field(
-        description="One sentence: which value, and what would be right.", examples=["there is no phantom 'cross'"]
+        description="One sentence: which value, and what would be right.",
+        examples=["the job needs more than the 6 hours that it may take: give a smaller file"],
     )
 
 
 class Job(Stamped):
     """A job in its present state."""
 
-    kind: JobKind = Field(description="Kind of work.", examples=["calibrate"])
+    kind: JobKind = Field(description="Kind of work.")
     state: JobState = Field(description="State of the job.", examples=["running"])
-    subject_id: Identifier = Field(
-        description="Id of the scan, the phantom, the calibration or another object that the job works on.",
-        examples=["example"],
-    )
+    subject_id: Identifier = Field(description="Id of the object that the job works on.", examples=["example"])
     short: bool = Field(
         default=False,
         description="Whether the job takes seconds. Short jobs have a lane of their own, in which none waits for a "
-        "long job such as a reconstruction.",
+        "long job.",
         examples=[True],
     )
     priority: Priority = Field(
@@ -152,7 +150,7 @@ class Job(Stamped):
         examples=[0],
     )
     worker: str | None = Field(
-        None, description="Host and process of the worker that runs the job. Null: none does.", examples=["mill:71"]
+        None, description="Host and process of the worker that runs the job. Null: none does.", examples=["host:71"]
     )
     cancel_requested: bool = Field(
         default=False,
@@ -172,7 +170,7 @@ class Job(Stamped):
         None,
         description="Name of the key with which the job was requested, or who else requested it; null: a job of an "
         "earlier version.",
-        examples=["scanner software of line 2"],
+        examples=["software of line 2"],
     )
     started_at: datetime | None = Field(
         None,

@@ -36,7 +36,7 @@ class KeyAsk(Given):
 
     model_config = ConfigDict(json_schema_extra=_state_display)
 
-    name: Name = Field(description="Owner of the key: a person or a program.", examples=["scanner software of line 2"])
+    name: Name = Field(description="Owner of the key: a person or a program.", examples=["software of line 2"])
     scope: Scope = Field(
         description="`read`, `submit`, `activate` or `admin`; each scope includes the scopes before it.",
         examples=["read"],
@@ -62,7 +62,7 @@ class KeyAsk(Given):
 class Key(Stamped):
     """A key as it is listed, without its secret."""
 
-    name: Name = Field(description="Owner of the key: a person or a program.", examples=["scanner software of line 2"])
+    name: Name = Field(description="Owner of the key: a person or a program.", examples=["software of line 2"])
     scope: Scope = Field(description="Scope of the key.", examples=["submit"])
     display: bool = Field(description="Whether the key is for a display on the wall.", examples=[False])
     expires_at: Time | None = Field(

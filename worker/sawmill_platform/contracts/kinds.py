@@ -20,7 +20,7 @@ class KindDeclaration:
     kind : JobKind
         The kind.
     noun : str
-        The thing that a job of this kind works on, in sentences and codes: `plan` gives `plan-not-found`.
+        The thing that a job of this kind works on, in sentences and codes: `sum` gives `sum-not-found`.
     label : str
         Name of the work for people, marked for the catalogues.
     result : type of Contract

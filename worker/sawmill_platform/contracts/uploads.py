@@ -31,7 +31,7 @@ class UploadAsk(Given):
     """A file to be sent in parts."""
 
     size_bytes: int = Field(gt=0, le=LARGEST_NUMBER, description="Length of the whole file, bytes.", examples=[1048576])
-    name: Name | None = Field(None, description="Name of the file. Null: not given.", examples=["mill.h5"])
+    name: Name | None = Field(None, description="Name of the file. Null: not given.", examples=["measured.h5"])
     sha256: Sha256 | None = Field(
         None,
         description="SHA-256 of the whole file, in hexadecimal digits; a file with another checksum is refused. "
@@ -43,7 +43,7 @@ class UploadAsk(Given):
 class Upload(Stamped):
     """An upload that can be resumed."""
 
-    name: Name | None = Field(description="Name of the file; null: not given.", examples=["mill.h5"])
+    name: Name | None = Field(description="Name of the file; null: not given.", examples=["measured.h5"])
     size_bytes: int = Field(description="Length of the whole file, bytes.", examples=[1048576])
     offset_bytes: int = Field(
         description="Number of bytes that are on the disk: the next part begins there.", examples=[524288]
@@ -54,7 +54,7 @@ class Upload(Stamped):
     )
     state: UploadState = Field(description="State of the upload.", examples=["receiving"])
     used_by: str | None = Field(
-        description="Path of what was made from the upload; null: nothing yet.", examples=["/v1/scans/example"]
+        description="Path of what was made from the upload; null: nothing yet.", examples=["/v1/results/example"]
     )
     expires_at: Time = Field(
         description="Time of its removal, RFC 3339, UTC; each part that arrives puts it off.",

@@ -55,7 +55,7 @@ def destination_of(url: str) -> Destination:
     """
     match = _URL.fullmatch(url)
     if match is None or not 0 < int(match["port"] or _PORTS[match["scheme"]]) <= LARGEST_PORT:
-        msg = f"must be as in https://alarms.mill.example/sawmill, without a user and a fragment, not {url!r}"
+        msg = f"must be as in https://alarms.site.example/events, without a user and a fragment, not {url!r}"
         raise ValueError(msg)
     host = match["host"].lower().strip("[]").rstrip(".")
     target = match["target"] or "/"
@@ -92,7 +92,7 @@ Url = Annotated[
         max_length=2000,
         description="URL to which events are posted. Its host must be among the destinations that the service's "
         "settings allow; `http` reaches allowed networks alone.",
-        examples=["https://alarms.mill.example/sawmill"],
+        examples=["https://alarms.site.example/events"],
         json_schema_extra={"pattern": patterns.WEBHOOK_URL_SCHEMA},
     ),
 ]

@@ -2,7 +2,7 @@
 
 On SQLite a row contains the time at which this machine started; CLOCK_BOOTTIME, which all processes of the machine
 share and which nobody can step, gives the time since then. The row is written by the first process that opens the store
-after a start of the machine, and from then on by the owner alone, the `sawmill serve` of that store. On PostgreSQL the
+after a start of the machine, and from then on by the owner alone, the service of that store. On PostgreSQL the
 server's clock is read now and then.
 """
 

@@ -1,5 +1,6 @@
 """The job store's interface to the package that owns the kinds of jobs."""
 
+from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
 from typing import Protocol
@@ -10,10 +11,14 @@ from sawmill_platform.contracts.attempts import AttemptInput
 from sawmill_platform.contracts.base import Contract
 from sawmill_platform.contracts.jobs import JobKind
 from sawmill_platform.database.tables import JobRow
+from sawmill_platform.files.named_folders import NamedFolder
 
 
 class Subjects(Protocol):
     """Rows that jobs work on; every method but the last is called within the job store's transaction."""
+
+    named_folders: Sequence[NamedFolder]
+    """Folders in which these rows name files."""
 
     def handed_over(self, session: Session, job: JobRow) -> AttemptInput:
         """Return the input of an attempt at a job.

@@ -117,5 +117,4 @@ def published() -> ColumnElement[bool]:
 
 def read_event(row: EventRow) -> Event:
     """Return the published event of a row."""
-    names = Event.model_fields.keys() - {"scanner_id"}
-    return Event.model_validate({name: getattr(row, name) for name in names} | {"scanner_id": row.group_id})
+    return Event.model_validate({name: getattr(row, name) for name in Event.model_fields})

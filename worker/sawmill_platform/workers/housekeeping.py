@@ -45,6 +45,7 @@ class Housekeeping:
         self._leases = LeaseObserver(settings.lease_s, cancel_s, settings.housekeeping_s)
         self._clock_is_off = self._folder_is_away = False
         self._outages_said = set[str]()
+        self._leftovers = store.leftovers(grace_s=settings.leftovers_s)
         self._seldom_due_s = time.monotonic()
         self._thread = threading.Thread(target=self._loop, name="housekeeping", daemon=True)
 
@@ -83,7 +84,7 @@ class Housekeeping:
 
     def duties_with_files(self) -> list[Duty]:
         """Return the duties of each round that need the data folder in its place."""
-        return [self._remove_uploads]
+        return [self._remove_uploads, self._remove_leftovers]
 
     def seldom_duties(self) -> list[Duty]:
         """Return the duties of one round in `SELDOM_S`."""
@@ -138,6 +139,12 @@ class Housekeeping:
         """Remove uploads that nobody continues."""
         for upload_id in self._store.uploads.remove_expired():
             structlog.get_logger().info("upload-expired", upload_id=upload_id)
+
+    def _remove_leftovers(self) -> None:
+        removed = self._leftovers.remove_some()
+        if removed:
+            first = str(removed[0].relative_to(self._store.files.folder))
+            structlog.get_logger().info("leftovers-removed", number=len(removed), first=first)
 
     def _loop(self) -> None:
         while not self._stop.wait(self._settings.housekeeping_s):

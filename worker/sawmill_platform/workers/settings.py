@@ -56,7 +56,7 @@ class ExecutionSettings(BaseSettings):
     stall_s: Seconds | None = Field(
         None,
         description="How long an attempt's progress may stand still before its process is ended, which is a loss; "
-        "null: by the job's kind, 2 hours for a reconstruction and 30 minutes for everything else.",
+        "null: by the job's kind, as a rule 30 minutes.",
     )
     time_limit_s: Annotated[float, Field(gt=0, le=30 * 86_400)] | None = Field(
         None,
@@ -98,7 +98,7 @@ class ExecutionSettings(BaseSettings):
     )
     memory_limit_bytes: Annotated[int, Field(ge=2**28)] | None = Field(
         None,
-        description="Private memory of one attempt; null: 2 GiB, or what the recorded sizes of its scan need if that "
+        description="Private memory of one attempt; null: 2 GiB, or what the recorded sizes of its input need if that "
         "is more, and 64 MiB on top for each core beyond eight.",
     )
     log_format: Literal["console", "json"] = Field("console", description="For people, or one JSON object a line.")

@@ -17,25 +17,22 @@ from sawmill_contracts.retention import (
     RetentionPreview,
     RetentionRules,
     Staying,
-    rule_name,
+    StaysBecause,
 )
 from sawmill_platform.acting import actor
 from sawmill_platform.contracts import event_kinds
+from sawmill_platform.contracts.retention import limits_of, rule_name
 from sawmill_platform.database.database import Database, lock_for_setup
-from sawmill_platform.database.tables import REMOVABLE, EventRow
+from sawmill_platform.database.tables import REMOVABLE, EventRow, RetentionRow
 from sawmill_platform.errors import Conflict
 from sawmill_platform.ledger.audit import changed
 from sawmill_platform.ledger.events import announce
-from sawmill_store.retention.growth import Growth, fillings, growth_of
-from sawmill_store.retention.protected import Protection, none_of, protections
-from sawmill_store.retention.retention_rules import STOCKS, Stock, last_old_event, reach_of
-from sawmill_store.tables import RetentionRow
+from sawmill_platform.retention.growth import Growth, filling_of, growth_of
+from sawmill_platform.retention.retention_runner import SUBJECT, THE_ROW, waits_since
+from sawmill_platform.retention.stocks import Protection, Stock, last_old_event, none_of, reach_of
+from sawmill_store.retention.stocks import STOCKS, events_kept_by
 
-THE_ROW = 1
 RULES = "rules"
-SUBJECT = "retention"
-# After a gap of this length, in which no process ran or the clock leapt, rules by days wait for a person.
-LONGEST_GAP = timedelta(days=30)
 # Time for a person to confirm the number of a preview: scans become too old every few seconds.
 CONFIRMED_WITHIN = timedelta(hours=1)
 _FIRST, _FIRST_IDS = 10, 3
@@ -61,7 +58,9 @@ class RetentionStore:
         """Compute the growth of files, and the time until the free bytes are used up under the rules in force."""
         with self._database.read() as session:
             rules = rules_of(session.get(RetentionRow, THE_ROW))
-            return growth_of(fillings(session, rules, self._database.now()), free_bytes)
+            now, stocks = self._database.now(), [stock for stock in STOCKS.values() if stock.has_bytes]
+            kinds = [filling_of(session, stock, limits_of(dict(rules), stock.kind), now) for stock in stocks]
+            return growth_of(kinds, free_bytes)
 
     def replace(self, ask: RetentionAsk) -> Retention:
         """Put rules into force, if they remove no more than was confirmed.
@@ -95,12 +94,6 @@ class RetentionStore:
 def rules_of(row: RetentionRow | None) -> RetentionRules:
     """Read the rules of the row; without a row there are no rules."""
     return RetentionRules() if row is None else RetentionRules.model_validate(row.rules)
-
-
-def waits_since(row: RetentionRow, now: datetime) -> datetime | None:
-    """Return the time when days were last counted, if a person must confirm the rules after so long; otherwise None."""
-    last = row.followed_at or row.changed_at
-    return last if now - last > LONGEST_GAP else None
 
 
 def read_retention(row: RetentionRow | None, now: datetime) -> Retention:
@@ -141,9 +134,9 @@ def _of_kind(session: Session, kind: RetentionKind, rules: RetentionRules, at: d
 
 
 def _of_stock(session: Session, stock: Stock, rules: RetentionRules, at: datetime) -> KindPreview:
-    table, reach = stock.table, reach_of(session, stock, rules, at)
-    kept = protections(session, stock.kind)
-    reached = reach.beyond(stock)
+    table, reach = stock.table, reach_of(session, stock, limits_of(dict(rules), stock.kind), at)
+    kept = list(stock.kept_by(session))
+    reached = reach.beyond()
     goes = and_(reached, none_of(kept))
     sized = stock.all_bytes if stock.has_bytes else null()
     totals = stock.select(func.count(), sized, func.min(table.created_at), func.max(table.created_at), until=goes)
@@ -151,21 +144,21 @@ def _of_stock(session: Session, stock: Stock, rules: RetentionRules, at: datetim
     columns = (table.id, table.created_at, table.stored_bytes if stock.has_bytes else null())
     first = session.execute(stock.select(*columns, until=goes).order_by(table.created_at, table.id).limit(_FIRST))
     return KindPreview(
-        kind=stock.kind,
+        kind=RetentionKind(stock.kind),
         number=number,
         bytes=size,
         oldest_at=oldest_at,
         newest_at=newest_at,
         first=[
-            Going(id=identifier, created_at=created_at, bytes=each, by=reach.rule_of(stock.kind, created_at))
-            for identifier, created_at, each in first
+            Going(id=identifier, created_at=made_at, bytes=each, by=rule_name(stock.kind, reach.unit_for(made_at)))
+            for identifier, made_at, each in first
         ],
         stays=_staying(session, kept, stock.select(table.id, until=reached).order_by(table.created_at, table.id)),
     )
 
 
 def _of_events(session: Session, rules: RetentionRules, at: datetime) -> KindPreview:
-    last, kept = last_old_event(session, rules, at), protections(session, RetentionKind.EVENTS)
+    last, kept = last_old_event(session, rules.events_days, at), list(events_kept_by(session))
     reached = and_(text(REMOVABLE), EventRow.number <= last)
     goes = and_(reached, none_of(kept))
     number = session.scalar(select(func.count()).select_from(EventRow).where(goes)) or 0
@@ -194,6 +187,6 @@ def _staying(session: Session, protections_of_kind: Sequence[Protection], reache
         counted = staying_rows.with_only_columns(func.count(), maintain_column_froms=True).order_by(None)
         number = session.scalar(counted) or 0
         if number:
-            first = session.scalars(staying_rows.limit(_FIRST_IDS))
-            staying.append(Staying(because=because, number=number, first_ids=[str(each) for each in first]))
+            first_ids = [str(each) for each in session.scalars(staying_rows.limit(_FIRST_IDS))]
+            staying.append(Staying(because=StaysBecause(because), number=number, first_ids=first_ids))
     return staying

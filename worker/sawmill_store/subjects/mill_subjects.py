@@ -24,6 +24,7 @@ from sawmill_platform.files.file_store import FileStore
 from sawmill_platform.ledger.events import announce
 from sawmill_store.activations import activate
 from sawmill_store.measurements import record_measurement
+from sawmill_store.named_folders import NAMED_FOLDERS
 from sawmill_store.requests.asked_rows import found_asked
 from sawmill_store.subjects import outputs
 from sawmill_store.subjects.handing_over import handed_over
@@ -32,6 +33,8 @@ from sawmill_store.tables import CalibrationRow, PhantomRow, ScanRow
 
 class MillSubjects:
     """Rows of a mill that jobs work on, as `sawmill_platform.jobs.subjects.Subjects` describes them."""
+
+    named_folders = NAMED_FOLDERS
 
     def __init__(self, files: FileStore) -> None:
         self._files = files

@@ -7,23 +7,21 @@ can be about to commit such a row (`lock_files_of`).
 
 import re
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from datetime import datetime
-from functools import partial
 from itertools import islice
 from pathlib import Path
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from sawmill_platform.contracts.jobs import JobKind, JobState
+from sawmill_platform.contracts.jobs import JobState
+from sawmill_platform.database.clock import Clock
 from sawmill_platform.database.database import Database, lock_files_of
 from sawmill_platform.database.tables import JobRow
-from sawmill_platform.files.file_store import UNFINISHED, FileStore
-from sawmill_store.retention import named_by_rows
-from sawmill_store.retention.named_by_rows import Ids
+from sawmill_platform.files.file_store import FileStore
+from sawmill_platform.files.named_folders import OF_THE_SERVICE, NamedFolder
 
 NAMES_A_ROUND = 500
 _TEMPORARY_NAME = re.compile(r"[0-9a-f]{32}")
@@ -57,6 +55,8 @@ class Leftovers:
     ----------
     database, files
         Database and data folder, which several processes may check.
+    named
+        Folders in which rows name files.
     grace_s
         Time for which no row must have named a file, seconds.
     now_s
@@ -64,13 +64,19 @@ class Leftovers:
     """
 
     def __init__(
-        self, database: Database, files: FileStore, *, grace_s: float, now_s: Callable[[], float] = time.monotonic
+        self,
+        database: Database,
+        files: FileStore,
+        named: Iterable[NamedFolder],
+        *,
+        grace_s: float,
+        now_s: Callable[[], float] = time.monotonic,
     ) -> None:
         self._database = database
         self._files = files
         self._grace_s = grace_s
         self._now_s = now_s
-        self._places = _places(files.folder, database.now)
+        self._places = _places(files.folder, named, database.now)
         self._batches = self._look()
         self._rests_until_s = now_s()
         # For each path: the time of the first check, and the state of the file then.
@@ -155,20 +161,11 @@ def noted(errors: list[OSError]) -> Iterator[None]:
         errors.append(error)
 
 
-def _places(folder: Path, now: Callable[[], datetime]) -> list[_Place]:
+def _places(folder: Path, named: Iterable[NamedFolder], now: Clock) -> list[_Place]:
     return [
         *(_Place(folder / name, _TEMPORARY_NAME, _nothing, changes=True) for name in ("incoming", "removed")),
         _Place(folder / "attempts", _ATTEMPT_NAME, _running_attempts),
-        _Place(folder / "kept", _SUBJECT_NAME, _among(named_by_rows.unfinished_jobs)),
-        _Place(folder / UNFINISHED, _SUBJECT_NAME, _among(named_by_rows.unused_uploads)),
-        *(
-            _Place(folder / "uploads" / kind.plural, _SUBJECT_NAME, _among(partial(named_by_rows.uploaded, kind, now)))
-            for kind in named_by_rows.UPLOADED
-        ),
-        *(
-            _Place(folder / kind.plural, _SUBJECT_NAME, _among(partial(named_by_rows.succeeded, kind)))
-            for kind in JobKind.all()
-        ),
+        *(_Place(folder / each.path, _SUBJECT_NAME, _among(each, now)) for each in (*OF_THE_SERVICE, *named)),
     ]
 
 
@@ -176,9 +173,9 @@ def _nothing(_session: Session, _names: Sequence[str]) -> set[str]:
     return set()
 
 
-def _among(ids: Callable[[], Ids]) -> Known:
+def _among(named: NamedFolder, now: Clock) -> Known:
     def known(session: Session, names: Sequence[str]) -> set[str]:
-        statement = ids()
+        statement = named.ids(now)
         (identifier,) = statement.selected_columns
         return set(session.scalars(statement.where(identifier.in_(names))))
 

@@ -6,8 +6,8 @@ import shutil
 from pathlib import Path
 from typing import BinaryIO
 
+from sawmill_platform.backups.manifest import Counted, Summed, blocks_of
 from sawmill_platform.errors import StorageFull
-from sawmill_store.backups.manifest import Counted, Summed, blocks_of
 
 
 def copy(reading: BinaryIO, target: Path, counted: Counted, *, mtime_ns: int, most_bytes: int | None = None) -> Summed:

@@ -5,8 +5,7 @@ import stat
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from sawmill_platform.errors import Damaged
-from sawmill_store.backups.manifest import (
+from sawmill_platform.backups.manifest import (
     DATA,
     MANIFEST,
     MANIFEST_SUM,
@@ -17,6 +16,7 @@ from sawmill_store.backups.manifest import (
     read_manifest,
     summed,
 )
+from sawmill_platform.errors import Damaged
 from sawmill_vocabulary import Progress, ProgressCallback
 
 

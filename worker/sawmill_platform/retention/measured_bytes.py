@@ -14,7 +14,7 @@ from sawmill_platform.contracts.jobs import ENDED, JobKind
 from sawmill_platform.database.database import Database
 from sawmill_platform.database.tables import JobRow
 from sawmill_platform.files.file_store import FileStore
-from sawmill_store.retention.retention_rules import STOCKS
+from sawmill_platform.retention.stocks import Stock
 
 MEASURED_A_ROUND = 500
 
@@ -24,7 +24,7 @@ def places_of(files: FileStore, kind: JobKind, subject_id: str) -> list[Path]:
     return [files.results(kind, subject_id), files.upload(kind, subject_id).parent]
 
 
-def measure_some(database: Database, files: FileStore) -> bool:
+def measure_some(database: Database, files: FileStore, stocks: Iterable[Stock]) -> bool:
     """Write the bytes of the next rows that are not measured; return whether there may be more.
 
     Raises
@@ -33,7 +33,7 @@ def measure_some(database: Database, files: FileStore) -> bool:
         The database cannot write.
     """
     more = False
-    for table, kind in {stock.table: stock.job for stock in STOCKS.values() if stock.has_bytes}.items():
+    for table, kind in {stock.table: stock.job for stock in stocks if stock.has_bytes}.items():
         ended = exists().where(JobRow.id == table.job_id, JobRow.state.in_(ENDED))
         unmeasured = select(table.id).where(table.stored_bytes.is_(None), ended).limit(MEASURED_A_ROUND)
         with database.read() as session:

@@ -5,10 +5,10 @@ from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 
+from sawmill_platform.backups.copying import check_room_for, copy, has_links
+from sawmill_platform.backups.manifest import Entry
+from sawmill_platform.backups.named_files import Found
 from sawmill_platform.errors import Damaged
-from sawmill_store.backups.copying import check_room_for, copy, has_links
-from sawmill_store.backups.manifest import Entry
-from sawmill_store.backups.named_files import Found
 from sawmill_vocabulary import Progress, ProgressCallback
 
 
@@ -41,7 +41,7 @@ class Laying:
         self._on_progress = on_progress
         self._laid: dict[str, Entry] = {}
         self._made_folders = set[str]()
-        # Entries of files with several names in the data folder, such as an inspected upload and its scan.
+        # Entries of files with several names in the data folder, such as an upload that two jobs read.
         self._names: dict[tuple[int, int], Entry] = {}
 
     def lay(self, found: list[Found]) -> tuple[bool, list[str]]:

@@ -8,8 +8,8 @@ from typing import NamedTuple
 from sqlalchemy import func
 from sqlalchemy.orm import Session
 
-from sawmill_contracts.retention import RetentionRules
-from sawmill_store.retention.retention_rules import STOCKS, Stock
+from sawmill_platform.contracts.retention import Limits
+from sawmill_platform.retention.stocks import Stock
 
 SEEN = timedelta(days=7)
 
@@ -36,12 +36,8 @@ class Filling(NamedTuple):
     up_to_bytes: float
 
 
-def fillings(session: Session, rules: RetentionRules, now: datetime) -> list[Filling]:
-    """Return the growth of each kind that has files."""
-    return [_filling(session, stock, rules, now) for stock in STOCKS.values() if stock.has_bytes]
-
-
-def _filling(session: Session, stock: Stock, rules: RetentionRules, now: datetime) -> Filling:
+def filling_of(session: Session, stock: Stock, limits: Limits, now: datetime) -> Filling:
+    """Compute the growth of a kind that has files."""
     created_at = stock.table.created_at
     stored, oldest_at = session.execute(
         stock.select(stock.all_bytes, func.min(created_at), until=created_at <= now)
@@ -49,7 +45,7 @@ def _filling(session: Session, stock: Stock, rules: RetentionRules, now: datetim
     came = session.scalar(stock.select(stock.all_bytes, until=created_at > now - SEEN)) or 0
     seen = SEEN if oldest_at is None else min(SEEN, max(timedelta(days=1), now - oldest_at))
     a_day = came / (seen / timedelta(days=1))
-    days, most = rules.days_of(stock.kind), rules.bytes_of(stock.kind)
+    days, most = limits
     limit = min(inf if days is None else a_day * days, inf if most is None else most)
     return Filling(a_day, max(0.0, limit - stored))
 

@@ -17,8 +17,6 @@ from sawmill_platform.files.whole_files import open_regular
 
 MANIFEST, MANIFEST_SUM, FILES, ROWS, DATA = "manifest.json", "manifest.sha256", "files.jsonl", "rows", "data"
 FORMAT = 1
-# Folders in the data folder from which a backup may have files.
-FOLDERS = frozenset({"uploads", UNFINISHED, EXAMPLES, *(kind.plural for kind in JobKind.all())})
 
 Counted = Callable[[int], None]
 
@@ -222,8 +220,13 @@ def _entry(line: bytes) -> Entry | None:
     return entry if right else None
 
 
+def folders() -> set[str]:
+    """Return the folders in the data folder from which a backup may have files."""
+    return {"uploads", UNFINISHED, EXAMPLES, *(kind.plural for kind in JobKind.all())}
+
+
 def _is_of_data_folder(path: object) -> bool:
     if not isinstance(path, str):
         return False
     first, *rest = path.split("/")
-    return first in FOLDERS and bool(rest) and all(_NAME.fullmatch(part) and part not in {".", ".."} for part in rest)
+    return first in folders() and bool(rest) and all(_NAME.fullmatch(part) and part not in {".", ".."} for part in rest)

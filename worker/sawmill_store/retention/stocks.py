@@ -1,24 +1,25 @@
-"""Conditions on the rows of a kind for each reason of `sawmill_mill.retention`, evaluated before a removal."""
+"""Stocks that have rules of retention, and the conditions for which their rows stay, evaluated before a removal."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any, NamedTuple, TypeVar
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import Any, TypeVar
 
-from sqlalchemy import ColumnElement, Row, Select, and_, exists, or_, select, true, union_all
+from sqlalchemy import Select, and_, exists, or_, select, union_all, update
 from sqlalchemy.orm import Session
 
 from sawmill_contracts import job_kinds
 from sawmill_contracts.kinds import asked_kinds
 from sawmill_contracts.retention import RetentionKind, StaysBecause
 from sawmill_contracts.scans import ScanState
-from sawmill_mill.retention import STAYS, stays_because
-from sawmill_platform.contracts.jobs import UNFINISHED
+from sawmill_platform.contracts.jobs import UNFINISHED, JobKind
 from sawmill_platform.database.tables import EventRow, JobRow
+from sawmill_platform.retention.stocks import KeptBy, Protection, Stock
 from sawmill_store.activations import active_calibration
 from sawmill_store.alarms import newest_accepted
-from sawmill_store.retention.retention_rules import STOCKS, Stock
 from sawmill_store.scheduled import last_looked_at, newest_phantom_scan, next_log
 from sawmill_store.tables import (
     ActivationRow,
+    Answered,
     AskedRow,
     CalibrationRow,
     DriftRow,
@@ -26,39 +27,13 @@ from sawmill_store.tables import (
     ScannerRow,
     ScanRow,
     ScheduleRow,
+    ScheduleRunRow,
     table_of,
 )
 
 Found = TypeVar("Found", str, int)
 
 _UNFINISHED = JobRow.state.in_(UNFINISHED)
-
-
-class Protection(NamedTuple):
-    """A reason, and the condition that is true for the rows that stay for this reason."""
-
-    because: StaysBecause
-    condition: ColumnElement[bool]
-
-
-def protections(session: Session, kind: RetentionKind) -> list[Protection]:
-    """Return the protections of a kind, as of this transaction. No condition is unknown (NULL) for any row."""
-    return [each for each in _OF_KIND[kind](session) if each.because in STAYS[kind]]
-
-
-def may_go(session: Session, kind: RetentionKind, rows: Select[Any]) -> Iterator[Row[Any]]:
-    """Yield the rows of a statement on the table of a kind that no reason keeps."""
-    kept = protections(session, kind)
-    facts = [each.condition.label(f"fact_{number}") for number, each in enumerate(kept)]
-    for row in session.execute(rows.add_columns(*facts)):
-        reasons = {each.because for each, is_true in zip(kept, row[-len(kept) :], strict=True) if is_true}
-        if not stays_because(kind, reasons):
-            yield row
-
-
-def none_of(kept: Sequence[Protection]) -> ColumnElement[bool]:
-    """Return the condition that nothing keeps a row."""
-    return and_(true(), *(~each.condition for each in kept))
 
 
 def calibrations_in_use(session: Session) -> set[str]:
@@ -85,7 +60,7 @@ def _of_scans(session: Session) -> Iterator[Protection]:
 
 
 def _of_calibrations(session: Session) -> Iterator[Protection]:
-    yield _unfinished(STOCKS[RetentionKind.CALIBRATIONS])
+    yield _unfinished(CalibrationRow, job_kinds.CALIBRATE)
     in_use = CalibrationRow.id.in_(calibrations_in_use(session))
     yield Protection(StaysBecause.ACTIVE_CALIBRATION, in_use)
     was_active = exists().where(ActivationRow.calibration_id == CalibrationRow.id)
@@ -94,11 +69,13 @@ def _of_calibrations(session: Session) -> Iterator[Protection]:
         exists().where(table.calibration_id == CalibrationRow.id) for table in (ReconstructionRow, DriftRow, AskedRow)
     )
     yield Protection(StaysBecause.REFERRED_TO, or_(*referring))
+    # A schedule knows by it that the newest phantom scan was used.
     yield Protection(StaysBecause.NEWEST, CalibrationRow.scan_id.in_(_newest_phantom_scans(session)))
 
 
 def _of_drifts(session: Session) -> Iterator[Protection]:
-    yield _unfinished(STOCKS[RetentionKind.DRIFTS])
+    yield _unfinished(DriftRow, job_kinds.DRIFT)
+    # A schedule knows by the newest checks which logs were checked: it continues after the newest of these.
     conditions = []
     for scanner_id in _scanners_that_check_drift(session):
         last = session.scalar(last_looked_at(scanner_id))
@@ -109,14 +86,16 @@ def _of_drifts(session: Session) -> Iterator[Protection]:
         yield Protection(StaysBecause.SCHEDULE, or_(*conditions))
 
 
-def _of_events(session: Session) -> Iterator[Protection]:
+def events_kept_by(session: Session) -> Iterator[Protection]:
+    """Return what keeps events."""
+    # An alarm knows by it when the newest scan came, deleted or not.
     if numbers := _newest(session, newest_accepted(EventRow.number)):
         yield Protection(StaysBecause.NEWEST, EventRow.number.in_(numbers))
 
 
-def _unfinished(stock: Stock) -> Protection:
-    unfinished = select(JobRow.id).where(_UNFINISHED, JobRow.kind == stock.job)
-    return Protection(StaysBecause.UNFINISHED_JOB, stock.table.job_id.in_(unfinished))
+def _unfinished(table: type[Answered], kind: JobKind) -> Protection:
+    unfinished = select(JobRow.id).where(_UNFINISHED, JobRow.kind == kind)
+    return Protection(StaysBecause.UNFINISHED_JOB, table.job_id.in_(unfinished))
 
 
 def _scans_of_unfinished_jobs() -> Select[str]:
@@ -150,12 +129,31 @@ def _scanners_that_check_drift(session: Session) -> list[str]:
     return sorted(set(session.scalars(checking)))
 
 
-_OF_KIND: Mapping[RetentionKind, Callable[[Session], Iterator[Protection]]] = {
-    RetentionKind.LOG_SCANS: _of_scans,
-    RetentionKind.PHANTOM_SCANS: _of_scans,
-    RetentionKind.RECONSTRUCTIONS: lambda _: iter([_unfinished(STOCKS[RetentionKind.RECONSTRUCTIONS])]),
-    RetentionKind.CALIBRATIONS: _of_calibrations,
-    RetentionKind.DRIFTS: _of_drifts,
-    RetentionKind.INSPECTIONS: lambda _: iter([_unfinished(STOCKS[RetentionKind.INSPECTIONS])]),
-    RetentionKind.EVENTS: _of_events,
+def _forget_calibrations(session: Session, identifiers: Sequence[str]) -> None:
+    runs = update(ScheduleRunRow).where(ScheduleRunRow.calibration_id.in_(identifiers))
+    session.execute(runs.values(calibration_id=None).execution_options(synchronize_session=False))
+
+
+def _stock(kind: RetentionKind, job: JobKind, table: type[Any], kept_by: KeptBy | None = None) -> Stock:
+    """Return the stock of a table; by default, rows are kept while their jobs have not ended."""
+    owner = table.scanner_id, ScannerRow.id
+    return Stock(kind, job, table, owner, kept_by or (lambda _: [_unfinished(table, job)]))
+
+
+_LOGS = _stock(RetentionKind.LOG_SCANS, job_kinds.INGEST, ScanRow, _of_scans)
+_PHANTOM_SCANS = _stock(RetentionKind.PHANTOM_SCANS, job_kinds.INGEST, ScanRow, _of_scans)
+_CALIBRATIONS = _stock(RetentionKind.CALIBRATIONS, job_kinds.CALIBRATE, CalibrationRow, _of_calibrations)
+_INSPECTIONS = _stock(RetentionKind.INSPECTIONS, job_kinds.INSPECT, AskedRow)
+_INSPECTED = exists().where(JobRow.id == AskedRow.job_id, JobRow.kind == job_kinds.INSPECT)
+STOCKS: dict[str, Stock] = {
+    stock.kind: stock
+    for stock in (
+        replace(_LOGS, which=(ScanRow.phantom_id.is_(None),)),
+        replace(_PHANTOM_SCANS, which=(ScanRow.phantom_id.is_not(None),), jobs_stay=True),  # alarms need the jobs
+        _stock(RetentionKind.RECONSTRUCTIONS, job_kinds.RECONSTRUCT, ReconstructionRow),
+        replace(_CALIBRATIONS, forget=_forget_calibrations),
+        _stock(RetentionKind.DRIFTS, job_kinds.DRIFT, DriftRow, _of_drifts),
+        replace(_INSPECTIONS, which=(_INSPECTED,)),
+    )
 }
+"""All kinds but events, which have numbers and no jobs of their own."""

@@ -17,29 +17,28 @@ from uuid import uuid4
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from sawmill_platform.backups.checking import CheckedBackup, Reporter, compare
+from sawmill_platform.backups.copying import check_room_for, copy
+from sawmill_platform.backups.manifest import DATA, Entry, Manifest, folders, open_plain
+from sawmill_platform.backups.row_contracts import Readers, refuse_unfit_row
+from sawmill_platform.backups.rows import go_on_counting, read_rows
 from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.jobs import JobState
 from sawmill_platform.database.database import Database, has_tables, is_known, newest_revision
 from sawmill_platform.database.engines import make_engine
 from sawmill_platform.database.tables import JobRow
-from sawmill_platform.errors import Damaged
+from sawmill_platform.errors import BackupRefused, Damaged
 from sawmill_platform.files.file_store import IDENTITY, RESTORING
 from sawmill_platform.files.folder_identity import write_identity
 from sawmill_platform.files.whole_files import flush, flushed_file_system
 from sawmill_platform.jobs.job_store import requeue
 from sawmill_platform.ledger.events import record, record_restored
 from sawmill_platform.settings import StorageSettings
-from sawmill_store.backups.checking import CheckedBackup, Reporter, compare
-from sawmill_store.backups.copying import check_room_for, copy
-from sawmill_store.backups.errors import BackupRefused
-from sawmill_store.backups.manifest import DATA, FOLDERS, Entry, Manifest, open_plain
-from sawmill_store.backups.row_contracts import refuse_unfit_row
-from sawmill_store.backups.rows import go_on_counting, read_rows
 from sawmill_vocabulary import ProgressCallback
 from sawmill_vocabulary.version import VERSION
 
 _LOCK = "lock"
-# Names that an empty data folder may have: the folder of a separate disk, and the lock of `sawmill serve`.
+# Names that an empty data folder may have: the folder of a separate disk, and the lock of the service.
 _NOTHING = {"lost+found", "serve.lock"}
 
 
@@ -71,8 +70,10 @@ def check_empty(settings: StorageSettings) -> bool:
     return is_filled
 
 
-def restore(backup: Path, settings: StorageSettings, on_progress: ProgressCallback) -> Manifest | None:
-    """Restore a backup, and compare every sum.
+def restore(
+    backup: Path, settings: StorageSettings, on_progress: ProgressCallback, *, readers: Readers
+) -> Manifest | None:
+    """Restore a backup, compare every sum, and read every row by its contract.
 
     Returns
     -------
@@ -97,7 +98,7 @@ def restore(backup: Path, settings: StorageSettings, on_progress: ProgressCallba
         else:
             manifest = checked.manifest
             _clear(folder, settings)
-            _restore(checked, folder, settings, on_progress)
+            _restore(checked, folder, settings, readers, on_progress)
         shutil.rmtree(folder / RESTORING)
     flush(folder)
     return manifest
@@ -116,7 +117,9 @@ def _alone_in(folder: Path) -> Iterator[None]:
         yield
 
 
-def _restore(backup: CheckedBackup, folder: Path, settings: StorageSettings, on_progress: ProgressCallback) -> None:
+def _restore(
+    backup: CheckedBackup, folder: Path, settings: StorageSettings, readers: Readers, on_progress: ProgressCallback
+) -> None:
     manifest, decided = backup.manifest, False
     file = settings.database_file
     to_url = settings.url if file is None else f"sqlite:///{_unfinished(file)}"
@@ -125,7 +128,7 @@ def _restore(backup: CheckedBackup, folder: Path, settings: StorageSettings, on_
         with flushed_file_system(folder / RESTORING):
             _copy_files(backup, folder / RESTORING / DATA, settings.disk_reserve_bytes, on_progress)
         with target.filled(manifest.revision, lambda to: read_rows(to, backup.folder, manifest.tables)) as session:
-            refuse_unfit_row(session, backup.folder)
+            refuse_unfit_row(session, backup.folder, readers)
             _take_jobs_back(session, backup)
             write_identity(session, folder / RESTORING / DATA, uuid4().hex)
             for path in (folder / RESTORING / DATA).iterdir():
@@ -178,7 +181,7 @@ def _is_emptied(data: Path) -> bool:
 
 def _clear(folder: Path, settings: StorageSettings) -> None:
     """Remove the files that a restore has written so far."""
-    for path in (*(folder / name for name in FOLDERS), folder / RESTORING / DATA):
+    for path in (*(folder / name for name in folders()), folder / RESTORING / DATA):
         if path.exists():
             shutil.rmtree(path)
     (folder / IDENTITY).unlink(missing_ok=True)

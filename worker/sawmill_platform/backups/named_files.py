@@ -2,22 +2,17 @@
 
 import os
 import stat
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import NamedTuple
 
 from sqlalchemy import Connection, Select, Table
 
-from sawmill_contracts import job_kinds
-from sawmill_contracts.kinds import AskedKind
-from sawmill_platform.contracts.jobs import JobKind
-from sawmill_platform.contracts.kinds import declaration_of
 from sawmill_platform.database.database import Database
 from sawmill_platform.database.tables import Base, UploadRow
-from sawmill_platform.files.file_store import EXAMPLES, UNFINISHED, UPLOADED_FILE
-from sawmill_store.mill_files import SCAN_FILE
-from sawmill_store.retention import named_by_rows
+from sawmill_platform.files.file_store import EXAMPLES, UNFINISHED
+from sawmill_platform.files.named_folders import NamedFolder, unused_uploads
 
 
 class Named(NamedTuple):
@@ -62,28 +57,24 @@ class Found(NamedTuple):
         return self.status.st_dev, self.status.st_ino
 
 
-def named_by(connection: Connection, tables: Collection[str]) -> list[Named]:
+def named_by(connection: Connection, folders: Iterable[NamedFolder], tables: Collection[str]) -> list[Named]:
     """Read the paths that rows name in a transaction, in the order of the paths.
 
     Parameters
     ----------
+    folders
+        Folders in which rows name files.
     tables
         Names of the tables that exist: a database may be older than this software.
     """
-    folders = {
-        f"uploads/{kind.plural}": (
-            named_by_rows.uploaded(kind, lambda: datetime.now(UTC)),
-            UPLOADED_FILE if kind is job_kinds.INGEST else None,
-        )
-        for kind in named_by_rows.UPLOADED
-    }
-    folders |= {kind.plural: (named_by_rows.succeeded(kind), _file_left_by(kind)) for kind in JobKind.all()}
     named = [Named(EXAMPLES, needed=False)]
-    for folder, (ids, file) in folders.items():
+    for folder in folders:
+        ids, needed = folder.ids(lambda: datetime.now(UTC)), folder.file is not None
         if _is_there(ids, tables):
-            needed = file is not None
-            named += [Named(f"{folder}/{name}", needed, file=file or "") for name in connection.scalars(ids)]
-    unused = named_by_rows.unused_uploads()
+            named += [
+                Named(f"{folder.path}/{name}", needed, file=folder.file or "") for name in connection.scalars(ids)
+            ]
+    unused = unused_uploads()
     if _is_there(unused, tables):
         rows = connection.execute(unused.add_columns(UploadRow.offset_bytes))
         named += [Named(f"{UNFINISHED}/{name}", size > 0, size) for name, size in rows]
@@ -112,7 +103,7 @@ def look_for(folder: Path, named: list[Named]) -> tuple[list[Found], list[str]]:
     return found, lacking
 
 
-def lost_files(database: Database, folder: Path) -> list[str]:
+def lost_files(database: Database, folders: Sequence[NamedFolder], folder: Path) -> list[str]:
     """Find the paths in the data folder of files that rows name and that are missing.
 
     Raises
@@ -122,14 +113,14 @@ def lost_files(database: Database, folder: Path) -> list[str]:
     OSError
         The data folder cannot be read.
     """
-    lost = _lost(database, folder)
+    lost = _lost(database, folders, folder)
     # A row is deleted before its files: a file that is missing for this reason has no row in the second pass.
-    return sorted(lost & _lost(database, folder)) if lost else []
+    return sorted(lost & _lost(database, folders, folder)) if lost else []
 
 
-def _lost(database: Database, folder: Path) -> set[str]:
+def _lost(database: Database, folders: Sequence[NamedFolder], folder: Path) -> set[str]:
     with database.read() as session:
-        named = named_by(session.connection(), Base.metadata.tables)
+        named = named_by(session.connection(), folders, Base.metadata.tables)
     paths = (f"{one.path}/{one.file}" if one.file else one.path for one in named if one.needed)
     return {path for path in paths if not _exists(f"{folder}/{path}")}
 
@@ -140,13 +131,6 @@ def _exists(path: str) -> bool:
     except (FileNotFoundError, NotADirectoryError):
         return False
     return True
-
-
-def _file_left_by(kind: JobKind) -> str | None:
-    declared = declaration_of(kind)
-    if kind is job_kinds.INGEST:
-        return SCAN_FILE
-    return declared.result_file if isinstance(declared, AskedKind) else None
 
 
 def _is_there(ids: Select[str], tables: Collection[str]) -> bool:

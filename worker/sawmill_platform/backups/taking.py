@@ -7,7 +7,7 @@ copies only the files that are new since the pass before, so the backup ends soo
 
 import shutil
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
@@ -15,18 +15,9 @@ from typing import NamedTuple
 
 from sqlalchemy import inspect
 
-from sawmill_platform.database.database import Database, known_revision
-from sawmill_platform.database.engines import make_engine
-from sawmill_platform.database.tables import DataFolderRow
-from sawmill_platform.errors import Damaged, StorageUnavailable
-from sawmill_platform.files.file_store import refuse_half_restored
-from sawmill_platform.files.folder_identity import check_identity
-from sawmill_platform.files.whole_files import flush_names, flushed_file_system
-from sawmill_platform.settings import StorageSettings
-from sawmill_store.backups.errors import BackupRefused
-from sawmill_store.backups.folders import alone_in, backups_in, new_name, partial_of
-from sawmill_store.backups.laying import Laying
-from sawmill_store.backups.manifest import (
+from sawmill_platform.backups.folders import alone_in, backups_in, new_name, partial_of
+from sawmill_platform.backups.laying import Laying
+from sawmill_platform.backups.manifest import (
     DATA,
     FILES,
     ROWS,
@@ -39,8 +30,17 @@ from sawmill_store.backups.manifest import (
     write_entry,
     write_manifest,
 )
-from sawmill_store.backups.named_files import Named, look_for, named_by
-from sawmill_store.backups.rows import write_rows
+from sawmill_platform.backups.named_files import Named, look_for, named_by
+from sawmill_platform.backups.rows import write_rows
+from sawmill_platform.database.database import Database, known_revision
+from sawmill_platform.database.engines import make_engine
+from sawmill_platform.database.tables import DataFolderRow
+from sawmill_platform.errors import BackupRefused, Damaged, StorageUnavailable
+from sawmill_platform.files.file_store import refuse_half_restored
+from sawmill_platform.files.folder_identity import check_identity
+from sawmill_platform.files.named_folders import NamedFolder
+from sawmill_platform.files.whole_files import flush_names, flushed_file_system
+from sawmill_platform.settings import StorageSettings
 from sawmill_vocabulary import ProgressCallback
 from sawmill_vocabulary.version import VERSION
 
@@ -67,8 +67,15 @@ class Taken(NamedTuple):
     copied_bytes: int
 
 
-def take_backup(settings: StorageSettings, into: Path, on_progress: ProgressCallback) -> Taken:
+def take_backup(
+    settings: StorageSettings, into: Path, on_progress: ProgressCallback, *, named: Iterable[NamedFolder]
+) -> Taken:
     """Take a backup into an existing folder, under a name with the time of the backup.
+
+    Parameters
+    ----------
+    named
+        Folders in which rows name files.
 
     Raises
     ------
@@ -89,7 +96,7 @@ def take_backup(settings: StorageSettings, into: Path, on_progress: ProgressCall
         try:
             with flushed_file_system(part):
                 laying = Laying(folder, part / DATA, _earlier(into), on_progress)
-                manifest = _fill(database, part, laying)
+                manifest = _fill(database, named, part, laying)
         except BaseException:
             shutil.rmtree(part)
             raise
@@ -122,11 +129,11 @@ def _earlier(into: Path) -> tuple[Path, Mapping[str, Entry]]:
     return into, {}
 
 
-def _fill(database: Database, part: Path, laying: Laying) -> Manifest:
+def _fill(database: Database, folders: Iterable[NamedFolder], part: Path, laying: Laying) -> Manifest:
     lacking_before: list[str] = []
     for _ in range(_MOST_LOOKS):
         taken_at = datetime.now(UTC)
-        tables, revision, named = _look(database, part, laying.folder)
+        tables, revision, named = _look(database, folders, part, laying.folder)
         found, lacking = look_for(laying.folder, named)
         went, unreadable = laying.lay(found)
         lacking += unreadable
@@ -154,7 +161,9 @@ def _fill(database: Database, part: Path, laying: Laying) -> Manifest:
     return manifest
 
 
-def _look(database: Database, part: Path, folder: Path) -> tuple[dict[str, Table], str, list[Named]]:
+def _look(
+    database: Database, folders: Iterable[NamedFolder], part: Path, folder: Path
+) -> tuple[dict[str, Table], str, list[Named]]:
     """Write the rows of this instant, and return tables, revision and the paths that the rows name."""
     if (part / ROWS).exists():
         shutil.rmtree(part / ROWS)
@@ -166,4 +175,4 @@ def _look(database: Database, part: Path, folder: Path) -> tuple[dict[str, Table
         if DataFolderRow.__tablename__ in names:
             check_identity(connection, folder)
         tables = write_rows(connection, part)
-        return tables, revision, named_by(connection, names)
+        return tables, revision, named_by(connection, folders, names)

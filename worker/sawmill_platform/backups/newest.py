@@ -4,10 +4,10 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
+from sawmill_platform.backups.manifest import Manifest
 from sawmill_platform.contracts.base import Contract, Time
 from sawmill_platform.files.file_store import LAST_BACKUP
 from sawmill_platform.files.whole_files import renamed
-from sawmill_store.backups.manifest import Manifest
 
 
 class Newest(Contract):

@@ -37,9 +37,9 @@ from sqlalchemy.engine.interfaces import ReflectedColumn
 from sqlalchemy.exc import InterfaceError, OperationalError, StatementError
 from sqlalchemy.types import TypeEngine
 
+from sawmill_platform.backups.manifest import ROWS, Table, open_plain
 from sawmill_platform.database.tables import Base, ClockRow, DataFolderRow, JobTurnRow, SessionRow, UtcDateTime
 from sawmill_platform.errors import Damaged
-from sawmill_store.backups.manifest import ROWS, Table, open_plain
 
 # Logins are not restored, a clock belongs to a machine, a restored folder gets a new identity, and turns start again.
 LEFT_OUT = {each.__tablename__ for each in (SessionRow, ClockRow, DataFolderRow, JobTurnRow)}

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from datetime import datetime
 from pathlib import Path
 
-from sawmill_store.backups.errors import BackupRefused
+from sawmill_platform.errors import BackupRefused
 
 _NAME = re.compile(r"sawmill-\d{8}T\d{6}Z(-\d+)?")
 _PARTIAL = ".partial"
