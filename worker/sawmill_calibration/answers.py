@@ -311,7 +311,7 @@ def calibrate(
         bounds=None,
         drawing=drawing_of(phantom, phantom_width_mm),
         input_sha256=scan.sha256,
-        **limits.model_dump(),
+        limits=limits,
         from_counts=scan.from_counts,
         views=mean.views,
     )

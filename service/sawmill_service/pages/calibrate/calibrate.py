@@ -223,7 +223,7 @@ def _of_calibration(
             scanner=scanner,
             scan=scan,
             headline=headline(page, calibration, active=scanner.active_calibration_id == calibration.id),
-            changes=changes_of(page, calibration),
+            changes=changes_of(page, calibration.comparison),
             parameters=parameters_of(page, calibration),
             log=shown_log(store, calibration.id),
         )
