@@ -19,12 +19,7 @@ from sawmill_contracts.choices import (
     Weighting,
     WitnessTaken,
 )
-from sawmill_contracts.geometry import (
-    ReportedSourceFrame,
-    ScannerConstants,
-    SourceFrameDeviation,
-    ThetaDeviation,
-)
+from sawmill_contracts.geometry import ReportedSourceFrame, ScannerConstants, SourceFrameDeviation, ThetaDeviation
 from sawmill_contracts.kinds import AskedKind, Operation, Reference
 from sawmill_contracts.phantoms import SizeTolerancePercent
 from sawmill_contracts.row_ranges import Rows
