@@ -509,6 +509,11 @@ class Judged(Contract):
         examples=[["the phantom's size is known to 0.15 % only"]],
     )
 
+    @property
+    def verdict_on_rays(self) -> Verdict:
+        """The verdict on the rays alone; of an earlier version, which did not give it, the whole verdict."""
+        return self.rays_verdict or self.verdict
+
 
 class Provenance(Contract):
     """Input, search, time and version of the software from which the answer comes."""

@@ -202,7 +202,7 @@ class TwoQuestions:
             RaysRight(
                 upper_95_mm=None if predicted is None else predicted.upper_95,
                 limit_mm=None if limits is None else limits.tolerance_mm,
-                verdict=result.rays_verdict or result.verdict,
+                verdict=result.verdict_on_rays,
             ),
             MillimetresRight(
                 percent_95=None if failed else result.scale_uncertainty_percent,

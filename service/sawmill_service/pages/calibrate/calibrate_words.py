@@ -64,7 +64,7 @@ def stages(page: PageFrame) -> dict[str, str]:
 def headline(page: PageFrame, judged: Judged, *, active: bool) -> Headline:
     """Return the headline for the verdict on the rays, which must be right for a sharp image."""
     _ = page.text.gettext
-    rays = judged.rays_verdict or judged.verdict
+    rays = judged.verdict_on_rays
     if rays == "fail" and active:
         must_not = _("It is in use and must not be: go back to an earlier one, or scan again.")
         return Headline("bad", _("Do not use this calibration"), must_not)
