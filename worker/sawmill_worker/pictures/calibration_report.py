@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure, FigureBase, SubFigure
 from matplotlib.transforms import Bbox
 
-from sawmill_contracts.calibrations import CalibrationResult, FoundGeometry
+from sawmill_contracts.calibrations import CalibrationResult, FoundGeometry, Provenance
 from sawmill_mill.two_questions import VERDICTS
 from sawmill_vocabulary import ReconstructionMethod
 from sawmill_vocabulary.calibration_arrays import CalibrationArrays, LogImages
@@ -66,10 +66,10 @@ def report_figure(result: CalibrationResult, arrays: CalibrationArrays) -> Figur
     return figure
 
 
-def overlay_png(result: CalibrationResult, arrays: CalibrationArrays) -> bytes:
+def overlay_png(provenance: Provenance, arrays: CalibrationArrays) -> bytes:
     """Draw only the phantom's reconstruction under its outlines; arguments as for `report_figure`."""
     figure = Figure(figsize=(9.0, 8.2), layout="constrained")
-    figure.suptitle(f"{result.phantom} with the geometry found", fontsize=15, fontweight="bold")
+    figure.suptitle(f"{provenance.phantom} with the geometry found", fontsize=15, fontweight="bold")
     _draw_phantom(figure, figure.add_subplot(), arrays)
     return encoded(figure)
 

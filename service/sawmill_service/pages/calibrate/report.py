@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from fastapi.responses import HTMLResponse
 
 from sawmill_contracts import job_kinds
-from sawmill_contracts.calibrations import CalibrationSucceeded
+from sawmill_contracts.calibrations import CalibrationHeader, CalibrationSucceeded
 from sawmill_contracts.history import HistoryEntry
 from sawmill_formats.errors import damage_reported
 from sawmill_platform.contracts.base import Identifier
@@ -66,7 +66,7 @@ def _in_use(activation: HistoryEntry) -> str:
     return f"since {moment(activation.at.astimezone())}: {activation.why}"
 
 
-def _asked_by(jobs: TheJobs, calibration: CalibrationSucceeded) -> str | None:
+def _asked_by(jobs: TheJobs, calibration: CalibrationHeader) -> str | None:
     if calibration.schedule_id is not None:
         return f"schedule {calibration.schedule_id}"
     return jobs.get(calibration.job_id).asked_by

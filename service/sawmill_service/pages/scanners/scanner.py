@@ -7,7 +7,7 @@ from typing import Annotated
 from fastapi import Query
 from fastapi.responses import HTMLResponse, RedirectResponse
 
-from sawmill_contracts.calibrations import CalibrationSucceeded
+from sawmill_contracts.calibrations import CalibrationHeader, Provenance
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.history import HistoryKind
 from sawmill_contracts.scanners import StoredScanner
@@ -170,14 +170,14 @@ def _answer(
     )
 
 
-def _made_with(active: CalibrationSucceeded | None, now: ScannerConstants) -> ScannerConstants | None:
+def _made_with(active: Provenance | None, now: ScannerConstants) -> ScannerConstants | None:
     """Return the constants of the active calibration if others are set since; the row pitch is no part of theta."""
     if active is None or replace(active.scanner, row_pitch_mm=now.row_pitch_mm) == now:
         return None
     return active.scanner
 
 
-def _log(files: TheFiles, newest: CalibrationSucceeded | None) -> ShownLog | None:
+def _log(files: TheFiles, newest: CalibrationHeader | None) -> ShownLog | None:
     return None if newest is None else shown_log(files, newest.id)
 
 
